@@ -1,0 +1,39 @@
+# Each of these needs only Python 3.10 to 3.13, git and make: what is missing goes into .venv.
+#
+#   make demo [SECONDS=20]   a recorded board, through the agent, on the ROS 2 network
+#   make test                all tests that a change must pass
+#   make test-full           these and the slow ones
+#   make lint                ruff and mypy
+#   make bench [ARGS=...]    the agent beside the bare relay
+#   make clean               removes everything that the others have made
+#
+# PYTHON=/path/to/python chooses the interpreter that .venv is made with.
+
+PYTHON ?= python3
+
+.PHONY: demo test test-full lint bench clean
+
+demo:
+	@$(PYTHON) scripts/env.py run
+	@.venv/bin/uros demo $(if $(SECONDS),--seconds $(SECONDS))
+
+test:
+	@$(PYTHON) scripts/env.py test
+	@.venv/bin/python tests/run.py $(ARGS)
+
+test-full:
+	@$(PYTHON) scripts/env.py test
+	@.venv/bin/python tests/run.py --full $(ARGS)
+
+lint:
+	@$(PYTHON) scripts/env.py dev
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+
+bench:
+	@$(PYTHON) scripts/env.py test
+	@.venv/bin/python bench/run.py $(ARGS)
+
+clean:
+	rm -rf .venv .venv-ros build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

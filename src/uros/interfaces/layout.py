@@ -1,0 +1,142 @@
+"""What the generator knows about bytes: sizes, alignment, struct codes. Host only."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final
+
+from . import registry
+from .parse import Message, Type
+
+CODES: Final = {
+    "bool": ("B", 1),
+    "byte": ("B", 1),
+    "char": ("B", 1),
+    "uint8": ("B", 1),
+    "int8": ("b", 1),
+    "int16": ("h", 2),
+    "uint16": ("H", 2),
+    "int32": ("i", 4),
+    "uint32": ("I", 4),
+    "int64": ("q", 8),
+    "uint64": ("Q", 8),
+    "float32": ("f", 4),
+    "float64": ("d", 8),
+}
+"""Struct code and octets of every number type."""
+
+INLINE_LEAVES: Final = 128
+"""A nested message of more fields than this is called, not inlined: code must not explode."""
+
+
+def is_octets(type_: Type) -> bool:
+    """Whether the value is bytes: an array of unsigned octets."""
+    return bool(type_.array) and type_.name in ("uint8", "byte", "char")
+
+
+@cache
+def leaves(message: Message) -> int:
+    """How many fields the message has when all single nested messages are inlined."""
+    count = 0
+    for field in message.fields:
+        if field.type.primitive or field.type.array:
+            count += 1
+        else:
+            count += leaves(registry.message(field.type.name))
+    return max(count, 1)
+
+
+@cache
+def first_alignment(message: Message) -> int:
+    """The alignment of the first value on the wire."""
+    if not message.fields:
+        return 1
+    type_ = message.fields[0].type
+    if type_.array in ("bounded", "unbounded") or type_.name in ("string", "wstring"):
+        return 4
+    if type_.primitive:
+        return CODES[type_.name][1]
+    return first_alignment(registry.message(type_.name))
+
+
+@cache
+def fixed_size(message: Message) -> tuple[int, int] | None:
+    """(octets, alignment) of a message of fixed size whose elements follow without padding.
+
+    None where the size varies, or depends on where the message starts.
+    """
+    size, widest = 0, 1
+    for field in message.fields:
+        type_ = field.type
+        if type_.array in ("bounded", "unbounded") or type_.name in ("string", "wstring"):
+            return None
+        if type_.primitive:
+            octets, alignment = CODES[type_.name][1], CODES[type_.name][1]
+        else:
+            inner = fixed_size(registry.message(type_.name))
+            if inner is None:
+                return None
+            octets, alignment = inner
+        size = -(-size // alignment) * alignment + octets * (type_.size if type_.array else 1)
+        widest = max(widest, alignment)
+    size = size or 1
+    if first_alignment(message) != widest or size % widest:
+        return None
+    return size, widest
+
+
+@cache
+def least_size(message: Message) -> int:
+    """The fewest octets the message can have on the wire; never 0."""
+    size = 0
+    for field in message.fields:
+        type_ = field.type
+        if type_.array in ("bounded", "unbounded"):
+            size += 4
+            continue
+        if type_.name in ("string", "wstring"):
+            octets = 4
+        elif type_.primitive:
+            octets = CODES[type_.name][1]
+        else:
+            octets = least_size(registry.message(type_.name))
+        size += octets * (type_.size if type_.array else 1)
+    return size or 1
+
+
+class Alignment:
+    """What is known of the offset from the payload's start: it is ``rest`` modulo ``modulus``."""
+
+    def __init__(self) -> None:
+        self.modulus = 1
+        self.rest = 0
+
+    def know(self, modulus: int) -> None:
+        """From here on the offset is a multiple of ``modulus``, and nothing more is known."""
+        self.modulus = modulus
+        self.rest = 0
+
+    def advance(self, octets: int) -> None:
+        self.rest = (self.rest + octets) % self.modulus
+
+    def padding(self, alignment: int) -> int | None:
+        """The octets up to the next multiple, or None where only the run time can know."""
+        if alignment > self.modulus:
+            return None
+        return -self.rest % alignment
+
+
+class Aliases:
+    """The names under which a generated module imports the classes it nests."""
+
+    def __init__(self) -> None:
+        self.names: dict[str, str] = {}
+
+    def __getitem__(self, type_name: str) -> str:
+        if type_name not in self.names:
+            package, _, plain = type_name.split("/")
+            alias = "_" + plain
+            if alias in self.names.values() or alias in ("_Message", "_array"):
+                alias = f"_{package}__{plain}"
+            self.names[type_name] = alias
+        return self.names[type_name]

@@ -1,0 +1,234 @@
+"""Where definitions come from, and which one a name means. Host only.
+
+The first hit wins: folders given to `add_folder` in their order, the packaged definitions, then
+``share`` of every prefix in AMENT_PREFIX_PATH. A file is parsed when its type is asked for, so a
+broken file hurts nobody else.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Final, Union
+
+from .errors import InterfaceError
+from .parse import Action, Message, Service, parse_action, parse_msg, parse_srv
+
+Definition = Union[Message, Service, Action]
+
+KINDS: Final = ("msg", "srv", "action")
+MAX_FILE: Final = 1 << 20
+"""Bytes of one definition file; a bigger one is no definition."""
+_SKIP: Final = {"node_modules", "__pycache__"}
+_SECTION: Final = re.compile(r"(.+)_(Request|Response|Goal|Result|Feedback)")
+_PACKAGED: Final = Path(__file__).parent / "definitions"
+
+_added: dict[str, Path] = {}
+
+
+def normalize(name: str) -> str:
+    """``pkg/msg/Name`` of any spelling: ``pkg/Name``, ``pkg/msg/Name``, ``pkg::msg::dds_::Name_``.
+
+    ``pkg/Name`` means the message, or the service (action) where there is no such message.
+    """
+    parts = name.replace("::", "/").split("/")
+    if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
+        parts = [parts[0], parts[1], parts[3][:-1]]
+    if len(parts) == 2 and all(parts):
+        found = [f"{parts[0]}/{kind}/{parts[1]}" for kind in KINDS]
+        return next((full for full in found if _find(full) is not None), found[0])
+    if len(parts) != 3 or not all(parts) or parts[1] not in KINDS:
+        raise InterfaceError(f"bad type name {name!r}; write it as std_msgs/msg/Int32")
+    return "/".join(parts)
+
+
+def add_folder(path: str | os.PathLike[str]) -> list[str]:
+    """Make the .msg, .srv and .action files under ``path`` known; returns their type names.
+
+    ``path`` is a package folder (``my_pkg/msg/*.msg``), a tree of many packages (a workspace or a
+    share folder), or a flat folder of files whose package is the folder's name. A package.xml
+    beside the msg folder has the last word on the package's name. Call it before the types are
+    loaded; a class that is loaded already stays.
+    """
+    root = Path(path).resolve()
+    if not root.is_dir():
+        raise InterfaceError(f"{path}: no such folder; give a folder that holds .msg files")
+    names = _scan(root)
+    if not names:
+        raise InterfaceError(
+            f"{path}: no .msg, .srv or .action file in it; give a package, a workspace, or a folder"
+            " of .msg files"
+        )
+    for name, file in names.items():
+        _added.setdefault(name, file)
+    definition.cache_clear()
+    return sorted(names)
+
+
+def is_added(name: str) -> bool:
+    """Whether `add_folder` brought the type (in its normal spelling), so no table knows it."""
+    return _base(name) in _added
+
+
+def exists(name: str) -> bool:
+    """Whether some file defines the type (in its normal spelling)."""
+    return _find(_base(name)) is not None
+
+
+def list_types() -> list[str]:
+    """The names of all known messages, services and actions, sorted; parses nothing."""
+    names = {*_added, *_packaged()}
+    for share in _ament_shares():
+        names.update(
+            f"{file.parent.parent.name}/{file.parent.name}/{file.stem}"
+            for kind in KINDS
+            for file in share.glob(f"*/{kind}/*.{kind}")
+        )
+    return sorted(names)
+
+
+def packaged_types() -> list[str]:
+    """The names of the types that come with this package, sorted."""
+    return sorted(_packaged())
+
+
+def has_package(package: str) -> bool:
+    """Whether any type of the package is known."""
+    if (_PACKAGED / package).is_dir() or any(name.startswith(package + "/") for name in _added):
+        return True
+    return any((share / package / kind).is_dir() for share in _ament_shares() for kind in KINDS)
+
+
+def names_in(package: str, kind: str) -> list[str]:
+    """The plain names of a package's types of one kind, sorted."""
+    prefix = f"{package}/{kind}/"
+    return [name[len(prefix) :] for name in list_types() if name.startswith(prefix)]
+
+
+@cache
+def definition(name: str) -> Definition:
+    """The parsed definition of a type in its normal spelling.
+
+    ``pkg/srv/Name_Request`` (and Response, Goal, Result, Feedback) gives that section.
+    """
+    if (match := _SECTION.fullmatch(name)) and "/msg/" not in name:
+        section = getattr(definition(match[1]), match[2].lower(), None)
+        if isinstance(section, Message):
+            return section
+    path = _find(name)
+    if path is None:
+        raise InterfaceError(_unknown(name))
+    package, kind, plain = name.split("/")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InterfaceError(f"{path}: {error.strerror}; make the file readable") from error
+    if len(data) > MAX_FILE:
+        raise InterfaceError(f"{path}: over {MAX_FILE} bytes; this is no definition")
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        raise InterfaceError(f"{path}: not UTF-8 text ({error}); save it as UTF-8") from error
+    if kind == "msg":
+        return parse_msg(text, package, plain, str(path))
+    if kind == "srv":
+        return parse_srv(text, package, plain, str(path))
+    return parse_action(text, package, plain, str(path))
+
+
+def message(name: str) -> Message:
+    """The definition of a structure: a message, or a section of a service or action."""
+    found = definition(name)
+    if not isinstance(found, Message):
+        raise InterfaceError(f"{name} is not a message; its sections are")
+    return found
+
+
+def closure(root: Message) -> dict[str, Message]:
+    """All messages that ``root`` nests, at any depth, by name, without ``root`` itself."""
+    found: dict[str, Message] = {}
+
+    def visit(parent: Message, path: tuple[str, ...]) -> None:
+        for name in parent.nested:
+            if name in path:
+                raise InterfaceError(
+                    f"{parent.source}: {name} contains itself; a message cannot be recursive"
+                )
+            if name not in found:
+                try:
+                    child = message(name)
+                except InterfaceError as error:
+                    raise InterfaceError(f"{parent.source}: {error}") from error
+                visit(child, (*path, name))
+                found[name] = child
+
+    visit(root, (root.type_name,))
+    return found
+
+
+def _base(name: str) -> str:
+    match = _SECTION.fullmatch(name)
+    return match[1] if match and "/msg/" not in name else name
+
+
+@lru_cache(maxsize=1)
+def _packaged() -> dict[str, Path]:
+    return _scan(_PACKAGED)
+
+
+def _find(name: str) -> Path | None:
+    if found := _added.get(name) or _packaged().get(name):
+        return found
+    parts = name.split("/")
+    if len(parts) != 3 or any(part in ("", ".", "..") or os.sep in part for part in parts):
+        return None
+    for share in _ament_shares():
+        path = share / parts[0] / parts[1] / f"{parts[2]}.{parts[1]}"
+        if path.is_file():
+            return path
+    return None
+
+
+def _ament_shares() -> list[Path]:
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return [share for prefix in prefixes if prefix and (share := Path(prefix) / "share").is_dir()]
+
+
+def _scan(root: Path) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for folder, subfolders, files in os.walk(root):
+        subfolders[:] = sorted(f for f in subfolders if not f.startswith(".") and f not in _SKIP)
+        here = Path(folder)
+        in_kind = here.name in KINDS
+        package = ""
+        for file in sorted(files):
+            stem, _, suffix = file.rpartition(".")
+            if suffix not in KINDS or not stem:
+                continue
+            if in_kind and suffix != here.name:
+                continue
+            package = package or _package(here.parent if in_kind else here)
+            found.setdefault(f"{package}/{suffix}/{stem}", here / file)
+    return found
+
+
+def _package(folder: Path) -> str:
+    try:
+        text = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return folder.name
+    match = re.search(r"<name>\s*([a-z0-9_]+)\s*</name>", text)
+    return match[1] if match else folder.name
+
+
+def _unknown(name: str) -> str:
+    import difflib
+
+    names = list_types()
+    plain = name.rpartition("/")[2]
+    close = difflib.get_close_matches(name, names, 3, 0.7)
+    close += [known for known in names if known.endswith("/" + plain) and known not in close]
+    hint = f" (did you mean {' or '.join(close[:4])}?)" if close else ""
+    return f"unknown type {name!r}{hint}; give the folder of its definition by --interfaces DIR"

@@ -1,0 +1,414 @@
+"""What generated messages share: their base class, checks, strings and sequences.
+
+Runs on MicroPython. ``put_*`` write at ``buf[o:]`` and return the end offset; ``get_*`` read, check
+every length against ``end`` before they allocate, and raise `InterfaceError` only.
+"""
+
+import struct
+import sys
+from array import array
+
+from .errors import InterfaceError
+
+try:
+    from typing import Any
+except ImportError:
+    pass
+
+_LITTLE_HOST = sys.byteorder == "little"
+_CPYTHON = sys.implementation.name != "micropython"
+
+_RANGES = {
+    "boolean": (0, 1),
+    "octet": (0, 255),
+    "int8": (-128, 127),
+    "uint8": (0, 255),
+    "int16": (-32768, 32767),
+    "uint16": (0, 65535),
+    "int32": (-2147483648, 2147483647),
+    "uint32": (0, 4294967295),
+    "int64": (-9223372036854775808, 9223372036854775807),
+    "uint64": (0, 18446744073709551615),
+}
+# A text that a board publishes over and over (a frame id) is encoded once.
+_CACHED_TEXTS = 8
+_CACHED_LENGTH = 64
+_utf8_of = {}  # type: dict[str, bytes]
+
+
+class Message:
+    """Base of every generated class; fields are plain attributes, checked when packed.
+
+    A class has, besides its fields and constants: ``_TYPE``, ``_DDS_TYPE``, ``_HASH``, ``_FIELDS``
+    (pairs of field name and type), and
+
+    ``cdr_size(o=0)`` – the end offset of the payload when it starts at ``o``, so with 0 its size;
+    ``pack_into(buf, offset, start)`` – writes little-endian CDR, aligned from ``start``, and
+    returns the end offset; TypeError or InterfaceError name the field that does not fit;
+    ``unpack_from(buf, offset, start, end, little=True)`` – a classmethod, gives (message, end
+    offset), and raises InterfaceError for any fault in the bytes.
+
+    A field named like one of these methods, like ``self`` or like a Python keyword has an
+    underscore appended.
+    """
+
+    __slots__ = ()  # type: tuple[str, ...]
+    _TYPE = ""
+    _FIELDS = ()  # type: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> "dict[str, str]":
+        """The fields with their types, spelled as rclpy spells them."""
+        return dict(cls._FIELDS)
+
+    def __repr__(self) -> str:
+        parts = []
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if isinstance(value, (array, bytes, bytearray, memoryview)):
+                value = list(value)
+            parts.append("%s=%r" % (name, value))
+        return "%s(%s)" % (self._TYPE.replace("/", "."), ", ".join(parts))
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return False
+        for name in self.__slots__:
+            if not _same(getattr(self, name), getattr(other, name)):
+                return False
+        return True
+
+
+def _same(a: "Any", b: "Any") -> bool:
+    """Equality that does not care whether a sequence is a list, an array or bytes."""
+    if isinstance(a, (str, int, float, Message)) or isinstance(b, (str, int, float, Message)):
+        return bool(a == b)
+    if len(a) != len(b):
+        return False
+    for i in range(len(a)):
+        if a[i] != b[i]:
+            return False
+    return True
+
+
+def pick(package: str, name: str) -> "Any":
+    """The class ``name`` of a written package, from its own module (see `write_package`)."""
+    if "A" <= name[:1] <= "Z":
+        try:
+            module = __import__(package + "._" + name.lower(), None, None, (name,))
+        except ImportError as error:
+            raise AttributeError("%s.%s: %s" % (package, name, error))
+        return getattr(module, name)
+    raise AttributeError(name)
+
+
+def fault(message: "Any", error: Exception, room: int = -1) -> int:
+    """Turn an error met while packing into the one to report; always raises.
+
+    ``room`` is the number of octets the buffer had for the payload, -1 where there is none.
+    """
+    check(message, message._TYPE)
+    if room >= 0 and not isinstance(error, MemoryError) and message.cdr_size() > room:
+        raise InterfaceError(
+            "%s needs %d octets, the buffer has %d" % (message._TYPE, message.cdr_size(), room)
+        )
+    raise error
+
+
+def check(message: "Any", where: str) -> None:
+    """Check every field, at any depth: TypeError or InterfaceError name the first bad one."""
+    for i, pair in enumerate(message._FIELDS):
+        attribute = message.__slots__[i]
+        place = "%s.%s" % (where, pair[0])
+        try:
+            value = getattr(message, attribute)
+        except AttributeError:
+            raise TypeError("%s is not set" % place)
+        _check(value, pair[1], place)
+
+
+def _check(value: "Any", kind: str, where: str) -> None:
+    if kind.startswith("sequence<"):
+        inner, _, bound = kind[9:-1].rpartition(", ")
+        if inner and not bound.endswith(">"):
+            _check_items(value, inner, 0, int(bound), where)
+        else:
+            _check_items(value, kind[9:-1], 0, 4294967295, where)
+    elif kind.endswith("]"):
+        inner, _, size = kind[:-1].rpartition("[")
+        _check_items(value, inner, int(size), int(size), where)
+    elif kind in _RANGES:
+        low, high = _RANGES[kind]
+        if kind == "octet" and isinstance(value, (bytes, bytearray)) and len(value) == 1:
+            return
+        try:
+            fits = low <= value <= high
+            struct.pack("<q" if value < 0 else "<Q", value if fits else 0)
+            if isinstance(value, float):
+                raise TypeError
+        except Exception:
+            raise _wrong(value, kind, where)
+        if not fits:
+            raise InterfaceError("%s: %r is out of range %d to %d" % (where, value, low, high))
+    elif kind == "float" or kind == "double":
+        try:
+            struct.pack("<f" if kind == "float" else "<d", value)
+        except OverflowError:
+            raise InterfaceError("%s: %r is out of range of a %s" % (where, value, kind))
+        except Exception:
+            raise _wrong(value, kind, where)
+    elif kind.startswith("string") or kind.startswith("wstring"):
+        _check_text(value, kind, where)
+    elif getattr(value, "_TYPE", "").replace("/msg/", "/") != kind:
+        raise _wrong(value, kind, where)
+    else:
+        check(value, where)
+
+
+def _check_items(value: "Any", kind: str, low: int, high: int, where: str) -> None:
+    bad = (str, dict, set, Message)  # type: tuple[type, ...]
+    if kind not in ("uint8", "octet"):
+        bad += (bytes, bytearray)
+    try:
+        count = -1 if isinstance(value, bad) else len(value)
+    except TypeError:
+        count = -1
+    if count < 0:
+        raise _wrong(value, "a sequence of " + kind, where)
+    if not low <= count <= high:
+        raise InterfaceError(
+            "%s: %d elements, %s %d are allowed"
+            % (where, count, "only" if low else "at most", high)
+        )
+    for i, item in enumerate(value):
+        _check(item, kind, "%s[%d]" % (where, i))
+
+
+def _check_text(value: "Any", kind: str, where: str) -> None:
+    if not isinstance(value, str):
+        raise _wrong(value, kind, where)
+    try:
+        length = len(wide(value)) // 4 if kind.startswith("w") else len(utf8(value))
+    except ValueError:
+        raise InterfaceError("%s: the text has a lone surrogate and cannot be sent" % where)
+    if kind.endswith(">"):
+        bound = int(kind[kind.find("<") + 1 : -1])
+        if length > bound:
+            raise InterfaceError("%s: length %d, at most %d are allowed" % (where, length, bound))
+
+
+def _wrong(value: "Any", kind: str, where: str) -> TypeError:
+    name = getattr(value, "_TYPE", type(value).__name__)
+    return TypeError("%s: expected %s, got %s" % (where, kind, name))
+
+
+def utf8(text: "Any") -> bytes:
+    """The UTF-8 octets of a str."""
+    data = _utf8_of.get(text)
+    if data is None:
+        data = text.encode()
+        if len(data) <= _CACHED_LENGTH:
+            if len(_utf8_of) >= _CACHED_TEXTS:
+                _utf8_of.clear()
+            _utf8_of[text] = data
+    return data
+
+
+def wide(text: str) -> bytes:
+    """The UTF-16 code units of a str as a wstring has them in XCDR1: four octets a unit.
+
+    Both rmw_fastrtps and rmw_cyclonedds write a unit as a uint32, and no terminator.
+    """
+    out = bytearray()
+    for char in text:
+        code = ord(char)
+        if 0xD800 <= code < 0xE000:
+            raise ValueError
+        if code > 0xFFFF:
+            code -= 0x10000
+            out.extend(struct.pack("<II", 0xD800 | code >> 10, 0xDC00 | code & 0x3FF))
+        else:
+            out.extend(struct.pack("<I", code))
+    return bytes(out)
+
+
+def octet(value: "Any") -> int:
+    """A ``byte`` field: an int, or bytes of length 1 as rclpy has it."""
+    if isinstance(value, (bytes, bytearray)) and len(value) == 1:
+        return value[0]
+    return value  # type: ignore[no-any-return]
+
+
+def octets(value: "Any") -> "bytes | bytearray":
+    """The elements of a uint8 sequence, copied only if they are not in bytes already."""
+    if isinstance(value, (bytes, bytearray)):
+        return value
+    if isinstance(value, str):
+        raise TypeError
+    if isinstance(value, (list, tuple)):
+        if value and isinstance(value[0], (bytes, bytearray)):
+            value = [octet(item) for item in value]
+        if value and not (0 <= min(value) and max(value) <= 255):
+            raise ValueError
+    return bytes(value)
+
+
+def wire_bytes(value: "Any") -> "Any":
+    """Like `octets`, but a memoryview of octets passes as it is."""
+    if isinstance(value, memoryview) and (not _CPYTHON or (value.itemsize == 1 == value.ndim)):
+        return value.cast("B") if _CPYTHON else value
+    return octets(value)
+
+
+def put_bytes(buf: "Any", o: int, data: "Any") -> int:
+    """Write octets."""
+    e = o + len(data)
+    if e > len(buf):
+        raise ValueError
+    buf[o:e] = data
+    return e
+
+
+def put_text(buf: "Any", o: int, data: bytes) -> int:
+    """Write the octets of a string and its NUL; the length stands before them already."""
+    e = o + len(data)
+    if e >= len(buf):
+        raise ValueError
+    buf[o:e] = data
+    buf[e] = 0
+    return e + 1
+
+
+def put_array(buf: "Any", o: int, values: "Any", code: str, low: int = 0, high: int = 0) -> int:
+    """Write numbers of one struct code, none of them outside ``low`` … ``high`` (0, 0: any)."""
+    n = len(values)
+    if not n:
+        return o
+    if _CPYTHON and _LITTLE_HOST and isinstance(values, array) and values.typecode == code:
+        return put_bytes(buf, o, memoryview(values).cast("B"))
+    if isinstance(values, (str, bytes, bytearray, dict)):
+        raise TypeError
+    if (low or high) and not (low <= min(values) and max(values) <= high):
+        raise ValueError
+    struct.pack_into("<%d%s" % (n, code), buf, o, *values)
+    return o + n * struct.calcsize("<" + code)
+
+
+def put_texts(buf: "Any", o: int, start: int, values: "Any", bound: int, is_wide: bool) -> int:
+    """Write strings one after the other, each with its padding and length."""
+    if isinstance(values, str):
+        raise TypeError
+    for value in values:
+        data = wide(value) if is_wide else utf8(value)
+        n = len(data) >> 2 if is_wide else len(data)
+        if bound and n > bound:
+            raise ValueError
+        while (o - start) & 3:
+            buf[o] = 0
+            o += 1
+        struct.pack_into("<I", buf, o, n if is_wide else n + 1)
+        o = put_bytes(buf, o + 4, data) if is_wide else put_text(buf, o + 4, data)
+    return o
+
+
+def size_texts(o: int, values: "Any", is_wide: bool) -> int:
+    """Where strings written from ``o`` on would end."""
+    for value in values:
+        o = (o + 3 & -4) + 4 + (len(wide(value)) if is_wide else len(utf8(value)) + 1)
+    return o
+
+
+def short(need: int, o: int, end: int) -> InterfaceError:
+    """The error for bytes that end too early."""
+    return InterfaceError("%d octets needed at offset %d, %d are left" % (need, o, end - o))
+
+
+def long(count: int, bound: int) -> InterfaceError:
+    """The error for a received length over the type's bound."""
+    return InterfaceError("length %d, at most %d are allowed" % (count, bound))
+
+
+def get_bytes(buf: "Any", o: int, n: int, end: int) -> bytes:
+    """Read ``n`` octets."""
+    if n > end - o:
+        raise short(n, o, end)
+    return bytes(buf[o : o + n])
+
+
+def get_text(buf: "Any", o: int, n: int, end: int, bound: int = 0) -> str:
+    """Read a string of ``n`` octets with its NUL; invalid UTF-8 is replaced."""
+    if n > end - o:
+        raise short(n, o, end)
+    if not n:  # some writers send an empty string without its NUL
+        return ""
+    if buf[o + n - 1]:
+        raise InterfaceError("string at offset %d does not end with NUL" % o)
+    if bound and n - 1 > bound:
+        raise long(n - 1, bound)
+    data = bytes(buf[o : o + n - 1])
+    try:
+        return str(data, "utf-8", "replace")
+    except ValueError:  # MicroPython knows no "replace"
+        return "".join([chr(c) if c < 128 else "\ufffd" for c in data])
+
+
+def get_wide(buf: "Any", o: int, n: int, end: int, little: bool, bound: int = 0) -> str:
+    """Read ``n`` UTF-16 code units of four octets; lone surrogates and non-units are replaced."""
+    if 4 * n > end - o:
+        raise short(4 * n, o, end)
+    if bound and n > bound:
+        raise long(n, bound)
+    out = []
+    lead = 0
+    for code in struct.unpack_from(("<%dI" if little else ">%dI") % n, buf, o):
+        if lead and 0xDC00 <= code < 0xE000:
+            out.append(chr(0x10000 + ((lead & 0x3FF) << 10 | code & 0x3FF)))
+            lead = 0
+            continue
+        if lead:
+            out.append("\ufffd")
+        lead = code if 0xD800 <= code < 0xDC00 else 0
+        if not lead:
+            out.append("\ufffd" if 0xDC00 <= code < 0xE000 or code > 0xFFFF else chr(code))
+    if lead:
+        out.append("\ufffd")
+    return "".join(out)
+
+
+def get_array(
+    buf: "Any", o: int, n: int, end: int, code: str, size: int, little: bool
+) -> "array[Any]":
+    """Read ``n`` numbers of ``size`` octets into an array of that struct code."""
+    if n * size > end - o:
+        raise short(n * size, o, end)
+    if little == _LITTLE_HOST:
+        return array(code, bytes(buf[o : o + n * size]))
+    order = "<" if little else ">"
+    return array(code, struct.unpack_from("%s%d%s" % (order, n, code), buf, o))
+
+
+def get_bools(buf: "Any", o: int, n: int, end: int) -> "list[bool]":
+    """Read ``n`` bools."""
+    return [value != 0 for value in get_bytes(buf, o, n, end)]
+
+
+def get_texts(
+    buf: "Any", o: int, start: int, end: int, n: int, little: bool, bound: int, is_wide: bool
+) -> "tuple[list[str], int]":
+    """Read ``n`` strings; gives them and the end offset."""
+    if n * 4 > end - o:
+        raise short(n * 4, o, end)
+    out = []
+    for _ in range(n):
+        o += (start - o) & 3
+        if o + 4 > end:
+            raise short(4, o, end)
+        length = struct.unpack_from("<I" if little else ">I", buf, o)[0]
+        o += 4
+        if is_wide:
+            out.append(get_wide(buf, o, length, end, little, bound))
+            o += 4 * length
+        else:
+            out.append(get_text(buf, o, length, end, bound))
+            o += length
+    return out, o

@@ -1,0 +1,154 @@
+"""RIHS01 type hashes, as ROS 2 announces them (REP 2011, type description JSON, SHA-256).
+
+``python -m uros.interfaces.typehash`` rewrites ``hashes.txt``, the table of the packaged types.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+from . import registry
+from .errors import InterfaceError
+from .parse import Field, Message, Service, Type
+
+_TABLE: Final = Path(__file__).parent / "hashes.txt"
+_IDS: Final = {
+    "int8": 2,
+    "uint8": 3,
+    "char": 3,
+    "int16": 4,
+    "uint16": 5,
+    "int32": 6,
+    "uint32": 7,
+    "int64": 8,
+    "uint64": 9,
+    "float32": 10,
+    "float64": 11,
+    "bool": 15,
+    "byte": 16,
+    "string": 17,
+    "wstring": 18,
+}
+_NESTED_ID: Final = 1
+_BOUNDED_STRING: Final = 4  # string 17 → bounded string 21, wstring 18 → 22
+_ARRAY_IDS: Final = {"": 0, "fixed": 48, "bounded": 96, "unbounded": 144}
+
+EMPTY_MEMBER: Final = Field(Type("uint8"), "structure_needs_at_least_one_member")
+"""What an empty structure holds in IDL, and so in its hash."""
+
+
+def type_hash(definition: Message | Service) -> str:
+    """The ``RIHS01_…`` of a message, of a section of a service, or of a service."""
+    if isinstance(definition, Service):
+        event = event_message(definition)
+        members = [definition.request, definition.response, event]
+        fields = [
+            Field(Type(member.type_name), f"{part}_message")
+            for part, member in zip(("request", "response", "event"), members)
+        ]
+        root = Message(definition.package, "srv", definition.name, tuple(fields))
+    else:
+        members = []
+        root = definition
+    known = {member.type_name: member for member in members}
+    for member in members or [root]:
+        outer = Message(
+            member.package,
+            member.kind,
+            member.name,
+            tuple(f for f in member.fields if f.type.name not in known),
+            source=member.source,
+        )
+        known.update(registry.closure(outer))
+    text = json.dumps(
+        {
+            "type_description": _describe(root),
+            "referenced_type_descriptions": [_describe(known[name]) for name in sorted(known)],
+        }
+    )
+    return "RIHS01_" + hashlib.sha256(text.encode()).hexdigest()
+
+
+def event_message(service: Service) -> Message:
+    """The service's ``_Event`` message, which its hash includes."""
+    return Message(
+        service.package,
+        "srv",
+        service.name + "_Event",
+        (
+            Field(Type("service_msgs/msg/ServiceEventInfo"), "info"),
+            Field(Type(service.request.type_name, "bounded", 1), "request"),
+            Field(Type(service.response.type_name, "bounded", 1), "response"),
+        ),
+    )
+
+
+def known_hash(ros_type_name: str) -> str | None:
+    """The hash of a type by name, or None where no definition of it is at hand.
+
+    Packaged types cost one look into a table; those of `add_folder` and of AMENT_PREFIX_PATH are
+    computed once. Takes every spelling that `uros.interfaces.load` takes.
+    """
+    name = ros_type_name.replace("::dds_::", "::").replace("::", "/").rstrip("_")
+    if not registry.is_added(name) and (found := _table().get(name)) is not None:
+        return found
+    return _computed(ros_type_name)
+
+
+@lru_cache(maxsize=4096)
+def _computed(name: str) -> str | None:
+    try:
+        name = registry.normalize(name)
+        if not registry.exists(name):
+            return None
+        definition = registry.definition(name)
+        return type_hash(definition) if isinstance(definition, (Message, Service)) else None
+    except InterfaceError:
+        return None
+
+
+@lru_cache(maxsize=1)
+def _table() -> dict[str, str]:
+    lines = _TABLE.read_text(encoding="ascii").splitlines()
+    return dict(line.split(" ", 1) for line in lines)
+
+
+def table_text() -> str:
+    """What ``hashes.txt`` has to say: a line ``name hash`` for each packaged type."""
+    rows: dict[str, str] = {}
+    for name in registry.packaged_types():
+        definition = registry.definition(name)
+        assert isinstance(definition, (Message, Service)), "no action is packaged"
+        parts: list[Message | Service] = [definition]
+        if isinstance(definition, Service):
+            parts += [definition.request, definition.response]
+        rows.update((part.type_name, type_hash(part)) for part in parts)
+    return "".join(f"{name} {rows[name]}\n" for name in sorted(rows))
+
+
+def _describe(message: Message) -> dict[str, Any]:
+    fields = message.fields or (EMPTY_MEMBER,)
+    return {
+        "type_name": message.type_name,
+        "fields": [{"name": f.name, "type": _describe_type(f.type)} for f in fields],
+    }
+
+
+def _describe_type(type_: Type) -> dict[str, Any]:
+    identity = _IDS[type_.name] if type_.primitive else _NESTED_ID
+    if type_.string_bound:
+        identity += _BOUNDED_STRING
+    return {
+        "type_id": identity + _ARRAY_IDS[type_.array],
+        "capacity": type_.size,
+        "string_capacity": type_.string_bound,
+        "nested_type_name": "" if type_.primitive else type_.name,
+    }
+
+
+if __name__ == "__main__":
+    _TABLE.write_text(table_text(), encoding="ascii")

@@ -1,0 +1,37 @@
+"""What the agent and host programs join: one small contract, several networks.
+
+``open_middleware(name)`` returns a :class:`~uros.middleware.base.Middleware`;
+each lives in a module of its own that is imported only when asked for.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .base import Middleware
+
+# name → (module, what to say when it cannot be imported)
+NAMES = {
+    "memory": ("uros.middleware.memory", ""),
+    "dds": ("uros.middleware.dds", "python -m pip install cyclonedds"),
+}
+
+
+def open_middleware(name: str) -> Middleware:
+    """A middleware by name, not opened to the network until its first node.
+
+    Raises ValueError for an unknown name, and
+    :class:`~uros.middleware.base.MiddlewareError` where it cannot run here.
+    """
+    from .base import MiddlewareError
+
+    if name not in NAMES:
+        raise ValueError(f"no middleware {name!r}; there are: {', '.join(sorted(NAMES))}")
+    module, remedy = NAMES[name]
+    try:
+        opened: Middleware = import_module(module).create()
+    except ImportError as error:
+        raise MiddlewareError(f"the {name} middleware needs {error.name}: {remedy}") from error
+    return opened

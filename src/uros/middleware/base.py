@@ -1,0 +1,163 @@
+"""The contract between the agent (or a host program) and a middleware.
+
+Samples are CDR with their 4-byte encapsulation header (RTPS 10.5), types are
+only names: nothing here needs to know what a message looks like.
+
+Everything is called from one thread, the data plane's. The middleware wakes it
+through :meth:`Middleware.fileno`; :meth:`Middleware.dispatch` then calls the
+``on_ready`` of each reader that has something to :meth:`Reader.take`. ``on_ready``
+says "since you last took"; what was left in the reader is not announced again.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Union
+
+from ..qos import QoSProfile
+
+Bytes = Union[bytes, bytearray, memoryview]
+OnReady = Callable[[], None]
+
+
+class MiddlewareError(RuntimeError):
+    """The middleware refuses, or cannot do, what was asked; the text says why."""
+
+
+class Writer(ABC):
+    """Publishes samples on one topic."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def write(self, cdr: Bytes) -> bool:
+        """Hand over one sample. False: no room now, try again; nothing was sent."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the topic. Twice is once."""
+
+
+class Reader(ABC):
+    """Receives samples of one topic."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def take(self, limit: int) -> list[bytes]:
+        """At most ``limit`` samples, oldest first; they are gone from here then."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the topic. Twice is once."""
+
+
+class Requester(ABC):
+    """Sends requests of one service and receives the replies to them."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def request(self, cdr: Bytes) -> int | None:
+        """Send; the sequence number its reply will bear. None: no room now."""
+
+    @abstractmethod
+    def take(self, limit: int) -> list[tuple[int, bytes]]:
+        """At most ``limit`` replies to own requests: (sequence number, sample)."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the service. Twice is once."""
+
+
+class Replier(ABC):
+    """Receives requests of one service and sends the replies."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
+        """At most ``limit`` requests: (16-byte GUID of the asker, number, sample)."""
+
+    @abstractmethod
+    def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
+        """Answer the request of that identity. False: no room now."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the service. Twice is once."""
+
+
+class Node(ABC):
+    """A node of the ROS graph, in which endpoints stand."""
+
+    @abstractmethod
+    def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> Writer:
+        """Join ``topic`` (DDS name, ``rt/chatter``) as a publisher of
+        ``type_name`` (DDS name, ``std_msgs::msg::dds_::String_``).
+
+        Raises MiddlewareError, here and below, where it cannot be done."""
+
+    @abstractmethod
+    def create_reader(
+        self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
+    ) -> Reader:
+        """Join ``topic`` as a subscriber."""
+
+    @abstractmethod
+    def create_requester(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Requester:
+        """Join a service as a client."""
+
+    @abstractmethod
+    def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Replier:
+        """Join a service as its server."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the graph, and with it all endpoints. Twice is once."""
+
+
+class Service:
+    """The two topics of a service and their types, by DDS names."""
+
+    __slots__ = ("reply_topic", "reply_type", "request_topic", "request_type")
+
+    def __init__(
+        self, request_topic: str, request_type: str, reply_topic: str, reply_type: str
+    ) -> None:
+        self.request_topic = request_topic
+        self.request_type = request_type
+        self.reply_topic = reply_topic
+        self.reply_type = reply_type
+
+
+class Middleware(ABC):
+    """One network to join."""
+
+    name = ""
+
+    @abstractmethod
+    def create_node(
+        self, domain: int, namespace: str, name: str, localhost_only: bool = False
+    ) -> Node:
+        """Enter the graph of ``domain`` (0–232) as the node ``namespace/name``."""
+
+    @abstractmethod
+    def fileno(self) -> int:
+        """A descriptor that is readable when :meth:`dispatch` has work."""
+
+    @abstractmethod
+    def dispatch(self) -> None:
+        """Call ``on_ready`` of every reader that received something."""
+
+    def next_deadline(self) -> float | None:
+        """When :meth:`tick` wants to be called (``time.monotonic``), or None."""
+        return None
+
+    def tick(self) -> None:
+        """Do what is due by time, such as announcing the graph."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the network. Twice is once."""

@@ -1,0 +1,383 @@
+"""Cyclone DDS by its C interface: entities as integers, samples as raw CDR.
+
+The ``cyclonedds`` wheel brings the C library and a binding that writes and
+takes CDR as bytes (``_clayer``). The rest is called through ctypes, because
+the binding's entity objects cost memory and cannot wait without the GIL.
+
+A topic made by the binding announces XTypes type information derived from its
+Python class. Here the class is only a name, so that must not go out: peers
+would compare it with theirs and refuse. rmw_cyclonedds announces none, and
+types then match by name. A sertype's first word points at its operations
+table; :func:`_silence` points it at a copy without ``type_id``, ``type_map``
+and ``type_info``. What that rests on is checked at run time, and the
+dependency is pinned.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, Final
+
+from cyclonedds import _clayer
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import uint8
+from cyclonedds.internal import DDS
+
+from ...qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile
+from ..base import Bytes, MiddlewareError
+
+INFINITE: Final = 0x7FFFFFFFFFFFFFFF
+RETCODE_TIMEOUT: Final = -10
+RETCODE_OUT_OF_RESOURCES: Final = -5
+STATUS_DATA_AVAILABLE: Final = 1 << 10
+# sample, view and instance states of dds_take: all of them
+ANY_STATE: Final = 0x7F
+BUILTIN_TOPIC_PARTICIPANT: Final = 0x7FFF0001
+BUILTIN_TOPIC_PUBLICATION: Final = 0x7FFF0003
+BUILTIN_TOPIC_SUBSCRIPTION: Final = 0x7FFF0004
+_SERTYPE_OPS_SIZE: Final = 14
+_SERTYPE_OPS_TYPES: Final = (8, 9, 10)  # type_id, type_map, type_info
+
+_lib: Any = DDS._dll_handle
+_int32, _void_p, _int64, _size = ctypes.c_int32, ctypes.c_void_p, ctypes.c_int64, ctypes.c_size_t
+
+
+def _function(name: str, result: Any, *arguments: Any) -> Any:
+    function = getattr(_lib, name)
+    function.restype = result
+    function.argtypes = arguments
+    return function
+
+
+_create_qos = _function("dds_create_qos", _void_p)
+_delete_qos = _function("dds_delete_qos", None, _void_p)
+_qset_userdata = _function("dds_qset_userdata", None, _void_p, ctypes.c_char_p, _size)
+_qset_reliability = _function("dds_qset_reliability", None, _void_p, ctypes.c_int, _int64)
+_qset_durability = _function("dds_qset_durability", None, _void_p, ctypes.c_int)
+_qset_history = _function("dds_qset_history", None, _void_p, ctypes.c_int, _int32)
+_qset_deadline = _function("dds_qset_deadline", None, _void_p, _int64)
+_qset_lifespan = _function("dds_qset_lifespan", None, _void_p, _int64)
+_qset_liveliness = _function("dds_qset_liveliness", None, _void_p, ctypes.c_int, _int64)
+_qset_ownership = _function("dds_qset_ownership", None, _void_p, ctypes.c_int)
+_qset_strength = _function("dds_qset_ownership_strength", None, _void_p, _int32)
+_qset_separation = _function("dds_qset_time_based_filter", None, _void_p, _int64)
+_qset_partition = _function(
+    "dds_qset_partition", None, _void_p, ctypes.c_uint32, ctypes.POINTER(ctypes.c_char_p)
+)
+_qset_ignorelocal = _function("dds_qset_ignorelocal", None, _void_p, ctypes.c_int)
+_create_domain = _function("dds_create_domain", _int32, ctypes.c_uint32, ctypes.c_char_p)
+_create_participant = _function(
+    "dds_create_participant", _int32, ctypes.c_uint32, _void_p, _void_p
+)
+_create_group = {
+    kind: _function(f"dds_create_{kind}", _int32, _int32, _void_p, _void_p)
+    for kind in ("publisher", "subscriber")
+}
+_create_endpoint = {
+    kind: _function(f"dds_create_{kind}", _int32, _int32, _int32, _void_p, _void_p)
+    for kind in ("writer", "reader")
+}
+_delete = _function("dds_delete", _int32, _int32)
+_get_guid = _function("dds_get_guid", _int32, _int32, _void_p)
+_get_instance_handle = _function(
+    "dds_get_instance_handle", _int32, _int32, ctypes.POINTER(ctypes.c_uint64)
+)
+_get_entity_sertype = _function(
+    "dds_get_entity_sertype", _int32, _int32, ctypes.POINTER(_void_p)
+)
+_set_status_mask = _function("dds_set_status_mask", _int32, _int32, ctypes.c_uint32)
+_take_status = _function(
+    "dds_take_status", _int32, _int32, ctypes.POINTER(ctypes.c_uint32), ctypes.c_uint32
+)
+_create_waitset = _function("dds_create_waitset", _int32, _int32)
+_create_guard = _function("dds_create_guardcondition", _int32, _int32)
+_set_guard = _function("dds_set_guardcondition", _int32, _int32, ctypes.c_bool)
+_waitset_attach = _function("dds_waitset_attach", _int32, _int32, _int32, ctypes.c_ssize_t)
+_waitset_detach = _function("dds_waitset_detach", _int32, _int32, _int32)
+_waitset_wait = _function(
+    "dds_waitset_wait", _int32, _int32, ctypes.POINTER(ctypes.c_ssize_t), _size, _int64
+)
+_strretcode = _function("dds_strretcode", ctypes.c_char_p, _int32)
+
+_ROOT_ENTITY: Final = 0x7FFF0100  # DDS_CYCLONEDDS_HANDLE: parent of what spans domains
+
+
+def _check(code: int, what: str) -> int:
+    if code < 0:
+        raise MiddlewareError(f"DDS cannot {what}: {_strretcode(code).decode()}")
+    return code
+
+
+# --- entities -----------------------------------------------------------------
+
+
+def create_domain(domain: int, config: str) -> int:
+    """Start a domain with a configuration (XML, or what CYCLONEDDS_URI takes)."""
+    return _check(_create_domain(domain, config.encode()), f"join domain {domain}")
+
+
+def create_participant(domain: int, user_data: bytes) -> int:
+    qos = _create_qos()
+    _qset_userdata(qos, user_data, len(user_data))
+    try:
+        return _check(
+            _create_participant(domain, qos, None), f"create a participant in domain {domain}"
+        )
+    finally:
+        _delete_qos(qos)
+
+
+def create_group(kind: str, participant: int, partitions: tuple[str, ...] = ()) -> int:
+    """A publisher or a subscriber."""
+    qos = _create_qos()
+    if partitions:
+        names = (ctypes.c_char_p * len(partitions))(*[name.encode() for name in partitions])
+        _qset_partition(qos, len(partitions), names)
+    try:
+        return _check(_create_group[kind](participant, qos, None), f"create a {kind}")
+    finally:
+        _delete_qos(qos)
+
+
+def create_writer(publisher: int, topic: int, qos: QoSProfile, user_data: bytes) -> int:
+    return _endpoint("writer", publisher, topic, qos, user_data)
+
+
+def create_reader(
+    subscriber: int, topic: int, qos: QoSProfile, user_data: bytes = b"", ignore_local: bool = False
+) -> int:
+    reader = _endpoint("reader", subscriber, topic, qos, user_data, ignore_local)
+    _check(_set_status_mask(reader, STATUS_DATA_AVAILABLE), "watch a reader")
+    return reader
+
+
+def _endpoint(
+    kind: str, group: int, topic: int, qos: QoSProfile, user_data: bytes, ignore_local: bool = False
+) -> int:
+    c_qos = _c_qos(qos, user_data, kind)
+    if ignore_local:
+        _qset_ignorelocal(c_qos, 1)  # DDS_IGNORELOCAL_PARTICIPANT
+    try:
+        return _check(_create_endpoint[kind](group, topic, c_qos, None), f"create a data{kind}")
+    finally:
+        _delete_qos(c_qos)
+
+
+def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
+    c_qos = _create_qos()
+    # A writer never waits: the data plane must not stand still in dds_write.
+    _qset_reliability(c_qos, 1 if qos.reliable else 0, 0)
+    durability = {
+        DurabilityPolicy.TRANSIENT_LOCAL: 1,
+        DurabilityPolicy.TRANSIENT: 1,  # no durability service here: the nearest to it
+        DurabilityPolicy.PERSISTENT: 1,
+    }.get(qos.durability, 0)
+    _qset_durability(c_qos, durability)
+    keep_all = qos.history == HistoryPolicy.KEEP_ALL
+    _qset_history(c_qos, 1 if keep_all else 0, 0 if keep_all else max(1, qos.depth))
+    if qos.deadline_ms:
+        _qset_deadline(c_qos, qos.deadline_ms * 1_000_000)
+    if qos.lifespan_ms and kind == "writer":
+        _qset_lifespan(c_qos, qos.lifespan_ms * 1_000_000)
+    if qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC or qos.liveliness_lease_ms:
+        lease = qos.liveliness_lease_ms
+        _qset_liveliness(
+            c_qos,
+            2 if qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC else 0,
+            lease * 1_000_000 if lease else INFINITE,
+        )
+    if qos.ownership_exclusive or qos.ownership_strength is not None:
+        _qset_ownership(c_qos, 1)
+        if kind == "writer":
+            _qset_strength(c_qos, qos.ownership_strength or 0)
+    if qos.separation_ms and kind == "reader":
+        _qset_separation(c_qos, qos.separation_ms * 1_000_000)
+    data = qos.user_data + user_data
+    if data:
+        _qset_userdata(c_qos, data, len(data))
+    return c_qos
+
+
+def delete(entity: int) -> None:
+    """Delete an entity and what it contains. Twice is once."""
+    _delete(entity)
+
+
+def guid(entity: int) -> bytes:
+    """The 16 bytes of an entity's GUID, as they go over the network."""
+    out = (ctypes.c_ubyte * 16)()
+    _check(_get_guid(entity, out), "tell a GUID")
+    return bytes(out)
+
+
+def instance_handle(entity: int) -> int:
+    """The 64-bit local instance handle of an entity."""
+    out = ctypes.c_uint64()
+    _check(_get_instance_handle(entity, ctypes.byref(out)), "tell an instance handle")
+    return out.value
+
+
+# --- topics without a type ------------------------------------------------------
+
+
+class _Any(IdlStruct, typename="uros::Any"):  # type: ignore[misc]
+    """Stands for every type: the binding wants a class, we only want its name."""
+
+    # One octet: Cyclone checks and byte-swaps a sample as far as its type goes,
+    # and an octet leaves every sample as it is. Not as text: the binding
+    # resolves annotations itself.
+    __annotations__ = {"octet": uint8}
+
+
+class _Named:
+    """What the binding asks of a type, with a name of our own."""
+
+    def __init__(self, name: str, idl: Any) -> None:
+        self.idl_transformed_typename = name
+        self.data_type_props = idl.data_type_props
+        self.supported_versions = idl.supported_versions
+        self._xt_bytedata = idl._xt_bytedata
+
+
+class _Type:
+    def __init__(self, name: str) -> None:
+        idl = _Any.__idl__
+        idl.populate()
+        idl.fill_type_data()
+        self.__idl__ = _Named(name, idl)
+
+
+_types: dict[str, _Type] = {}
+_quiet_ops: dict[int, Any] = {}
+
+
+def create_topic(participant: int, name: str, type_name: str) -> int:
+    """A topic whose type is nothing but its name."""
+    kind = _types.get(type_name)
+    if kind is None:
+        kind = _types[type_name] = _Type(type_name)
+    topic: int = _clayer.ddspy_topic_create(participant, name, kind, None, None)
+    if topic < 0:
+        raise MiddlewareError(
+            f"DDS refuses the topic {name!r} with the type {type_name!r}:"
+            f" {_strretcode(topic).decode()}"
+        )
+    try:
+        _silence(topic)
+    except MiddlewareError:
+        delete(topic)
+        raise
+    return topic
+
+
+def _silence(topic: int) -> None:
+    """Keep a topic from announcing type information; see the module."""
+    sertype = _void_p()
+    _check(_get_entity_sertype(topic, ctypes.byref(sertype)), "find a topic's sertype")
+    assert sertype.value is not None
+    word = ctypes.cast(sertype.value, ctypes.POINTER(_void_p))
+    address = word[0]
+    if address is None:
+        raise MiddlewareError(_CHANGED)
+    if any(address == ctypes.addressof(quiet) for quiet in _quiet_ops.values()):
+        return
+    quiet = _quiet_ops.get(address)
+    if quiet is None:
+        if _quiet_ops or not _is_ops_table(address):
+            raise MiddlewareError(_CHANGED)
+        quiet = (_void_p * _SERTYPE_OPS_SIZE)()
+        ctypes.memmove(quiet, address, ctypes.sizeof(quiet))
+        for index in _SERTYPE_OPS_TYPES:
+            quiet[index] = None
+        _quiet_ops[address] = quiet
+    word[0] = ctypes.addressof(quiet)
+
+
+_CHANGED = (
+    "this build of cyclonedds lays out its sertypes in a way uros does not know;"
+    " install the version uros is tested with: python -m pip install 'cyclonedds==11.0.1'"
+)
+
+
+def _is_ops_table(address: int) -> bool:
+    """Whether ``address`` is the binding's operations table.
+
+    Where the platform exports it (Linux), by its symbol; elsewhere by what
+    must hold of it: every entry but ``arg`` (the second) points somewhere.
+    """
+    try:
+        exported = ctypes.addressof(
+            ctypes.c_char.in_dll(ctypes.CDLL(_clayer.__file__), "ddspy_sertype_ops")
+        )
+    except (OSError, ValueError):
+        table = ctypes.cast(address, ctypes.POINTER(_void_p * _SERTYPE_OPS_SIZE)).contents
+        return all(entry is not None for i, entry in enumerate(table) if i != 1)
+    return address == exported
+
+
+# --- samples --------------------------------------------------------------------
+
+_ddspy_write = _clayer.ddspy_write
+_ddspy_take = _clayer.ddspy_take
+
+
+def write(writer: int, cdr: Bytes) -> bool:
+    """Write one sample; False where the writer has no room and would wait."""
+    code: int = _ddspy_write(writer, cdr)
+    if code == 0:
+        return True
+    if code in (RETCODE_TIMEOUT, RETCODE_OUT_OF_RESOURCES):
+        return False
+    raise MiddlewareError(f"DDS cannot write: {_strretcode(code).decode()}")
+
+
+_status = ctypes.c_uint32()
+
+
+def rearm(reader: int) -> None:
+    """Let the next sample wake the waitset again; call it before taking."""
+    _take_status(reader, ctypes.byref(_status), STATUS_DATA_AVAILABLE)
+
+
+def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:
+    """At most ``limit`` samples with their SampleInfo, invalid ones left out."""
+    got = _ddspy_take(reader, ANY_STATE, limit)
+    if isinstance(got, int):
+        return []
+    return [item for item in got if item[1].valid_data]
+
+
+# --- waiting --------------------------------------------------------------------
+
+
+class Waitset:
+    """Readers that are waited for together, from a thread of its own.
+
+    ``key`` is a positive number of the caller's that :meth:`wait` returns.
+    """
+
+    def __init__(self) -> None:
+        self._entity = _check(_create_waitset(_ROOT_ENTITY), "create a waitset")
+        self._guard = _check(_create_guard(_ROOT_ENTITY), "create a guard condition")
+        _check(_waitset_attach(self._entity, self._guard, 0), "attach a guard condition")
+        self._keys = (ctypes.c_ssize_t * 256)()
+
+    def attach(self, reader: int, key: int) -> None:
+        _check(_waitset_attach(self._entity, reader, key), "wait for a reader")
+
+    def detach(self, reader: int) -> None:
+        _waitset_detach(self._entity, reader)
+
+    def wait(self) -> list[int]:
+        """Sleep, without the GIL, until something arrives or :meth:`wake`."""
+        count = _waitset_wait(self._entity, self._keys, len(self._keys), INFINITE)
+        _set_guard(self._guard, False)
+        return [key for key in self._keys[: max(0, min(count, len(self._keys)))] if key]
+
+    def wake(self) -> None:
+        """Make the current or next :meth:`wait` return."""
+        _set_guard(self._guard, True)
+
+    def close(self) -> None:
+        delete(self._guard)
+        delete(self._entity)

@@ -1,0 +1,241 @@
+"""A network inside this process: for unit tests and for seeing how little is needed.
+
+All :class:`MemoryMiddleware` objects of one :class:`Bus` share it. QoS is
+honoured as far as it shows inside a process: keep-last depth, transient-local
+history, and that a best-effort writer does not reach a reliable reader.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+from ..qos import HistoryPolicy, QoSProfile
+from .base import (
+    Bytes,
+    Middleware,
+    MiddlewareError,
+    Node,
+    OnReady,
+    Reader,
+    Replier,
+    Requester,
+    Service,
+    Writer,
+)
+from .wake import Wake
+
+
+class Bus:
+    """Writers and readers by (domain, topic)."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self.readers: dict[tuple[int, str], list[MemoryReader]] = {}
+        self.writers: dict[tuple[int, str], list[MemoryWriter]] = {}
+        self.nodes: list[MemoryNode] = []
+
+
+class MemoryWriter(Writer):
+    def __init__(self, bus: Bus, key: tuple[int, str], type_name: str, qos: QoSProfile) -> None:
+        self.type_name = type_name
+        self.qos = qos
+        self._bus = bus
+        self._key = key
+        depth = None if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
+        self.past: deque[bytes] = deque(maxlen=depth if qos.transient_local else 0)
+        with bus.lock:
+            bus.writers.setdefault(key, []).append(self)
+
+    def write(self, cdr: Bytes) -> bool:
+        sample = bytes(cdr)
+        with self._bus.lock:
+            for reader in self._bus.readers.get(self._key, ()):
+                if reader.matches(self):
+                    reader.put(sample)
+            self.past.append(sample)
+        return True
+
+    def close(self) -> None:
+        with self._bus.lock:
+            if self in self._bus.writers.get(self._key, ()):
+                self._bus.writers[self._key].remove(self)
+
+
+class MemoryReader(Reader):
+    def __init__(
+        self,
+        middleware: MemoryMiddleware,
+        key: tuple[int, str],
+        type_name: str,
+        qos: QoSProfile,
+        on_ready: OnReady,
+    ) -> None:
+        self.type_name = type_name
+        self.qos = qos
+        self.on_ready = on_ready
+        self._middleware = middleware
+        self._key = key
+        depth = None if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
+        self._samples: deque[bytes] = deque(maxlen=depth)
+        bus = middleware.bus
+        with bus.lock:
+            bus.readers.setdefault(key, []).append(self)
+            if qos.transient_local:
+                for writer in bus.writers.get(key, ()):
+                    if self.matches(writer):
+                        for sample in writer.past:
+                            self.put(sample)
+
+    def matches(self, writer: MemoryWriter) -> bool:
+        return (
+            writer.type_name == self.type_name
+            and (writer.qos.reliable or not self.qos.reliable)
+            and (writer.qos.transient_local or not self.qos.transient_local)
+        )
+
+    def put(self, sample: bytes) -> None:
+        self._samples.append(sample)
+        self._middleware.mark(self)
+
+    def take(self, limit: int) -> list[bytes]:
+        with self._middleware.bus.lock:
+            return [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
+
+    def close(self) -> None:
+        bus = self._middleware.bus
+        with bus.lock:
+            if self in bus.readers.get(self._key, ()):
+                bus.readers[self._key].remove(self)
+
+
+class MemoryRequester(Requester):
+    """Requests travel as samples with 16 bytes of identity in front, replies likewise."""
+
+    def __init__(self, guid: int, writer: Writer, reader: Reader) -> None:
+        self._guid = guid.to_bytes(8, "little")
+        self._sequence = 0
+        self._writer = writer
+        self._reader = reader
+
+    def request(self, cdr: Bytes) -> int | None:
+        self._sequence += 1
+        self._writer.write(self._guid + self._sequence.to_bytes(8, "little") + bytes(cdr))
+        return self._sequence
+
+    def take(self, limit: int) -> list[tuple[int, bytes]]:
+        return [
+            (int.from_bytes(sample[8:16], "little"), sample[16:])
+            for sample in self._reader.take(limit)
+            if sample[:8] == self._guid
+        ]
+
+    def close(self) -> None:
+        self._writer.close()
+        self._reader.close()
+
+
+class MemoryReplier(Replier):
+    def __init__(self, writer: Writer, reader: Reader) -> None:
+        self._writer = writer
+        self._reader = reader
+
+    def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
+        return [
+            (sample[:8] + bytes(8), int.from_bytes(sample[8:16], "little"), sample[16:])
+            for sample in self._reader.take(limit)
+        ]
+
+    def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
+        return self._writer.write(guid[:8] + sequence.to_bytes(8, "little") + bytes(cdr))
+
+    def close(self) -> None:
+        self._writer.close()
+        self._reader.close()
+
+
+class MemoryNode(Node):
+    def __init__(self, middleware: MemoryMiddleware, domain: int, full_name: str) -> None:
+        self.domain = domain
+        self.full_name = full_name
+        self._middleware = middleware
+        self._endpoints: list[MemoryWriter | MemoryReader] = []
+        middleware.bus.nodes.append(self)
+
+    def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> MemoryWriter:
+        writer = MemoryWriter(self._middleware.bus, (self.domain, topic), type_name, qos)
+        self._endpoints.append(writer)
+        return writer
+
+    def create_reader(
+        self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
+    ) -> MemoryReader:
+        key = (self.domain, topic)
+        reader = MemoryReader(self._middleware, key, type_name, qos, on_ready)
+        self._endpoints.append(reader)
+        return reader
+
+    def create_requester(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Requester:
+        writer = self.create_writer(service.request_topic, service.request_type, qos)
+        reader = self.create_reader(service.reply_topic, service.reply_type, qos, on_ready)
+        return MemoryRequester(id(writer), writer, reader)
+
+    def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Replier:
+        writer = self.create_writer(service.reply_topic, service.reply_type, qos)
+        reader = self.create_reader(service.request_topic, service.request_type, qos, on_ready)
+        return MemoryReplier(writer, reader)
+
+    def close(self) -> None:
+        for endpoint in self._endpoints:
+            endpoint.close()
+        self._endpoints.clear()
+        if self in self._middleware.bus.nodes:
+            self._middleware.bus.nodes.remove(self)
+
+
+class MemoryMiddleware(Middleware):
+    """See the module."""
+
+    name = "memory"
+
+    def __init__(self, bus: Bus | None = None) -> None:
+        self.bus = bus or Bus()
+        self._ready: dict[MemoryReader, Callable[[], None]] = {}
+        self._wake = Wake()
+        self._nodes: list[MemoryNode] = []
+
+    def create_node(
+        self, domain: int, namespace: str, name: str, localhost_only: bool = False
+    ) -> MemoryNode:
+        if not 0 <= domain <= 232:
+            raise MiddlewareError(f"domain {domain} is not within 0 to 232")
+        node = MemoryNode(self, domain, f"{namespace.rstrip('/')}/{name}")
+        self._nodes.append(node)
+        return node
+
+    def mark(self, reader: MemoryReader) -> None:
+        """Called with the bus locked."""
+        self._ready[reader] = reader.on_ready
+        self._wake.set()
+
+    def fileno(self) -> int:
+        return self._wake.fileno()
+
+    def dispatch(self) -> None:
+        self._wake.clear()
+        with self.bus.lock:
+            ready, self._ready = self._ready, {}
+        for on_ready in ready.values():
+            on_ready()
+
+    def close(self) -> None:
+        for node in self._nodes:
+            node.close()
+        self._nodes.clear()
+        self._wake.close()
+
+
+def create() -> MemoryMiddleware:
+    """A middleware on a bus of its own."""
+    return MemoryMiddleware()

@@ -1,0 +1,182 @@
+"""Quality of service: one profile class for boards, agent and host.
+
+Names and values follow rclpy (``rmw/types.h``); times are integer
+milliseconds, None meaning unlimited. Runs on MicroPython.
+"""
+
+from .wire import ids
+
+
+class HistoryPolicy:
+    SYSTEM_DEFAULT = 0
+    KEEP_LAST = 1
+    KEEP_ALL = 2
+
+
+class ReliabilityPolicy:
+    SYSTEM_DEFAULT = 0
+    RELIABLE = 1
+    BEST_EFFORT = 2
+
+
+class DurabilityPolicy:
+    SYSTEM_DEFAULT = 0
+    TRANSIENT_LOCAL = 1
+    VOLATILE = 2
+    TRANSIENT = 5
+    PERSISTENT = 6
+
+
+class LivelinessPolicy:
+    SYSTEM_DEFAULT = 0
+    AUTOMATIC = 1
+    MANUAL_BY_TOPIC = 3
+
+
+class QoSProfile:
+    """How samples travel. ``depth`` counts with KEEP_LAST only.
+
+    ``separation_ms`` is a reader's least time between samples,
+    ``ownership_strength`` a writer's (None: shared ownership); ``partitions``
+    are DDS partitions.
+    """
+
+    __slots__ = (
+        "deadline_ms",
+        "depth",
+        "durability",
+        "history",
+        "lifespan_ms",
+        "liveliness",
+        "liveliness_lease_ms",
+        "ownership_exclusive",
+        "ownership_strength",
+        "partitions",
+        "reliability",
+        "separation_ms",
+        "user_data",
+    )
+
+    def __init__(
+        self,
+        depth: int = 10,
+        reliability: int = ReliabilityPolicy.RELIABLE,
+        durability: int = DurabilityPolicy.VOLATILE,
+        history: int = HistoryPolicy.KEEP_LAST,
+        deadline_ms: "int | None" = None,
+        lifespan_ms: "int | None" = None,
+        liveliness: int = LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_ms: "int | None" = None,
+        ownership_exclusive: bool = False,
+        ownership_strength: "int | None" = None,
+        separation_ms: "int | None" = None,
+        partitions: "tuple[str, ...]" = (),
+        user_data: bytes = b"",
+    ) -> None:
+        self.depth = depth
+        self.reliability = reliability
+        self.durability = durability
+        self.history = history
+        self.deadline_ms = deadline_ms
+        self.lifespan_ms = lifespan_ms
+        self.liveliness = liveliness
+        self.liveliness_lease_ms = liveliness_lease_ms
+        self.ownership_exclusive = ownership_exclusive
+        self.ownership_strength = ownership_strength
+        self.separation_ms = separation_ms
+        self.partitions = partitions
+        self.user_data = user_data
+
+    @property
+    def reliable(self) -> bool:
+        return self.reliability == ReliabilityPolicy.RELIABLE
+
+    @property
+    def transient_local(self) -> bool:
+        """Whether late readers get what was written before (any such durability)."""
+        return self.durability not in (
+            DurabilityPolicy.VOLATILE,
+            DurabilityPolicy.SYSTEM_DEFAULT,
+        )
+
+    def _key(self) -> "tuple[object, ...]":
+        return tuple([getattr(self, name) for name in _FIELDS])
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, QoSProfile) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __repr__(self) -> str:
+        return "QoSProfile(" + ", ".join(
+            ["%s=%r" % (name, getattr(self, name)) for name in _FIELDS]
+        ) + ")"
+
+
+_FIELDS = (
+    "history",
+    "depth",
+    "reliability",
+    "durability",
+    "deadline_ms",
+    "lifespan_ms",
+    "liveliness",
+    "liveliness_lease_ms",
+    "ownership_exclusive",
+    "ownership_strength",
+    "separation_ms",
+    "partitions",
+    "user_data",
+)
+
+
+def default_profile() -> QoSProfile:
+    """rmw_qos_profile_default: reliable, volatile, the last 10."""
+    return QoSProfile()
+
+
+def sensor_data_profile() -> QoSProfile:
+    """rmw_qos_profile_sensor_data: best effort, volatile, the last 5."""
+    return QoSProfile(5, ReliabilityPolicy.BEST_EFFORT)
+
+
+def services_profile() -> QoSProfile:
+    """rmw_qos_profile_services_default: as the default."""
+    return QoSProfile()
+
+
+def to_flags(qos: QoSProfile) -> int:
+    """The QoS flags of XRCE's binary representation (7.7.9.5)."""
+    flags = 0
+    if qos.reliability == ReliabilityPolicy.RELIABLE:
+        flags |= ids.QOS_RELIABLE
+    if qos.history != HistoryPolicy.KEEP_ALL:
+        flags |= ids.QOS_KEEP_LAST
+    if qos.ownership_exclusive:
+        flags |= ids.QOS_OWNERSHIP_EXCLUSIVE
+    if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        flags |= ids.QOS_TRANSIENT_LOCAL
+    elif qos.durability == DurabilityPolicy.TRANSIENT:
+        flags |= ids.QOS_TRANSIENT
+    elif qos.durability == DurabilityPolicy.PERSISTENT:
+        flags |= ids.QOS_PERSISTENT
+    return flags
+
+
+def from_flags(flags: int, depth: "int | None") -> QoSProfile:
+    """The profile that binary QoS flags and an optional depth stand for."""
+    qos = QoSProfile()
+    if not flags & ids.QOS_RELIABLE:
+        qos.reliability = ReliabilityPolicy.BEST_EFFORT
+    if not flags & ids.QOS_KEEP_LAST:
+        qos.history = HistoryPolicy.KEEP_ALL
+    if flags & ids.QOS_TRANSIENT_LOCAL:
+        qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    elif flags & ids.QOS_TRANSIENT:
+        qos.durability = DurabilityPolicy.TRANSIENT
+    elif flags & ids.QOS_PERSISTENT:
+        qos.durability = DurabilityPolicy.PERSISTENT
+    qos.ownership_exclusive = bool(flags & ids.QOS_OWNERSHIP_EXCLUSIVE)
+    qos.depth = depth or 1
+    return qos

@@ -1,0 +1,255 @@
+"""Payloads of the submessages that run a session (XRCE 8.3.5).
+
+Every submessage has its pair: ``push_x(w, …)`` writes the payload that
+``pull_x(r)`` reads back as a tuple of the same values. Ids are 16-bit numbers
+whose first octet on the wire is the high one. A result is a pair of octets,
+status and implementation status.
+"""
+
+from . import ids
+from .errors import DecodeError, LimitError
+
+try:
+    from typing import Final
+
+    from .cdr import Reader, Writer
+except ImportError:  # MicroPython
+    pass
+
+# Attack: a property sequence of four billion pairs. The clients know two
+# (uxr_sm, uxr_hl).
+MAX_PROPERTIES: Final = 32
+# Attack: an INFO that lists locators without end.
+MAX_LOCATORS: Final = 64
+
+
+def push_create_client(
+    w: "Writer",
+    key: int,
+    session_id: int,
+    mtu: int,
+    properties: "list[tuple[str, str]] | None" = None,
+    vendor: bytes = ids.VENDOR_EPROSIMA,
+    version: "tuple[int, int]" = (ids.VERSION_MAJOR, ids.VERSION_MINOR),
+    cookie: bytes = ids.COOKIE,
+) -> None:
+    """CLIENT_Representation; ``mtu`` is the client's, in bytes."""
+    w.octets(cookie)
+    w.u8(version[0])
+    w.u8(version[1])
+    w.octets(vendor)
+    w.be16(key >> 16)
+    w.be16(key & 0xFFFF)
+    w.u8(session_id)
+    w.boolean(properties is not None)
+    if properties is not None:
+        w.u32(len(properties))
+        for name, value in properties:
+            w.string(name)
+            w.string(value)
+    w.u16(mtu)
+
+
+def pull_create_client(
+    r: "Reader",
+) -> "tuple[bytes, tuple[int, int], bytes, int, int, list[tuple[str, str]], int]":
+    """``(cookie, version, vendor, key, session id, properties, mtu)``."""
+    cookie = r.octets(4)
+    version = (r.u8(), r.u8())
+    vendor = r.octets(2)
+    key = r.be16() << 16 | r.be16()
+    session_id = r.u8()
+    properties = []
+    if r.boolean():
+        count = r.u32()
+        if count > MAX_PROPERTIES:
+            raise LimitError(
+                "%d properties are over the limit of %d" % (count, MAX_PROPERTIES)
+            )
+        for _ in range(count):
+            properties.append((r.string(), r.string()))
+    return cookie, version, vendor, key, session_id, properties, r.u16()
+
+
+def push_status_agent(w: "Writer", status: int, implementation: int = 0) -> None:
+    """The answer to CREATE_CLIENT: a result and who the agent is."""
+    w.u8(status)
+    w.u8(implementation)
+    _push_agent(w)
+
+
+def pull_status_agent(r: "Reader") -> "tuple[int, int]":
+    """``(status, implementation status)``."""
+    status, implementation = r.u8(), r.u8()
+    _pull_agent(r)
+    return status, implementation
+
+
+def _push_agent(w: "Writer") -> None:
+    w.octets(ids.COOKIE)
+    w.u8(ids.VERSION_MAJOR)
+    w.u8(ids.VERSION_MINOR)
+    w.octets(ids.VENDOR_EPROSIMA)
+    w.boolean(False)  # no properties
+
+
+def _pull_agent(r: "Reader") -> None:
+    if r.octets(4) != ids.COOKIE:
+        raise DecodeError("an agent that does not say XRCE")
+    r.octets(4)  # version, vendor
+    if r.boolean():
+        for _ in range(min(r.u32(), MAX_PROPERTIES + 1)):
+            r.string()
+            r.string()
+
+
+def push_request(w: "Writer", request_id: int, object_id: int) -> None:
+    """A bare request id and object id: all of DELETE, the head of most others."""
+    w.be16(request_id)
+    w.be16(object_id)
+
+
+def pull_request(r: "Reader") -> "tuple[int, int]":
+    """``(request id, object id)``."""
+    return r.be16(), r.be16()
+
+
+def push_status(
+    w: "Writer", request_id: int, object_id: int, status: int, implementation: int = 0
+) -> None:
+    """The answer to CREATE, DELETE and failed requests."""
+    push_request(w, request_id, object_id)
+    w.u8(status)
+    w.u8(implementation)
+
+
+def pull_status(r: "Reader") -> "tuple[int, int, int, int]":
+    """``(request id, object id, status, implementation status)``."""
+    return r.be16(), r.be16(), r.u8(), r.u8()
+
+
+def push_get_info(w: "Writer", request_id: int, object_id: int, mask: int) -> None:
+    """A question about an object; about OBJECT_AGENT it is the ping."""
+    push_request(w, request_id, object_id)
+    w.u32(mask)
+
+
+def pull_get_info(r: "Reader") -> "tuple[int, int, int]":
+    """``(request id, object id, mask)``."""
+    return r.be16(), r.be16(), r.u32()
+
+
+def push_info(
+    w: "Writer",
+    request_id: int,
+    object_id: int,
+    status: int,
+    implementation: int,
+    locators: "list[tuple[bytes, int]]",
+) -> None:
+    """What the agent is: the pong.
+
+    ``locators`` are (4 bytes of IPv4 address, port). ``implementation`` is 1
+    where the asker has a session, 0 where not: eProsima's clients tell by it
+    whether they must reconnect.
+    """
+    push_status(w, request_id, object_id, status, implementation)
+    w.boolean(True)
+    w.u8(ids.KIND_AGENT)
+    _push_agent(w)
+    w.boolean(True)
+    w.u8(ids.KIND_AGENT)
+    w.i16(1)  # available
+    w.u32(len(locators))
+    for address, port in locators:
+        w.u8(1)  # ADDRESS_FORMAT_MEDIUM: IPv4
+        w.octets(address)
+        w.u16(port)
+
+
+def pull_info(r: "Reader") -> "tuple[int, int, int, int, list[tuple[bytes, int]]]":
+    """``(request id, object id, status, implementation status, locators)``.
+
+    Locators of other formats than IPv4 are passed over.
+    """
+    request_id, object_id, status, implementation = pull_status(r)
+    locators: "list[tuple[bytes, int]]" = []
+    if r.boolean():
+        if r.u8() != ids.KIND_AGENT:
+            raise DecodeError("INFO about something that is not the agent")
+        _pull_agent(r)
+    if r.boolean() and r.u8() == ids.KIND_AGENT:
+        r.i16()
+        count = r.u32()
+        if count > MAX_LOCATORS:
+            raise LimitError("%d locators are over the limit of %d" % (count, MAX_LOCATORS))
+        for _ in range(count):
+            form = r.u8()
+            if form == 0:
+                r.octets(3)
+            elif form == 1:
+                address = r.octets(4)
+                locators.append((address, r.u16()))
+            elif form == 2:
+                r.octets(16)
+                r.u32()
+            elif form == 3:
+                r.string()
+            else:
+                raise DecodeError("locator format %d does not exist" % form)
+    return request_id, object_id, status, implementation, locators
+
+
+def push_acknack(w: "Writer", first_unacked: int, missing: int, stream_id: int) -> None:
+    """Everything before ``first_unacked`` arrived; bit i of the 16-bit
+    ``missing`` asks for ``first_unacked + i`` again."""
+    w.u16(first_unacked)
+    w.be16(missing)
+    w.u8(stream_id)
+
+
+def pull_acknack(r: "Reader") -> "tuple[int, int, int]":
+    """``(first unacknowledged, missing, stream id)``."""
+    return r.u16(), r.be16(), r.u8()
+
+
+def push_heartbeat(w: "Writer", first_unacked: int, last_sent: int, stream_id: int) -> None:
+    """What the sender still holds: ``first_unacked`` to ``last_sent``."""
+    w.u16(first_unacked)
+    w.u16(last_sent)
+    w.u8(stream_id)
+
+
+def pull_heartbeat(r: "Reader") -> "tuple[int, int, int]":
+    """``(first unacknowledged, last sent, stream id)``."""
+    return r.u16(), r.u16(), r.u8()
+
+
+def push_timestamp(w: "Writer", seconds: int, nanoseconds: int) -> None:
+    """The client's clock when it sent this."""
+    w.u32(seconds & 0xFFFFFFFF)
+    w.u32(nanoseconds)
+
+
+def pull_timestamp(r: "Reader") -> "tuple[int, int]":
+    """``(seconds, nanoseconds)``."""
+    return r.u32(), r.u32()
+
+
+def push_timestamp_reply(
+    w: "Writer",
+    transmit: "tuple[int, int]",
+    receive: "tuple[int, int]",
+    originate: "tuple[int, int]",
+) -> None:
+    """The agent's clock on sending and on receiving, and the client's own
+    stamp; each (seconds since 1970, nanoseconds)."""
+    for seconds, nanoseconds in (transmit, receive, originate):
+        push_timestamp(w, seconds, nanoseconds)
+
+
+def pull_timestamp_reply(
+    r: "Reader",
+) -> "tuple[tuple[int, int], tuple[int, int], tuple[int, int]]":
+    """``(transmit, receive, originate)``, each (seconds, nanoseconds)."""
+    return pull_timestamp(r), pull_timestamp(r), pull_timestamp(r)

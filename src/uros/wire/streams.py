@@ -1,0 +1,277 @@
+"""Sequence numbers, windows, acknowledgements, resends and fragments.
+
+The rules (XRCE 8.4), as state:
+
+* Numbers are 16 bits and wrap; the first of a stream is 0. ``a`` comes before
+  ``b`` where ``b - a`` modulo 2^16 is below 2^15.
+* Best effort: a message is accepted when its number is after the last accepted.
+* Reliable in: messages are handed on in order, each once; up to ``depth`` ahead
+  of the next expected are kept, the others dropped (they come again). An
+  acknack tells the next expected number and which of the 16 from there on are
+  missing below the highest number heard of.
+* Reliable out: a message is kept until acknowledged; at most ``window`` are in
+  flight, the rest wait. A heartbeat goes out while something is in flight and
+  unacknowledged; an acknack's missing messages are sent again, the same one at
+  most once in ``RESEND_HOLD_MS``.
+* Fragments carry one submessage, header included, in consecutive messages.
+
+Times are integer milliseconds modulo 2^30 and come from the caller.
+"""
+
+from . import ids
+from .errors import LimitError
+
+try:
+    from typing import Final
+
+    from .cdr import Buffer
+except ImportError:  # MicroPython
+    pass
+
+TIME_MASK: Final = 0x3FFFFFFF
+SEQUENCE_MASK: Final = 0xFFFF
+
+# eProsima's client and agent keep 16 messages a stream; an acknack can name 16.
+WINDOW: Final = 16
+# As the C++ agent's and the C client's default.
+HEARTBEAT_MS: Final = 200
+RESEND_HOLD_MS: Final = 10
+
+# Attack: fragments that never end. The largest messages on record are camera
+# images and point clouds of a few megabytes.
+MAX_MESSAGE: Final = 8 * 1024 * 1024
+
+
+def ticks_add(now: int, delta: int) -> int:
+    """``now + delta`` modulo 2^30."""
+    return (now + delta) & TIME_MASK
+
+
+def ticks_diff(a: int, b: int) -> int:
+    """``a - b``, signed, for times less than 2^29 ms (6 days) apart."""
+    return ((a - b + 0x20000000) & TIME_MASK) - 0x20000000
+
+
+def sequence_after(a: int, b: int) -> bool:
+    """Whether number ``a`` comes after number ``b``."""
+    return 0 < (a - b) & SEQUENCE_MASK < 0x8000
+
+
+class BestEffortIn:
+    """Receiving end of a best-effort stream: drops what is old or doubled."""
+
+    __slots__ = ("last",)
+
+    def __init__(self) -> None:
+        self.last = SEQUENCE_MASK
+
+    def accept(self, sequence: int) -> bool:
+        """Whether the message is news."""
+        if 0 < (sequence - self.last) & SEQUENCE_MASK < 0x8000:
+            self.last = sequence
+            return True
+        return False
+
+
+class ReliableIn:
+    """Receiving end of a reliable stream.
+
+    ``next`` is the number expected next, ``announced`` the highest heard of.
+    """
+
+    __slots__ = ("announced", "depth", "next", "waiting")
+
+    def __init__(self, depth: int = WINDOW) -> None:
+        self.depth = depth
+        self.next = 0
+        self.announced = SEQUENCE_MASK
+        self.waiting: "dict[int, bytes]" = {}
+
+    def receive(self, sequence: int, body: "Buffer") -> bool:
+        """Whether the message is the next one and to be handled right now.
+
+        True consumes it. An early one is copied and kept for :meth:`pop`; an
+        old, doubled or too early one is dropped.
+        """
+        ahead = (sequence - self.next) & SEQUENCE_MASK
+        if ahead >= self.depth:
+            return False
+        if sequence_after(sequence, self.announced):
+            self.announced = sequence
+        if ahead:
+            if sequence not in self.waiting:
+                self.waiting[sequence] = bytes(body)
+            return False
+        self.next = (sequence + 1) & SEQUENCE_MASK
+        # A copy that was kept while an earlier delivery stalled is done with.
+        self.waiting.pop(sequence, None)
+        return True
+
+    def pop(self) -> "bytes | None":
+        """The next message in order, if it is waiting."""
+        body = self.waiting.pop(self.next, None)
+        if body is not None:
+            self.next = (self.next + 1) & SEQUENCE_MASK
+        return body
+
+    def heartbeat(self, first: int, last: int) -> None:
+        """The sender holds ``first`` to ``last``: earlier ones never come again."""
+        if sequence_after(first, self.next):
+            while self.next != first:
+                self.waiting.pop(self.next, None)
+                self.next = (self.next + 1) & SEQUENCE_MASK
+        if sequence_after(last, self.announced):
+            self.announced = last
+
+    def acknack(self) -> "tuple[int, int]":
+        """``(first unacknowledged, missing)`` to send back."""
+        missing = 0
+        # How many numbers from `next` on the sender is known to have sent.
+        sent = (self.announced + 1 - self.next) & SEQUENCE_MASK
+        if sent < 0x8000:
+            for i in range(min(16, sent)):
+                if (self.next + i) & SEQUENCE_MASK not in self.waiting:
+                    missing |= 1 << i
+        return self.next, missing
+
+
+class ReliableOut:
+    """Sending end of a reliable stream: ``bytes`` in, numbered datagrams out.
+
+    Messages are given with their header's sequence number already right, so
+    :attr:`next` tells it beforehand.
+    """
+
+    __slots__ = ("_held", "_sent_at", "acked", "deadline", "limit", "next", "sent", "window")
+
+    def __init__(self, window: int = WINDOW, limit: int = 0) -> None:
+        self.window = window
+        self.limit = limit  # most messages held; 0: no limit
+        self.next = 0  # number of the next message given
+        self.sent = 0  # number of the next message to go out
+        self.acked = 0  # first number not acknowledged
+        self.deadline: "int | None" = None
+        self._held: "dict[int, bytes]" = {}
+        self._sent_at: "dict[int, int]" = {}
+
+    def __len__(self) -> int:
+        """Messages held: in flight and waiting."""
+        return len(self._held)
+
+    def room(self) -> int:
+        """How many messages would go out at once if given now."""
+        return self.window - ((self.next - self.acked) & SEQUENCE_MASK)
+
+    def put(self, message: bytes) -> None:
+        """Take the message numbered :attr:`next`. Raises LimitError when full."""
+        if self.limit and len(self._held) >= self.limit:
+            raise LimitError("%d messages wait already" % len(self._held))
+        self._held[self.next] = message
+        self.next = (self.next + 1) & SEQUENCE_MASK
+
+    def take(self, now: int) -> "list[bytes]":
+        """What may go out now: the window's worth of messages not sent yet."""
+        out = []
+        while (
+            self.sent != self.next
+            and (self.sent - self.acked) & SEQUENCE_MASK < self.window
+        ):
+            out.append(self._held[self.sent])
+            self._sent_at[self.sent] = now
+            self.sent = (self.sent + 1) & SEQUENCE_MASK
+        if out and self.deadline is None:
+            self.deadline = ticks_add(now, HEARTBEAT_MS)
+        return out
+
+    def acknack(self, first: int, missing: int, now: int) -> "list[bytes]":
+        """Forget what arrived; the messages to send now, lost ones first.
+
+        An acknack for numbers never sent is a fault of the peer and ignored.
+        """
+        if (first - self.acked) & SEQUENCE_MASK > (self.sent - self.acked) & SEQUENCE_MASK:
+            return []
+        while self.acked != first:
+            self._held.pop(self.acked, None)
+            self._sent_at.pop(self.acked, None)
+            self.acked = (self.acked + 1) & SEQUENCE_MASK
+        out = []
+        held_back = False
+        for i in range(16):
+            if missing >> i & 1:
+                number = (first + i) & SEQUENCE_MASK
+                if number not in self._sent_at:
+                    continue
+                if ticks_diff(now, self._sent_at[number]) < RESEND_HOLD_MS:
+                    held_back = True
+                    continue
+                self._sent_at[number] = now
+                out.append(self._held[number])
+        out.extend(self.take(now))
+        if self.acked == self.sent:
+            self.deadline = None
+        else:
+            self.deadline = ticks_add(now, RESEND_HOLD_MS if held_back else HEARTBEAT_MS)
+        return out
+
+    def heartbeat(self, now: int) -> "tuple[int, int] | None":
+        """``(first unacknowledged, last sent)`` where a heartbeat is due."""
+        if self.deadline is None or ticks_diff(now, self.deadline) < 0:
+            return None
+        self.deadline = ticks_add(now, HEARTBEAT_MS)
+        return self.acked, (self.sent - 1) & SEQUENCE_MASK
+
+
+class Fragments:
+    """Puts a fragmented submessage together again."""
+
+    __slots__ = ("_parts", "size")
+
+    def __init__(self) -> None:
+        self._parts: "list[bytes]" = []
+        self.size = 0
+
+    def add(self, part: "Buffer", last: bool) -> "bytearray | None":
+        """The whole submessage, header included, after its last fragment.
+
+        Raises :class:`~uros.wire.errors.LimitError`, and forgets the
+        fragments, where the whole passes ``MAX_MESSAGE``.
+        """
+        size = self.size + len(part)
+        if size > MAX_MESSAGE:
+            self.clear()
+            raise LimitError("fragments of over %d bytes" % MAX_MESSAGE)
+        self._parts.append(bytes(part))
+        self.size = size
+        if not last:
+            return None
+        whole = bytearray(size)
+        at = 0
+        for part in self._parts:
+            whole[at : at + len(part)] = part
+            at += len(part)
+        self.clear()
+        return whole
+
+    def clear(self) -> None:
+        """Forget what has come: the stream was reset."""
+        self._parts = []
+        self.size = 0
+
+
+def split(size: int, room: int) -> "list[tuple[int, int, int]]":
+    """How ``size`` bytes of one submessage go out in fragments of ``room`` bytes.
+
+    A list of ``(start, stop, flags)``, the last with FLAG_LAST_FRAGMENT.
+    Fragments before the last are a multiple of 4 long, so that C clients find
+    the next header aligned.
+    """
+    room &= ~3
+    if room <= 0:
+        raise LimitError("an MTU that leaves no room for a fragment")
+    out = []
+    start = 0
+    while size - start > room:
+        out.append((start, start + room, ids.FLAG_LITTLE_ENDIAN))
+        start += room
+    out.append((start, size, ids.FLAG_LITTLE_ENDIAN | ids.FLAG_LAST_FRAGMENT))
+    return out

@@ -1,0 +1,74 @@
+"""What every test stands on: DDS that never leaves loopback, and domains nobody else uses.
+
+The environment is set when this file is imported, before any test can load a DDS, and
+processes that tests start inherit it.
+"""
+
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# 20 and below are people's own; from 102 on the ports reach into those that Linux hands out.
+DOMAINS = range(21, 101)
+
+os.environ["CYCLONEDDS_URI"] = (
+    "<General>"
+    '<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>'
+    "<AllowMulticast>false</AllowMulticast>"
+    "</General>"
+    "<Discovery>"
+    "<ParticipantIndex>auto</ParticipantIndex>"
+    "<MaxAutoParticipantIndex>60</MaxAutoParticipantIndex>"
+    '<Peers><Peer Address="127.0.0.1"/></Peers>'
+    "</Discovery>"
+)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION", "ROS_DISTRO"):
+    os.environ.pop(name, None)
+
+
+@contextmanager
+def leased_domain() -> Iterator[int]:
+    """A ROS domain id that no other test, in this run or another, holds at the same time."""
+    folder = Path(tempfile.gettempdir()) / f"uros-test-domains-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    for domain in DOMAINS:
+        with open(folder / str(domain), "w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    pytest.fail(f"all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use by tests")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def domain_id() -> Iterator[int]:
+    """The domain of this test run. It is also what ROS_DOMAIN_ID says, here and in children."""
+    with leased_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        yield domain
+
+
+@pytest.fixture
+def own_domain_id() -> Iterator[int]:
+    """A domain for one test alone, for those that look at a whole graph."""
+    with leased_domain() as domain:
+        yield domain
+
+
+@pytest.fixture(scope="session")
+def ros_python() -> Path:
+    """The interpreter that real rclpy is installed for; run it as a separate process."""
+    python = ROOT / ".venv-ros" / "bin" / "python"
+    if not python.exists():
+        pytest.fail("there is no .venv-ros: run python3 scripts/env.py ros")
+    return python

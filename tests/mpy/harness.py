@@ -1,0 +1,126 @@
+"""MicroPython for tests: a process that holds it, with the portable part of uros inside.
+
+    with MicroPython() as board:
+        board.install(portable_sources())
+        board.run("from uros.wire import cdr; print(cdr.__name__)")   -> 'uros.wire.cdr\\n'
+        board.heap()                                                  -> bytes in use
+
+Portable tests are the modules tests/unit/**/portable_*.py: plain functions test_*() with bare
+asserts that import uros and what MicroPython has, nothing else. pytest runs them on CPython
+where they are, and test_portable.py runs the same functions here.
+"""
+
+import ast
+import json
+import subprocess
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+RUNNER = Path(__file__).with_name("runner.mjs")
+INSTALLED = ROOT / "build" / "micropython"
+MODULE = INSTALLED / "node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs"
+
+# What boards get of src/uros: whole folders, or single files of those that hosts share.
+PORTABLE = (
+    "wire",
+    "interfaces/__init__.py",
+    "interfaces/codec.py",
+    "interfaces/errors.py",
+    "interfaces/runtime.py",
+)
+
+# A test that takes longer is stuck: MicroPython has no time limit of its own.
+ANSWER_SECONDS = 30
+
+
+class MicroPythonError(AssertionError):
+    """The code on the MicroPython side raised; str() is its traceback and what it had printed."""
+
+
+class MicroPython:
+    """One MicroPython interpreter in a Node process. Use it as a context manager."""
+
+    def __init__(self) -> None:
+        if not MODULE.exists():
+            raise FileNotFoundError(f"{MODULE}: run python3 scripts/env.py micropython")
+        self._process = subprocess.Popen(
+            [INSTALLED / "node", RUNNER, MODULE],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+        )
+
+    def __enter__(self) -> "MicroPython":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        assert self._process.stdout
+        self._process.kill()
+        self._process.communicate()
+
+    def _ask(self, **request: str) -> dict:
+        assert self._process.stdin and self._process.stdout
+        watchdog = threading.Timer(ANSWER_SECONDS, self._process.kill)
+        watchdog.start()
+        try:
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+            line = self._process.stdout.readline()
+        except BrokenPipeError:
+            line = ""
+        finally:
+            watchdog.cancel()
+        if not line:
+            status = self._process.wait()
+            raise MicroPythonError(f"MicroPython ended without an answer (exit status {status})")
+        return json.loads(line)
+
+    def write(self, path: str, text: str) -> None:
+        """Puts a file into MicroPython's file system; /lib is on its sys.path."""
+        self._ask(do="write", path=path, text=text)
+
+    def install(self, sources: dict[str, str]) -> None:
+        """Puts modules into /lib, from a mapping of relative path to text."""
+        for path, text in sources.items():
+            self.write("/lib/" + path, text)
+
+    def run(self, source: str) -> str:
+        """Runs source in __main__ and returns what it printed. Names stay for the next run."""
+        answer = self._ask(do="run", source=source)
+        if answer["error"]:
+            raise MicroPythonError(f"{answer['error']}\n{answer['output']}".rstrip())
+        return answer["output"]
+
+    def heap(self) -> int:
+        """Bytes in use on the heap after a collection; pointers are 32 bits wide, as on boards."""
+        return self._ask(do="heap")["heap"]
+
+
+def portable_sources(
+    parts: Iterable[str] = PORTABLE, change: Callable[[str], str] = str
+) -> dict[str, str]:
+    """The text of each portable module of uros, by its path below /lib.
+
+    `change` may rewrite a text, as a build for boards does; by default it stays as it is. The
+    package itself is empty: on a board nothing needs what it offers to hosts.
+    """
+    sources = {"uros/__init__.py": ""}
+    for part in parts:
+        root = ROOT / "src" / "uros" / part
+        for file in sorted(root.rglob("*.py")) if root.is_dir() else [root]:
+            path = file.relative_to(ROOT / "src").as_posix()
+            sources[path] = change(file.read_text(encoding="utf-8"))
+    return sources
+
+
+def portable_tests() -> list[tuple[Path, str]]:
+    """(module, function) for each portable test, in the order of the sources."""
+    return [
+        (file, node.name)
+        for file in sorted((ROOT / "tests" / "unit").rglob("portable_*.py"))
+        for node in ast.parse(file.read_text(encoding="utf-8"), str(file)).body
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+    ]

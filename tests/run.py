@@ -1,0 +1,150 @@
+"""Runs the test groups, one pytest process each, and ends with a line for every group.
+
+    tests/run.py [--full] [--group NAME]...
+
+The exit status is 0 only if every group ran at least one test and none failed. A skipped test
+is a failed one unless its reason begins with 'not on this platform:'. The interop group needs
+real ROS 2: where that cannot be installed the group is reported as not run, and in CI (CI=true)
+that is a failure as well.
+"""
+
+import argparse
+import ast
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "scripts"))
+
+import env  # noqa: E402  (scripts/env.py, found by the line above)
+
+GROUPS = ("unit", "contract", "replay", "interop", "mpy")
+PREPARE = {"interop": env.ros, "mpy": env.micropython}
+EXCUSE = "not on this platform:"
+
+# pytest-timeout ends a test that hangs, but not one that hangs in C with the interpreter's lock.
+GROUP_SECONDS = 900
+GROUP_SECONDS_FULL = 3600
+
+
+@dataclass
+class Result:
+    """What one group came to. `trouble` is a failure that no single test stands for."""
+
+    group: str
+    passed: int = 0
+    failed: int = 0
+    skipped: int = 0
+    seconds: float = 0.0
+    trouble: str = ""
+    not_run: str = ""
+    bad_skips: list[str] = field(default_factory=list)
+
+    def line(self) -> str:
+        if self.not_run:
+            return f"{self.group}: NOT RUN ({self.not_run})"
+        counts = f"{self.passed} passed, {self.failed} failed, {self.skipped} skipped"
+        trouble = f"; {self.trouble}" if self.trouble else ""
+        return f"{self.group}: {counts}, {self.seconds:.1f} s{trouble}"
+
+
+def skip_reason(skipped: ET.Element) -> str:
+    """The reason of a skip; that of a whole module stands in the text, as a printed tuple."""
+    message = skipped.get("message", "")
+    if message == "collection skipped":
+        _file, _line, message = ast.literal_eval(skipped.text or "")
+    return message.removeprefix("Skipped: ")
+
+
+def count(result: Result, report: Path) -> None:
+    """Adds up a junit report of pytest."""
+    try:
+        cases = list(ET.parse(report).iter("testcase"))
+    except (OSError, ET.ParseError):
+        result.trouble = "pytest ended without a report"
+        return
+    for case in cases:
+        skipped = case.find("skipped")
+        if case.find("failure") is not None or case.find("error") is not None:
+            result.failed += 1
+        elif skipped is None:
+            result.passed += 1
+        elif skip_reason(skipped).startswith(EXCUSE):
+            result.skipped += 1
+        else:
+            result.failed += 1
+            name = "::".join(filter(None, (case.get("classname"), case.get("name"))))
+            result.bad_skips.append(f"{name}: {skip_reason(skipped)}")
+    if not cases:
+        result.trouble = "no tests"
+
+
+def run_group(group: str, full: bool) -> Result:
+    result = Result(group)
+    started = time.monotonic()
+    print(f"\n=== {group} ===", flush=True)
+    if not (ROOT / "tests" / group).is_dir():
+        result.trouble = f"no tests: there is no folder tests/{group}"
+        return result
+    try:
+        PREPARE.get(group, lambda: None)()
+    except env.Unavailable as error:
+        print(f"{group}: {error}", flush=True)
+        result.not_run = str(error)
+        return result
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.xml"
+        command = [sys.executable, "-m", "pytest", "-q", f"tests/{group}", f"--junitxml={report}"]
+        if not full:
+            command += ["-m", "not slow"]
+        limit = GROUP_SECONDS_FULL if full else GROUP_SECONDS
+        try:
+            status = subprocess.run(command, cwd=ROOT, timeout=limit).returncode
+            count(result, report)
+        except subprocess.TimeoutExpired:
+            status = -1
+            result.trouble = f"stopped: it took longer than {limit} s"
+    # pytest can also fail with no failed test: interrupted, an internal error, a crash at exit.
+    if status != 0 and not result.failed and not result.trouble:
+        result.trouble = f"pytest exited with status {status}"
+    result.seconds = time.monotonic() - started
+    return result
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Runs uros's tests, group by group.")
+    parser.add_argument("--full", action="store_true", help="also the tests marked slow")
+    parser.add_argument(
+        "--group", action="append", choices=GROUPS, metavar="NAME",
+        help=f"only this group; can be given again ({', '.join(GROUPS)})",
+    )  # fmt: skip
+    options = parser.parse_args()
+    chosen = [group for group in GROUPS if group in (options.group or GROUPS)]
+    in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
+
+    results = [run_group(group, options.full) for group in chosen]
+
+    print()
+    for result in results:
+        for skip in result.bad_skips:
+            print(f"skipped without an excuse: {skip}")
+    for result in results:
+        print(result.line())
+    passed = sum(result.passed for result in results)
+    skipped = sum(result.skipped for result in results)
+    failed = sum(result.failed for result in results)
+    failed += sum(1 for result in results if result.trouble)
+    # Only interop needs what a machine may not be able to have.
+    failed += sum(1 for r in results if r.not_run and (in_ci or r.group != "interop"))
+    print(f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else ""))
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,338 @@
+"""Names, folders, imports, and the written board package."""
+
+import ast
+import importlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import uros.interfaces
+from uros.interfaces import (
+    InterfaceError,
+    add_folder,
+    known_hash,
+    list_types,
+    load,
+    registry,
+    write_package,
+)
+from uros.interfaces.generate import generate
+
+MISSING_ON_BOARD = {"dataclasses", "enum", "typing", "abc", "collections", "__future__", "re"}
+
+
+@pytest.fixture(autouse=True)
+def forget_folders(monkeypatch):
+    monkeypatch.setattr(registry, "_added", {})
+    yield
+    registry.definition.cache_clear()
+
+
+def write(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def test_public_names():
+    assert uros.interfaces.__all__ == [
+        "InterfaceError",
+        "add_folder",
+        "known_hash",
+        "list_types",
+        "load",
+        "write_package",
+    ]
+
+
+def test_spellings():
+    want = load("std_msgs/msg/Int32")
+    assert load("std_msgs/Int32") is want
+    assert load("std_msgs::msg::dds_::Int32_") is want
+    assert load("std_msgs::msg::Int32") is want
+    trigger = load("std_srvs/Trigger")
+    assert load("std_srvs/srv/Trigger_Request") is trigger.Request
+    assert load("std_srvs::srv::dds_::Trigger_Response_") is trigger.Response
+
+
+def test_class():
+    cls = load("std_msgs/Int32")
+    assert repr(cls(data=5)) == "std_msgs.msg.Int32(data=5)"
+    assert cls(5) == cls(data=5) != cls()
+    assert cls(5) != 5
+    assert cls._TYPE == "std_msgs/msg/Int32"
+    assert cls._DDS_TYPE == "std_msgs::msg::dds_::Int32_"
+    assert cls._HASH == known_hash("std_msgs/msg/Int32")
+    assert cls._FIELDS == (("data", "int32"),)
+    assert cls.get_fields_and_field_types() == {"data": "int32"}
+    with pytest.raises(AttributeError):
+        cls().other = 1
+    with pytest.raises(TypeError):
+        cls(other=1)
+
+
+def test_field_types_as_rclpy_spells_them():
+    assert load("sensor_msgs/CameraInfo")._FIELDS == (
+        ("header", "std_msgs/Header"),
+        ("height", "uint32"),
+        ("width", "uint32"),
+        ("distortion_model", "string"),
+        ("d", "sequence<double>"),
+        ("k", "double[9]"),
+        ("r", "double[9]"),
+        ("p", "double[12]"),
+        ("binning_x", "uint32"),
+        ("binning_y", "uint32"),
+        ("roi", "sensor_msgs/RegionOfInterest"),
+    )
+    assert dict(load("rmw_dds_common/NodeEntitiesInfo")._FIELDS) == {
+        "node_namespace": "string<256>",
+        "node_name": "string<256>",
+        "reader_gid_seq": "sequence<rmw_dds_common/Gid>",
+        "writer_gid_seq": "sequence<rmw_dds_common/Gid>",
+    }
+
+
+def test_service():
+    cls = load("nav_msgs/srv/LoadMap")
+    assert cls._HASH == known_hash("nav_msgs/srv/LoadMap")
+    assert cls.Response.RESULT_UNDEFINED_FAILURE == 255
+    assert repr(cls.Request(map_url="x")) == "nav_msgs.srv.LoadMap_Request(map_url='x')"
+    assert cls.Request._DDS_TYPE == "nav_msgs::srv::dds_::LoadMap_Request_"
+    assert repr(load("std_srvs/Empty").Request()) == "std_srvs.srv.Empty_Request()"
+
+
+def test_defaults_and_constants(tmp_path):
+    text = (
+        "int32 A=7\nstring NAME='x'\nint32 a 5\nstring b 'hi'\nfloat32[2] c [1.5, -2]\nbool d true\n"
+        "uint8[] e [1, 2]\nstring[] f ['p', 'q']\nfloat64 g inf\nint16[] h [3]\nfloat32[3] i\n"
+        "string[2] j\nbool[] k\nuint8[2] l\nbyte m 9\n"
+    )
+    write(tmp_path / "def_cases" / "D.msg", text)
+    add_folder(tmp_path / "def_cases")
+    cls = load("def_cases/D")
+    assert (cls.A, cls.NAME) == (7, "x")
+    assert repr(cls()) == (
+        "def_cases.msg.D(a=5, b='hi', c=[1.5, -2.0], d=True, e=[1, 2], f=['p', 'q'], g=inf,"
+        " h=[3], i=[0.0, 0.0, 0.0], j=['', ''], k=[], l=[0, 0], m=9)"
+    )
+    assert load("geometry_msgs/Quaternion")().w == 1.0
+    assert load("sensor_msgs/NavSatStatus")().status == -2
+    first, second = cls(), cls()
+    first.c[0] = 9.0
+    first.f.append("r")
+    assert second == cls()
+    pose = load("geometry_msgs/PoseArray")
+    pose().poses.append(1)
+    assert pose().poses == []
+
+
+def test_names_that_collide(tmp_path):
+    """Fields named as methods, keywords and helpers; types with one plain name."""
+    fields = ("self", "pack_into", "class", "size", "array", "len", "offset", "buf", "o", "end")
+    text = "".join(f"int32 {name}\n" for name in fields) + "int32[] int\n"
+    text += "std_msgs/Header h\nHeader h2\nMessage h3\n"
+    write(tmp_path / "odd_cases/msg/Odd.msg", text)
+    write(tmp_path / "odd_cases/msg/Header.msg", "std_msgs/Header header\nint8 x\n")
+    write(tmp_path / "odd_cases/msg/Message.msg", "int8 x\n")
+    add_folder(tmp_path)
+    cls = load("odd_cases/Odd")
+    msg = cls(self_=1, pack_into_=2, class_=3, size=4, array=5, int=[6])
+    msg.h2.x = 3
+    msg.h3.x = 4
+    from uros.interfaces.codec import from_cdr, to_cdr
+
+    assert from_cdr(cls, to_cdr(msg)) == msg
+    assert [name for name, _ in cls._FIELDS][:3] == ["self", "pack_into", "class"]
+
+
+def test_import_hook():
+    from uros.interfaces.geometry_msgs import msg as geometry
+    from uros.interfaces.std_msgs.msg import Int32, String
+    from uros.interfaces.std_srvs.srv import Trigger
+
+    assert Int32 is load("std_msgs/Int32")
+    assert String(data="x").data == "x"
+    assert Trigger is load("std_srvs/srv/Trigger")
+    assert geometry.Twist().linear.x == 0.0
+    assert "Twist" in dir(geometry)
+    assert Int32.__module__ == "uros.interfaces.std_msgs.msg._int32"
+    with pytest.raises(ImportError):
+        from uros.interfaces.std_msgs.msg import Nothing  # noqa: F401
+    for name in ("no_such_pkg", "std_msgs.action", "std_msgs.msg._nothing", "std_msgs.msg._a.b"):
+        with pytest.raises(ImportError):
+            importlib.import_module("uros.interfaces." + name)
+
+
+def test_import_is_light():
+    """Importing costs nothing, and neither numpy nor rosbags is needed to make a class."""
+    code = (
+        "import sys; before = set(sys.modules); import uros.interfaces\n"
+        "new = set(sys.modules) - before\n"
+        "assert new <= {'uros', 'uros.interfaces', 'uros.interfaces.errors'}, new\n"
+        "uros.interfaces.load('sensor_msgs/Imu')\n"
+        "assert not {'numpy', 'rosbags'} & set(sys.modules)\n"
+    )
+    source = str(Path(uros.interfaces.__file__).parents[2])
+    environment = {**os.environ, "PYTHONPATH": source}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+def test_unknown_type():
+    with pytest.raises(InterfaceError) as caught:
+        load("std_msgs/msg/Int23")
+    assert "did you mean std_msgs/msg/Int" in str(caught.value)
+    assert "--interfaces DIR" in str(caught.value)
+    with pytest.raises(InterfaceError, match="did you mean geometry_msgs/msg/Twist"):
+        load("std_msgs/Twist")
+    for bad in ("Int32", "", "a/b/c/d", "std_msgs/what/Int32", "/msg/", "a::b::c::d"):
+        with pytest.raises(InterfaceError, match="bad type name"):
+            load(bad)
+    with pytest.raises(InterfaceError, match="unknown type"):
+        load("../msg/Int32")
+
+
+def test_package_folder(tmp_path):
+    write(tmp_path / "my_a/msg/One.msg", "std_msgs/Header h\nTwo[] t\n")
+    write(tmp_path / "my_a/msg/Two.msg", "int32 x\n")
+    write(tmp_path / "my_a/srv/Do.srv", "Two a\n---\nint32 b\n")
+    assert add_folder(tmp_path / "my_a") == ["my_a/msg/One", "my_a/msg/Two", "my_a/srv/Do"]
+    assert load("my_a/One")().t == []
+    assert load("my_a/Do").Request().a == load("my_a/Two")()
+    assert (known_hash("my_a/msg/One") or "").startswith("RIHS01_")
+    assert "my_a/srv/Do" in list_types()
+    from uros.interfaces.my_a.msg import One
+
+    assert One is load("my_a/One")
+
+
+def test_workspace_flat_and_msg_folder(tmp_path):
+    write(tmp_path / "ws/src/my_b/msg/B.msg", "int32 x\n")
+    write(tmp_path / "ws/src/repo-main/msg/C.msg", "int32 x\n")
+    write(tmp_path / "ws/src/repo-main/package.xml", "<package><name>my_c</name></package>")
+    write(tmp_path / "ws/.git/msg/X.msg", "int32 x\n")
+    assert add_folder(tmp_path / "ws") == ["my_b/msg/B", "my_c/msg/C"]
+    write(tmp_path / "my_d/D.msg", "int32 x\n")
+    write(tmp_path / "my_d/Go.action", "int32 x\n---\n---\n")
+    assert add_folder(tmp_path / "my_d") == ["my_d/action/Go", "my_d/msg/D"]
+    assert add_folder(tmp_path / "ws/src/my_b/msg") == ["my_b/msg/B"]
+    with pytest.raises(InterfaceError, match="is an action"):
+        load("my_d/Go")
+
+
+def test_bad_folders(tmp_path):
+    with pytest.raises(InterfaceError, match="no such folder"):
+        add_folder(tmp_path / "none")
+    with pytest.raises(InterfaceError, match="no .msg, .srv or .action file"):
+        add_folder(tmp_path)
+
+
+def test_broken_files_hurt_only_themselves(tmp_path):
+    write(tmp_path / "my_e/msg/Good.msg", "int32 x\n")
+    write(tmp_path / "my_e/msg/Bad.msg", "int32 x\nint33 y\n")
+    write(tmp_path / "my_e/msg/Outer.msg", "Bad b\n")
+    write(tmp_path / "my_e/msg/Lost.msg", "nowhere_msgs/Thing b\n")
+    write(tmp_path / "my_e/msg/Ring.msg", "Ring[] r\n")
+    write(tmp_path / "my_e/msg/Big.msg", "#" * (registry.MAX_FILE + 1))
+    (tmp_path / "my_e/msg/Binary.msg").write_bytes(b"\xff\xfe\x00")
+    add_folder(tmp_path)
+    assert "my_e/msg/Bad" in list_types()
+    assert load("my_e/Good")(1).x == 1
+    for name, fault in {
+        "Bad": r"Bad.msg:2: unknown type 'int33'",
+        "Outer": r"Outer.msg: .*Bad.msg:2: unknown type",
+        "Lost": r"Lost.msg: unknown type 'nowhere_msgs/msg/Thing'.*--interfaces",
+        "Ring": "contains itself",
+        "Big": "over 1048576 bytes",
+        "Binary": "Binary.msg: not UTF-8",
+    }.items():
+        with pytest.raises(InterfaceError, match=fault):
+            load("my_e/" + name)
+        assert known_hash("my_e/msg/" + name) is None
+
+
+def test_ament_prefix_path(tmp_path, monkeypatch):
+    write(tmp_path / "share/my_f/msg/F.msg", "int32 x\n")
+    write(tmp_path / "share/std_msgs/msg/Int32.msg", "int64 data\n")
+    assert known_hash("my_f/msg/F2") is None
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}/none{os.pathsep}{tmp_path}")
+    assert "my_f/msg/F" in list_types()
+    assert load("my_f/F")(3).x == 3
+    assert registry.message("std_msgs/msg/Int32").fields[0].type.name == "int32"
+    from uros.interfaces.my_f.msg import F
+
+    assert F is load("my_f/F")
+
+
+def test_added_folders_go_first(tmp_path):
+    write(tmp_path / "std_msgs/msg/UInt16.msg", "uint32 data\n")
+    before = known_hash("std_msgs/msg/UInt16")
+    add_folder(tmp_path)
+    assert registry.message("std_msgs/msg/UInt16").fields[0].type.name == "uint32"
+    assert known_hash("std_msgs/msg/UInt16") not in (None, before)
+
+
+@pytest.mark.parametrize("name", registry.packaged_types())
+def test_generated_source_suits_micropython(name):
+    """No import, syntax or call that MicroPython 1.27 lacks (the board tests run it for real)."""
+    tree = ast.parse(generate(registry.definition(name)))
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            module = getattr(node, "module", None) or node.names[0].name
+            assert module.split(".")[0] not in MISSING_ON_BOARD
+        assert not isinstance(node, (ast.Match, ast.Starred, ast.JoinedStr, ast.AnnAssign))
+        if isinstance(node, ast.Call):
+            assert len(node.args) <= 100
+        if isinstance(node, ast.ClassDef):
+            assert not node.keywords
+        if isinstance(node, ast.FunctionDef):
+            assert not node.args.posonlyargs
+        if isinstance(node, ast.Attribute):
+            assert node.attr not in ("tobytes", "cast", "frombytes", "byteswap", "Struct")
+
+
+def test_write_package(tmp_path):
+    paths = write_package(["sensor_msgs/Imu", "std_srvs/srv/SetBool_Request"], tmp_path)
+    assert [str(p.relative_to(tmp_path)) for p in paths] == [
+        "builtin_interfaces/__init__.py",
+        "builtin_interfaces/msg/__init__.py",
+        "builtin_interfaces/msg/_time.py",
+        "geometry_msgs/__init__.py",
+        "geometry_msgs/msg/__init__.py",
+        "geometry_msgs/msg/_quaternion.py",
+        "geometry_msgs/msg/_vector3.py",
+        "sensor_msgs/__init__.py",
+        "sensor_msgs/msg/__init__.py",
+        "sensor_msgs/msg/_imu.py",
+        "std_msgs/__init__.py",
+        "std_msgs/msg/__init__.py",
+        "std_msgs/msg/_header.py",
+        "std_srvs/__init__.py",
+        "std_srvs/srv/__init__.py",
+        "std_srvs/srv/_setbool.py",
+    ]
+    code = (
+        "import sys\nfrom std_msgs.msg import Header\nassert 'sensor_msgs' not in sys.modules\n"
+        "from sensor_msgs.msg import Imu\nfrom std_srvs.srv import SetBool\n"
+        "assert Imu(Header(frame_id='x')).cdr_size() == 320 and SetBool.Request(True).data\n"
+        "try:\n    from std_msgs.msg import Int32\nexcept ImportError: pass\n"
+    )
+    source = Path(uros.interfaces.__file__).parents[2]
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{source}"}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+def test_types_that_differ_in_case(tmp_path):
+    write(tmp_path / "my_g/msg/FooBar.msg", "int32 x\n")
+    write(tmp_path / "my_g/msg/Foobar.msg", "int8 x\n")
+    if len(list((tmp_path / "my_g/msg").iterdir())) < 2:
+        pytest.skip("this file system does not tell case apart")
+    add_folder(tmp_path)
+    with pytest.raises(InterfaceError, match="differ only in case"):
+        write_package(["my_g/FooBar", "my_g/Foobar"], tmp_path / "out")
+    assert load("my_g/FooBar")
+    with pytest.raises(InterfaceError, match="differ only in case"):
+        load("my_g/Foobar")
