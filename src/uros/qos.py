@@ -109,9 +109,8 @@ class QoSProfile:
         return hash(self._key())
 
     def __repr__(self) -> str:
-        return "QoSProfile(" + ", ".join(
-            ["%s=%r" % (name, getattr(self, name)) for name in _FIELDS]
-        ) + ")"
+        fields = [name + "=" + repr(getattr(self, name)) for name in _FIELDS]
+        return "QoSProfile(" + ", ".join(fields) + ")"
 
 
 _FIELDS = (

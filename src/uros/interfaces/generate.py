@@ -50,8 +50,7 @@ def generate(definition: Message | Service, prefix: str = "") -> str:
         classes.append(_service_class(definition))
     body = "\n\n\n".join(classes)
     lines = [f'"""{definition.type_name}, generated from its definition."""', ""]
-    struct_names = [name for name in ("pack_into", "unpack_from") if f" {name}(" in body]
-    lines.append(f"from struct import {', '.join(struct_names)}")
+    lines.append("from struct import pack_into, unpack_from")
     if "_array(" in body:
         lines.append("from array import array as _array")
     lines.append("")

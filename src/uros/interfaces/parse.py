@@ -222,9 +222,7 @@ def _strip_comment(line: str) -> str:
     if cut < 0:
         return line
     if line.lstrip().startswith(STRINGS):
-        # The text of a string constant may hold a # without quotes around it only in ROS 1.
-        quote = ""
-        escaped = False
+        quote, last, escaped = "", "", False
         for index, char in enumerate(line):
             if escaped:
                 escaped = False
@@ -232,10 +230,11 @@ def _strip_comment(line: str) -> str:
                 escaped = True
             elif quote:
                 quote = "" if char == quote else quote
-            elif char in "\"'":
+            elif char in "\"'" and last in " =[,":
                 quote = char
             elif char == "#":
                 return line[:index]
+            last = char
         if not quote:
             return line
     return line[:cut]

@@ -104,7 +104,10 @@ def has_package(package: str) -> bool:
 def names_in(package: str, kind: str) -> list[str]:
     """The plain names of a package's types of one kind, sorted."""
     prefix = f"{package}/{kind}/"
-    return [name[len(prefix) :] for name in list_types() if name.startswith(prefix)]
+    names = {n[len(prefix) :] for n in (*_added, *_packaged()) if n.startswith(prefix)}
+    for share in _ament_shares():
+        names.update(file.stem for file in (share / package / kind).glob(f"*.{kind}"))
+    return sorted(names)
 
 
 @cache
@@ -228,7 +231,7 @@ def _unknown(name: str) -> str:
 
     names = list_types()
     plain = name.rpartition("/")[2]
-    close = difflib.get_close_matches(name, names, 3, 0.7)
-    close += [known for known in names if known.endswith("/" + plain) and known not in close]
+    close = [known for known in names if plain and known.endswith("/" + plain)]
+    close = list(dict.fromkeys(close + difflib.get_close_matches(name, names, 3, 0.7)))
     hint = f" (did you mean {' or '.join(close[:4])}?)" if close else ""
     return f"unknown type {name!r}{hint}; give the folder of its definition by --interfaces DIR"

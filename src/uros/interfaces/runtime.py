@@ -81,7 +81,8 @@ class Message:
 
 def _same(a: "Any", b: "Any") -> bool:
     """Equality that does not care whether a sequence is a list, an array or bytes."""
-    if isinstance(a, (str, int, float, Message)) or isinstance(b, (str, int, float, Message)):
+    whole = (str, bool, int, float, Message)  # on MicroPython a bool is no int
+    if isinstance(a, whole) or isinstance(b, whole):
         return bool(a == b)
     if len(a) != len(b):
         return False
@@ -255,9 +256,11 @@ def octets(value: "Any") -> "bytes | bytearray":
 
 def wire_bytes(value: "Any") -> "Any":
     """Like `octets`, but a memoryview of octets passes as it is."""
-    if isinstance(value, memoryview) and (not _CPYTHON or (value.itemsize == 1 == value.ndim)):
-        return value.cast("B") if _CPYTHON else value
-    return octets(value)
+    if not isinstance(value, memoryview):
+        return octets(value)
+    if not _CPYTHON:
+        return value
+    return value.cast("B") if value.contiguous and value.itemsize == 1 else octets(value)
 
 
 def put_bytes(buf: "Any", o: int, data: "Any") -> int:

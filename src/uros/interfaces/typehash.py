@@ -96,19 +96,19 @@ def known_hash(ros_type_name: str) -> str | None:
     name = ros_type_name.replace("::dds_::", "::").replace("::", "/").rstrip("_")
     if not registry.is_added(name) and (found := _table().get(name)) is not None:
         return found
-    return _computed(ros_type_name)
-
-
-@lru_cache(maxsize=4096)
-def _computed(name: str) -> str | None:
     try:
-        name = registry.normalize(name)
+        name = registry.normalize(ros_type_name)
         if not registry.exists(name):
             return None
         definition = registry.definition(name)
-        return type_hash(definition) if isinstance(definition, (Message, Service)) else None
+        return _hash_once(definition) if isinstance(definition, (Message, Service)) else None
     except InterfaceError:
         return None
+
+
+@lru_cache(maxsize=4096)
+def _hash_once(definition: Message | Service) -> str:
+    return type_hash(definition)
 
 
 @lru_cache(maxsize=1)

@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Union
 
 from ..qos import QoSProfile
 
-Bytes = Union[bytes, bytearray, memoryview]
+Bytes = bytes | bytearray | memoryview
 OnReady = Callable[[], None]
 
 
@@ -155,7 +154,7 @@ class Middleware(ABC):
         """When :meth:`tick` wants to be called (``time.monotonic``), or None."""
         return None
 
-    def tick(self) -> None:
+    def tick(self) -> None:  # noqa: B027  most have nothing to do
         """Do what is due by time, such as announcing the graph."""
 
     @abstractmethod

@@ -105,8 +105,8 @@ class Reader:
             raw = raw[:end]
         try:
             return raw.decode()
-        except (UnicodeError, ValueError):
-            raise DecodeError("a string that is not UTF-8") from None
+        except ValueError:  # UnicodeError is one
+            raise DecodeError("a string that is not UTF-8")
 
 
 class Writer:
@@ -169,6 +169,12 @@ class Writer:
         at = self._next(size, 1)
         self.buf[at : at + size] = value
 
+    def array(self, value: "Buffer", size: int) -> None:
+        """Octets of a field that has room for exactly ``size`` of them."""
+        if len(value) != size:
+            raise EncodeError("%d octets where %d belong" % (len(value), size))
+        self.octets(value)
+
     def be16(self, value: int) -> None:
         """A 16-bit number as two octets, high first, never aligned."""
         if not 0 <= value <= 0xFFFF:
@@ -184,7 +190,12 @@ class Writer:
 
     def string(self, value: str) -> None:
         """A 32-bit length that counts the closing NUL, then UTF-8, then NUL."""
-        raw = value.encode()
+        try:
+            raw = value.encode()
+        except ValueError:  # half of a surrogate pair
+            raise EncodeError("a string that UTF-8 cannot carry")
+        if 0 in raw:
+            raise EncodeError("a string with a NUL in it would end there")
         self.u32(len(raw) + 1)
         self.octets(raw)
         self.u8(0)

@@ -7,12 +7,12 @@ samples start with a SampleIdentity of 24 octets, a requester's answers with
 the request they answer (4 octets).
 """
 
-from .errors import DecodeError
+from .errors import DecodeError, EncodeError
 
 try:
     from typing import Final
 
-    from .cdr import Reader, Writer
+    from .cdr import Buffer, Reader, Writer
 except ImportError:  # MicroPython
     pass
 
@@ -59,21 +59,31 @@ def pull_read_data(
 
 
 def push_sample_identity(buf: bytearray, offset: int, guid: bytes, sequence: int) -> None:
-    """16 octets of GUID, then the 64-bit sequence number as high and low words."""
+    """16 octets of GUID, then the 64-bit sequence number as high and low words.
+
+    The number is another DDS peer's, so a negative one goes through too.
+    """
     if len(guid) != 16:
-        raise DecodeError("a GUID has 16 octets, not %d" % len(guid))
+        raise EncodeError("a GUID has 16 octets, not %d" % len(guid))
+    if not -(1 << 63) <= sequence < 1 << 64:
+        raise EncodeError("%d is not a sequence number" % sequence)
+    if offset + SAMPLE_IDENTITY_SIZE > len(buf):
+        raise EncodeError("the message does not fit %d bytes" % len(buf))
     buf[offset : offset + 16] = guid
     for i in range(4):
         buf[offset + 16 + i] = sequence >> (32 + 8 * i) & 0xFF
         buf[offset + 20 + i] = sequence >> (8 * i) & 0xFF
 
 
-def pull_sample_identity(buf: "bytes | bytearray | memoryview", offset: int, end: int) -> "tuple[bytes, int]":  # noqa: E501
-    """``(guid, sequence number)``."""
+def pull_sample_identity(
+    buf: "Buffer", offset: int, end: int, little: bool = True
+) -> "tuple[bytes, int]":
+    """``(guid, sequence number)``; ``little`` as the submessage's flag says."""
     if offset + SAMPLE_IDENTITY_SIZE > end:
         raise DecodeError("truncated sample identity")
     high = low = 0
     for i in range(4):
-        high |= buf[offset + 16 + i] << (8 * i)
-        low |= buf[offset + 20 + i] << (8 * i)
+        shift = 8 * i if little else 24 - 8 * i
+        high |= buf[offset + 16 + i] << shift
+        low |= buf[offset + 20 + i] << shift
     return bytes(buf[offset : offset + 16]), high << 32 | low

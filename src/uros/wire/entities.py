@@ -12,7 +12,7 @@ its own.
 
 from . import ids
 from .cdr import Reader, Writer
-from .errors import DecodeError, LimitError
+from .errors import DecodeError, EncodeError, LimitError
 
 try:
     from typing import Final
@@ -41,6 +41,8 @@ def push_create(
     kind = object_id & 0x0F
     w.u8(kind)
     w.u8(form)
+    if isinstance(content, str) != (form != ids.IN_BINARY):
+        raise EncodeError("format %d does not carry this content" % form)
     if isinstance(content, str):
         w.string(content)
     else:

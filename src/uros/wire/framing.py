@@ -11,6 +11,10 @@ frames, such as a board's ``printf``, is skipped.
 TCP: a 16-bit little-endian length before each message.
 """
 
+from array import array
+
+from .errors import EncodeError
+
 try:
     from typing import Final
 
@@ -22,14 +26,18 @@ FLAG: Final = 0x7E
 ESCAPE: Final = 0x7D
 XOR: Final = 0x20
 
+# Octets of a frame besides its payload: two addresses, the length, and the CRC.
+_HEADER: Final = 4
+_OVERHEAD: Final = 6
 
 
-def _table() -> "list[int]":
-    out = []
+def _table() -> "array[int]":
+    out = array("H", bytes(512))
     for i in range(256):
+        crc = i
         for _ in range(8):
-            i = i >> 1 ^ (0xA001 if i & 1 else 0)
-        out.append(i)
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+        out[i] = crc
     return out
 
 
@@ -46,52 +54,61 @@ def crc16(data: "Buffer", start: int, stop: int, crc: int = 0) -> int:
 
 def frame_size(payload: "Buffer") -> int:
     """Upper bound of a framed payload's length: every byte escaped."""
-    return 1 + 2 * (len(payload) + 6)
+    return 1 + 2 * (len(payload) + _OVERHEAD)
 
 
 def frame(payload: "Buffer", source: int, destination: int, out: bytearray) -> int:
     """Frame ``payload`` into ``out`` (at least :func:`frame_size` long); the
     framed length. Boards are 1 and up, the agent is 0."""
     size = len(payload)
+    if size > 0xFFFF or not (0 <= source <= 0xFF and 0 <= destination <= 0xFF):
+        raise EncodeError("no frame for %d bytes from %d to %d" % (size, source, destination))
+    if len(out) < frame_size(payload):
+        raise EncodeError("a frame may not fit %d bytes" % len(out))
     crc = crc16(payload, 0, size)
     out[0] = FLAG
-    at = 1
-    for i in range(-4, size + 2):
-        if i >= size:
-            byte = crc & 0xFF if i == size else crc >> 8
-        elif i >= 0:
-            byte = payload[i]
-        elif i == -4:
-            byte = source
-        elif i == -3:
-            byte = destination
-        elif i == -2:
-            byte = size & 0xFF
-        else:
-            byte = size >> 8
+    at = _escape(out, 1, source)
+    at = _escape(out, at, destination)
+    at = _escape(out, at, size & 0xFF)
+    at = _escape(out, at, size >> 8)
+    for byte in payload:
         if byte == FLAG or byte == ESCAPE:
             out[at] = ESCAPE
             at += 1
             byte ^= XOR
         out[at] = byte
         at += 1
-    return at
+    at = _escape(out, at, crc & 0xFF)
+    return _escape(out, at, crc >> 8)
+
+
+def _escape(out: bytearray, at: int, byte: int) -> int:
+    if byte == FLAG or byte == ESCAPE:
+        out[at] = ESCAPE
+        at += 1
+        byte ^= XOR
+    out[at] = byte
+    return at + 1
 
 
 class Deframer:
     """Finds frames for one address in a stream of bytes, skipping all else.
 
-    Feed it what arrives, in any pieces; take messages out until there are
-    none. It never raises: a broken frame is counted in ``crc_errors`` or
-    ``skipped`` (bytes) and the search goes on at the next flag.
+    Feed it what arrives, in any pieces. It never raises and holds at most one
+    frame (64 kB). A flag is never part of a frame, so whatever came before, the
+    next sound frame is found.
+
+    Every byte fed is either part of a sound frame, or of the one that is still
+    open, or counted in ``skipped``; a whole frame that is skipped because of
+    its CRC also counts in ``crc_errors``, a sound one for another address in
+    ``foreign``.
     """
 
     __slots__ = (
-        "_body",
-        "_crc",
         "_escaped",
-        "_header",
-        "_length",
+        "_octets",
+        "_size",
+        "_wanted",
         "address",
         "crc_errors",
         "foreign",
@@ -105,72 +122,84 @@ class Deframer:
         self.crc_errors = 0
         self.foreign = 0  # sound frames for somebody else
         self.skipped = 0  # bytes outside of sound frames
-        self._header = -1  # -1: no frame open; else octets after the flag
-        self._escaped = False
-        self._length = 0
-        self._crc = 0
-        self._body = bytearray()
+        self._octets = bytearray()  # the open frame after its flag, unescaped
+        self._wanted = 0  # how long _octets must get next; 0: no frame is open
+        self._escaped = False  # the last byte was an escape
+        self._size = 0  # bytes of the open frame as they came, escapes and flag included
 
     def feed(self, data: "Buffer") -> "list[bytes]":
         """The messages that ``data`` completes, in order."""
-        out = []
-        for byte in data:
-            if byte == FLAG:
-                if self._header > 0:  # a frame was cut off
-                    self.skipped += self._header + 1
-                self._open()
-                continue
-            if self._header < 0:
-                self.skipped += 1
-                continue
-            if byte == ESCAPE:
-                self._escaped = True
-                continue
-            if self._escaped:
-                byte ^= XOR
+        data = bytes(data)  # the others have no find() everywhere
+        out: "list[bytes]" = []
+        at = 0
+        end = len(data)
+        while at < end:
+            flag = data.find(b"\x7e", at)
+            stop = flag if flag >= 0 else end
+            if self._wanted:
+                at = self._fill(data, at, stop, out)
+            self.skipped += stop - at
+            at = stop
+            if flag >= 0:
+                self.skipped += self._size  # a frame that was cut off
+                self._octets = bytearray()
+                self._wanted = _HEADER
                 self._escaped = False
-            at = self._header
-            self._header = at + 1
-            if at == 0:
-                self._crc = byte  # source, kept here until the header is whole
-            elif at == 1:
-                self._length = byte << 16  # destination, likewise
-            elif at == 2:
-                self._length |= byte
-            elif at == 3:
-                self._length |= byte << 8
-            elif at < 4 + (self._length & 0xFFFF):
-                self._body.append(byte)
-            elif at == 4 + (self._length & 0xFFFF):
-                self._crc |= byte << 8
-            else:
-                message = self._close(byte)
-                if message is not None:
-                    out.append(message)
+                self._size = 1
+                at += 1
         return out
 
-    def _open(self) -> None:
-        self._header = 0
-        self._escaped = False
-        self._body = bytearray()
+    def _fill(self, data: bytes, at: int, stop: int, out: "list[bytes]") -> int:
+        """Take ``data[at:stop]``, without a flag in it, into the open frame.
 
-    def _close(self, byte: int) -> "bytes | None":
-        size = self._length & 0xFFFF
-        source = self._crc & 0xFF
-        self._header = -1
-        if crc16(self._body, 0, size) != (self._crc >> 8 | byte << 8):
+        The offset after what the frame took: before ``stop`` where it ends.
+        """
+        octets = self._octets
+        while at < stop:
+            if self._escaped:
+                octets.append(data[at] ^ XOR)
+                self._escaped = False
+                size = 1
+            elif data[at] == ESCAPE:
+                self._escaped = True
+                size = 1
+            else:
+                size = data.find(b"\x7d", at, min(stop, at + self._wanted - len(octets))) - at
+                if size < 0:
+                    size = min(stop - at, self._wanted - len(octets))
+                octets.extend(data[at : at + size])
+            at += size
+            self._size += size
+            if len(octets) == self._wanted:
+                if self._wanted > _HEADER:
+                    self._close(out)
+                    break
+                self._wanted = _OVERHEAD + (octets[2] | octets[3] << 8)
+        return at
+
+    def _close(self, out: "list[bytes]") -> None:
+        octets = self._octets
+        stop = self._wanted - 2
+        if crc16(octets, _HEADER, stop) != octets[stop] | octets[stop + 1] << 8:
             self.crc_errors += 1
-            self.skipped += size + 7
-            return None
-        if self._length >> 16 != self.address:
+            self.skipped += self._size
+        elif octets[1] != self.address:
             self.foreign += 1
-            return None
-        self.source = source
-        return bytes(self._body)
+        else:
+            self.source = octets[0]
+            out.append(bytes(memoryview(octets)[_HEADER:stop]))
+        self._octets = bytearray()
+        self._wanted = 0
+        self._escaped = False
+        self._size = 0
 
 
 class LengthDeframer:
-    """Finds the messages of a TCP stream: a 16-bit length, then the message."""
+    """Finds the messages of a TCP stream: a 16-bit length, then the message.
+
+    It holds at most one message that is not whole. Whatever comes is read as
+    lengths and messages: a TCP stream has no place to start again at.
+    """
 
     __slots__ = ("_buf",)
 

@@ -27,13 +27,19 @@ def push_header(
     ``key`` is the 32-bit client key, first octet on the wire highest; it goes
     out only with session ids below 0x80.
     """
+    if not (0 <= session_id <= 0xFF and 0 <= stream_id <= 0xFF and 0 <= sequence <= 0xFFFF):
+        raise EncodeError("not a header: %d, %d, %d" % (session_id, stream_id, sequence))
+    if len(buf) < (4 if session_id & 0x80 else MAX_HEADER_SIZE):
+        raise EncodeError("the message does not fit %d bytes" % len(buf))
     buf[0] = session_id
     buf[1] = stream_id
     buf[2] = sequence & 0xFF
-    buf[3] = sequence >> 8 & 0xFF
+    buf[3] = sequence >> 8
     if session_id & 0x80:
         return 4
-    buf[4] = key >> 24 & 0xFF
+    if not 0 <= key <= 0xFFFFFFFF:
+        raise EncodeError("%d is not a client key" % key)
+    buf[4] = key >> 24
     buf[5] = key >> 16 & 0xFF
     buf[6] = key >> 8 & 0xFF
     buf[7] = key & 0xFF
@@ -63,6 +69,8 @@ def push_subheader(buf: bytearray, offset: int, kind: int, flags: int, length: i
     """
     if offset + SUBHEADER_SIZE > len(buf):
         raise EncodeError("the message does not fit %d bytes" % len(buf))
+    if not (0 <= kind <= 0xFF and 0 <= flags <= 0xFF and length >= 0):
+        raise EncodeError("not a submessage header: %d, %d, %d" % (kind, flags, length))
     buf[offset] = kind
     buf[offset + 1] = flags
     buf[offset + 2] = length & 0xFF
@@ -108,14 +116,15 @@ class MessageWriter(Writer):
         self, buf: bytearray, session_id: int, stream_id: int, sequence: int, key: int = 0
     ) -> None:
         super().__init__(buf, push_header(buf, session_id, stream_id, sequence, key))
-        self._body = 0
+        self._body = 0  # where the payload of the open submessage starts; 0: none open
 
     def begin(self, kind: int, flags: int = 1) -> None:
         """Start a submessage; the values that follow are its payload."""
         self._close()
-        self.start = 0
-        self.offset = push_subheader(self.buf, self._next(0, 4), kind, flags, 0)
-        self._body = self.start = self.offset
+        # A message header is a multiple of 4 long, and so is a submessage header: what is
+        # aligned to 4 from the last payload's start is so from the message's start.
+        at = self._next(0, 4)
+        self._body = self.start = self.offset = push_subheader(self.buf, at, kind, flags, 0)
 
     def _close(self) -> None:
         if self._body:

@@ -34,10 +34,10 @@ def push_create_client(
     cookie: bytes = ids.COOKIE,
 ) -> None:
     """CLIENT_Representation; ``mtu`` is the client's, in bytes."""
-    w.octets(cookie)
+    w.array(cookie, 4)
     w.u8(version[0])
     w.u8(version[1])
-    w.octets(vendor)
+    w.array(vendor, 2)
     w.be16(key >> 16)
     w.be16(key & 0xFFFF)
     w.u8(session_id)
@@ -59,6 +59,11 @@ def pull_create_client(
     vendor = r.octets(2)
     key = r.be16() << 16 | r.be16()
     session_id = r.u8()
+    properties = _pull_properties(r)
+    return cookie, version, vendor, key, session_id, properties, r.u16()
+
+
+def _pull_properties(r: "Reader") -> "list[tuple[str, str]]":
     properties = []
     if r.boolean():
         count = r.u32()
@@ -68,7 +73,7 @@ def pull_create_client(
             )
         for _ in range(count):
             properties.append((r.string(), r.string()))
-    return cookie, version, vendor, key, session_id, properties, r.u16()
+    return properties
 
 
 def push_status_agent(w: "Writer", status: int, implementation: int = 0) -> None:
@@ -97,10 +102,7 @@ def _pull_agent(r: "Reader") -> None:
     if r.octets(4) != ids.COOKIE:
         raise DecodeError("an agent that does not say XRCE")
     r.octets(4)  # version, vendor
-    if r.boolean():
-        for _ in range(min(r.u32(), MAX_PROPERTIES + 1)):
-            r.string()
-            r.string()
+    _pull_properties(r)
 
 
 def push_request(w: "Writer", request_id: int, object_id: int) -> None:
@@ -163,7 +165,7 @@ def push_info(
     w.u32(len(locators))
     for address, port in locators:
         w.u8(1)  # ADDRESS_FORMAT_MEDIUM: IPv4
-        w.octets(address)
+        w.array(address, 4)
         w.u16(port)
 
 
@@ -226,8 +228,12 @@ def pull_heartbeat(r: "Reader") -> "tuple[int, int, int]":
 
 
 def push_timestamp(w: "Writer", seconds: int, nanoseconds: int) -> None:
-    """The client's clock when it sent this."""
-    w.u32(seconds & 0xFFFFFFFF)
+    """The client's clock when it sent this, in seconds since 1970 or since it started.
+
+    The field is a signed one in the C sources and has no agreed meaning from
+    2038 on; here it counts on to 2106.
+    """
+    w.u32(seconds)
     w.u32(nanoseconds)
 
 

@@ -37,6 +37,9 @@ WINDOW: Final = 16
 HEARTBEAT_MS: Final = 200
 RESEND_HOLD_MS: Final = 10
 
+# Numbers in use at once must be fewer than half of all, or before and after are lost.
+MAX_HELD: Final = 0x7FFF
+
 # Attack: fragments that never end. The largest messages on record are camera
 # images and point clouds of a few megabytes.
 MAX_MESSAGE: Final = 8 * 1024 * 1024
@@ -67,7 +70,7 @@ class BestEffortIn:
 
     def accept(self, sequence: int) -> bool:
         """Whether the message is news."""
-        if 0 < (sequence - self.last) & SEQUENCE_MASK < 0x8000:
+        if sequence_after(sequence, self.last):
             self.last = sequence
             return True
         return False
@@ -76,7 +79,10 @@ class BestEffortIn:
 class ReliableIn:
     """Receiving end of a reliable stream.
 
-    ``next`` is the number expected next, ``announced`` the highest heard of.
+    ``next`` is the number expected next, ``announced`` the highest heard of:
+    ``next - 1`` or later, by less than half of all numbers. Nothing is kept but
+    what lies between ``next`` and ``next + depth``, so a peer can make it hold
+    ``depth`` datagrams.
     """
 
     __slots__ = ("announced", "depth", "next", "waiting")
@@ -114,24 +120,36 @@ class ReliableIn:
             self.next = (self.next + 1) & SEQUENCE_MASK
         return body
 
-    def heartbeat(self, first: int, last: int) -> None:
-        """The sender holds ``first`` to ``last``: earlier ones never come again."""
-        if sequence_after(first, self.next):
-            while self.next != first:
-                self.waiting.pop(self.next, None)
-                self.next = (self.next + 1) & SEQUENCE_MASK
-        if sequence_after(last, self.announced):
+    def heartbeat(self, first: int, last: int) -> bool:
+        """The sender holds ``first`` to ``last``: earlier ones never come again.
+
+        Whether messages are lost by that; a fragmented one may be among them.
+        A heartbeat that cannot be true is ignored.
+        """
+        if (last + 1 - first) & SEQUENCE_MASK > MAX_HELD:
+            return False
+        skip = (first - self.next) & SEQUENCE_MASK
+        lost = 0 < skip < MAX_HELD
+        if lost:
+            # Not a step for each number: one heartbeat can skip 32767 of them.
+            for number in range(self.next, self.next + min(skip, self.depth)):
+                self.waiting.pop(number & SEQUENCE_MASK, None)
+            self.next = first
+            if sequence_after(first, self.announced):
+                self.announced = (first - 1) & SEQUENCE_MASK
+        ahead = (last - self.next) & SEQUENCE_MASK
+        if ahead < MAX_HELD and sequence_after(last, self.announced):
             self.announced = last
+        return lost
 
     def acknack(self) -> "tuple[int, int]":
         """``(first unacknowledged, missing)`` to send back."""
         missing = 0
         # How many numbers from `next` on the sender is known to have sent.
         sent = (self.announced + 1 - self.next) & SEQUENCE_MASK
-        if sent < 0x8000:
-            for i in range(min(16, sent)):
-                if (self.next + i) & SEQUENCE_MASK not in self.waiting:
-                    missing |= 1 << i
+        for i in range(min(16, sent)):
+            if (self.next + i) & SEQUENCE_MASK not in self.waiting:
+                missing |= 1 << i
         return self.next, missing
 
 
@@ -144,9 +162,9 @@ class ReliableOut:
 
     __slots__ = ("_held", "_sent_at", "acked", "deadline", "limit", "next", "sent", "window")
 
-    def __init__(self, window: int = WINDOW, limit: int = 0) -> None:
+    def __init__(self, window: int = WINDOW, limit: int = MAX_HELD) -> None:
         self.window = window
-        self.limit = limit  # most messages held; 0: no limit
+        self.limit = limit  # most messages held, in flight and waiting
         self.next = 0  # number of the next message given
         self.sent = 0  # number of the next message to go out
         self.acked = 0  # first number not acknowledged
@@ -160,11 +178,11 @@ class ReliableOut:
 
     def room(self) -> int:
         """How many messages would go out at once if given now."""
-        return self.window - ((self.next - self.acked) & SEQUENCE_MASK)
+        return max(0, self.window - len(self._held))
 
     def put(self, message: bytes) -> None:
         """Take the message numbered :attr:`next`. Raises LimitError when full."""
-        if self.limit and len(self._held) >= self.limit:
+        if len(self._held) >= self.limit:
             raise LimitError("%d messages wait already" % len(self._held))
         self._held[self.next] = message
         self.next = (self.next + 1) & SEQUENCE_MASK
@@ -190,9 +208,10 @@ class ReliableOut:
         """
         if (first - self.acked) & SEQUENCE_MASK > (self.sent - self.acked) & SEQUENCE_MASK:
             return []
+        news = self.acked != first
         while self.acked != first:
-            self._held.pop(self.acked, None)
-            self._sent_at.pop(self.acked, None)
+            del self._held[self.acked]
+            del self._sent_at[self.acked]
             self.acked = (self.acked + 1) & SEQUENCE_MASK
         out = []
         held_back = False
@@ -209,8 +228,10 @@ class ReliableOut:
         out.extend(self.take(now))
         if self.acked == self.sent:
             self.deadline = None
-        else:
-            self.deadline = ticks_add(now, RESEND_HOLD_MS if held_back else HEARTBEAT_MS)
+        elif held_back:
+            self.deadline = ticks_add(now, RESEND_HOLD_MS)
+        elif news or out:  # else the peer could put the heartbeat off for ever
+            self.deadline = ticks_add(now, HEARTBEAT_MS)
         return out
 
     def heartbeat(self, now: int) -> "tuple[int, int] | None":
@@ -222,40 +243,50 @@ class ReliableOut:
 
 
 class Fragments:
-    """Puts a fragmented submessage together again."""
+    """Puts a fragmented submessage together again, of at most ``MAX_MESSAGE`` bytes."""
 
-    __slots__ = ("_parts", "size")
+    __slots__ = ("_skip", "_whole")
 
     def __init__(self) -> None:
-        self._parts: "list[bytes]" = []
-        self.size = 0
+        # One buffer and no list of parts: four million parts of one byte or none weigh more
+        # than their sum.
+        self._whole = bytearray()
+        self._skip = False
+
+    @property
+    def size(self) -> int:
+        """Bytes kept of a submessage that is not whole yet."""
+        return len(self._whole)
 
     def add(self, part: "Buffer", last: bool) -> "bytearray | None":
         """The whole submessage, header included, after its last fragment.
 
-        Raises :class:`~uros.wire.errors.LimitError`, and forgets the
-        fragments, where the whole passes ``MAX_MESSAGE``.
+        Raises :class:`~uros.wire.errors.LimitError` where the whole passes
+        ``MAX_MESSAGE``; that submessage's other fragments are then dropped.
         """
-        size = self.size + len(part)
-        if size > MAX_MESSAGE:
-            self.clear()
+        if self._skip:
+            self._skip = not last
+            return None
+        whole = self._whole
+        if len(whole) + len(part) > MAX_MESSAGE:
+            self._whole = bytearray()
+            self._skip = not last
             raise LimitError("fragments of over %d bytes" % MAX_MESSAGE)
-        self._parts.append(bytes(part))
-        self.size = size
+        whole.extend(part)
         if not last:
             return None
-        whole = bytearray(size)
-        at = 0
-        for part in self._parts:
-            whole[at : at + len(part)] = part
-            at += len(part)
-        self.clear()
+        self._whole = bytearray()
         return whole
+
+    def lost(self) -> None:
+        """Messages were lost: drop an unfinished submessage and what still comes of it."""
+        self._skip = self._skip or bool(self._whole)
+        self._whole = bytearray()
 
     def clear(self) -> None:
         """Forget what has come: the stream was reset."""
-        self._parts = []
-        self.size = 0
+        self._whole = bytearray()
+        self._skip = False
 
 
 def split(size: int, room: int) -> "list[tuple[int, int, int]]":

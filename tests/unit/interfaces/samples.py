@@ -12,7 +12,7 @@ from uros.interfaces import load, registry
 from uros.interfaces.generate import attribute_name
 from uros.interfaces.parse import INTEGERS, Message, Service, Type
 
-_DTYPES = {"bool": "bool", "byte": "uint8", "char": "uint8"}
+_DTYPES = {"bool": "bool", "byte": "int8", "char": "uint8"}  # rosbags takes byte as signed
 _LETTERS = string.ascii_letters + "äß漢😀 _/"
 
 
@@ -94,7 +94,11 @@ def as_oracle(msg: Any) -> Any:
 
 def _oracle(type_: Type, found: Any) -> Any:
     if type_.array and type_.primitive and type_.name != "string":
+        if type_.name == "byte":
+            found = [_oracle(type_.element, item) for item in found]
         return np.array(list(found), dtype=_DTYPES.get(type_.name, type_.name))
     if type_.array:
         return [_oracle(type_.element, item) for item in found]
+    if type_.name == "byte":
+        return found - 256 if found > 127 else found
     return found if type_.primitive else as_oracle(found)

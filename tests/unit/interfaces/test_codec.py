@@ -192,21 +192,16 @@ def test_wstring(tmp_path):
     cls = load("wide_cases/Wide")
     msg = cls(1, "é😀", ["x"], 2, 3)
     data = to_cdr(msg)
-    assert (
-        data[4:].hex()
-        == (
-            "01000000 03000000 e9000000 3dd80000 00de0000 01000000 01000000 78000000 02000000"
-            "00000000 0000000003000000".replace(" ", "")
-        )[: 2 * (len(data) - 4)]
+    assert data[4:].hex(" ", -4) == (
+        "01000000 03000000 e9000000 3dd80000 00de0000"
+        " 01000000 01000000 78000000 02000000 00000000 03000000 00000000"
     )
     assert from_cdr(cls, data) == msg
     with pytest.raises(InterfaceError, match="Wide.b: length 5, at most 4"):
         to_cdr(cls(b="abcde"))
     with pytest.raises(InterfaceError, match="length 9, at most 4"):
         from_cdr(cls, b"\0\1\0\0" + b"\1\0\0\0\x09\0\0\0" + bytes(60))
-    lone = bytes.fromhex("00010000 01000000 02000000 3dd80000 41000100 00000000 02000000") + bytes(
-        12
-    )
+    lone = bytes.fromhex("00010000 01000000 02000000 3dd80000 41000100" + "00" * 24)
     assert from_cdr(cls, lone).b == "\ufffd\ufffd"
 
 

@@ -107,7 +107,8 @@ def test_service():
 
 def test_defaults_and_constants(tmp_path):
     text = (
-        "int32 A=7\nstring NAME='x'\nint32 a 5\nstring b 'hi'\nfloat32[2] c [1.5, -2]\nbool d true\n"
+        "int32 A=7\nstring NAME='x'\nint32 a 5\nstring b 'hi'\nfloat32[2] c [1.5, -2]\n"
+        "bool d true\n"
         "uint8[] e [1, 2]\nstring[] f ['p', 'q']\nfloat64 g inf\nint16[] h [3]\nfloat32[3] i\n"
         "string[2] j\nbool[] k\nuint8[2] l\nbyte m 9\n"
     )
@@ -199,6 +200,7 @@ def test_package_folder(tmp_path):
     write(tmp_path / "my_a/msg/One.msg", "std_msgs/Header h\nTwo[] t\n")
     write(tmp_path / "my_a/msg/Two.msg", "int32 x\n")
     write(tmp_path / "my_a/srv/Do.srv", "Two a\n---\nint32 b\n")
+    assert known_hash("my_a/msg/One") is None
     assert add_folder(tmp_path / "my_a") == ["my_a/msg/One", "my_a/msg/Two", "my_a/srv/Do"]
     assert load("my_a/One")().t == []
     assert load("my_a/Do").Request().a == load("my_a/Two")()
@@ -317,7 +319,7 @@ def test_write_package(tmp_path):
     code = (
         "import sys\nfrom std_msgs.msg import Header\nassert 'sensor_msgs' not in sys.modules\n"
         "from sensor_msgs.msg import Imu\nfrom std_srvs.srv import SetBool\n"
-        "assert Imu(Header(frame_id='x')).cdr_size() == 320 and SetBool.Request(True).data\n"
+        "assert Imu(Header(frame_id='x')).cdr_size() == 312 and SetBool.Request(True).data\n"
         "try:\n    from std_msgs.msg import Int32\nexcept ImportError: pass\n"
     )
     source = Path(uros.interfaces.__file__).parents[2]

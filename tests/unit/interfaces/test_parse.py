@@ -42,7 +42,8 @@ def test_types():
 
 
 def test_constants():
-    text = "uint8 A=1\nint8 B = -2\nstring C= 'it#s' # note\nstring D=plain\nbool E=true\nfloat32 F=1e3"
+    text = "uint8 A=1\nint8 B = -2\nstring C= 'it#s' # note\nstring D=plain\n"
+    text += "bool E=true\nfloat32 F=1e3"
     found = {c.name: c.value for c in parse_msg(text, "pkg", "Name").constants}
     assert found == {"A": 1, "B": -2, "C": "it#s", "D": "plain", "E": True, "F": 1000.0}
     assert [type(v) for v in found.values()] == [int, int, str, str, bool, float]
@@ -68,6 +69,7 @@ def test_constants():
         ("bool[2] x [true, false]", (True, False)),
         ("string[<=3] x ['a,b', \"c\", d]", ("a,b", "c", "d")),
         ("string<=3 x abc", "abc"),
+        ("string x it's # note", "it's"),
         ("int32 x", None),
         ("int32\tx\t7", 7),
     ],

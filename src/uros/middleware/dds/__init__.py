@@ -1,0 +1,25 @@
+"""The DDS middleware, on Eclipse Cyclone DDS: real ROS 2 nodes on the other side.
+
+==================  ============================================================
+``cyclone``         the C interface: entities as integers, samples as bytes
+``config``          what the ROS 2 environment variables ask of the network
+``participant``     DDS participants shared by many nodes
+``announce``        ``ros_discovery_info``: which endpoint belongs to which node
+``endpoints``       writers, readers, and services in rmw_cyclonedds's format
+``middleware``      the contract, and the thread that waits for samples
+==================  ============================================================
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .middleware import DdsMiddleware
+
+
+def create() -> DdsMiddleware:
+    """A DDS middleware configured by this process's environment."""
+    from .middleware import DdsMiddleware
+
+    return DdsMiddleware()

@@ -23,13 +23,19 @@ from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import uint8
 from cyclonedds.internal import DDS
 
-from ...qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile
+from ...qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from ..base import Bytes, MiddlewareError
 
 INFINITE: Final = 0x7FFFFFFFFFFFFFFF
 RETCODE_TIMEOUT: Final = -10
 RETCODE_OUT_OF_RESOURCES: Final = -5
-STATUS_DATA_AVAILABLE: Final = 1 << 10
+STATUS_DATA_AVAILABLE: Final = 1 << 8  # taking resets it
 # sample, view and instance states of dds_take: all of them
 ANY_STATE: Final = 0x7F
 BUILTIN_TOPIC_PARTICIPANT: Final = 0x7FFF0001
@@ -86,9 +92,6 @@ _get_entity_sertype = _function(
     "dds_get_entity_sertype", _int32, _int32, ctypes.POINTER(_void_p)
 )
 _set_status_mask = _function("dds_set_status_mask", _int32, _int32, ctypes.c_uint32)
-_take_status = _function(
-    "dds_take_status", _int32, _int32, ctypes.POINTER(ctypes.c_uint32), ctypes.c_uint32
-)
 _create_waitset = _function("dds_create_waitset", _int32, _int32)
 _create_guard = _function("dds_create_guardcondition", _int32, _int32)
 _set_guard = _function("dds_set_guardcondition", _int32, _int32, ctypes.c_bool)
@@ -220,7 +223,7 @@ def instance_handle(entity: int) -> int:
 # --- topics without a type ------------------------------------------------------
 
 
-class _Any(IdlStruct, typename="uros::Any"):  # type: ignore[misc]
+class _Any(IdlStruct, typename="uros::Any"):
     """Stands for every type: the binding wants a class, we only want its name."""
 
     # One octet: Cyclone checks and byte-swaps a sample as far as its type goes,
@@ -241,7 +244,7 @@ class _Named:
 
 class _Type:
     def __init__(self, name: str) -> None:
-        idl = _Any.__idl__
+        idl: Any = _Any.__idl__
         idl.populate()
         idl.fill_type_data()
         self.__idl__ = _Named(name, idl)
@@ -331,14 +334,6 @@ def write(writer: int, cdr: Bytes) -> bool:
     raise MiddlewareError(f"DDS cannot write: {_strretcode(code).decode()}")
 
 
-_status = ctypes.c_uint32()
-
-
-def rearm(reader: int) -> None:
-    """Let the next sample wake the waitset again; call it before taking."""
-    _take_status(reader, ctypes.byref(_status), STATUS_DATA_AVAILABLE)
-
-
 def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:
     """At most ``limit`` samples with their SampleInfo, invalid ones left out."""
     got = _ddspy_take(reader, ANY_STATE, limit)
@@ -381,3 +376,142 @@ class Waitset:
     def close(self) -> None:
         delete(self._guard)
         delete(self._entity)
+
+
+# --- what is discovered ---------------------------------------------------------
+
+_create_reader = _create_endpoint["reader"]
+_free = _function("dds_free", None, _void_p)
+_qget_userdata = _function(
+    "dds_qget_userdata", ctypes.c_bool, _void_p, ctypes.POINTER(_void_p), ctypes.POINTER(_size)
+)
+_qget_reliability = _function(
+    "dds_qget_reliability",
+    ctypes.c_bool,
+    _void_p,
+    ctypes.POINTER(ctypes.c_int),
+    ctypes.POINTER(_int64),
+)
+_qget_durability = _function(
+    "dds_qget_durability", ctypes.c_bool, _void_p, ctypes.POINTER(ctypes.c_int)
+)
+_qget_history = _function(
+    "dds_qget_history",
+    ctypes.c_bool,
+    _void_p,
+    ctypes.POINTER(ctypes.c_int),
+    ctypes.POINTER(_int32),
+)
+_qget_deadline = _function("dds_qget_deadline", ctypes.c_bool, _void_p, ctypes.POINTER(_int64))
+_qget_lifespan = _function("dds_qget_lifespan", ctypes.c_bool, _void_p, ctypes.POINTER(_int64))
+_qget_liveliness = _function(
+    "dds_qget_liveliness",
+    ctypes.c_bool,
+    _void_p,
+    ctypes.POINTER(ctypes.c_int),
+    ctypes.POINTER(_int64),
+)
+_qget_partition = _function(
+    "dds_qget_partition",
+    ctypes.c_bool,
+    _void_p,
+    ctypes.POINTER(ctypes.c_uint32),
+    ctypes.POINTER(ctypes.POINTER(_void_p)),
+)
+
+
+def create_builtin_reader(participant: int, topic: int) -> int:
+    """A reader of one of the ``BUILTIN_TOPIC_…``: what its participant discovers."""
+    reader: int = _check(_create_reader(participant, topic, None, None), "read what is discovered")
+    _check(_set_status_mask(reader, STATUS_DATA_AVAILABLE), "watch a reader")
+    return reader
+
+
+def take_participants(reader: int, limit: int) -> list[tuple[bytes, QoSProfile | None]]:
+    """(GUID, QoS) of participants that came or changed; None: it left."""
+    got = _clayer.ddspy_take_participant(
+        reader, limit, lambda key, qos, info: (key, qos if _alive(info) else None), read_qos
+    )
+    return [] if isinstance(got, int) else got
+
+
+def take_endpoints(
+    reader: int, limit: int
+) -> list[tuple[bytes, tuple[bytes, str, str, QoSProfile] | None]]:
+    """(GUID, (participant's GUID, topic, type, QoS)) of endpoints; None: it left."""
+
+    def made(
+        key: bytes,
+        participant: bytes,
+        _handle: int,
+        topic: str | None,
+        type_name: str | None,
+        qos: QoSProfile | None,
+        info: Any,
+        _type_id: bytes | None,
+    ) -> tuple[bytes, tuple[bytes, str, str, QoSProfile] | None]:
+        if not _alive(info) or topic is None or type_name is None or qos is None:
+            return key, None
+        return key, (participant, topic, type_name, qos)
+
+    got = _clayer.ddspy_take_endpoint(reader, limit, made, read_qos)
+    return [] if isinstance(got, int) else got
+
+
+_ALIVE: Final = 16  # DDS_ALIVE_INSTANCE_STATE
+
+
+def _alive(info: Any) -> bool:
+    return bool(info.valid_data) and info.instance_state == _ALIVE
+
+
+def read_qos(pointer: int) -> QoSProfile:
+    """A ``dds_qos_t`` as a profile; a policy that is not in it keeps its default."""
+    qos = QoSProfile()
+    kind, number, time = ctypes.c_int(), _int32(), _int64()
+    if _qget_reliability(pointer, ctypes.byref(kind), ctypes.byref(time)):
+        qos.reliability = (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE)[kind.value]
+    if _qget_durability(pointer, ctypes.byref(kind)):
+        qos.durability = (
+            DurabilityPolicy.VOLATILE,
+            DurabilityPolicy.TRANSIENT_LOCAL,
+            DurabilityPolicy.TRANSIENT,
+            DurabilityPolicy.PERSISTENT,
+        )[kind.value]
+    if _qget_history(pointer, ctypes.byref(kind), ctypes.byref(number)):
+        qos.history = (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL)[kind.value]
+        qos.depth = number.value
+    if _qget_deadline(pointer, ctypes.byref(time)):
+        qos.deadline_ms = _milliseconds(time.value)
+    if _qget_lifespan(pointer, ctypes.byref(time)):
+        qos.lifespan_ms = _milliseconds(time.value)
+    if _qget_liveliness(pointer, ctypes.byref(kind), ctypes.byref(time)):
+        by_topic = kind.value == 2
+        qos.liveliness = (
+            LivelinessPolicy.MANUAL_BY_TOPIC if by_topic else LivelinessPolicy.AUTOMATIC
+        )
+        qos.liveliness_lease_ms = _milliseconds(time.value)
+    qos.partitions = _partitions(pointer)
+    data, size = _void_p(), _size()
+    if _qget_userdata(pointer, ctypes.byref(data), ctypes.byref(size)) and data.value:
+        qos.user_data = ctypes.string_at(data.value, size.value)
+        _free(data)
+    return qos
+
+
+def _milliseconds(nanoseconds: int) -> int | None:
+    return None if nanoseconds == INFINITE else -(-nanoseconds // 1_000_000)
+
+
+def _partitions(pointer: int) -> tuple[str, ...]:
+    count, names = ctypes.c_uint32(), ctypes.POINTER(_void_p)()
+    if not _qget_partition(pointer, ctypes.byref(count), ctypes.byref(names)) or not count.value:
+        return ()
+    found = []
+    for index in range(count.value):
+        address = names[index]
+        if address is not None:
+            found.append(ctypes.string_at(address).decode(errors="replace"))
+            _free(address)
+    _free(names)
+    return tuple(found)

@@ -1,0 +1,109 @@
+"""What stands behind an XRCE object at the middleware.
+
+A datawriter has no class here: the session calls its writer directly. The
+others turn samples of the middleware into payloads of the client and back:
+plain CDR, for a replier behind the 24 bytes of a SampleIdentity, for a
+requester behind the 4 bytes of the request that is answered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from ..middleware.base import Node, Reader
+from ..qos import QoSProfile, services_profile
+from ..wire.data import SAMPLE_IDENTITY_SIZE, pull_sample_identity, push_sample_identity
+from ..wire.errors import DecodeError
+from .representation import ServiceSpec
+
+# Requests whose answers are still expected; a service that never answers must
+# not make the agent grow.
+MAX_PENDING: Final = 256
+
+
+class ReaderEndpoint:
+    """A datareader."""
+
+    __slots__ = ("_reader",)
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        type_name: str,
+        qos: QoSProfile,
+        on_ready: Callable[[], None],
+    ) -> None:
+        self._reader: Reader = node.create_reader(topic, type_name, qos, on_ready)
+
+    def take(self, limit: int) -> list[tuple[int, bytes]]:
+        return [(sample[1] & 1, sample[4:]) for sample in self._reader.take(limit)]
+
+    def close(self) -> None:
+        self._reader.close()
+
+
+class RequesterEndpoint:
+    """A requester: remembers which of the client's requests a reply belongs to."""
+
+    __slots__ = ("_object_id", "_pending", "_requester")
+
+    def __init__(
+        self, node: Node, spec: ServiceSpec, object_id: int, on_ready: Callable[[], None]
+    ) -> None:
+        self._object_id = object_id.to_bytes(2, "big")
+        self._pending: dict[int, bytes] = {}
+        self._requester = node.create_requester(spec.service(), services_profile(), on_ready)
+
+    def write(self, flags: int, payload: memoryview) -> bool:
+        """``payload``: request id, object id, body. False: no room now."""
+        request_id = bytes(payload[:2])
+        sequence = self._requester.request(bytes((0, flags & 1, 0, 0)) + payload[4:])
+        if sequence is None:
+            return False
+        if len(self._pending) >= MAX_PENDING:
+            del self._pending[next(iter(self._pending))]
+        self._pending[sequence] = request_id
+        return True
+
+    def take(self, limit: int) -> list[tuple[int, bytes]]:
+        out = []
+        for sequence, sample in self._requester.take(limit):
+            request_id = self._pending.pop(sequence, None)
+            if request_id is not None:
+                out.append((sample[1] & 1, request_id + self._object_id + sample[4:]))
+        return out
+
+    def close(self) -> None:
+        self._requester.close()
+
+
+class ReplierEndpoint:
+    """A replier: the identity of the asker travels to the client and back."""
+
+    __slots__ = ("_replier",)
+
+    def __init__(self, node: Node, spec: ServiceSpec, on_ready: Callable[[], None]) -> None:
+        self._replier = node.create_replier(spec.service(), services_profile(), on_ready)
+
+    def write(self, flags: int, payload: memoryview) -> bool:
+        """``payload``: request id, object id, identity, body. False: no room now."""
+        if len(payload) < 4 + SAMPLE_IDENTITY_SIZE:
+            raise DecodeError("a reply without the identity of its request")
+        guid, sequence = pull_sample_identity(payload, 4, len(payload))
+        if sequence & 1 << 63:
+            raise DecodeError("a reply to a request with a negative number")
+        body = payload[4 + SAMPLE_IDENTITY_SIZE :]
+        return self._replier.reply(guid, sequence, bytes((0, flags & 1, 0, 0)) + body)
+
+    def take(self, limit: int) -> list[tuple[int, bytes]]:
+        out = []
+        for guid, sequence, sample in self._replier.take(limit):
+            identity = bytearray(SAMPLE_IDENTITY_SIZE)
+            push_sample_identity(identity, 0, guid, sequence)
+            out.append((sample[1] & 1, bytes(identity) + sample[4:]))
+        return out
+
+    def close(self) -> None:
+        self._replier.close()

@@ -1,0 +1,196 @@
+"""What a CREATE asks for, in one form whichever format described it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..middleware.base import Service
+from ..qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, from_flags
+from ..wire import entities, ids
+from ..wire.cdr import Reader
+from ..wire.errors import DecodeError
+from . import profiles
+
+
+class UnknownReference(Exception):
+    """A reference that no profile answers to, or an object that does not exist."""
+
+
+@dataclass(frozen=True)
+class ParticipantSpec:
+    """``name`` is ``namespace/name`` or a bare name; None: the client gave none."""
+
+    domain: int
+    name: str | None
+    localhost_only: bool = False
+
+
+@dataclass(frozen=True)
+class TopicSpec:
+    name: str
+    type_name: str
+
+
+@dataclass(frozen=True)
+class GroupSpec:
+    """A publisher or a subscriber."""
+
+    partitions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class EndpointSpec:
+    """A datawriter or a datareader, on a topic object or on a topic by name."""
+
+    topic_id: int | None
+    topic: TopicSpec | None
+    qos: QoSProfile = field(default_factory=QoSProfile)
+
+
+@dataclass(frozen=True)
+class ServiceSpec:
+    """A requester or a replier."""
+
+    request_topic: str
+    request_type: str
+    reply_topic: str
+    reply_type: str
+
+    def service(self) -> Service:
+        return Service(self.request_topic, self.request_type, self.reply_topic, self.reply_type)
+
+
+Spec = ParticipantSpec | TopicSpec | GroupSpec | EndpointSpec | ServiceSpec
+
+
+def default_writer_qos() -> QoSProfile:
+    """What a datawriter without QoS gets: Fast DDS's default, as with the C++ agent."""
+    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def default_reader_qos() -> QoSProfile:
+    """What a datareader without QoS gets, likewise."""
+    return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def parse(
+    kind: int,
+    form: int,
+    content: str | bytes,
+    parent: int,
+    little: bool,
+    references: profiles.References,
+) -> Spec:
+    """The specification of one object.
+
+    Raises DecodeError for content that means nothing, ProfileError for XML
+    that cannot be used, UnknownReference for a reference nobody defines.
+    """
+    if form == ids.IN_BINARY:
+        assert isinstance(content, bytes)
+        return _from_binary(kind, Reader(content, 0, len(content), little), parent)
+    assert isinstance(content, str)
+    if form == ids.BY_REFERENCE:
+        found = references.find(_TAGS.get(kind, ""), content)
+        if found is None:
+            raise UnknownReference(
+                f"no profile {content!r} of a {_TAGS.get(kind, 'kind')} is known:"
+                " give the agent a file that defines it (--refs FILE)"
+            )
+        return _from_profile(kind, found, parent)
+    if not content.strip():
+        return _from_profile(kind, profiles.Profile(), parent)
+    return _from_profile(kind, profiles.parse_xml(_TAGS.get(kind, ""), content), parent)
+
+
+_TAGS = {
+    ids.KIND_PARTICIPANT: "participant",
+    ids.KIND_TOPIC: "topic",
+    ids.KIND_PUBLISHER: "publisher",
+    ids.KIND_SUBSCRIBER: "subscriber",
+    ids.KIND_DATAWRITER: "data_writer",
+    ids.KIND_DATAREADER: "data_reader",
+    ids.KIND_REQUESTER: "requester",
+    ids.KIND_REPLIER: "replier",
+}
+
+
+def _from_binary(kind: int, r: Reader, parent: int) -> Spec:
+    if kind == ids.KIND_PARTICIPANT:
+        name, _ = entities.pull_binary_participant(r)
+        return ParticipantSpec(parent & 0xFFFF, name)
+    if kind == ids.KIND_TOPIC:
+        topic, type_name = entities.pull_binary_topic(r)
+        if not type_name:
+            raise DecodeError(f"the topic {topic!r} has no type")
+        return TopicSpec(topic, type_name)
+    if kind in (ids.KIND_PUBLISHER, ids.KIND_SUBSCRIBER):
+        return GroupSpec(tuple(entities.pull_binary_group(r)[1]))
+    if kind in (ids.KIND_DATAWRITER, ids.KIND_DATAREADER):
+        reader = kind == ids.KIND_DATAREADER
+        topic_id, fields = entities.pull_binary_endpoint(r, reader)
+        if fields is None:
+            qos = default_reader_qos() if reader else default_writer_qos()
+            return EndpointSpec(topic_id, None, qos)
+        flags, depth, deadline, lifespan, user_data, extra, content_filter = fields
+        if content_filter:
+            raise DecodeError("content filters are not supported: filter on the client")
+        qos = from_flags(flags, depth)
+        qos.deadline_ms = deadline
+        qos.lifespan_ms = lifespan
+        qos.user_data = user_data or b""
+        if reader:
+            qos.separation_ms = extra
+        else:
+            qos.ownership_strength = extra
+        return EndpointSpec(topic_id, None, qos)
+    if kind in (ids.KIND_REQUESTER, ids.KIND_REPLIER):
+        return _service(*entities.pull_binary_service(r))
+    raise DecodeError(f"objects of kind {kind} cannot be created")
+
+
+def _service(
+    name: str,
+    request_type: str,
+    reply_type: str,
+    request_topic: str | None,
+    reply_topic: str | None,
+) -> ServiceSpec:
+    """Topics that are not named are made of the service's name, as Fast DDS does."""
+    return ServiceSpec(
+        request_topic or f"{name}_Request",
+        request_type,
+        reply_topic or f"{name}_Reply",
+        reply_type,
+    )
+
+
+def _from_profile(kind: int, profile: profiles.Profile, parent: int) -> Spec:
+    if kind == ids.KIND_PARTICIPANT:
+        return ParticipantSpec(parent & 0xFFFF, profile.name, profile.localhost_only)
+    if kind == ids.KIND_TOPIC:
+        if not profile.topic_name or not profile.type_name:
+            raise profiles.ProfileError("a topic needs <name> and <dataType>")
+        return TopicSpec(profile.topic_name, profile.type_name)
+    if kind in (ids.KIND_PUBLISHER, ids.KIND_SUBSCRIBER):
+        return GroupSpec(profile.partitions)
+    if kind in (ids.KIND_DATAWRITER, ids.KIND_DATAREADER):
+        if not profile.topic_name:
+            raise profiles.ProfileError("a data_writer or data_reader needs <topic> with <name>")
+        reader = kind == ids.KIND_DATAREADER
+        qos = default_reader_qos() if reader else default_writer_qos()
+        profile.apply(qos)
+        return EndpointSpec(None, TopicSpec(profile.topic_name, profile.type_name or ""), qos)
+    if kind in (ids.KIND_REQUESTER, ids.KIND_REPLIER):
+        if not profile.service_name or not profile.request_type or not profile.reply_type:
+            raise profiles.ProfileError(
+                "a requester or replier needs service_name, request_type and reply_type"
+            )
+        return _service(
+            profile.service_name,
+            profile.request_type,
+            profile.reply_type,
+            profile.request_topic,
+            profile.reply_topic,
+        )
+    raise DecodeError(f"objects of kind {kind} cannot be created")

@@ -1,0 +1,418 @@
+"""One client's XRCE session at the agent: streams, submessages, acknowledgements.
+
+Fed with datagrams, it calls its handler for what is inside them and collects
+what must go back in :attr:`Session.outgoing`. It knows neither sockets nor the
+clock: the caller gives ``now`` in integer milliseconds modulo 2^30.
+
+WRITE_DATA to a datawriter is the hot path: its four bytes of ids become the
+encapsulation header in place, and the writer gets a memoryview of the receive
+buffer. Where a writer has no room, the reliable stream stalls: nothing further
+is handled and nothing acknowledged until :meth:`Session.poll` gets it through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from ..wire import ids
+from ..wire.cdr import Reader, Writer
+from ..wire.errors import DecodeError, LimitError
+from ..wire.header import MessageWriter, header_size, push_header, push_subheader
+from ..wire.session import pull_acknack, pull_heartbeat, push_acknack, push_heartbeat
+from ..wire.streams import (
+    BestEffortIn,
+    Fragments,
+    ReliableIn,
+    ReliableOut,
+    split,
+    ticks_add,
+    ticks_diff,
+)
+
+WriteSample = Callable[[memoryview], bool]
+
+# Smaller than this, not even a STATUS or one byte of a fragment would fit.
+MIN_MTU: Final = 32
+# A client that is silent this long gets no heartbeats until it is heard again.
+SILENT_MS: Final = 30_000
+# Attack: one client opens all 255 streams with a window of messages in each.
+MAX_STREAMS: Final = 32
+# Attack: requests without ever an acknowledgement of their answers.
+MAX_HELD: Final = 4096
+STALL_RETRY_MS: Final = 5
+
+
+class Handler(Protocol):
+    """What a session needs of the client it belongs to."""
+
+    def submessage(self, kind: int, flags: int, stream: int, payload: memoryview) -> bool:
+        """Handle one submessage. False: no room for it now, give it again."""
+
+    def room(self, stream: int) -> None:
+        """A reliable stream can take messages again."""
+
+    def fault(self, what: str, about: str) -> None:
+        """The client broke the protocol; the rest of its message is dropped."""
+
+
+class _Stalled(Exception):
+    """A writer has no room; ``offset`` is where to go on."""
+
+    def __init__(self, offset: int) -> None:
+        self.offset = offset
+
+
+class _In:
+    """A reliable input stream with what belongs to it at the agent."""
+
+    __slots__ = ("ack_due", "fragments", "stalled", "stream")
+
+    def __init__(self) -> None:
+        self.stream = ReliableIn()
+        self.fragments = Fragments()
+        self.ack_due = False
+        # (message, offset): handled up to offset, waiting for a writer's room
+        self.stalled: tuple[bytearray, int] | None = None
+
+
+class Session:
+    """See the module."""
+
+    __slots__ = (
+        "_best_effort_in",
+        "_best_effort_out",
+        "_handler",
+        "_in",
+        "_out",
+        "_retry_at",
+        "_scratch",
+        "dropped",
+        "heard",
+        "key",
+        "mtu",
+        "outgoing",
+        "session_id",
+        "writers",
+    )
+
+    def __init__(self, key: int, session_id: int, mtu: int, handler: Handler) -> None:
+        self.key = key
+        self.session_id = session_id
+        self.mtu = mtu
+        self.heard = 0
+        self.dropped = 0  # samples that found no room on a best-effort stream
+        self.outgoing: list[bytes] = []
+        self.writers: dict[int, WriteSample] = {}  # datawriters' object ids
+        self._handler = handler
+        self._scratch = bytearray(256)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._best_effort_in: dict[int, BestEffortIn] = {}
+        self._best_effort_out: dict[int, int] = {}
+        self._in: dict[int, _In] = {}
+        self._out: dict[int, ReliableOut] = {}
+        self._retry_at: int | None = None
+
+    def reset(self) -> None:
+        """Forget all streams: the client starts anew (RESET, CREATE_CLIENT)."""
+        self._clear()
+        self.outgoing.clear()
+
+    # --- receiving -----------------------------------------------------------
+
+    def receive(self, buf: bytearray, view: memoryview, length: int, now: int) -> bool:
+        """Handle the datagram in ``buf[:length]``, whose header names this session.
+
+        ``view`` is a memoryview of ``buf``; both are the caller's again after.
+        True: the session wants :meth:`finish`, has something to send, or a new
+        deadline. MiddlewareError from a writer passes through.
+        """
+        self.heard = now
+        stream_id = buf[1]
+        sequence = buf[2] | buf[3] << 8
+        start = 4 if buf[0] & 0x80 else 8
+        if stream_id >= ids.STREAM_RELIABLE:
+            self._receive_reliable(stream_id, sequence, buf, view, start, length, now)
+            return True
+        if stream_id:
+            stream = self._best_effort_in.get(stream_id)
+            if stream is None:
+                if len(self._best_effort_in) >= MAX_STREAMS:
+                    self._handler.fault("too many streams", f"stream: {stream_id}")
+                    return False
+                stream = self._best_effort_in[stream_id] = BestEffortIn()
+            if not stream.accept(sequence):
+                return False
+        try:
+            self._submessages(buf, view, start, length, stream_id, now)
+        except DecodeError as error:
+            self._handler.fault("deserialization error", str(error))
+        return bool(self.outgoing) or not stream_id
+
+    def _receive_reliable(
+        self,
+        stream_id: int,
+        sequence: int,
+        buf: bytearray,
+        view: memoryview,
+        start: int,
+        length: int,
+        now: int,
+    ) -> None:
+        incoming = self._in.get(stream_id)
+        if incoming is None:
+            if len(self._in) >= MAX_STREAMS:
+                self._handler.fault("too many streams", f"stream: {stream_id}")
+                return
+            incoming = self._in[stream_id] = _In()
+        incoming.ack_due = True
+        stream = incoming.stream
+        if incoming.stalled is not None:
+            if sequence == stream.next:
+                return  # it comes again: nothing is acknowledged meanwhile
+            stream.receive(sequence, view[start:length])
+            return
+        if not stream.receive(sequence, view[start:length]):
+            return
+        if self._handle(incoming, buf, view, start, length, stream_id, now) and stream.waiting:
+            self._catch_up(incoming, stream_id, now)
+
+    def _handle(
+        self,
+        incoming: _In,
+        buf: bytearray,
+        view: memoryview,
+        start: int,
+        end: int,
+        stream_id: int,
+        now: int,
+    ) -> bool:
+        """Handle one message of a reliable stream. False: stalled in it."""
+        try:
+            self._submessages(buf, view, start, end, stream_id, now)
+        except _Stalled as stalled:
+            if incoming.stalled is None:  # else a reassembled message stalled within
+                incoming.stalled = bytearray(view[stalled.offset : end]), 0
+            self._retry_at = ticks_add(now, STALL_RETRY_MS)
+            return False
+        except DecodeError as error:
+            self._handler.fault("deserialization error", str(error))
+        return stream_id in self._in  # not where the message reset the session
+
+    def _submessages(
+        self, buf: bytearray, view: memoryview, offset: int, end: int, stream_id: int, now: int
+    ) -> None:
+        """Handle the submessages in ``buf[offset:end]``, in order; they start at
+        multiples of 4, and so does ``offset``.
+
+        On a reliable stream raises _Stalled with the offset of the one that
+        found no room, on another drops it. DecodeError where the bytes mean
+        nothing; what came before counts.
+        """
+        while offset + 4 <= end:
+            kind = buf[offset]
+            flags = buf[offset + 1]
+            start = offset + 4
+            stop = start + (buf[offset + 2] | buf[offset + 3] << 8)
+            if stop > end or end - start > 0xFFFF:
+                if end - start <= 0xFFFF:
+                    raise DecodeError(
+                        f"submessage {kind} announces {stop - start} bytes,"
+                        f" {end - start} are there"
+                    )
+                stop = end  # over 64 kB the 16-bit length says nothing
+            write = None
+            if kind == ids.WRITE_DATA and not flags & ids.FORMAT_MASK and stop - start > 4:
+                write = self.writers.get(buf[start + 2] << 8 | buf[start + 3])
+            if write is not None:
+                kept = buf[start : start + 4]
+                buf[start] = 0
+                buf[start + 1] = flags & 1
+                buf[start + 2] = 0
+                buf[start + 3] = 0
+                done = write(view[start:stop])
+                if not done:
+                    buf[start : start + 4] = kept
+            elif kind == ids.ACKNACK:
+                self._acknack(Reader(view, start, stop, bool(flags & 1)), now)
+                done = True
+            elif kind == ids.HEARTBEAT:
+                self._heartbeat(Reader(view, start, stop, bool(flags & 1)), now)
+                done = True
+            elif kind == ids.FRAGMENT:
+                self._fragment(stream_id, flags, view[start:stop], now)
+                done = True
+            elif kind == ids.RESET:
+                self.reset()
+                return
+            else:
+                done = self._handler.submessage(kind, flags, stream_id, view[start:stop])
+            if not done:
+                if stream_id >= ids.STREAM_RELIABLE:
+                    raise _Stalled(offset)
+                self.dropped += 1
+            offset = stop + (-stop & 3)
+
+    def _fragment(self, stream_id: int, flags: int, part: memoryview, now: int) -> None:
+        incoming = self._in.get(stream_id)
+        if incoming is None:
+            raise DecodeError("a fragment outside of a reliable stream")
+        whole = incoming.fragments.add(part, bool(flags & ids.FLAG_LAST_FRAGMENT))
+        if whole is None:
+            return
+        try:
+            self._submessages(whole, memoryview(whole), 0, len(whole), stream_id, now)
+        except _Stalled as stalled:
+            incoming.stalled = whole, stalled.offset
+            raise
+
+    def _acknack(self, reader: Reader, now: int) -> None:
+        first, missing, stream_id = pull_acknack(reader)
+        stream = self._out.get(stream_id)
+        if stream is None:
+            return
+        had_room = stream.room() > 0
+        self.outgoing.extend(stream.acknack(first, missing, now))
+        if not had_room and stream.room() > 0:
+            self._handler.room(stream_id)
+
+    def _heartbeat(self, reader: Reader, now: int) -> None:
+        first, last, stream_id = pull_heartbeat(reader)
+        if stream_id < ids.STREAM_RELIABLE:
+            return
+        incoming = self._in.get(stream_id)
+        if incoming is None:
+            if len(self._in) >= MAX_STREAMS:
+                raise LimitError("too many streams")
+            incoming = self._in[stream_id] = _In()
+        incoming.ack_due = True
+        if incoming.stalled is None:
+            incoming.stream.heartbeat(first, last)
+            self._catch_up(incoming, stream_id, now)
+
+    def _catch_up(self, incoming: _In, stream_id: int, now: int) -> None:
+        """Handle the messages that have become the next ones."""
+        while True:
+            body = incoming.stream.pop()
+            if body is None:
+                return
+            kept = bytearray(body)
+            if not self._handle(incoming, kept, memoryview(kept), 0, len(kept), stream_id, now):
+                return
+
+    # --- time ----------------------------------------------------------------
+
+    def finish(self, now: int) -> None:
+        """After a burst of datagrams: acknowledge what came, once a stream."""
+        for stream_id, incoming in self._in.items():
+            if incoming.ack_due and incoming.stalled is None:
+                incoming.ack_due = False
+                first, missing = incoming.stream.acknack()
+                w = self._message(ids.ACKNACK)
+                push_acknack(w, first, missing, stream_id)
+                self.outgoing.append(w.finish())
+
+    def next_deadline(self) -> int | None:
+        """When :meth:`poll` has something to do, or None."""
+        soonest = self._retry_at
+        for stream in self._out.values():
+            deadline = stream.deadline
+            if deadline is not None and (soonest is None or ticks_diff(deadline, soonest) < 0):
+                soonest = deadline
+        return soonest
+
+    def poll(self, now: int) -> None:
+        """Send the heartbeats that are due, try stalled writes again."""
+        if self._retry_at is not None and ticks_diff(now, self._retry_at) >= 0:
+            self._retry_at = None
+            for stream_id, incoming in list(self._in.items()):
+                if incoming.stalled is not None:
+                    self._retry(incoming, stream_id, now)
+            self.finish(now)
+        silent = ticks_diff(now, self.heard) > SILENT_MS
+        for stream_id, stream in self._out.items():
+            if silent:
+                stream.deadline = None
+                continue
+            due = stream.heartbeat(now)
+            if due is not None:
+                w = self._message(ids.HEARTBEAT)
+                push_heartbeat(w, due[0], due[1], stream_id)
+                self.outgoing.append(w.finish())
+
+    def _retry(self, incoming: _In, stream_id: int, now: int) -> None:
+        assert incoming.stalled is not None
+        message, offset = incoming.stalled
+        incoming.stalled = None
+        if self._handle(
+            incoming, message, memoryview(message), offset, len(message), stream_id, now
+        ):
+            self._catch_up(incoming, stream_id, now)
+
+    # --- sending ---------------------------------------------------------------
+
+    def _message(self, kind: int) -> MessageWriter:
+        w = MessageWriter(self._scratch, self.session_id, ids.STREAM_NONE, 0, self.key)
+        w.begin(kind)
+        return w
+
+    def room(self, stream_id: int) -> int:
+        """How many messages the stream would send at once. Best effort: always some."""
+        if stream_id < ids.STREAM_RELIABLE:
+            return 1
+        stream = self._out.get(stream_id)
+        return stream.room() if stream is not None else 16
+
+    def answer(self, kind: int, stream_id: int, now: int, push: Callable[[Writer], None]) -> None:
+        """Send one small submessage whose payload ``push`` writes."""
+        w = Writer(self._scratch)
+        push(w)
+        self.send(kind, ids.FLAG_LITTLE_ENDIAN, stream_id, bytes(self._scratch[: w.offset]), now)
+
+    def send(self, kind: int, flags: int, stream_id: int, payload: bytes, now: int) -> bool:
+        """Send one submessage on a stream, in fragments where it needs them.
+
+        False: it is lost, being too large for a best-effort stream. Raises
+        LimitError where the client never acknowledges what it is sent.
+        """
+        head = header_size(self.session_id)
+        size = len(payload)
+        if head + 4 + size <= self.mtu:
+            self._put(stream_id, kind, flags, payload, now)
+            return True
+        if stream_id < ids.STREAM_RELIABLE:
+            self.dropped += 1
+            return False
+        whole = bytearray(4 + size)
+        push_subheader(whole, 0, kind, flags, size)
+        whole[4:] = payload
+        for start, stop, fragment_flags in split(len(whole), self.mtu - head - 4):
+            self._put(
+                stream_id, ids.FRAGMENT, fragment_flags, bytes(whole[start:stop]), now
+            )
+        return True
+
+    def _put(self, stream_id: int, kind: int, flags: int, payload: bytes, now: int) -> None:
+        stream = None
+        sequence = 0
+        if stream_id >= ids.STREAM_RELIABLE:
+            stream = self._out.get(stream_id)
+            if stream is None:
+                if len(self._out) >= MAX_STREAMS:
+                    raise LimitError("too many streams")
+                stream = self._out[stream_id] = ReliableOut(limit=MAX_HELD)
+            sequence = stream.next
+        elif stream_id:
+            sequence = self._best_effort_out.get(stream_id, 0)
+            self._best_effort_out[stream_id] = (sequence + 1) & 0xFFFF
+        head = bytearray(header_size(self.session_id) + 4)
+        at = push_header(head, self.session_id, stream_id, sequence, self.key)
+        push_subheader(head, at, kind, flags, len(payload))
+        message = bytes(head) + payload
+        if stream is None:
+            self.outgoing.append(message)
+        else:
+            stream.put(message)
+            self.outgoing.extend(stream.take(now))

@@ -1,0 +1,70 @@
+"""Cyclone's configuration from the environment, as rmw_cyclonedds reads it.
+
+A user's own ``CYCLONEDDS_URI`` comes last and so has the last word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from xml.sax.saxutils import quoteattr
+
+from ..base import MiddlewareError
+
+RANGES = ("OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
+
+# Two hundred ROS processes on one machine; RTPS ports allow no more.
+_MAX_PARTICIPANT_INDEX = 200
+
+
+def discovery_range(environment: Mapping[str, str]) -> str:
+    """How far discovery reaches: one of :data:`RANGES`.
+
+    ``ROS_LOCALHOST_ONLY=1`` counts where ``ROS_AUTOMATIC_DISCOVERY_RANGE`` is
+    not set. Raises MiddlewareError for a value that does not exist.
+    """
+    value = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper()
+    if not value:
+        return "LOCALHOST" if environment.get("ROS_LOCALHOST_ONLY") == "1" else "SUBNET"
+    if value not in RANGES:
+        raise MiddlewareError(
+            f"ROS_AUTOMATIC_DISCOVERY_RANGE={value!r} does not exist;"
+            f" set it to one of {', '.join(RANGES)}"
+        )
+    return value
+
+
+def config_xml(environment: Mapping[str, str], pid: int) -> str:
+    """The configuration of a domain, in the form of ``CYCLONEDDS_URI``."""
+    reach = discovery_range(environment)
+    peers = [peer for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer]
+    general = ""
+    discovery = "<ParticipantIndex>auto</ParticipantIndex>"
+    discovery += f"<MaxAutoParticipantIndex>{_MAX_PARTICIPANT_INDEX}</MaxAutoParticipantIndex>"
+    if reach == "OFF":
+        general = "<AllowMulticast>false</AllowMulticast>"
+        discovery = "<ParticipantIndex>none</ParticipantIndex>"
+        discovery += f"<Tag>ros_discovery_off_{pid}</Tag>"
+        peers = []
+    elif reach == "LOCALHOST":
+        general = "<AllowMulticast>false</AllowMulticast>"
+        if not environment.get("CYCLONEDDS_URI"):
+            general += '<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>'
+        peers = ["127.0.0.1", *peers]
+    elif reach == "SYSTEM_DEFAULT":
+        peers = []
+    if peers:
+        listed = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
+        discovery += f"<Peers>{listed}</Peers>"
+    ours = (
+        f"<CycloneDDS><Domain><General>{general}</General>"
+        f"<Discovery>{discovery}</Discovery></Domain></CycloneDDS>"
+    )
+    return ",".join(part for part in (ours, environment.get("CYCLONEDDS_URI", "")) if part)
+
+
+def gid_size(environment: Mapping[str, str]) -> int:
+    """Bytes of a Gid in ``ros_discovery_info``: 24 up to Humble, 16 from Iron on."""
+    return 24 if environment.get("ROS_DISTRO", "") in _LONG_GID_DISTROS else 16
+
+
+_LONG_GID_DISTROS = ("foxy", "galactic", "humble")

@@ -1,0 +1,227 @@
+"""Reading the graph: who is in a domain, by Cyclone's builtin topics and ``ros_discovery_info``.
+
+Everything is kept under its DDS names; :mod:`uros.host.graph` makes ROS names of them. The
+readers are served by the middleware like all others, so :attr:`Discovery.on_change` comes from
+its ``dispatch``, in the data plane's thread.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from ...qos import QoSProfile
+from ..base import OnReady
+from . import announce, cyclone
+from .endpoints import DdsReader
+
+if TYPE_CHECKING:
+    from .middleware import DdsNode
+
+_BATCH: Final = 256
+_GID_SIZES: Final = (16, 24)
+_GUID_SIZE: Final = 16
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A writer or a reader on the network; ``qos.user_data`` is what it announces itself."""
+
+    guid: bytes
+    participant: bytes
+    is_writer: bool
+    topic: str
+    type_name: str
+    qos: QoSProfile
+
+
+class Discovery:
+    """What the participant of ``node`` has discovered, itself included.
+
+    ``participants`` maps a GUID to its USER_DATA, ``endpoints`` a GUID to the endpoint, and
+    ``announced`` a participant's GUID to the nodes that it says it has, which may come before
+    the participant itself is known. ``on_change`` is called after each batch of news.
+    """
+
+    def __init__(self, node: DdsNode, on_change: Callable[[], None]) -> None:
+        self.participants: dict[bytes, bytes] = {}
+        self.endpoints: dict[bytes, Endpoint] = {}
+        self.announced: dict[bytes, list[announce.NodeEntities]] = {}
+        self._on_change = on_change
+        participant = node.participant
+        entity = participant.entity
+        self._readers: list[_WatchedReader] = []
+        try:
+            for topic, take in (
+                (cyclone.BUILTIN_TOPIC_PARTICIPANT, self._take_participants),
+                (cyclone.BUILTIN_TOPIC_PUBLICATION, self._take_writers),
+                (cyclone.BUILTIN_TOPIC_SUBSCRIPTION, self._take_readers),
+            ):
+                self._watch(node, cyclone.create_builtin_reader(entity, topic), take)
+            self._watch(
+                node,
+                participant.create_reader(announce.TOPIC, announce.TYPE, announce.qos(), b""),
+                self._take_announcements,
+                lambda: participant.release_topic(announce.TOPIC, announce.TYPE),
+            )
+        except BaseException:
+            self.close()
+            raise
+
+    def _watch(
+        self,
+        node: DdsNode,
+        entity: int,
+        take: Callable[[int], int],
+        on_close: Callable[[], None] | None = None,
+    ) -> None:
+        def on_ready() -> None:
+            reader.taken = True
+            while take(entity) == _BATCH:
+                pass
+            self._on_change()
+
+        reader = _WatchedReader(node, entity, on_ready, on_close)
+        self._readers.append(reader)
+
+    def _take_participants(self, entity: int) -> int:
+        news = cyclone.take_participants(entity, _BATCH)
+        for guid, qos in news:
+            if qos is None:
+                self.participants.pop(guid, None)
+                self.announced.pop(guid, None)
+            else:
+                self.participants[guid] = qos.user_data
+        return len(news)
+
+    def _take_writers(self, entity: int) -> int:
+        return self._take_endpoints(entity, True)
+
+    def _take_readers(self, entity: int) -> int:
+        return self._take_endpoints(entity, False)
+
+    def _take_endpoints(self, entity: int, is_writer: bool) -> int:
+        news = cyclone.take_endpoints(entity, _BATCH)
+        for guid, about in news:
+            if about is None:
+                self.endpoints.pop(guid, None)
+            else:
+                participant, topic, type_name, qos = about
+                self.endpoints[guid] = Endpoint(
+                    guid, participant, is_writer, topic, type_name, qos
+                )
+        return len(news)
+
+    def _take_announcements(self, entity: int) -> int:
+        news = cyclone.take(entity, _BATCH)
+        for sample, _info in news:
+            decoded = decode(sample)
+            if decoded is not None:
+                self.announced[decoded[0]] = decoded[1]
+        return len(news)
+
+    def close(self) -> None:
+        """Stop reading. Twice is once."""
+        for reader in self._readers:
+            reader.close()
+        self._readers.clear()
+
+
+class _WatchedReader(DdsReader):
+    """A reader that no node announces as its own."""
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        node: DdsNode,
+        entity: int,
+        on_ready: OnReady,
+        on_close: Callable[[], None] | None,
+    ) -> None:
+        self._node = node
+        self.on_ready = on_ready
+        self.taken = False
+        self.paused = False
+        self.entity = entity
+        self.guid = b""
+        self.key = node.middleware.watch(self)
+
+        def close() -> None:
+            node.middleware.unwatch(self)
+            cyclone.delete(entity)
+            if on_close:
+                on_close()
+
+        self._close = close
+
+
+# --- ros_discovery_info -----------------------------------------------------------
+
+
+def decode(sample: bytes) -> tuple[bytes, list[announce.NodeEntities]] | None:
+    """The participant's GUID and its nodes, or None for what is no such message.
+
+    Nothing in a sample tells whether its Gids have 16 bytes (from Iron on) or 24: the size with
+    which the message ends where the sample ends, and strings are strings, is the right one.
+    """
+    if len(sample) < 4 or sample[0] != 0 or sample[1] > 1:
+        return None
+    for gid_size in _GID_SIZES:
+        try:
+            return _Decoder(sample, gid_size).message()
+        except (ValueError, struct.error):
+            pass
+    return None
+
+
+class _Decoder:
+    """CDR of one ``ParticipantEntitiesInfo``; ValueError or struct.error where it does not fit."""
+
+    def __init__(self, sample: bytes, gid_size: int) -> None:
+        self._data = memoryview(sample)[4:]
+        self._count = struct.Struct("<I" if sample[1] else ">I")
+        self._gid_size = gid_size
+        self._offset = 0
+
+    def message(self) -> tuple[bytes, list[announce.NodeEntities]]:
+        guid = self._gid()
+        nodes = [
+            announce.NodeEntities(self._text(), self._text(), self._gids(), self._gids())
+            for _ in range(self._number())
+        ]
+        rest = bytes(self._data[self._offset :])
+        if len(rest) > 3 or any(rest):
+            raise ValueError("octets are left")
+        return guid, nodes
+
+    def _number(self) -> int:
+        self._offset += -self._offset % 4
+        number: int = self._count.unpack_from(self._data, self._offset)[0]
+        self._offset += 4
+        if number > len(self._data) - self._offset:  # everything counted has an octet or more
+            raise ValueError("more than the sample holds")
+        return number
+
+    def _bytes(self, size: int) -> bytes:
+        start, self._offset = self._offset, self._offset + size
+        if self._offset > len(self._data):
+            raise ValueError("the sample ends early")
+        return bytes(self._data[start : self._offset])
+
+    def _text(self) -> str:
+        raw = self._bytes(self._number())
+        if raw[-1:] != b"\0":
+            raise ValueError("a string without its end")
+        return raw[:-1].decode()
+
+    def _gids(self) -> list[bytes]:
+        return [self._gid() for _ in range(self._number())]
+
+    def _gid(self) -> bytes:
+        raw = self._bytes(self._gid_size)
+        if any(raw[_GUID_SIZE:]):
+            raise ValueError("a padding that is none")
+        return raw[:_GUID_SIZE]

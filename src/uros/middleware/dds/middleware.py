@@ -1,0 +1,214 @@
+"""Nodes on DDS, and the thread that sleeps until a sample arrives.
+
+That thread sits in Cyclone's waitset without the GIL. When something arrives
+it notes which readers, makes :meth:`DdsMiddleware.fileno` readable and sleeps
+on a lock until the data plane has dispatched: the data plane takes the samples
+itself, and nothing of Python runs in Cyclone's own threads.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import threading
+import time
+
+from ...qos import QoSProfile
+from ..base import Middleware, MiddlewareError, Node, OnReady, Service
+from ..wake import Wake
+from . import announce, config, cyclone
+from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
+from .participant import MAX_NODES, SharedParticipant
+
+MAX_DOMAIN = 232  # RTPS port numbers end there
+
+
+class DdsNode(Node):
+    """A node of the ROS graph; it shares its participant with others."""
+
+    def __init__(
+        self, middleware: DdsMiddleware, participant: SharedParticipant, namespace: str, name: str
+    ) -> None:
+        self.middleware = middleware
+        self.participant = participant
+        self._entities = announce.NodeEntities(namespace, name)
+        self._endpoints: list[DdsWriter | DdsReader] = []
+        participant.nodes.append(self._entities)
+        participant.changed()
+
+    def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> DdsWriter:
+        return DdsWriter(self, topic, type_name, qos, b"")
+
+    def create_reader(
+        self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
+    ) -> DdsReader:
+        return DdsReader(self, topic, type_name, qos, on_ready, b"")
+
+    def create_requester(
+        self, service: Service, qos: QoSProfile, on_ready: OnReady
+    ) -> DdsRequester:
+        return DdsRequester(self, service, qos, on_ready)
+
+    def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> DdsReplier:
+        return DdsReplier(self, service, qos, on_ready)
+
+    def unique_id(self) -> str:
+        """A service client's or server's id as rmw_cyclonedds writes it."""
+        number = next(self.middleware.service_numbers)
+        octets = self.participant.guid[:12] + number.to_bytes(4, "big")
+        return ".".join(f"{octet:x}" for octet in octets)
+
+    def add_writer(self, writer: DdsWriter) -> None:
+        self._endpoints.append(writer)
+        self._entities.writers.append(writer.guid)
+        self.participant.changed()
+
+    def add_reader(self, reader: DdsReader) -> None:
+        self._endpoints.append(reader)
+        self._entities.readers.append(reader.guid)
+        self.participant.changed()
+
+    def remove_writer(self, writer: DdsWriter) -> None:
+        self._endpoints.remove(writer)
+        self._entities.writers.remove(writer.guid)
+        self.participant.changed()
+
+    def remove_reader(self, reader: DdsReader) -> None:
+        self._endpoints.remove(reader)
+        self._entities.readers.remove(reader.guid)
+        self.participant.changed()
+
+    def close(self) -> None:
+        for endpoint in list(self._endpoints):
+            endpoint.close()
+        if self._entities in self.participant.nodes:
+            self.participant.nodes.remove(self._entities)
+            self.participant.changed()
+
+
+class DdsMiddleware(Middleware):
+    """See the module. Domains are started by their first node."""
+
+    name = "dds"
+
+    def __init__(self) -> None:
+        self.service_numbers = itertools.count(1)
+        self._environment = dict(os.environ)
+        self._domains: dict[int, int] = {}
+        self._participants: dict[int, list[SharedParticipant]] = {}
+        self._readers: dict[int, DdsReader] = {}
+        self._keys = itertools.count(1)
+        self._wake = Wake()
+        self._waitset: cyclone.Waitset | None = None
+        self._ready: list[int] = []
+        self._resume = threading.Lock()
+        self._closed = False
+        self._thread: threading.Thread | None = None
+
+    def create_node(
+        self, domain: int, namespace: str, name: str, localhost_only: bool = False
+    ) -> DdsNode:
+        if not 0 <= domain <= MAX_DOMAIN:
+            raise MiddlewareError(f"domain {domain} is not within 0 to {MAX_DOMAIN}")
+        if localhost_only and config.discovery_range(self._environment) != "LOCALHOST":
+            raise MiddlewareError(
+                "a client wants a participant that never leaves this machine, and domain"
+                f" {domain} is open to the network: start the agent with"
+                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+            )
+        return DdsNode(self, self._participant(domain), namespace, name)
+
+    def _participant(self, domain: int) -> SharedParticipant:
+        if domain not in self._domains:
+            xml = config.config_xml(self._environment, os.getpid())
+            self._domains[domain] = cyclone.create_domain(domain, xml)
+        shared = self._participants.setdefault(domain, [])
+        for participant in shared:
+            if len(participant.nodes) < MAX_NODES:
+                return participant
+        shared.append(SharedParticipant(domain, config.gid_size(self._environment)))
+        return shared[-1]
+
+    # --- waiting ------------------------------------------------------------
+
+    def watch(self, reader: DdsReader) -> int:
+        """Wait for the reader's samples; the key it is known by."""
+        if self._waitset is None:
+            self._waitset = cyclone.Waitset()
+            self._resume.acquire()
+            self._thread = threading.Thread(target=self._wait, name="uros-dds", daemon=True)
+            self._thread.start()
+        key = next(self._keys)
+        self._readers[key] = reader
+        self._waitset.attach(reader.entity, key)
+        return key
+
+    def unwatch(self, reader: DdsReader) -> None:
+        if self._readers.pop(reader.key, None) and self._waitset:
+            self._waitset.detach(reader.entity)
+
+    def resume(self, reader: DdsReader) -> None:
+        """Wait again for a reader that was left full; see :meth:`dispatch`."""
+        reader.paused = False
+        if self._waitset and reader.key in self._readers:
+            self._waitset.attach(reader.entity, reader.key)
+
+    def _wait(self) -> None:
+        waitset = self._waitset
+        assert waitset is not None
+        while not self._closed:
+            ready = waitset.wait()
+            if ready:
+                self._ready = ready
+                self._wake.set()
+                self._resume.acquire()  # until the data plane has taken them
+
+    def fileno(self) -> int:
+        return self._wake.fileno()
+
+    def dispatch(self) -> None:
+        self._wake.clear()
+        ready, self._ready = self._ready, []
+        for key in ready:
+            reader = self._readers.get(key)
+            if reader is not None and not reader.paused:
+                reader.taken = False
+                reader.on_ready()
+                if not reader.taken and key in self._readers and self._waitset:
+                    # Nobody has room for it now: until somebody takes, it
+                    # would wake us again and again.
+                    reader.paused = True
+                    self._waitset.detach(reader.entity)
+        if ready:
+            self._resume.release()
+
+    # --- the graph ----------------------------------------------------------
+
+    def _all_participants(self) -> list[SharedParticipant]:
+        return [one for shared in self._participants.values() for one in shared]
+
+    def next_deadline(self) -> float | None:
+        due = [one.due for one in self._all_participants() if one.due is not None]
+        return min(due) if due else None
+
+    def tick(self) -> None:
+        now = time.monotonic()
+        for participant in self._all_participants():
+            if participant.due is not None and participant.due <= now:
+                participant.announce()
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        if self._thread and self._waitset:
+            self._waitset.wake()
+            if self._resume.locked():
+                self._resume.release()
+            self._thread.join()
+            self._waitset.close()
+        for participant in self._all_participants():
+            participant.close()
+        for domain in self._domains.values():
+            cyclone.delete(domain)
+        self._wake.close()

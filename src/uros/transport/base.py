@@ -1,0 +1,102 @@
+"""The contract of a transport at the agent's end.
+
+A transport finds the messages and tells from whom they are; it does not look
+into them beyond the session id. It keeps the sessions of its peers itself, so
+that the way from socket to session is one dictionary look-up. Everything
+happens in the server's thread; nothing blocks.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Protocol
+
+# Drain a ready socket up to so many messages, then the next: a flood must not
+# starve others.
+MAX_BURST = 64
+
+
+class TransportError(OSError):
+    """A transport cannot be opened; the text says why and what to do."""
+
+
+class Session(Protocol):
+    """What a transport knows of a session."""
+
+    key: int
+    session_id: int
+
+    def receive(self, buf: bytearray, view: memoryview, length: int, now: int) -> bool: ...
+
+
+class Host(Protocol):
+    """What a transport needs of the server it works for."""
+
+    def now(self) -> int:
+        """Milliseconds modulo 2^30."""
+
+    def stray(
+        self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
+    ) -> None:
+        """A message that names no session of this peer."""
+
+    def received(
+        self, transport: ServerTransport, session: Any, buf: bytearray, view: memoryview,
+        length: int, now: int,
+    ) -> None:  # fmt: skip
+        """A message of a session, where messages are logged or may fail."""
+
+    def attend(self, session: Any) -> None:
+        """The session wants attention after the burst."""
+
+    def gone(self, transport: ServerTransport, peer: Any) -> None:
+        """The peer's connection is closed for good."""
+
+    def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
+        """Call ``ready`` when the descriptor is readable (or writable too)."""
+
+    def unwatch(self, fileno: int) -> None:
+        """The descriptor is about to be closed."""
+
+    def note(self, level: int, part: str, function: str, what: str, about: str) -> None:
+        """A line for the log."""
+
+    def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
+        """Call once, so many seconds from now."""
+
+
+class ServerTransport(ABC):
+    """See the module."""
+
+    name = ""  # as the log knows it: UDPv4Agent
+    kind = ""  # in arrows of messages: UDP
+
+    def __init__(self) -> None:
+        self.sessions: dict[Any, Any] = {}
+
+    @abstractmethod
+    def open(self, host: Host) -> None:
+        """Open and start watching. Raises TransportError."""
+
+    @abstractmethod
+    def send(self, peer: Any, datagram: bytes) -> None:
+        """Send one message; what cannot be sent is lost, as on a network."""
+
+    @abstractmethod
+    def address(self, peer: Any) -> str:
+        """The peer as a person reads it."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close everything. Twice is once."""
+
+    def deliver(
+        self, host: Host, peer: Any, buf: bytearray, view: memoryview, length: int, now: int
+    ) -> None:
+        """Pass one message on to the session it names, or as a stray."""
+        session = self.sessions.get(peer)
+        if session is not None and length > 7 and buf[0] == session.session_id and buf[0] & 0x80:
+            host.received(self, session, buf, view, length, now)
+        else:
+            host.stray(self, peer, buf, view, length)

@@ -1,0 +1,142 @@
+"""TCP over IPv4 at the agent's end: each message behind its 16-bit length."""
+
+from __future__ import annotations
+
+import socket
+from typing import Final
+
+from ..wire.framing import LengthDeframer
+from .base import Host, ServerTransport, TransportError
+from .udp import bind_trouble
+
+_CHUNK: Final = 65536
+# A client that does not read what it asked for is cut off here.
+MAX_UNSENT: Final = 4 * 1024 * 1024
+# As the C++ agent's; a descriptor each.
+MAX_CONNECTIONS: Final = 1000
+_INFO, _WARNING = 4, 3
+
+
+class _Connection:
+    __slots__ = ("address", "deframer", "sock", "unsent")
+
+    def __init__(self, sock: socket.socket, address: tuple[str, int]) -> None:
+        self.sock = sock
+        self.address = address
+        self.deframer = LengthDeframer()
+        self.unsent = bytearray()
+
+
+class TcpServer(ServerTransport):
+    """Accepts connections on one port; a session ends with its connection."""
+
+    name = "TCPv4Agent"
+    kind = "TCP"
+
+    def __init__(self, port: int, host: str = "0.0.0.0") -> None:
+        super().__init__()
+        self.port = port
+        self._host_address = host
+        self._socket: socket.socket | None = None
+        self._connections: set[_Connection] = set()
+
+    def open(self, host: Host) -> None:
+        sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            sock.bind((self._host_address, self.port))
+            sock.listen(100)
+        except OSError as error:
+            sock.close()
+            raise TransportError(error.errno, bind_trouble("TCP", self.port, error)) from error
+        self.port = sock.getsockname()[1]
+        self._socket = sock
+        self._host = host
+        host.watch(sock.fileno(), self._accept)
+        host.note(_INFO, self.name, "init", "running...", f"port: {self.port}")
+
+    def _accept(self) -> None:
+        if self._socket is None:
+            return
+        try:
+            sock, address = self._socket.accept()
+        except OSError:
+            return  # gone again, or out of descriptors: it will be asked for again
+        if len(self._connections) >= MAX_CONNECTIONS:
+            sock.close()
+            self._note("connection refused", f"over {MAX_CONNECTIONS} connections", address)
+            return
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection = _Connection(sock, address)
+        self._connections.add(connection)
+        self._host.watch(sock.fileno(), lambda: self._ready(connection))
+
+    def _note(self, what: str, about: str, address: tuple[str, int]) -> None:
+        self._host.note(
+            _WARNING, self.name, "tcp", what, f"address: {address[0]}:{address[1]}, {about}"
+        )
+
+    def _ready(self, connection: _Connection) -> None:
+        if connection.unsent:
+            self._push(connection)
+            if connection not in self._connections:
+                return
+        try:
+            chunk = connection.sock.recv(_CHUNK)
+        except BlockingIOError:
+            return
+        except OSError:
+            chunk = b""
+        if not chunk:
+            self._drop(connection)
+            return
+        now = self._host.now()
+        for message in connection.deframer.feed(chunk):
+            buf = bytearray(message)
+            self.deliver(self._host, connection, buf, memoryview(buf), len(buf), now)
+
+    def send(self, peer: _Connection, datagram: bytes) -> None:
+        if peer not in self._connections:
+            return
+        if len(peer.unsent) + len(datagram) > MAX_UNSENT:
+            self._note("connection dropped", "it does not read what it is sent", peer.address)
+            self._drop(peer)
+            return
+        if len(datagram) > 0xFFFF:
+            return  # the length has 16 bits; the MTU field too, so this is no session's
+        waiting = bool(peer.unsent)
+        peer.unsent += len(datagram).to_bytes(2, "little") + datagram
+        if not waiting:
+            self._push(peer)
+
+    def _push(self, connection: _Connection) -> None:
+        try:
+            sent = connection.sock.send(connection.unsent)
+        except BlockingIOError:
+            sent = 0
+        except OSError:
+            self._drop(connection)
+            return
+        del connection.unsent[:sent]
+        fileno = connection.sock.fileno()
+        self._host.watch(fileno, lambda: self._ready(connection), bool(connection.unsent))
+
+    def _drop(self, connection: _Connection) -> None:
+        if connection in self._connections:
+            self._connections.discard(connection)
+            self._host.unwatch(connection.sock.fileno())
+            connection.sock.close()
+            self._host.gone(self, connection)
+
+    def address(self, peer: _Connection) -> str:
+        return f"{peer.address[0]}:{peer.address[1]}"
+
+    def close(self) -> None:
+        for connection in list(self._connections):
+            self._drop(connection)
+        if self._socket is not None:
+            self._host.unwatch(self._socket.fileno())
+            self._socket.close()
+            self._socket = None
