@@ -140,6 +140,7 @@ class Server:
                 key.data()
             except Exception as error:  # whatever it is, the other boards go on
                 self._report(error)
+        middleware.dispatch_local()
         if self.agent.attended:
             self._attend()
         if deadline is not None:

@@ -150,6 +150,11 @@ class Middleware(ABC):
     def dispatch(self) -> None:
         """Call ``on_ready`` of every reader that received something."""
 
+    def dispatch_local(self) -> None:  # noqa: B027  a short cut that most do not have
+        """The same for what this process itself wrote, sooner than by :meth:`fileno`.
+
+        The data plane calls it after each burst of writes."""
+
     def next_deadline(self) -> float | None:
         """When :meth:`tick` wants to be called (``time.monotonic``), or None."""
         return None

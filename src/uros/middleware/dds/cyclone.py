@@ -91,6 +91,15 @@ _get_instance_handle = _function(
 _get_entity_sertype = _function(
     "dds_get_entity_sertype", _int32, _int32, ctypes.POINTER(_void_p)
 )
+_get_domainid = _function(
+    "dds_get_domainid", _int32, _int32, ctypes.POINTER(ctypes.c_uint32)
+)
+_create_topic_sertype = _function(
+    "dds_create_topic_sertype", _int32,
+    _int32, ctypes.c_char_p, ctypes.POINTER(_void_p), _void_p, _void_p, _void_p,
+)  # fmt: skip
+_sertype_ref = _function("ddsi_sertype_ref", _void_p, _void_p)
+_sertype_unref = _function("ddsi_sertype_unref", None, _void_p)
 _set_status_mask = _function("dds_set_status_mask", _int32, _int32, ctypes.c_uint32)
 _create_waitset = _function("dds_create_waitset", _int32, _int32)
 _create_guard = _function("dds_create_guardcondition", _int32, _int32)
@@ -114,12 +123,36 @@ def _check(code: int, what: str) -> int:
 # --- entities -----------------------------------------------------------------
 
 
-def create_domain(domain: int, config: str) -> int:
-    """Start a domain with a configuration (XML, or what CYCLONEDDS_URI takes)."""
-    return _check(_create_domain(domain, config.encode()), f"join domain {domain}")
+_domains: dict[int, tuple[int, int]] = {}  # entity, users
+
+
+def open_domain(domain: int, config: str) -> None:
+    """Join a domain with a configuration (XML, or what CYCLONEDDS_URI takes).
+
+    A process has one of each: who comes later shares it as it is. Every open
+    has its :func:`close_domain`.
+    """
+    entity, users = _domains.get(domain, (0, 0))
+    if not users:
+        entity = _check(_create_domain(domain, config.encode()), f"join domain {domain}")
+    _domains[domain] = entity, users + 1
+
+
+def close_domain(domain: int) -> None:
+    """Leave a domain; with its last user go all its entities."""
+    entity, users = _domains.pop(domain)
+    if users > 1:
+        _domains[domain] = entity, users - 1
+        return
+    for key in [key for key in _sertypes if key[0] == domain]:
+        _sertype_unref(_sertypes.pop(key))
+    _delete(entity)
 
 
 def create_participant(domain: int, user_data: bytes) -> int:
+    """A participant in a domain that is open; ``user_data`` is what peers read of it."""
+    if domain not in _domains:
+        raise MiddlewareError(f"domain {domain} is not open")
     qos = _create_qos()
     _qset_userdata(qos, user_data, len(user_data))
     try:
@@ -254,27 +287,47 @@ _types: dict[str, _Type] = {}
 _quiet_ops: dict[int, Any] = {}
 
 
+# By domain and type name; each holds a reference of its own. A second sertype
+# of a name would not be found equal to a silenced one, and Cyclone's table of
+# them does not bear many of one name.
+_sertypes: dict[tuple[int, str], int] = {}
+
+
 def create_topic(participant: int, name: str, type_name: str) -> int:
     """A topic whose type is nothing but its name."""
-    kind = _types.get(type_name)
-    if kind is None:
-        kind = _types[type_name] = _Type(type_name)
-    topic: int = _clayer.ddspy_topic_create(participant, name, kind, None, None)
+    domain = ctypes.c_uint32()
+    _check(_get_domainid(participant, ctypes.byref(domain)), "tell a domain")
+    key = domain.value, type_name
+    known = _sertypes.get(key)
+    topic: int
+    if known is not None:
+        sertype = _void_p(_sertype_ref(known))  # the topic's
+        topic = _create_topic_sertype(
+            participant, name.encode(), ctypes.byref(sertype), None, None, None
+        )
+        if topic < 0:
+            _sertype_unref(known)
+    else:
+        kind = _types.get(type_name)
+        if kind is None:
+            kind = _types[type_name] = _Type(type_name)
+        topic = _clayer.ddspy_topic_create(participant, name, kind, None, None)
     if topic < 0:
         raise MiddlewareError(
             f"DDS refuses the topic {name!r} with the type {type_name!r}:"
             f" {_strretcode(topic).decode()}"
         )
-    try:
-        _silence(topic)
-    except MiddlewareError:
-        delete(topic)
-        raise
+    if known is None:
+        try:
+            _sertypes[key] = _sertype_ref(_silence(topic))
+        except MiddlewareError:
+            delete(topic)
+            raise
     return topic
 
 
-def _silence(topic: int) -> None:
-    """Keep a topic from announcing type information; see the module."""
+def _silence(topic: int) -> int:
+    """Keep a topic from announcing type information, see the module; its sertype."""
     sertype = _void_p()
     _check(_get_entity_sertype(topic, ctypes.byref(sertype)), "find a topic's sertype")
     assert sertype.value is not None
@@ -282,8 +335,6 @@ def _silence(topic: int) -> None:
     address = word[0]
     if address is None:
         raise MiddlewareError(_CHANGED)
-    if any(address == ctypes.addressof(quiet) for quiet in _quiet_ops.values()):
-        return
     quiet = _quiet_ops.get(address)
     if quiet is None:
         if _quiet_ops or not _is_ops_table(address):
@@ -294,6 +345,7 @@ def _silence(topic: int) -> None:
             quiet[index] = None
         _quiet_ops[address] = quiet
     word[0] = ctypes.addressof(quiet)
+    return sertype.value
 
 
 _CHANGED = (

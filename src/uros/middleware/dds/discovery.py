@@ -50,8 +50,8 @@ class Discovery:
         self.endpoints: dict[bytes, Endpoint] = {}
         self.announced: dict[bytes, list[announce.NodeEntities]] = {}
         self._on_change = on_change
-        participant = node.participant
-        entity = participant.entity
+        self._node = node
+        entity = node.participant.entity
         self._readers: list[_WatchedReader] = []
         try:
             for topic, take in (
@@ -59,20 +59,53 @@ class Discovery:
                 (cyclone.BUILTIN_TOPIC_PUBLICATION, self._take_writers),
                 (cyclone.BUILTIN_TOPIC_SUBSCRIPTION, self._take_readers),
             ):
-                self._watch(node, cyclone.create_builtin_reader(entity, topic), take)
-            self._watch(
-                node,
-                participant.create_reader(announce.TOPIC, announce.TYPE, announce.qos(), b""),
-                self._take_announcements,
-                lambda: participant.release_topic(announce.TOPIC, announce.TYPE),
-            )
+                self._watch(cyclone.create_builtin_reader(entity, topic), take)
+            self._listen()
         except BaseException:
             self.close()
             raise
 
+    def silent(self) -> set[bytes]:
+        """The ROS participants (they have an enclave) that did not tell their nodes yet."""
+        return {
+            guid
+            for guid, data in self.participants.items()
+            if b"enclave=" in data and guid not in self.announced
+        }
+
+    def unheard(self) -> set[bytes]:
+        """The silent ones that have a writer to tell them by; see :meth:`ask_again`."""
+        tellers = {
+            end.participant
+            for end in self.endpoints.values()
+            if end.is_writer and end.topic == announce.TOPIC
+        }
+        return self.silent() & tellers
+
+    def empty(self) -> set[bytes]:
+        """The participants without any endpoint, so far."""
+        return self.participants.keys() - {end.participant for end in self.endpoints.values()}
+
+    def ask_again(self) -> None:
+        """Read ``ros_discovery_info`` anew.
+
+        A Fast DDS writer offers what it has when it meets a reader. Where the reader does not know
+        the writer by then, the offer is lost and comes again with the next heartbeat, after up to
+        three seconds; a new reader gets it at once.
+        """
+        self._readers.pop().close()
+        self._listen()
+
+    def _listen(self) -> None:
+        participant = self._node.participant
+        self._watch(
+            participant.create_reader(announce.TOPIC, announce.TYPE, announce.qos(), b""),
+            self._take_announcements,
+            lambda: participant.release_topic(announce.TOPIC, announce.TYPE),
+        )
+
     def _watch(
         self,
-        node: DdsNode,
         entity: int,
         take: Callable[[int], int],
         on_close: Callable[[], None] | None = None,
@@ -83,7 +116,7 @@ class Discovery:
                 pass
             self._on_change()
 
-        reader = _WatchedReader(node, entity, on_ready, on_close)
+        reader = _WatchedReader(self._node, entity, on_ready, on_close)
         self._readers.append(reader)
 
     def _take_participants(self, entity: int) -> int:

@@ -36,7 +36,7 @@ def type_data(type_name: str) -> bytes:
 
 
 class DdsWriter(Writer):
-    __slots__ = ("_close", "entity", "guid", "type_name")
+    __slots__ = ("_close", "_local", "_middleware", "entity", "guid", "type_name")
 
     def __init__(self, node: DdsNode, topic: str, type_name: str, qos: QoSProfile, data: bytes):
         participant = node.participant
@@ -44,6 +44,8 @@ class DdsWriter(Writer):
         self.entity = participant.create_writer(topic, type_name, qos, data + type_data(type_name))
         self.guid = cyclone.guid(self.entity)
         node.add_writer(self)
+        self._middleware = node.middleware
+        self._local = node.middleware.local_readers(participant.domain, topic)
 
         def close() -> None:
             node.remove_writer(self)
@@ -53,6 +55,8 @@ class DdsWriter(Writer):
         self._close: Callable[[], None] | None = close
 
     def write(self, cdr: Bytes) -> bool:
+        if self._local:
+            self._middleware.written(self._local)
         if cdr[1] & 1:
             return _write(self.entity, cdr)
         return _write(self.entity, _little_endian(self.type_name, cdr))
@@ -101,8 +105,11 @@ class DdsReader(Reader):
         self.guid = cyclone.guid(self.entity)
         node.add_reader(self)
         self.key = node.middleware.watch(self)
+        local = node.middleware.local_readers(participant.domain, topic)
+        local.append(self)
 
         def close() -> None:
+            local.remove(self)
             node.middleware.unwatch(self)
             node.remove_reader(self)
             cyclone.delete(self.entity)

@@ -94,9 +94,13 @@ class DdsMiddleware(Middleware):
     def __init__(self) -> None:
         self.service_numbers = itertools.count(1)
         self._environment = dict(os.environ)
-        self._domains: dict[int, int] = {}
+        self._domains: set[int] = set()
         self._participants: dict[int, list[SharedParticipant]] = {}
         self._readers: dict[int, DdsReader] = {}
+        # Readers of this process by domain and topic, and those just written to:
+        # Cyclone has their samples ready when the write returns.
+        self._local: dict[tuple[int, str], list[DdsReader]] = {}
+        self._written: list[list[DdsReader]] = []
         self._keys = itertools.count(1)
         self._wake = Wake()
         self._waitset: cyclone.Waitset | None = None
@@ -120,8 +124,8 @@ class DdsMiddleware(Middleware):
 
     def _participant(self, domain: int) -> SharedParticipant:
         if domain not in self._domains:
-            xml = config.config_xml(self._environment, os.getpid())
-            self._domains[domain] = cyclone.create_domain(domain, xml)
+            cyclone.open_domain(domain, config.config_xml(self._environment, os.getpid()))
+            self._domains.add(domain)
         shared = self._participants.setdefault(domain, [])
         for participant in shared:
             if len(participant.nodes) < MAX_NODES:
@@ -142,6 +146,20 @@ class DdsMiddleware(Middleware):
         self._readers[key] = reader
         self._waitset.attach(reader.entity, key)
         return key
+
+    def local_readers(self, domain: int, topic: str) -> list[DdsReader]:
+        """This process's readers of a topic: the one list of them, kept up to date."""
+        return self._local.setdefault((domain, topic), [])
+
+    def written(self, readers: list[DdsReader]) -> None:
+        """These local readers have been written to."""
+        self._written.append(readers)
+
+    def dispatch_local(self) -> None:
+        while self._written:
+            for reader in self._written.pop():
+                if not reader.paused:
+                    reader.on_ready()
 
     def unwatch(self, reader: DdsReader) -> None:
         if self._readers.pop(reader.key, None) and self._waitset:
@@ -209,6 +227,6 @@ class DdsMiddleware(Middleware):
             self._waitset.close()
         for participant in self._all_participants():
             participant.close()
-        for domain in self._domains.values():
-            cyclone.delete(domain)
+        for domain in self._domains:
+            cyclone.close_domain(domain)
         self._wake.close()

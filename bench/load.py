@@ -1,0 +1,189 @@
+"""Boards for benchmarks: bare clients that send what they are told, no more.
+
+Written on ``uros.wire`` alone. One :class:`Board` is one UDP socket and one
+session with one datawriter, and on request a datareader of the same topic.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import time
+
+from relay import TOPIC, TYPE
+from uros.wire import data, entities, ids, session
+from uros.wire.cdr import Reader, Writer
+from uros.wire.header import MessageWriter
+
+PARTICIPANT, TOPIC_ID, PUBLISHER, SUBSCRIBER = 0x0011, 0x0012, 0x0013, 0x0014
+WRITER, READER = 0x0015, 0x0016
+
+
+def text(size: int) -> bytes:
+    """A std_msgs/String of ``size`` bytes as CDR without encapsulation."""
+    return struct.pack("<I", size - 4) + b"x" * (size - 5) + b"\0"
+
+
+class Board:
+    """See the module."""
+
+    def __init__(self, port: int, key: int, topic: str = TOPIC, reading: bool = False) -> None:
+        self.key = key
+        self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.sock.connect(("127.0.0.1", port))
+        self.sequence = 0  # reliable stream
+        self.acked = 0
+        started = time.perf_counter()
+        self._create_session()
+        self._create_entities(topic, reading)
+        self.set_up = time.perf_counter() - started
+
+    def _receive(self, timeout: float = 5.0) -> bytes:
+        if not select.select([self.sock], [], [], timeout)[0]:
+            raise TimeoutError("the agent does not answer")
+        return self.sock.recv(65536)
+
+    def _create_session(self) -> None:
+        w = MessageWriter(bytearray(64), ids.SESSION_NONE_WITHOUT_KEY, 0, 0)
+        w.begin(ids.CREATE_CLIENT)
+        session.push_create_client(w, self.key, 0x81, 1400)
+        self.sock.send(w.finish())
+        answer = self._receive()
+        if answer[4] != ids.STATUS_AGENT or answer[8] != ids.STATUS_OK:
+            raise RuntimeError(f"no session: {answer.hex()}")
+
+    def _create_entities(self, topic: str, reading: bool) -> None:
+        def binary(push, *arguments, **options) -> bytes:  # type: ignore[no-untyped-def]
+            w = Writer(bytearray(512))
+            push(w, *arguments, **options)
+            return bytes(w.buf[: w.offset])
+
+        wanted = [
+            (PARTICIPANT, binary(entities.push_binary_participant, f"board_{self.key}", None), 0),
+            (TOPIC_ID, binary(entities.push_binary_topic, topic, TYPE), PARTICIPANT),
+            (PUBLISHER, binary(entities.push_binary_group, None, None), PARTICIPANT),
+            (WRITER, binary(entities.push_binary_endpoint, TOPIC_ID, ids.QOS_KEEP_LAST, 64),
+             PUBLISHER),
+        ]  # fmt: skip
+        if reading:
+            wanted += [
+                (SUBSCRIBER, binary(entities.push_binary_group, None, None), PARTICIPANT),
+                (READER, binary(entities.push_binary_endpoint, TOPIC_ID, ids.QOS_KEEP_LAST, 64,
+                                reader=True), SUBSCRIBER),
+            ]  # fmt: skip
+        for number, (object_id, content, parent) in enumerate(wanted):
+            w = self._message(1024)
+            w.begin(ids.CREATE, ids.FLAG_LITTLE_ENDIAN | ids.FLAG_REPLACE)
+            entities.push_create(w, number + 10, object_id, ids.IN_BINARY, content, parent)
+            self.sock.send(w.finish())
+        if reading:
+            w = self._message(64)
+            w.begin(ids.READ_DATA)
+            control = (ids.MAX_SAMPLES_UNLIMITED, 0, 0, 0)
+            data.push_read_data(w, 40, READER, ids.STREAM_BEST_EFFORT, control=control)
+            self.sock.send(w.finish())
+        answers = 0
+        while answers < len(wanted):
+            message = self._receive()
+            if message[4] == ids.STATUS:
+                _, object_id, status, _ = session.pull_status(Reader(message, 8, len(message)))
+                if status != ids.STATUS_OK:
+                    raise RuntimeError(f"object {object_id:04X}: {ids.status_name(status)}")
+                answers += 1
+        self._acknack(answers)
+
+    def _message(self, size: int) -> MessageWriter:
+        w = MessageWriter(bytearray(size), 0x81, ids.STREAM_RELIABLE, self.sequence)
+        self.sequence = (self.sequence + 1) & 0xFFFF
+        return w
+
+    def _acknack(self, first: int) -> None:
+        w = MessageWriter(bytearray(32), 0x81, 0, 0)
+        w.begin(ids.ACKNACK)
+        session.push_acknack(w, first, 0, ids.STREAM_RELIABLE)
+        self.sock.send(w.finish())
+
+    def sample(self, payload: bytes, reliable: bool) -> bytearray:
+        """A datagram with one WRITE_DATA; its number goes into bytes 2 and 3."""
+        stream = ids.STREAM_RELIABLE if reliable else ids.STREAM_BEST_EFFORT
+        head = bytearray((0x81, stream, 0, 0, ids.WRITE_DATA, 1))
+        head += struct.pack("<H", len(payload) + 4) + struct.pack(">HH", 50, WRITER)
+        return head + payload
+
+    def send_reliable(self, count: int, rate: float, payload: bytes) -> float:
+        """Send samples over the reliable stream with a window of 16, until the last is
+        acknowledged; the seconds it took."""
+        datagram = self.sample(payload, True)
+        send, recv = self.sock.send, self.sock.recv
+        self.sock.setblocking(False)
+        self.acked = self.sequence
+        started = time.perf_counter()
+        sent, heartbeat = 0, started
+        while sent < count or self.acked != self.sequence:
+            now = time.perf_counter()
+            allowed = count if not rate else min(count, int((now - started) * rate) + 1)
+            while sent < allowed and (self.sequence - self.acked) & 0xFFFF < 16:
+                datagram[2], datagram[3] = self.sequence & 0xFF, self.sequence >> 8
+                send(datagram)
+                self.sequence = (self.sequence + 1) & 0xFFFF
+                sent += 1
+            try:
+                message = recv(2048)
+                if message[4] == ids.ACKNACK:
+                    self.acked = message[8] | message[9] << 8
+                    heartbeat = now
+            except BlockingIOError:
+                if now - heartbeat > 0.1 and self.acked != self.sequence:
+                    self._heartbeat()
+                    heartbeat = now
+                elif sent >= allowed or (self.sequence - self.acked) & 0xFFFF >= 16:
+                    select.select([self.sock], [], [], 0.0002)
+        self.sock.setblocking(True)
+        return time.perf_counter() - started
+
+    def _heartbeat(self) -> None:
+        w = MessageWriter(bytearray(32), 0x81, 0, 0)
+        w.begin(ids.HEARTBEAT)
+        session.push_heartbeat(w, self.acked, (self.sequence - 1) & 0xFFFF, ids.STREAM_RELIABLE)
+        self.sock.send(w.finish())
+
+
+def _count_up(datagram: bytearray, at: int) -> None:
+    """The next 16-bit number at offset ``at``."""
+    number = (datagram[at] | datagram[at + 1] << 8) + 1
+    datagram[at] = number & 0xFF
+    datagram[at + 1] = number >> 8 & 0xFF
+
+
+def paced_send(
+    sock: socket.socket, datagram: bytearray, at: int, count: int, rate: float
+) -> float:
+    """Send ``count`` copies with rising numbers at ``rate`` a second (0: as fast as
+    possible); the seconds it took."""
+    send, clock = sock.send, time.perf_counter
+    started = clock()
+    for number in range(count):
+        send(datagram)
+        _count_up(datagram, at)
+        if rate:
+            ahead = started + (number + 1) / rate - clock()
+            if ahead > 0.0005:
+                time.sleep(ahead)
+    return clock() - started
+
+
+def round_trips(sock: socket.socket, datagram: bytearray, at: int, count: int) -> list[float]:
+    """Microseconds from sending to the echo's arrival, sorted; one at a time."""
+    out = []
+    sock.settimeout(2.0)
+    for _ in range(count):
+        started = time.perf_counter()
+        sock.send(datagram)
+        _count_up(datagram, at)
+        while True:
+            answer = sock.recv(65536)
+            if len(answer) >= 64:
+                break
+        out.append((time.perf_counter() - started) * 1e6)
+    return sorted(out)

@@ -1,0 +1,5 @@
+"""``python -m uros``: the same as the ``uros`` command."""
+
+from .tools.cli import main
+
+raise SystemExit(main())
