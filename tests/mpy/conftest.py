@@ -1,6 +1,8 @@
 """Fixtures that hold a MicroPython."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 from mpy.harness import MicroPython, portable_sources
@@ -14,9 +16,22 @@ def micropython() -> Iterator[MicroPython]:
 
 
 @pytest.fixture(scope="module")
-def portable_module(request: pytest.FixtureRequest) -> Iterator[MicroPython]:
-    """A MicroPython with uros and one portable test module, shared by that module's tests."""
-    with MicroPython() as board:
-        board.install(portable_sources())
-        board.write(f"/lib/{request.param.name}", request.param.read_text(encoding="utf-8"))
-        yield board
+def board_with() -> Iterator[Callable[[Path], MicroPython]]:
+    """A MicroPython with uros and one module of portable tests: the same one as long as that
+    module is asked for, since starting it takes longer than most of its tests."""
+    with ExitStack() as stack:
+        holding: Path | None = None
+        board: MicroPython
+
+        def get(module: Path) -> MicroPython:
+            nonlocal holding, board
+            if module != holding:
+                stack.close()
+                holding = None
+                board = stack.enter_context(MicroPython())
+                board.install(portable_sources())
+                board.write(f"/lib/{module.name}", module.read_text(encoding="utf-8"))
+                holding = module
+            return board
+
+        yield get

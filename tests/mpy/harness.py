@@ -25,6 +25,7 @@ MODULE = INSTALLED / "node_modules/@micropython/micropython-webassembly-pyscript
 # What boards get of src/uros: whole folders, or single files of those that hosts share.
 PORTABLE = (
     "wire",
+    "qos.py",
     "interfaces/__init__.py",
     "interfaces/codec.py",
     "interfaces/errors.py",

@@ -1,16 +1,20 @@
 """Every portable test of tests/unit again, on MicroPython."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import pytest
 from mpy.harness import ROOT, MicroPython, portable_tests
 
 
 @pytest.mark.parametrize(
-    ("portable_module", "name", "function"),
+    ("module", "function"),
     [
-        pytest.param(file, file.stem, function, id=f"{file.relative_to(ROOT)}::{function}")
+        pytest.param(file, function, id=f"{file.relative_to(ROOT)}::{function}")
         for file, function in portable_tests()
     ],
-    indirect=["portable_module"],
 )
-def test_portable(portable_module: MicroPython, name: str, function: str) -> None:
-    portable_module.run(f"import {name}\n{name}.{function}()")
+def test_portable(
+    board_with: Callable[[Path], MicroPython], module: Path, function: str
+) -> None:
+    board_with(module).run(f"import {module.stem}\n{module.stem}.{function}()")

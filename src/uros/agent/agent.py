@@ -25,6 +25,11 @@ from .log import DEBUG, WARNING, Log, RateLimit
 from .profiles import References
 from .session import MIN_MTU, Session
 
+# What one UDP datagram can hold; a client that can take more gets no more.
+MAX_MTU = 65507
+# Attack: a client that makes one topic after the other with a second type.
+MAX_CONFLICTS = 1000
+
 
 class Agent:
     """See the module. One thread only: its server's."""
@@ -50,6 +55,8 @@ class Agent:
         self._scratch = bytearray(128)
         # The place of the client that left last: its confirmation goes there.
         self._left: dict[int, tuple[ServerTransport, Any]] = {}
+        self._conflicts: set[tuple[str, str, str]] = set()
+        middleware.on_type_conflict = self._type_conflict
 
     def now(self) -> int:
         return int(time.monotonic() * 1000) & TIME_MASK
@@ -57,6 +64,17 @@ class Agent:
     def attend(self, session: Session) -> None:
         """The session has something to send, or a new deadline."""
         self.attended.add(session)
+
+    def _type_conflict(self, topic: str, here: str, there: str) -> None:
+        """Say once that samples of a topic do not reach each other."""
+        conflict = topic, here, there
+        if conflict not in self._conflicts and len(self._conflicts) < MAX_CONFLICTS:
+            self._conflicts.add(conflict)
+            self.log.warning(
+                "Middleware", "create_endpoint", "type differs",
+                f"topic: {topic}, type: {here}, elsewhere on the network: {there}"
+                " (samples of one do not reach the other)",
+            )  # fmt: skip
 
     # --- datagrams --------------------------------------------------------------
 
@@ -109,7 +127,7 @@ class Agent:
         elif mtu < MIN_MTU:
             status, what = ids.STATUS_ERR_INVALID_DATA, f"MTU of {mtu} is under {MIN_MTU}"
         if status == ids.STATUS_OK:
-            self._admit(transport, peer, key, session_id, mtu)
+            self._admit(transport, peer, key, session_id, min(mtu, MAX_MTU))
         else:
             self.log.warning("Root", "create_client", what, f"client_key: 0x{key:08X}")
         w = MessageWriter(self._scratch, session_id, ids.STREAM_NONE, 0, key)
@@ -134,8 +152,10 @@ class Agent:
             client.session.heard = self.now()
         else:
             # The same client again: its streams start anew, its objects stay.
-            client.session.reset()
             client.session.mtu = mtu
+            client.session.heard = self.now()
+            client.session.reset()
+            self.attend(client.session)
             self.log.info("Root", "create_client", "session re-established", about)
         self._move(client, transport, peer)
 

@@ -13,7 +13,8 @@ yes        yes          OK_MATCHED if equal, else replaced
 
 Equal means the same specification, in whichever format it came. An object
 outlives its parent as a number, as with the C++ agent, so that a client may
-delete in any order; its endpoint does not.
+delete in any order; its endpoint does not outlive the participant. An object
+that lost its endpoint so is made anew where it would be reused.
 """
 
 from __future__ import annotations
@@ -52,6 +53,9 @@ Endpoint = ReaderEndpoint | RequesterEndpoint | ReplierEndpoint | Writer
 DOMAIN_FROM_AGENT = 255
 # Attack: a client that creates all 65536 objects its ids can name.
 MAX_OBJECTS = 4096
+# Attack: one client takes the places of all on the network, which holds some thousand
+# nodes at most, or starts all 233 domains.
+MAX_PARTICIPANTS = 32
 
 _KIND_NAMES = {
     ids.KIND_PARTICIPANT: "participant",
@@ -63,6 +67,13 @@ _KIND_NAMES = {
     ids.KIND_REQUESTER: "requester",
     ids.KIND_REPLIER: "replier",
 }
+_WITH_NODE = (
+    ids.KIND_PARTICIPANT,
+    ids.KIND_DATAWRITER,
+    ids.KIND_DATAREADER,
+    ids.KIND_REQUESTER,
+    ids.KIND_REPLIER,
+)
 _PARENT_KINDS = {
     ids.KIND_DATAWRITER: ids.KIND_PUBLISHER,
     ids.KIND_DATAREADER: ids.KIND_SUBSCRIBER,
@@ -91,7 +102,7 @@ class Surroundings(Protocol):
 
 @dataclass(eq=False)
 class XrceObject:
-    """An object of the client; ``node`` on participants, ``endpoint`` on what has one."""
+    """An object of the client; ``node`` on participants and on what has an ``endpoint``."""
 
     object_id: int
     parent: int
@@ -103,6 +114,15 @@ class XrceObject:
     @property
     def kind(self) -> int:
         return self.object_id & 0x0F
+
+    @property
+    def orphaned(self) -> bool:
+        """Whether its participant, and its endpoint with it, was deleted."""
+        return self.node is None and self.kind in _WITH_NODE
+
+
+class _TooMany(Exception):
+    """More objects than one client may have."""
 
 
 def object_label(object_id: int) -> str:
@@ -117,12 +137,15 @@ class Client:
         self.key = key
         self.session = Session(key, session_id, mtu, self)
         self.objects: dict[int, XrceObject] = {}
+        self.closed = False
         self._agent = agent
 
     # --- what the session reports ---------------------------------------------
 
     def submessage(self, kind: int, flags: int, stream: int, payload: memoryview) -> bool:
         """See :class:`~uros.agent.session.Handler`."""
+        if self.closed:
+            return True  # it said goodbye in the same message: nothing may be made after
         r = Reader(payload, 0, len(payload), bool(flags & ids.FLAG_LITTLE_ENDIAN))
         if kind == ids.WRITE_DATA:
             return self._write_data(flags, payload)
@@ -173,6 +196,7 @@ class Client:
 
     def close(self) -> None:
         """Delete all objects, endpoints before participants."""
+        self.closed = True
         for thing in reversed(list(self.objects.values())):
             self._close_object(thing)
         self.objects.clear()
@@ -191,6 +215,9 @@ class Client:
             self._refused(kind, object_id, str(error))
         except (DecodeError, ProfileError) as error:
             status = ids.STATUS_ERR_INVALID_DATA
+            self._refused(kind, object_id, str(error))
+        except _TooMany as error:
+            status = ids.STATUS_ERR_RESOURCES
             self._refused(kind, object_id, str(error))
         except MiddlewareError as error:
             status = ids.STATUS_ERR_DDS_ERROR
@@ -224,7 +251,7 @@ class Client:
             reuse, replace = flags & ids.FLAG_REUSE, flags & ids.FLAG_REPLACE
             if not reuse and not replace:
                 return ids.STATUS_ERR_ALREADY_EXISTS
-            if reuse:
+            if reuse and not old.orphaned:
                 if old.spec == spec and old.parent == self._parent_id(kind, parent):
                     return ids.STATUS_OK_MATCHED
                 if not replace:
@@ -232,7 +259,11 @@ class Client:
             self._close_object(old)
             del self.objects[object_id]
         elif len(self.objects) >= MAX_OBJECTS:
-            return ids.STATUS_ERR_RESOURCES
+            raise _TooMany(f"over {MAX_OBJECTS} objects")
+        elif kind == ids.KIND_PARTICIPANT and MAX_PARTICIPANTS <= sum(
+            it.kind == kind for it in self.objects.values()
+        ):
+            raise _TooMany(f"over {MAX_PARTICIPANTS} participants")
         thing = XrceObject(object_id, self._parent_id(kind, parent), spec)
         about = self._make(thing)
         self.objects[object_id] = thing
@@ -271,6 +302,7 @@ class Client:
             )
         else:
             thing.endpoint = ReplierEndpoint(node, spec, self._on_ready(thing))
+        thing.node = node
         return about
 
     def _make_node(self, spec: ParticipantSpec) -> Node:
@@ -358,18 +390,12 @@ class Client:
         if thing.endpoint is not None:
             thing.endpoint.close()
             thing.endpoint = None
-        if thing.node is not None:
+        node, thing.node = thing.node, None
+        if node is not None and thing.kind == ids.KIND_PARTICIPANT:
             for child in self.objects.values():
-                if child.endpoint is not None and self._stands_in(child, thing.object_id):
+                if child.node is node:
                     self._close_object(child)
-            thing.node.close()
-            thing.node = None
-
-    def _stands_in(self, thing: XrceObject, participant_id: int) -> bool:
-        parent = self.objects.get(thing.parent)
-        return thing.parent == participant_id or (
-            parent is not None and parent.parent == participant_id
-        )
+            node.close()
 
     # --- data ------------------------------------------------------------------
 
@@ -382,7 +408,13 @@ class Client:
         object_id = payload[2] << 8 | payload[3]
         thing = self.objects.get(object_id)
         if thing is not None and isinstance(thing.endpoint, (RequesterEndpoint, ReplierEndpoint)):
-            return thing.endpoint.write(flags, payload)
+            try:
+                return thing.endpoint.write(flags, payload)
+            except MiddlewareError as error:
+                self.fault("middleware error", str(error))
+                return True
+        if object_id in self.session.writers:
+            raise DecodeError(f"WRITE_DATA of {len(payload)} bytes, without a sample")
         self.fault("unknown object", f"WRITE_DATA to {object_label(object_id)}")
         return True
 
@@ -419,10 +451,17 @@ class Client:
 
     def _pump(self, thing: XrceObject, now: int) -> None:
         delivery = thing.delivery
-        if delivery is not None:
+        if delivery is None:
+            return
+        try:
             delivery.pump(now)
-            if delivery.finished(now):
-                thing.delivery = None
+        except (DecodeError, MiddlewareError) as error:
+            # The middleware calls us for all clients in turn: theirs must not fail with ours.
+            thing.delivery = None
+            self.fault("delivery ended", f"{object_label(thing.object_id)}, {error}")
+            return
+        if delivery.finished(now):
+            thing.delivery = None
 
     # --- the rest --------------------------------------------------------------
 

@@ -12,8 +12,10 @@ from ..wire import ids
 from ..wire.streams import ticks_add, ticks_diff
 from .session import Session
 
-# Samples taken at a time: one client must not keep the others waiting.
+# Samples taken at a time, and sent at once on a best-effort stream: one client must not
+# keep the others waiting.
 _BATCH: Final = 16
+_BURST: Final = 64
 
 
 class Source(Protocol):
@@ -30,8 +32,8 @@ class Delivery:
     None asks for one sample.
     """
 
-    __slots__ = ("_bytes_per_second", "_end", "_head", "_next", "_pace", "_remaining",
-                 "_session", "_source", "stream_id")  # fmt: skip
+    __slots__ = ("_bytes_per_second", "_end", "_head", "_large", "_next", "_pace",
+                 "_remaining", "_session", "_source", "stream_id")  # fmt: skip
 
     def __init__(
         self,
@@ -50,6 +52,8 @@ class Delivery:
         self._remaining: int | None = None if samples == ids.MAX_SAMPLES_UNLIMITED else samples
         self._end: int | None = ticks_add(now, seconds * 1000) if seconds else None
         self._next: int | None = None  # not before, by pace or rate
+        # Samples that need fragments come one by one: the others wait where QoS rules.
+        self._large = False
         self.stream_id = stream_id
 
     def finished(self, now: int) -> bool:
@@ -65,6 +69,8 @@ class Delivery:
     def pump(self, now: int) -> None:
         """Send what there is, what the limits allow and the stream has room for."""
         paced = bool(self._bytes_per_second or self._pace)
+        reliable = self.stream_id >= ids.STREAM_RELIABLE
+        sent = 0
         while not self.finished(now):
             if self._next is not None:
                 if ticks_diff(now, self._next) < 0:
@@ -73,15 +79,20 @@ class Delivery:
             limit = self._session.room(self.stream_id)
             if limit <= 0:
                 return
-            if self.stream_id < ids.STREAM_RELIABLE:
+            if not reliable:
                 limit = _BATCH
+                if sent >= _BURST:
+                    self._next = now  # the rest after the others' turn
+                    return
             if self._remaining is not None:
                 limit = min(limit, self._remaining)
-            samples = self._source.take(1 if paced else min(limit, _BATCH))
+            samples = self._source.take(1 if paced or self._large else min(limit, _BATCH))
             if not samples:
                 return
             for flags, payload in samples:
                 self._session.send(ids.DATA, flags, self.stream_id, self._head + payload, now)
+            sent += len(samples)
+            self._large = reliable and len(samples[-1][1]) > self._session.mtu - 16
             if self._remaining is not None:
                 self._remaining -= len(samples)
             if paced:

@@ -68,11 +68,15 @@ class RequesterEndpoint:
         return True
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        out = []
-        for sequence, sample in self._requester.take(limit):
-            request_id = self._pending.pop(sequence, None)
-            if request_id is not None:
-                out.append((sample[1] & 1, request_id + self._object_id + sample[4:]))
+        out: list[tuple[int, bytes]] = []
+        while not out:
+            replies = self._requester.take(limit)
+            for sequence, sample in replies:
+                request_id = self._pending.pop(sequence, None)
+                if request_id is not None:
+                    out.append((sample[1] & 1, request_id + self._object_id + sample[4:]))
+            if not replies:
+                break
         return out
 
     def close(self) -> None:

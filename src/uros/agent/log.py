@@ -9,7 +9,9 @@ length), 6 trace (its bytes).
 
 from __future__ import annotations
 
+import queue
 import sys
+import threading
 import time
 from typing import Final, TextIO
 
@@ -24,13 +26,32 @@ _NAMES = ("off", "critical", "error", "warning", "info", "debug", "trace")
 _COLOURS = ("", "\033[1;41m", "\033[1;31m", "\033[1;33m", "\033[32m", "\033[36m", "\033[37m")
 
 
+# Lines of faults in a second, whoever is at fault.
+MAX_LINES: Final = 50
+# Lines that may wait for a terminal or pipe that takes none; then they are lost.
+_MAX_WAITING: Final = 10_000
+
+
 class Log:
-    """Writes lines up to ``level`` to ``stream`` (standard output)."""
+    """Writes lines up to ``level`` to ``stream`` (standard output).
+
+    A stream that can block (a file, a pipe, a terminal that was stopped with
+    Ctrl-S) is written to by a thread: boards must not wait for readers of logs.
+    """
 
     def __init__(self, level: int = INFO, stream: TextIO | None = None) -> None:
         self.level = level
         self._stream = stream or sys.stdout
         self._colour = self._stream.isatty()
+        self._waiting: queue.Queue[str | None] = queue.Queue(_MAX_WAITING)
+        self._thread: threading.Thread | None = None
+        self._lost = 0
+        try:
+            self._stream.fileno()
+        except (OSError, ValueError):
+            return
+        self._thread = threading.Thread(target=self._drain, name="uros-log", daemon=True)
+        self._thread.start()
 
     def __call__(self, level: int, part: str, function: str, what: str, about: str = "") -> None:
         if level > self.level:
@@ -41,13 +62,43 @@ class Log:
             name = f"{_COLOURS[level]}{name}\033[0m"
         line = (
             f"[{now // 1_000_000}.{now % 1_000_000:06d}] {name} | {part:<18} | {function:<24} |"
-            f" {what:<30} | {about}".rstrip()
+            f" {what:<30} | {_plain(about)}".rstrip()
+            + "\n"
         )
+        if self._thread is None:
+            self._write(line)
+            return
         try:
-            self._stream.write(line + "\n")
+            self._waiting.put_nowait(line)
+        except queue.Full:
+            self._lost += 1
+
+    def _drain(self) -> None:
+        while True:
+            line = self._waiting.get()
+            if line is None:
+                return
+            self._write(line)
+            if self._lost and self._waiting.empty():
+                lost, self._lost = self._lost, 0
+                self._write(f"({lost} lines of the log were lost: nobody was reading)\n")
+
+    def _write(self, line: str) -> None:
+        try:
+            self._stream.write(line)
             self._stream.flush()
         except (OSError, ValueError):
             self.level = 0  # nobody reads us any more; boards still need us
+
+    def close(self) -> None:
+        """Write what is waiting, for at most a second; nothing is written after."""
+        if self._thread is not None:
+            self.level = 0
+            try:
+                self._waiting.put_nowait(None)
+            except queue.Full:
+                return
+            self._thread.join(1.0)
 
     def info(self, part: str, function: str, what: str, about: str = "") -> None:
         self(INFO, part, function, what, about)
@@ -62,14 +113,31 @@ class Log:
         self(DEBUG, part, function, what, about)
 
 
+def _plain(text: str) -> str:
+    """``text`` with escapes for what is not printable ASCII.
+
+    Names and profiles in it are a client's words: they must not start lines, colour
+    terminals, or end the log of one that cannot show them.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(
+        it if it.isascii() and it.isprintable() else it.encode("unicode_escape").decode()
+        for it in text
+    )
+
+
 class RateLimit:
-    """Lets a kind of line through at most once in ``seconds``; a flood of bad
-    packets must not become a flood of lines."""
+    """Lets a kind of line through at most once in ``seconds``, and ``MAX_LINES`` of
+    all kinds; a flood of bad packets must not become a flood of lines, whether one
+    sends them or many."""
 
     def __init__(self, seconds: float = 1.0) -> None:
         self._seconds = seconds
         self._next: dict[str, float] = {}
         self._held: dict[str, int] = {}
+        self._ends = 0.0  # of the time in which _lines were let through
+        self._lines = 0
 
     def admit(self, kind: str) -> int:
         """0: keep silent. Else how many of the kind this line stands for."""
@@ -77,6 +145,12 @@ class RateLimit:
         if now < self._next.get(kind, 0.0):
             self._held[kind] = self._held.get(kind, 0) + 1
             return 0
+        if now >= self._ends:
+            self._ends = now + self._seconds
+            self._lines = 0
+        if self._lines >= MAX_LINES:
+            return 0
+        self._lines += 1
         if len(self._next) > 256:
             self._next.clear()
             self._held.clear()

@@ -20,6 +20,8 @@ MAX_XML = 64 * 1024
 MAX_REFERENCES_FILE = 4 * 1024 * 1024
 MAX_DEPTH = 32
 MAX_ELEMENTS = 20_000
+# Attack: a number that does not fit the 32 bits it has in DDS.
+MAX_NUMBER = 0x7FFFFFFF
 
 _TAGS = (
     "participant",
@@ -257,6 +259,6 @@ def _milliseconds(period: Element) -> int | None:
 
 
 def _number(text: str, what: str) -> int:
-    if not re.fullmatch(r"\d{1,10}", text):
+    if not re.fullmatch(r"[0-9]{1,10}", text) or int(text) > MAX_NUMBER:
         raise ProfileError(f"<{what}> is {text!r}, not a number")
     return int(text)

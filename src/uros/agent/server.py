@@ -140,7 +140,10 @@ class Server:
                 key.data()
             except Exception as error:  # whatever it is, the other boards go on
                 self._report(error)
-        middleware.dispatch_local()
+        try:
+            middleware.dispatch_local()
+        except Exception as error:  # likewise
+            self._report(error)
         if self.agent.attended:
             self._attend()
         if deadline is not None:
@@ -203,7 +206,7 @@ class Server:
                 return
             del self._timers[client]
             if self.agent.clients.get(client.key) is client:
+                self.agent.attended.add(client.session)  # even if poll fails
                 client.poll(self.now())
-                self.agent.attended.add(client.session)
 
         heapq.heappush(self._calls, (at, next(self._order), fire))

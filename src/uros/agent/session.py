@@ -8,6 +8,8 @@ WRITE_DATA to a datawriter is the hot path: its four bytes of ids become the
 encapsulation header in place, and the writer gets a memoryview of the receive
 buffer. Where a writer has no room, the reliable stream stalls: nothing further
 is handled and nothing acknowledged until :meth:`Session.poll` gets it through.
+
+Whatever a client sends, nothing is raised: its handler hears of it by ``fault``.
 """
 
 from __future__ import annotations
@@ -15,16 +17,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, Protocol
 
+from ..middleware.base import MiddlewareError
 from ..wire import ids
 from ..wire.cdr import Reader, Writer
 from ..wire.errors import DecodeError, LimitError
 from ..wire.header import MessageWriter, header_size, push_header, push_subheader
 from ..wire.session import pull_acknack, pull_heartbeat, push_acknack, push_heartbeat
 from ..wire.streams import (
+    MAX_MESSAGE,
     BestEffortIn,
     Fragments,
     ReliableIn,
     ReliableOut,
+    sequence_after,
     split,
     ticks_add,
     ticks_diff,
@@ -34,8 +39,10 @@ WriteSample = Callable[[memoryview], bool]
 
 # Smaller than this, not even a STATUS or one byte of a fragment would fit.
 MIN_MTU: Final = 32
-# A client that is silent this long gets no heartbeats until it is heard again.
+# A client that answers no heartbeat for so long gets no more until it is heard again,
+# which is looked at every SILENT_CHECK_MS.
 SILENT_MS: Final = 30_000
+SILENT_CHECK_MS: Final = 1000
 # Attack: one client opens all 255 streams with a window of messages in each.
 MAX_STREAMS: Final = 32
 # Attack: requests without ever an acknowledgement of their answers.
@@ -72,8 +79,9 @@ class _In:
         self.stream = ReliableIn()
         self.fragments = Fragments()
         self.ack_due = False
-        # (message, offset): handled up to offset, waiting for a writer's room
-        self.stalled: tuple[bytearray, int] | None = None
+        # Messages that wait for a writer's room, in order; all but the last of a
+        # datagram are reassembled ones.
+        self.stalled: list[bytearray] = []
 
 
 class Session:
@@ -82,7 +90,9 @@ class Session:
     __slots__ = (
         "_best_effort_in",
         "_best_effort_out",
+        "_asking_since",
         "_handler",
+        "_heard_before",
         "_in",
         "_out",
         "_retry_at",
@@ -114,11 +124,18 @@ class Session:
         self._in: dict[int, _In] = {}
         self._out: dict[int, ReliableOut] = {}
         self._retry_at: int | None = None
+        # What `heard` was at the last heartbeat (-1: none is known), and since when
+        # heartbeats go out without anything heard.
+        self._heard_before = -1
+        self._asking_since = 0
 
     def reset(self) -> None:
         """Forget all streams: the client starts anew (RESET, CREATE_CLIENT)."""
+        freed = list(self._out)
         self._clear()
         self.outgoing.clear()
+        for stream_id in freed:
+            self._handler.room(stream_id)
 
     # --- receiving -----------------------------------------------------------
 
@@ -127,7 +144,7 @@ class Session:
 
         ``view`` is a memoryview of ``buf``; both are the caller's again after.
         True: the session wants :meth:`finish`, has something to send, or a new
-        deadline. MiddlewareError from a writer passes through.
+        deadline.
         """
         self.heard = now
         stream_id = buf[1]
@@ -169,10 +186,14 @@ class Session:
             incoming = self._in[stream_id] = _In()
         incoming.ack_due = True
         stream = incoming.stream
-        if incoming.stalled is not None:
-            if sequence == stream.next:
-                return  # it comes again: nothing is acknowledged meanwhile
-            stream.receive(sequence, view[start:length])
+        if incoming.stalled:
+            if sequence != stream.next:
+                stream.receive(sequence, view[start:length])
+            elif sequence not in stream.waiting:
+                # It would be the next one, were the last one handled: keep it for pop().
+                stream.waiting[sequence] = bytes(view[start:length])
+                if sequence_after(sequence, stream.announced):
+                    stream.announced = sequence
             return
         if not stream.receive(sequence, view[start:length]):
             return
@@ -193,8 +214,10 @@ class Session:
         try:
             self._submessages(buf, view, start, end, stream_id, now)
         except _Stalled as stalled:
-            if incoming.stalled is None:  # else a reassembled message stalled within
-                incoming.stalled = bytearray(view[stalled.offset : end]), 0
+            if stalled.offset == 0:
+                incoming.stalled.append(buf)  # a copy of ours already
+            elif stalled.offset < end:
+                incoming.stalled.append(bytearray(view[stalled.offset : end]))
             self._retry_at = ticks_add(now, STALL_RETRY_MS)
             return False
         except DecodeError as error:
@@ -207,8 +230,8 @@ class Session:
         """Handle the submessages in ``buf[offset:end]``, in order; they start at
         multiples of 4, and so does ``offset``.
 
-        On a reliable stream raises _Stalled with the offset of the one that
-        found no room, on another drops it. DecodeError where the bytes mean
+        On a reliable stream raises _Stalled with the offset where to go on, the
+        one that found no room; on another drops that. DecodeError where the bytes mean
         nothing; what came before counts.
         """
         while offset + 4 <= end:
@@ -232,17 +255,22 @@ class Session:
                 buf[start + 1] = flags & 1
                 buf[start + 2] = 0
                 buf[start + 3] = 0
-                done = write(view[start:stop])
+                try:
+                    done = write(view[start:stop])
+                except MiddlewareError as error:
+                    self._handler.fault("middleware error", str(error))
+                    done = True
                 if not done:
                     buf[start : start + 4] = kept
             elif kind == ids.ACKNACK:
                 self._acknack(Reader(view, start, stop, bool(flags & 1)), now)
                 done = True
             elif kind == ids.HEARTBEAT:
-                self._heartbeat(Reader(view, start, stop, bool(flags & 1)), now)
+                self._heartbeat(Reader(view, start, stop, bool(flags & 1)), stream_id, now)
                 done = True
             elif kind == ids.FRAGMENT:
-                self._fragment(stream_id, flags, view[start:stop], now)
+                if not self._fragment(stream_id, flags, view[start:stop], now):
+                    raise _Stalled(stop + (-stop & 3))
                 done = True
             elif kind == ids.RESET:
                 self.reset()
@@ -255,18 +283,27 @@ class Session:
                 self.dropped += 1
             offset = stop + (-stop & 3)
 
-    def _fragment(self, stream_id: int, flags: int, part: memoryview, now: int) -> None:
+    def _fragment(self, stream_id: int, flags: int, part: memoryview, now: int) -> bool:
+        """Handle one fragment. False: what it made whole stalled, and is kept."""
         incoming = self._in.get(stream_id)
         if incoming is None:
             raise DecodeError("a fragment outside of a reliable stream")
+        if len(self._in) > 1:  # all streams together hold no more than one may
+            kept = sum(it.fragments.size for it in self._in.values())
+            incoming.fragments.limit = MAX_MESSAGE - kept + incoming.fragments.size
         whole = incoming.fragments.add(part, bool(flags & ids.FLAG_LAST_FRAGMENT))
         if whole is None:
-            return
+            return True
+        if len(whole) < 4 or whole[0] == ids.FRAGMENT:
+            raise DecodeError("fragments of what is no submessage, or of fragments")
+        if len(whole) <= 0xFFFF:  # one submessage; what follows it is nothing
+            del whole[4 + (whole[2] | whole[3] << 8) :]
         try:
             self._submessages(whole, memoryview(whole), 0, len(whole), stream_id, now)
-        except _Stalled as stalled:
-            incoming.stalled = whole, stalled.offset
-            raise
+        except _Stalled:
+            incoming.stalled.append(whole)
+            return False
+        return True
 
     def _acknack(self, reader: Reader, now: int) -> None:
         first, missing, stream_id = pull_acknack(reader)
@@ -278,7 +315,8 @@ class Session:
         if not had_room and stream.room() > 0:
             self._handler.room(stream_id)
 
-    def _heartbeat(self, reader: Reader, now: int) -> None:
+    def _heartbeat(self, reader: Reader, carrier: int, now: int) -> None:
+        """``carrier`` is the stream it came on."""
         first, last, stream_id = pull_heartbeat(reader)
         if stream_id < ids.STREAM_RELIABLE:
             return
@@ -288,8 +326,12 @@ class Session:
                 raise LimitError("too many streams")
             incoming = self._in[stream_id] = _In()
         incoming.ack_due = True
-        if incoming.stalled is None:
-            incoming.stream.heartbeat(first, last)
+        if incoming.stalled:
+            return
+        if incoming.stream.heartbeat(first, last):
+            incoming.fragments.lost()
+        # Not from within a message of a reliable stream: its rest comes first.
+        if carrier < ids.STREAM_RELIABLE:
             self._catch_up(incoming, stream_id, now)
 
     def _catch_up(self, incoming: _In, stream_id: int, now: int) -> None:
@@ -307,7 +349,7 @@ class Session:
     def finish(self, now: int) -> None:
         """After a burst of datagrams: acknowledge what came, once a stream."""
         for stream_id, incoming in self._in.items():
-            if incoming.ack_due and incoming.stalled is None:
+            if incoming.ack_due and not incoming.stalled:
                 incoming.ack_due = False
                 first, missing = incoming.stream.acknack()
                 w = self._message(ids.ACKNACK)
@@ -328,28 +370,45 @@ class Session:
         if self._retry_at is not None and ticks_diff(now, self._retry_at) >= 0:
             self._retry_at = None
             for stream_id, incoming in list(self._in.items()):
-                if incoming.stalled is not None:
+                if incoming.stalled:
                     self._retry(incoming, stream_id, now)
             self.finish(now)
-        silent = ticks_diff(now, self.heard) > SILENT_MS
+        silent = self._silent(now)
         for stream_id, stream in self._out.items():
-            if silent:
-                stream.deadline = None
-                continue
             due = stream.heartbeat(now)
+            if due is not None and silent:
+                stream.deadline = ticks_add(now, SILENT_CHECK_MS)
+                continue
             if due is not None:
                 w = self._message(ids.HEARTBEAT)
                 push_heartbeat(w, due[0], due[1], stream_id)
                 self.outgoing.append(w.finish())
 
+    def _silent(self, now: int) -> bool:
+        """Whether nothing was heard in SILENT_MS of heartbeats.
+
+        What was heard long ago says nothing: a subscriber may have had nothing to say.
+        """
+        asking = any(stream.deadline is not None for stream in self._out.values())
+        if not asking or self.heard != self._heard_before:
+            self._asking_since = now
+        # What is heard in this same millisecond must differ the next time.
+        self._heard_before = self.heard if asking and self.heard != now else -1
+        if ticks_diff(now, self._asking_since) <= SILENT_MS:
+            return False
+        self._asking_since = ticks_add(now, -SILENT_MS - 1)  # kept within reach of ticks_diff
+        return True
+
     def _retry(self, incoming: _In, stream_id: int, now: int) -> None:
-        assert incoming.stalled is not None
-        message, offset = incoming.stalled
-        incoming.stalled = None
-        if self._handle(
-            incoming, message, memoryview(message), offset, len(message), stream_id, now
-        ):
-            self._catch_up(incoming, stream_id, now)
+        messages, incoming.stalled = incoming.stalled, []
+        for index, message in enumerate(messages):
+            if not self._handle(
+                incoming, message, memoryview(message), 0, len(message), stream_id, now
+            ):
+                if stream_id in self._in:
+                    incoming.stalled.extend(messages[index + 1 :])
+                return
+        self._catch_up(incoming, stream_id, now)
 
     # --- sending ---------------------------------------------------------------
 
@@ -374,8 +433,8 @@ class Session:
     def send(self, kind: int, flags: int, stream_id: int, payload: bytes, now: int) -> bool:
         """Send one submessage on a stream, in fragments where it needs them.
 
-        False: it is lost, being too large for a best-effort stream. Raises
-        LimitError where the client never acknowledges what it is sent.
+        False: it is lost, being too large for the stream. Raises LimitError where
+        the client never acknowledges what it is sent.
         """
         head = header_size(self.session_id)
         size = len(payload)
@@ -383,16 +442,26 @@ class Session:
             self._put(stream_id, kind, flags, payload, now)
             return True
         if stream_id < ids.STREAM_RELIABLE:
-            self.dropped += 1
-            return False
+            return self._too_large(size, stream_id)
+        parts = split(4 + size, self.mtu - head - 4)
+        stream = self._out.get(stream_id)
+        if len(parts) + (len(stream) if stream is not None else 0) > MAX_HELD:
+            return self._too_large(size, stream_id)  # half of it would spoil the stream
         whole = bytearray(4 + size)
         push_subheader(whole, 0, kind, flags, size)
         whole[4:] = payload
-        for start, stop, fragment_flags in split(len(whole), self.mtu - head - 4):
+        for start, stop, fragment_flags in parts:
             self._put(
                 stream_id, ids.FRAGMENT, fragment_flags, bytes(whole[start:stop]), now
             )
         return True
+
+    def _too_large(self, size: int, stream_id: int) -> bool:
+        self.dropped += 1
+        self._handler.fault(
+            "message dropped", f"{size} bytes are too many for stream {stream_id}, mtu: {self.mtu}"
+        )
+        return False
 
     def _put(self, stream_id: int, kind: int, flags: int, payload: bytes, now: int) -> None:
         stream = None

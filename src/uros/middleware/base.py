@@ -18,6 +18,8 @@ from ..qos import QoSProfile
 
 Bytes = bytes | bytearray | memoryview
 OnReady = Callable[[], None]
+# (topic, its type here, its type elsewhere): their samples do not reach each other.
+OnTypeConflict = Callable[[str, str, str], None]
 
 
 class MiddlewareError(RuntimeError):
@@ -63,7 +65,9 @@ class Requester(ABC):
 
     @abstractmethod
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        """At most ``limit`` replies to own requests: (sequence number, sample)."""
+        """At most ``limit`` replies to own requests: (sequence number, sample).
+
+        None only where there are none: others' replies are passed over."""
 
     @abstractmethod
     def close(self) -> None:
@@ -135,6 +139,7 @@ class Middleware(ABC):
     """One network to join."""
 
     name = ""
+    on_type_conflict: OnTypeConflict | None = None
 
     @abstractmethod
     def create_node(

@@ -7,9 +7,11 @@ history, and that a best-effort writer does not reach a reliable reader.
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections import deque
 from collections.abc import Callable
+from typing import TypeVar
 
 from ..qos import HistoryPolicy, QoSProfile
 from .base import (
@@ -27,6 +29,9 @@ from .base import (
 from .wake import Wake
 
 
+_End = TypeVar("_End")
+
+
 class Bus:
     """Writers and readers by (domain, topic)."""
 
@@ -35,13 +40,17 @@ class Bus:
         self.readers: dict[tuple[int, str], list[MemoryReader]] = {}
         self.writers: dict[tuple[int, str], list[MemoryWriter]] = {}
         self.nodes: list[MemoryNode] = []
+        self.askers = itertools.count(1)
 
 
 class MemoryWriter(Writer):
-    def __init__(self, bus: Bus, key: tuple[int, str], type_name: str, qos: QoSProfile) -> None:
+    def __init__(
+        self, node: MemoryNode, key: tuple[int, str], type_name: str, qos: QoSProfile
+    ) -> None:
         self.type_name = type_name
         self.qos = qos
-        self._bus = bus
+        self._node = node
+        bus = self._bus = node.middleware.bus
         self._key = key
         depth = None if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
         self.past: deque[bytes] = deque(maxlen=depth if qos.transient_local else 0)
@@ -59,14 +68,14 @@ class MemoryWriter(Writer):
 
     def close(self) -> None:
         with self._bus.lock:
-            if self in self._bus.writers.get(self._key, ()):
-                self._bus.writers[self._key].remove(self)
+            _leave(self._bus.writers, self._key, self)
+        self._node.left(self)
 
 
 class MemoryReader(Reader):
     def __init__(
         self,
-        middleware: MemoryMiddleware,
+        node: MemoryNode,
         key: tuple[int, str],
         type_name: str,
         qos: QoSProfile,
@@ -75,11 +84,13 @@ class MemoryReader(Reader):
         self.type_name = type_name
         self.qos = qos
         self.on_ready = on_ready
-        self._middleware = middleware
+        self.announced = False  # nobody took since
+        self._node = node
+        self._middleware = node.middleware
         self._key = key
         depth = None if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
         self._samples: deque[bytes] = deque(maxlen=depth)
-        bus = middleware.bus
+        bus = self._middleware.bus
         with bus.lock:
             bus.readers.setdefault(key, []).append(self)
             if qos.transient_local:
@@ -97,17 +108,30 @@ class MemoryReader(Reader):
 
     def put(self, sample: bytes) -> None:
         self._samples.append(sample)
-        self._middleware.mark(self)
+        if not self.announced:
+            self._middleware.mark(self)
 
     def take(self, limit: int) -> list[bytes]:
         with self._middleware.bus.lock:
+            self.announced = False
             return [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
 
     def close(self) -> None:
         bus = self._middleware.bus
         with bus.lock:
-            if self in bus.readers.get(self._key, ()):
-                bus.readers[self._key].remove(self)
+            _leave(bus.readers, self._key, self)
+            self._middleware.unmark(self)
+            self._samples.clear()
+        self._node.left(self)
+
+
+def _leave(ends: dict[tuple[int, str], list[_End]], key: tuple[int, str], end: _End) -> None:
+    """Take an end off its topic, and the topic away with its last one."""
+    there = ends.get(key, [])
+    if end in there:
+        there.remove(end)
+        if not there:
+            del ends[key]
 
 
 class MemoryRequester(Requester):
@@ -125,11 +149,15 @@ class MemoryRequester(Requester):
         return self._sequence
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        return [
-            (int.from_bytes(sample[8:16], "little"), sample[16:])
-            for sample in self._reader.take(limit)
-            if sample[:8] == self._guid
-        ]
+        while True:
+            replies = self._reader.take(limit)
+            own = [
+                (int.from_bytes(sample[8:16], "little"), sample[16:])
+                for sample in replies
+                if sample[:8] == self._guid and len(sample) >= 20
+            ]
+            if own or not replies:
+                return own
 
     def close(self) -> None:
         self._writer.close()
@@ -145,6 +173,7 @@ class MemoryReplier(Replier):
         return [
             (sample[:8] + bytes(8), int.from_bytes(sample[8:16], "little"), sample[16:])
             for sample in self._reader.take(limit)
+            if len(sample) >= 20
         ]
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
@@ -159,27 +188,30 @@ class MemoryNode(Node):
     def __init__(self, middleware: MemoryMiddleware, domain: int, full_name: str) -> None:
         self.domain = domain
         self.full_name = full_name
-        self._middleware = middleware
-        self._endpoints: list[MemoryWriter | MemoryReader] = []
+        self.middleware = middleware
+        # In order of creation; a dictionary, as many come and go.
+        self._endpoints: dict[MemoryWriter | MemoryReader, None] = {}
         middleware.bus.nodes.append(self)
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> MemoryWriter:
-        writer = MemoryWriter(self._middleware.bus, (self.domain, topic), type_name, qos)
-        self._endpoints.append(writer)
+        writer = MemoryWriter(self, (self.domain, topic), type_name, qos)
+        self._endpoints[writer] = None
+        self.middleware.compare_types(writer, (self.domain, topic))
         return writer
 
     def create_reader(
         self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
     ) -> MemoryReader:
         key = (self.domain, topic)
-        reader = MemoryReader(self._middleware, key, type_name, qos, on_ready)
-        self._endpoints.append(reader)
+        reader = MemoryReader(self, key, type_name, qos, on_ready)
+        self._endpoints[reader] = None
+        self.middleware.compare_types(reader, key)
         return reader
 
     def create_requester(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Requester:
         writer = self.create_writer(service.request_topic, service.request_type, qos)
         reader = self.create_reader(service.reply_topic, service.reply_type, qos, on_ready)
-        return MemoryRequester(id(writer), writer, reader)
+        return MemoryRequester(next(self.middleware.bus.askers), writer, reader)
 
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Replier:
         writer = self.create_writer(service.reply_topic, service.reply_type, qos)
@@ -187,11 +219,15 @@ class MemoryNode(Node):
         return MemoryReplier(writer, reader)
 
     def close(self) -> None:
-        for endpoint in self._endpoints:
+        for endpoint in list(self._endpoints):
             endpoint.close()
-        self._endpoints.clear()
-        if self in self._middleware.bus.nodes:
-            self._middleware.bus.nodes.remove(self)
+        if self in self.middleware.bus.nodes:
+            self.middleware.bus.nodes.remove(self)
+        self.middleware.nodes.pop(self, None)
+
+    def left(self, endpoint: MemoryWriter | MemoryReader) -> None:
+        """The endpoint is closed."""
+        self._endpoints.pop(endpoint, None)
 
 
 class MemoryMiddleware(Middleware):
@@ -203,7 +239,7 @@ class MemoryMiddleware(Middleware):
         self.bus = bus or Bus()
         self._ready: dict[MemoryReader, Callable[[], None]] = {}
         self._wake = Wake()
-        self._nodes: list[MemoryNode] = []
+        self.nodes: dict[MemoryNode, None] = {}
 
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
@@ -211,7 +247,7 @@ class MemoryMiddleware(Middleware):
         if not 0 <= domain <= 232:
             raise MiddlewareError(f"domain {domain} is not within 0 to 232")
         node = MemoryNode(self, domain, f"{namespace.rstrip('/')}/{name}")
-        self._nodes.append(node)
+        self.nodes[node] = None
         return node
 
     def mark(self, reader: MemoryReader) -> None:
@@ -219,20 +255,38 @@ class MemoryMiddleware(Middleware):
         self._ready[reader] = reader.on_ready
         self._wake.set()
 
+    def unmark(self, reader: MemoryReader) -> None:
+        """Likewise: the reader is closed."""
+        self._ready.pop(reader, None)
+
+    def compare_types(self, one: MemoryWriter | MemoryReader, key: tuple[int, str]) -> None:
+        """Report the types, other than that of ``one``, that its topic has."""
+        if self.on_type_conflict is not None:
+            with self.bus.lock:
+                there = [*self.bus.writers.get(key, ()), *self.bus.readers.get(key, ())]
+            for other in sorted({it.type_name for it in there} - {one.type_name}):
+                self.on_type_conflict(key[1], one.type_name, other)
+
     def fileno(self) -> int:
         return self._wake.fileno()
 
     def dispatch(self) -> None:
         self._wake.clear()
-        with self.bus.lock:
-            ready, self._ready = self._ready, {}
-        for on_ready in ready.values():
-            on_ready()
+        for reader in list(self._ready):
+            with self.bus.lock:
+                on_ready = self._ready.pop(reader, None)
+                if on_ready is None:
+                    continue  # closed meanwhile
+                reader.announced = True
+            try:
+                on_ready()
+            except BaseException:
+                self._wake.set()  # for the others
+                raise
 
     def close(self) -> None:
-        for node in self._nodes:
+        for node in list(self.nodes):
             node.close()
-        self._nodes.clear()
         self._wake.close()
 
 

@@ -1,0 +1,1 @@
+"""The command ``uros``: one module a verb, imported when the verb is used. See ``cli``."""

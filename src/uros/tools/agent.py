@@ -95,23 +95,34 @@ def run(args: argparse.Namespace) -> int:
     from ..agent.server import Server
     from ..middleware import open_middleware
 
-    log = Log(args.verbose)
     references = References()
     if args.refs:
         references.load(args.refs)
     transport = _transport(args)
+    domain = _domain_of_agent()
     middleware = open_middleware(_MIDDLEWARES[args.middleware])
-    domain = _domain(os.environ.get("XRCE_DOMAIN_ID_OVERRIDE", "0"))
-    agent = Agent(middleware, log, references, domain, args.domain)
-    server = Server(agent, [transport])
+    log = Log(args.verbose)
+    server = Server(Agent(middleware, log, references, domain, args.domain), [transport])
     log(INFO, "Root", "set_verbose_level", "logger setup", f"verbose_level: {args.verbose}")
     for option in ("discovery", "p2p"):
         if getattr(args, option) is not None:
             log(WARNING, "Root", "main", "option ignored", f"--{option} is not supported yet")
     _stop_on_signals(server)
-    server.run()
-    log(INFO, "Server", "stop", "server stopped")
+    try:
+        server.run()
+        log(INFO, "Server", "stop", "server stopped")
+    finally:
+        log.close()
     return 0
+
+
+def _domain_of_agent() -> int:
+    """The domain for boards that leave it to the agent (they ask for 255)."""
+    text = os.environ.get("XRCE_DOMAIN_ID_OVERRIDE") or "0"
+    try:
+        return _domain(text)
+    except argparse.ArgumentTypeError as error:
+        raise ValueError(f"XRCE_DOMAIN_ID_OVERRIDE: {error}") from error
 
 
 def _transport(args: argparse.Namespace) -> ServerTransport:

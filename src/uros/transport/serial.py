@@ -15,7 +15,7 @@ import tty
 from pathlib import Path
 from typing import Any, Final
 
-from ..wire.framing import Deframer, frame, frame_size
+from ..wire.framing import FLAG, Deframer, frame, frame_size
 from .base import Host, ServerTransport, TransportError
 
 AGENT_ADDRESS: Final = 0
@@ -24,7 +24,8 @@ RETRY: Final = 0.5
 # A line that takes nothing for so long loses messages, as a full UART does.
 MAX_UNSENT: Final = 256 * 1024
 _CHUNK: Final = 4096
-# Lines that carry frames have few bad ones; this many in a row say something.
+# Lines that carry frames have few bad bytes; this many in a row say something, twice as
+# many say it again.
 _SUSPICIOUS: Final = 512
 _ERROR, _WARNING, _INFO = 2, 3, 4
 
@@ -57,6 +58,7 @@ class LineServer(ServerTransport):
         self.deframer = Deframer(AGENT_ADDRESS)
         self._unsent = bytearray()
         self._suspected = 0
+        self._patience = _SUSPICIOUS
         self._host: Host | None = None
 
     def _watch(self) -> None:
@@ -80,13 +82,20 @@ class LineServer(ServerTransport):
             self._lost("end of file")
             return
         now = host.now()
-        for message in self.deframer.feed(chunk):
-            self._suspected = self.deframer.skipped
-            buf = bytearray(message)
-            peer = self.deframer.source
-            self.deliver(host, peer, buf, memoryview(buf), len(buf), now)
-        if self.deframer.skipped - self._suspected > _SUSPICIOUS:
-            self._suspected = self.deframer.skipped
+        deframer = self.deframer
+        at = 0
+        while at < len(chunk):  # a frame at a time, because each has a source
+            stop = chunk.find(FLAG, at + 1)
+            stop = stop if stop >= 0 else len(chunk)
+            for message in deframer.feed(chunk[at:stop]):
+                self._suspected = deframer.skipped
+                self._patience = _SUSPICIOUS
+                buf = bytearray(message)
+                self.deliver(host, deframer.source, buf, memoryview(buf), len(buf), now)
+            at = stop
+        if deframer.skipped - self._suspected > self._patience:
+            self._suspected = deframer.skipped
+            self._patience *= 2
             host.note(
                 _WARNING, self.name, "receive", "no frames among the bytes",
                 f"skipped: {self.deframer.skipped}, crc_errors: {self.deframer.crc_errors}"
@@ -147,7 +156,12 @@ class SerialServer(LineServer):
         self._try()
 
     def _path(self) -> str:
-        return Path(self._device).read_text().strip() if self._is_file else self._device
+        if not self._is_file:
+            return self._device
+        try:
+            return Path(self._device).read_text().strip()
+        except UnicodeDecodeError:
+            raise OSError(errno.EINVAL, "not a text file") from None
 
     def _try(self) -> None:
         host = self._host
@@ -198,6 +212,8 @@ class SerialServer(LineServer):
     def _lost(self, why: str) -> None:
         self._drop_fd()
         self.deframer = Deframer(AGENT_ADDRESS)
+        self._suspected = 0
+        self._patience = _SUSPICIOUS
         if self._host is not None and not self._closed:
             self._host.note(
                 _WARNING, self.name, "receive", "device lost",

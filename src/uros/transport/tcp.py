@@ -9,7 +9,10 @@ from ..wire.framing import LengthDeframer
 from .base import Host, ServerTransport, TransportError
 from .udp import bind_trouble
 
-_CHUNK: Final = 65536
+# What is handled before it is another socket's turn.
+_CHUNK: Final = 16384
+# How long nothing is accepted where no descriptors are left, in seconds.
+_PAUSE: Final = 0.5
 # A client that does not read what it asked for is cut off here.
 MAX_UNSENT: Final = 4 * 1024 * 1024
 # As the C++ agent's; a descriptor each.
@@ -53,16 +56,29 @@ class TcpServer(ServerTransport):
         self.port = sock.getsockname()[1]
         self._socket = sock
         self._host = host
-        host.watch(sock.fileno(), self._accept)
+        self._listen()
         host.note(_INFO, self.name, "init", "running...", f"port: {self.port}")
+
+    def _listen(self) -> None:
+        if self._socket is not None:
+            self._host.watch(self._socket.fileno(), self._accept)
 
     def _accept(self) -> None:
         if self._socket is None:
             return
         try:
             sock, address = self._socket.accept()
-        except OSError:
-            return  # gone again, or out of descriptors: it will be asked for again
+        except (BlockingIOError, ConnectionError):
+            return  # gone again
+        except OSError as error:
+            # Out of descriptors. The connection stays ready: only waiting helps.
+            listener = self._socket
+            self._host.unwatch(listener.fileno())
+            self._host.wake_at(_PAUSE, self._listen)
+            self._host.note(
+                _WARNING, self.name, "tcp", "cannot accept", error.strerror or str(error)
+            )
+            return
         if len(self._connections) >= MAX_CONNECTIONS:
             sock.close()
             self._note("connection refused", f"over {MAX_CONNECTIONS} connections", address)

@@ -187,6 +187,7 @@ def pull_binary_endpoint(
     deadline = r.u32() if r.boolean() else None
     lifespan = r.u32() if r.boolean() else None
     user_data = r.sequence() if r.boolean() else None
+    # 32 bits as the C++ agent reads it. The C client's sources have 64, but never send it.
     extra = r.u32() if r.boolean() else None
     content_filter = _pull_optional(r) if reader else None
     return topic_id, (flags, depth, deadline, lifespan, user_data, extra, content_filter)

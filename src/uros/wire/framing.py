@@ -11,8 +11,6 @@ frames, such as a board's ``printf``, is skipped.
 TCP: a 16-bit little-endian length before each message.
 """
 
-from array import array
-
 from .errors import EncodeError
 
 try:
@@ -31,13 +29,12 @@ _HEADER: Final = 4
 _OVERHEAD: Final = 6
 
 
-def _table() -> "array[int]":
-    out = array("H", bytes(512))
-    for i in range(256):
-        crc = i
+def _table() -> "list[int]":
+    out = []
+    for crc in range(256):
         for _ in range(8):
             crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
-        out[i] = crc
+        out.append(crc)
     return out
 
 

@@ -230,7 +230,8 @@ class ReliableOut:
             self.deadline = None
         elif held_back:
             self.deadline = ticks_add(now, RESEND_HOLD_MS)
-        elif news or out:  # else the peer could put the heartbeat off for ever
+        elif news or out or self.deadline is None:
+            # Not at every acknack: the peer could put the heartbeat off for ever.
             self.deadline = ticks_add(now, HEARTBEAT_MS)
         return out
 
@@ -243,11 +244,12 @@ class ReliableOut:
 
 
 class Fragments:
-    """Puts a fragmented submessage together again, of at most ``MAX_MESSAGE`` bytes."""
+    """Puts a fragmented submessage together again, of at most ``limit`` bytes."""
 
-    __slots__ = ("_skip", "_whole")
+    __slots__ = ("_skip", "_whole", "limit")
 
-    def __init__(self) -> None:
+    def __init__(self, limit: int = MAX_MESSAGE) -> None:
+        self.limit = limit
         # One buffer and no list of parts: four million parts of one byte or none weigh more
         # than their sum.
         self._whole = bytearray()
@@ -262,16 +264,16 @@ class Fragments:
         """The whole submessage, header included, after its last fragment.
 
         Raises :class:`~uros.wire.errors.LimitError` where the whole passes
-        ``MAX_MESSAGE``; that submessage's other fragments are then dropped.
+        ``limit``; that submessage's other fragments are then dropped.
         """
         if self._skip:
             self._skip = not last
             return None
         whole = self._whole
-        if len(whole) + len(part) > MAX_MESSAGE:
+        if len(whole) + len(part) > self.limit:
             self._whole = bytearray()
             self._skip = not last
-            raise LimitError("fragments of over %d bytes" % MAX_MESSAGE)
+            raise LimitError("fragments of over %d bytes" % self.limit)
         whole.extend(part)
         if not last:
             return None

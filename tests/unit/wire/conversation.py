@@ -8,7 +8,6 @@ from uros.wire import data, entities, header, ids, session
 from uros.wire.cdr import Reader, Writer
 
 
-
 class PaddedWriter(Writer):
     """A Writer that remembers which octets it only aligned with.
 

@@ -6,6 +6,7 @@
 ``participant``     DDS participants shared by many nodes
 ``announce``        ``ros_discovery_info``: which endpoint belongs to which node
 ``endpoints``       writers, readers, and services in rmw_cyclonedds's format
+``conflicts``       topics that somebody else has with another type
 ``middleware``      the contract, and the thread that waits for samples
 ==================  ============================================================
 """

@@ -61,6 +61,17 @@ _qset_userdata = _function("dds_qset_userdata", None, _void_p, ctypes.c_char_p, 
 _qset_reliability = _function("dds_qset_reliability", None, _void_p, ctypes.c_int, _int64)
 _qset_durability = _function("dds_qset_durability", None, _void_p, ctypes.c_int)
 _qset_history = _function("dds_qset_history", None, _void_p, ctypes.c_int, _int32)
+_qset_durability_service = _function(
+    "dds_qset_durability_service",
+    None,
+    _void_p,
+    _int64,
+    ctypes.c_int,
+    _int32,
+    _int32,
+    _int32,
+    _int32,
+)
 _qset_deadline = _function("dds_qset_deadline", None, _void_p, _int64)
 _qset_lifespan = _function("dds_qset_lifespan", None, _void_p, _int64)
 _qset_liveliness = _function("dds_qset_liveliness", None, _void_p, ctypes.c_int, _int64)
@@ -210,7 +221,11 @@ def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
     }.get(qos.durability, 0)
     _qset_durability(c_qos, durability)
     keep_all = qos.history == HistoryPolicy.KEEP_ALL
-    _qset_history(c_qos, 1 if keep_all else 0, 0 if keep_all else max(1, qos.depth))
+    depth = 0 if keep_all else max(1, qos.depth)
+    _qset_history(c_qos, 1 if keep_all else 0, depth)
+    if durability and kind == "writer":
+        # What is kept for late readers; without it Cyclone keeps one sample.
+        _qset_durability_service(c_qos, 0, 1 if keep_all else 0, depth, -1, -1, -1)
     if qos.deadline_ms:
         _qset_deadline(c_qos, qos.deadline_ms * 1_000_000)
     if qos.lifespan_ms and kind == "writer":
@@ -507,6 +522,31 @@ def take_endpoints(
         return key, (participant, topic, type_name, qos)
 
     got = _clayer.ddspy_take_endpoint(reader, limit, made, read_qos)
+    return [] if isinstance(got, int) else got
+
+
+def take_types(
+    reader: int, limit: int
+) -> list[tuple[bytes, tuple[bytes, str, str] | None]]:
+    """(GUID, (participant's GUID, topic, type)) of endpoints; None: it left.
+
+    :func:`take_endpoints` without the QoS, which costs most of it."""
+
+    def made(
+        key: bytes,
+        participant: bytes,
+        _handle: int,
+        topic: str | None,
+        type_name: str | None,
+        _qos: None,
+        info: Any,
+        _type_id: bytes | None,
+    ) -> tuple[bytes, tuple[bytes, str, str] | None]:
+        if not _alive(info) or topic is None or type_name is None:
+            return key, None
+        return key, (participant, topic, type_name)
+
+    got = _clayer.ddspy_take_endpoint(reader, limit, made, lambda _pointer: None)
     return [] if isinstance(got, int) else got
 
 

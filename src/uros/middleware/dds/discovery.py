@@ -142,9 +142,7 @@ class Discovery:
                 self.endpoints.pop(guid, None)
             else:
                 participant, topic, type_name, qos = about
-                self.endpoints[guid] = Endpoint(
-                    guid, participant, is_writer, topic, type_name, qos
-                )
+                self.endpoints[guid] = Endpoint(guid, participant, is_writer, topic, type_name, qos)
         return len(news)
 
     def _take_announcements(self, entity: int) -> int:
@@ -176,7 +174,7 @@ class _WatchedReader(DdsReader):
     ) -> None:
         self._node = node
         self.on_ready = on_ready
-        self.taken = False
+        self.taken = True
         self.paused = False
         self.entity = entity
         self.guid = b""

@@ -99,7 +99,7 @@ class DdsReader(Reader):
         participant = node.participant
         self._node = node
         self.on_ready = on_ready
-        self.taken = False
+        self.taken = True  # since on_ready was called last
         self.paused = False  # out of the waitset until the next take
         self.entity = participant.create_reader(topic, type_name, qos, data + type_data(type_name))
         self.guid = cyclone.guid(self.entity)
@@ -119,11 +119,12 @@ class DdsReader(Reader):
 
     def take(self, limit: int) -> list[bytes]:
         self.taken = True
-        if self.paused:
-            self._node.middleware.resume(self)
         if self._close is None:
             return []
-        return [sample for sample, _ in cyclone.take(self.entity, limit)]
+        samples = [sample for sample, _ in cyclone.take(self.entity, limit)]
+        if self.paused:  # after the take: what it left is no news
+            self._node.middleware.resume(self)
+        return samples
 
     def close(self) -> None:
         if self._close:
@@ -172,8 +173,12 @@ class DdsRequester(Requester):
         return sequence
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        parsed = [_parse(sample) for sample in self._reader.take(limit)]
-        return [(it[1], it[2]) for it in parsed if it is not None and it[0] == self._client]
+        while True:
+            samples = self._reader.take(limit)
+            parsed = [_parse(sample) for sample in samples]
+            own = [(it[1], it[2]) for it in parsed if it is not None and it[0] == self._client]
+            if own or not samples:
+                return own
 
     def close(self) -> None:
         self._writer.close()

@@ -17,6 +17,7 @@ from ...qos import QoSProfile
 from ..base import Middleware, MiddlewareError, Node, OnReady, Service
 from ..wake import Wake
 from . import announce, config, cyclone
+from .conflicts import TypeWatch
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 from .participant import MAX_NODES, SharedParticipant
 
@@ -100,7 +101,7 @@ class DdsMiddleware(Middleware):
         # Readers of this process by domain and topic, and those just written to:
         # Cyclone has their samples ready when the write returns.
         self._local: dict[tuple[int, str], list[DdsReader]] = {}
-        self._written: list[list[DdsReader]] = []
+        self._written: dict[int, list[DdsReader]] = {}
         self._keys = itertools.count(1)
         self._wake = Wake()
         self._waitset: cyclone.Waitset | None = None
@@ -131,7 +132,13 @@ class DdsMiddleware(Middleware):
             if len(participant.nodes) < MAX_NODES:
                 return participant
         shared.append(SharedParticipant(domain, config.gid_size(self._environment)))
+        if len(shared) == 1 and self.on_type_conflict is not None:
+            TypeWatch(self, shared[0])
         return shared[-1]
+
+    def owns(self, domain: int, participant: bytes) -> bool:
+        """Whether the participant of that GUID is one of ours."""
+        return any(one.guid == participant for one in self._participants.get(domain, ()))
 
     # --- waiting ------------------------------------------------------------
 
@@ -153,13 +160,19 @@ class DdsMiddleware(Middleware):
 
     def written(self, readers: list[DdsReader]) -> None:
         """These local readers have been written to."""
-        self._written.append(readers)
+        self._written[id(readers)] = readers
 
     def dispatch_local(self) -> None:
         while self._written:
-            for reader in self._written.pop():
-                if not reader.paused:
-                    reader.on_ready()
+            for reader in self._written.popitem()[1].copy():
+                if reader.key in self._readers:
+                    self._announce(reader)
+
+    def _announce(self, reader: DdsReader) -> None:
+        """Tell that there is something to take, once until it is taken."""
+        if reader.taken:
+            reader.taken = False
+            reader.on_ready()
 
     def unwatch(self, reader: DdsReader) -> None:
         if self._readers.pop(reader.key, None) and self._waitset:
@@ -187,11 +200,14 @@ class DdsMiddleware(Middleware):
     def dispatch(self) -> None:
         self._wake.clear()
         ready, self._ready = self._ready, []
+        failed: Exception | None = None
         for key in ready:
             reader = self._readers.get(key)
             if reader is not None and not reader.paused:
-                reader.taken = False
-                reader.on_ready()
+                try:
+                    self._announce(reader)
+                except Exception as error:  # one's fault; the others must hear of theirs
+                    failed = failed or error
                 if not reader.taken and key in self._readers and self._waitset:
                     # Nobody has room for it now: until somebody takes, it
                     # would wake us again and again.
@@ -199,6 +215,8 @@ class DdsMiddleware(Middleware):
                     self._waitset.detach(reader.entity)
         if ready:
             self._resume.release()
+        if failed is not None:
+            raise failed
 
     # --- the graph ----------------------------------------------------------
 

@@ -58,10 +58,6 @@ class SharedParticipant:
         else:
             self._topics[name, type_name] = entity, users - 1
 
-    def other_types(self, name: str, type_name: str) -> list[str]:
-        """Types other than ``type_name`` under which the topic exists here."""
-        return [kind for topic, kind in self._topics if topic == name and kind != type_name]
-
     def create_writer(self, name: str, type_name: str, qos: QoSProfile, data: bytes) -> int:
         topic = self.topic(name, type_name)
         try:

@@ -1,0 +1,1 @@
+"""Virtual hardware, and boards that play what real ones once said."""

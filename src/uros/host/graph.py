@@ -1,0 +1,210 @@
+"""The ROS graph: what a middleware has discovered, under ROS names.
+
+The rules are those of rmw_dds_common's graph cache, so the answers agree with ``ros2``.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from ..qos import HistoryPolicy, QoSProfile
+from . import names
+
+UNKNOWN_NODE: Final = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
+BARE_DDS: Final = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
+NO_HASH: Final = "INVALID"
+
+NamesAndTypes = dict[str, list[str]]
+
+_FEEDBACK: Final = "/_action/feedback"
+_FEEDBACK_TYPE: Final = "_FeedbackMessage"
+_TYPE_HASH: Final = re.compile(rb"typehash=(RIHS\d\d_[0-9a-f]{64});")
+# The first octets of a GUID name the DDS. Only Cyclone tells the history of its endpoints.
+_TELLS_HISTORY: Final = b"\x01\x10"
+
+
+class EndpointSource(Protocol):
+    """A writer or a reader as the middleware sees it, by DDS names."""
+
+    @property
+    def guid(self) -> bytes: ...
+    @property
+    def participant(self) -> bytes: ...
+    @property
+    def is_writer(self) -> bool: ...
+    @property
+    def topic(self) -> str: ...
+    @property
+    def type_name(self) -> str: ...
+    @property
+    def qos(self) -> QoSProfile: ...
+
+
+class NodeSource(Protocol):
+    """A node as its participant announces it, with the GUIDs of its endpoints."""
+
+    namespace: str
+    name: str
+    readers: list[bytes]
+    writers: list[bytes]
+
+
+class Source(Protocol):
+    """What :class:`uros.middleware.dds.discovery.Discovery` offers."""
+
+    @property
+    def participants(self) -> Mapping[bytes, bytes]: ...
+    @property
+    def endpoints(self) -> Mapping[bytes, EndpointSource]: ...
+    @property
+    def announced(self) -> Mapping[bytes, Iterable[NodeSource]]: ...
+
+
+@dataclass(frozen=True)
+class EndpointInfo:
+    """A publisher or a subscription. A history of SYSTEM_DEFAULT means: not known."""
+
+    node_namespace: str
+    node_name: str
+    type_name: str
+    type_hash: str
+    is_publisher: bool
+    gid: bytes
+    qos: QoSProfile
+
+
+@dataclass(frozen=True)
+class NodeInfo:
+    """What belongs to one node: names with their types, sorted."""
+
+    name: str
+    subscribers: NamesAndTypes
+    publishers: NamesAndTypes
+    service_servers: NamesAndTypes
+    service_clients: NamesAndTypes
+    action_servers: NamesAndTypes
+    action_clients: NamesAndTypes
+
+
+class Graph:
+    """Questions about the graph as it is known now; nothing is cached."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def topics(self) -> NamesAndTypes:
+        """All ROS topics that have a publisher or a subscription, with their types."""
+        return _collect(
+            (names.topic_from_dds(end.topic), names.type_from_dds(end.type_name))
+            for end in self._source.endpoints.values()
+        )
+
+    def publishers(self, topic: str) -> list[EndpointInfo]:
+        return self._endpoints(topic, True)
+
+    def subscriptions(self, topic: str) -> list[EndpointInfo]:
+        return self._endpoints(topic, False)
+
+    def _endpoints(self, topic: str, is_writer: bool) -> list[EndpointInfo]:
+        dds_name = names.topic_to_dds(topic)
+        owners = {
+            gid: (node.namespace, node.name)
+            for node in self._nodes()
+            for gid in (node.writers if is_writer else node.readers)
+        }
+        found = []
+        for end in self._source.endpoints.values():
+            if end.topic != dds_name or end.is_writer != is_writer:
+                continue
+            ros = end.participant in self._source.announced
+            namespace, name = owners.get(end.guid, UNKNOWN_NODE if ros else BARE_DDS)
+            found.append(
+                EndpointInfo(
+                    namespace,
+                    name,
+                    names.type_from_dds(end.type_name),
+                    type_hash(end.qos.user_data),
+                    is_writer,
+                    end.guid,
+                    _told(end),
+                )
+            )
+        return sorted(found, key=lambda one: (one.node_namespace, one.node_name, one.gid))
+
+    def nodes(self) -> list[str]:
+        """Full names of all nodes, sorted; one name may be there more than once."""
+        return sorted(names.join(node.namespace, node.name) for node in self._nodes())
+
+    def node(self, full_name: str) -> NodeInfo | None:
+        """What belongs to the node, to one of them if several bear the name."""
+        for node in self._nodes():
+            if names.join(node.namespace, node.name) == full_name:
+                break
+        else:
+            return None
+        endpoints = self._source.endpoints
+        writers = [endpoints[gid] for gid in node.writers if gid in endpoints]
+        readers = [endpoints[gid] for gid in node.readers if gid in endpoints]
+        return NodeInfo(
+            full_name,
+            _named(readers, names.topic_from_dds, names.type_from_dds),
+            _named(writers, names.topic_from_dds, names.type_from_dds),
+            _named(readers, names.service_from_request, names.service_type_from_dds),
+            _named(readers, names.service_from_reply, names.service_type_from_dds),
+            # A server publishes feedback, a client reads it: nothing else tells an action.
+            _named(writers, _action, _action_type),
+            _named(readers, _action, _action_type),
+        )
+
+    def _nodes(self) -> list[NodeSource]:
+        alive = self._source.participants
+        return [
+            node
+            for participant, nodes in self._source.announced.items()
+            if participant in alive
+            for node in nodes
+        ]
+
+
+def type_hash(user_data: bytes) -> str:
+    """The hash in an endpoint's USER_DATA, or what ros2 prints where there is none."""
+    match = _TYPE_HASH.search(user_data)
+    return match[1].decode() if match else NO_HASH
+
+
+def _told(end: EndpointSource) -> QoSProfile:
+    if end.guid.startswith(_TELLS_HISTORY):
+        return end.qos
+    told = copy.copy(end.qos)
+    told.history = HistoryPolicy.SYSTEM_DEFAULT
+    told.depth = 0
+    return told
+
+
+def _named(
+    endpoints: Iterable[EndpointSource],
+    name: Callable[[str], str | None],
+    type_name: Callable[[str], str],
+) -> NamesAndTypes:
+    return _collect((name(end.topic), type_name(end.type_name)) for end in endpoints)
+
+
+def _collect(pairs: Iterable[tuple[str | None, str]]) -> NamesAndTypes:
+    found: dict[str, set[str]] = {}
+    for name, type_name in pairs:
+        if name is not None:
+            found.setdefault(name, set()).add(type_name)
+    return {name: sorted(found[name]) for name in sorted(found)}
+
+
+def _action(dds_name: str) -> str | None:
+    name = names.topic_from_dds(dds_name)
+    return name[: -len(_FEEDBACK)] if name and name.endswith(_FEEDBACK) else None
+
+
+def _action_type(dds_type: str) -> str:
+    return names.type_from_dds(dds_type).removesuffix(_FEEDBACK_TYPE)

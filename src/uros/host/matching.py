@@ -1,0 +1,49 @@
+"""A QoS profile that every publisher of a topic matches, as ``ros2 topic echo`` chooses it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+
+def adapt(
+    profile: QoSProfile,
+    offered: Sequence[QoSProfile],
+    keep_reliability: bool = False,
+    keep_durability: bool = False,
+) -> list[str]:
+    """Set reliability and durability of ``profile`` to the best that all publishers offer.
+
+    Reliable only if all are, transient local only if all are; the partitions are theirs. What is
+    to be kept stays, and without publishers all stays. Returns a sentence for each policy that
+    only some publishers offer.
+    """
+    if not offered:
+        return []
+    notes = []
+    if not keep_reliability:
+        reliable = [qos.reliable for qos in offered]
+        profile.reliability = (
+            ReliabilityPolicy.RELIABLE if all(reliable) else ReliabilityPolicy.BEST_EFFORT
+        )
+        if any(reliable) and not all(reliable):
+            notes.append(_note("reliable", "best effort"))
+    if not keep_durability:
+        kept = [qos.transient_local for qos in offered]
+        profile.durability = (
+            DurabilityPolicy.TRANSIENT_LOCAL if all(kept) else DurabilityPolicy.VOLATILE
+        )
+        if any(kept) and not all(kept):
+            notes.append(_note("transient local", "volatile"))
+    # No partition and the partition "" are the same.
+    partitions = {name for qos in offered for name in qos.partitions or ("",)}
+    profile.partitions = () if partitions == {""} else tuple(sorted(partitions))
+    return notes
+
+
+def _note(some: str, fallback: str) -> str:
+    return (
+        f"some, but not all, publishers are {some}; listening as {fallback},"
+        " which reaches all of them"
+    )

@@ -1,0 +1,150 @@
+"""One program's place in a domain: a hidden node, its graph, and the loop that serves both.
+
+Everything happens in the calling thread, within :meth:`Network.spin` and what calls it.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Final, NamedTuple
+
+from ..middleware import open_middleware
+from ..qos import QoSProfile
+from . import names
+from .graph import Graph
+
+DISCOVERY_SECONDS: Final = 4.0
+# Without news for so long, a graph has settled.
+_QUIET: Final = 0.25
+# The same while nobody else is there, or somebody seems to have no endpoints: a Fast DDS
+# participant tells them one second after we met, when its first offer was too early for us.
+_SLOW: Final = 1.25
+_ASK_AGAIN: Final = 0.1
+_BATCH: Final = 64
+
+
+class Received(NamedTuple):
+    """One sample with its encapsulation header, and when it was written and taken (Unix ns)."""
+
+    cdr: bytes
+    source_ns: int
+    received_ns: int
+
+
+class Network:
+    """A node ``/_uros_<pid>`` in ``domain``, and what it sees.
+
+    Raises MiddlewareError where the domain cannot be joined. Close it, or use ``with``.
+    """
+
+    def __init__(self, domain: int) -> None:
+        # By name and late: importing this module must not load a DDS.
+        from ..middleware.base import MiddlewareError
+
+        opened = open_middleware("dds")
+        from ..middleware.dds.discovery import Discovery
+        from ..middleware.dds.middleware import DdsMiddleware
+
+        if not isinstance(opened, DdsMiddleware):
+            raise MiddlewareError("the graph can be read on the dds middleware only")
+        self.domain = domain
+        self._middleware = opened
+        try:
+            self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
+            self._news = time.monotonic()
+            self._discovery = Discovery(self.node, self._on_news)
+        except BaseException:
+            opened.close()
+            raise
+        self.graph = Graph(self._discovery)
+
+    def _on_news(self) -> None:
+        self._news = time.monotonic()
+
+    @property
+    def alone(self) -> bool:
+        """Whether nobody else was found in the domain."""
+        return len(self._discovery.participants) <= 1
+
+    def listen(
+        self, topic: str, type_name: str, qos: QoSProfile, on_sample: Callable[[Received], None]
+    ) -> Callable[[], None]:
+        """Subscribe to a topic of a type (ROS names); the result ends it.
+
+        No definition of the type is needed. Raises MiddlewareError.
+        """
+        from ..middleware.dds import cyclone
+
+        def on_ready() -> None:
+            while True:
+                reader.taken = True
+                samples = cyclone.take(reader.entity, _BATCH)
+                for cdr, info in samples:
+                    on_sample(Received(cdr, info.source_timestamp, time.time_ns()))
+                if len(samples) < _BATCH:
+                    return
+
+        reader = self.node.create_reader(
+            names.topic_to_dds(topic), names.type_to_dds(type_name), qos, on_ready
+        )
+        return reader.close
+
+    def spin(self, done: Callable[[], bool], seconds: float | None = None) -> bool:
+        """Serve the network until ``done()``, which is asked after every event.
+
+        False: ``seconds`` went by before. Without them it waits as long as it takes.
+        """
+        end = None if seconds is None else time.monotonic() + seconds
+        while not done():
+            now = time.monotonic()
+            if end is not None and now >= end:
+                return False
+            due = [at for at in (end, self._middleware.next_deadline()) if at is not None]
+            pause = max(0.0, min(due) - now) if due else None
+            if select.select([self._middleware.fileno()], [], [], pause)[0]:
+                self._middleware.dispatch()
+            self._middleware.tick()
+        return True
+
+    def settle(self, seconds: float = DISCOVERY_SECONDS) -> None:
+        """Discover until nothing new comes and every ROS participant told its nodes."""
+        end = time.monotonic() + seconds
+        asked: set[bytes] = set()
+        while (now := time.monotonic()) < end:
+            look_at = end
+            unheard = self._discovery.unheard() - asked
+            if unheard:
+                look_at = self._news + _ASK_AGAIN
+                if now >= look_at:
+                    asked |= unheard
+                    self._discovery.ask_again()
+                    continue
+            elif not self._discovery.silent():
+                slow = self.alone or self._discovery.empty()
+                look_at = self._news + (_SLOW if slow else _QUIET)
+                if now >= look_at:
+                    return
+            self._wait_for_news(min(look_at, end) - now)
+
+    def _wait_for_news(self, seconds: float) -> None:
+        before = self._news
+        self.spin(lambda: self._news != before, seconds)
+
+    def close(self) -> None:
+        """Leave the domain. Twice is once."""
+        self._middleware.close()
+
+    def __enter__(self) -> Network:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

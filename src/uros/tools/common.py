@@ -1,0 +1,138 @@
+"""What the verbs that look at a network have in common: options, joining, what to say."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Final
+
+from .errors import ToolError, did_you_mean
+
+if TYPE_CHECKING:
+    from ..host.network import Network
+
+MAX_DOMAIN: Final = 232
+
+
+def add_common(parser: argparse.ArgumentParser) -> None:
+    """The options of every verb that joins a domain."""
+    parser.add_argument(
+        "--domain",
+        metavar="N",
+        type=domain,
+        help="ROS domain to look at (default: ROS_DOMAIN_ID, or 0)",
+    )
+    parser.add_argument(
+        "--interfaces",
+        metavar="DIR",
+        action="append",
+        default=[],
+        help="folder with .msg, .srv and .action files to know besides; may be repeated",
+    )
+    parser.add_argument(
+        "--spin-time",
+        metavar="S",
+        type=positive_float,
+        help="discover for exactly so many seconds (default: until nothing new comes)",
+    )
+    parser.add_argument("--no-daemon", action="store_true", help=argparse.SUPPRESS)
+
+
+def add_topic(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
+    """The positional argument ``topic``."""
+    parser.add_argument(
+        "topic",
+        metavar="TOPIC",
+        type=topic_name,
+        nargs=nargs,
+        help="name of the topic, such as /chatter",
+    )
+
+
+# --- values on the command line -----------------------------------------------------
+
+
+def domain(text: str) -> int:
+    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+        raise argparse.ArgumentTypeError(f"{text!r} is no domain; give 0 to {MAX_DOMAIN}")
+    return int(text)
+
+
+def positive_float(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number above 0")
+    return value
+
+
+def positive_int(text: str) -> int:
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number above 0")
+    return int(text)
+
+
+def unsigned_int(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 on")
+    return int(text)
+
+
+def topic_name(text: str) -> str:
+    """The absolute name; the first slash may be left away."""
+    from ..host import names
+
+    name = names.absolute(text)
+    if not names.is_valid(name):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no topic name: letters, digits and _ between slashes, no part beginning"
+            " with a digit, no __"
+        )
+    return name
+
+
+# --- the network ------------------------------------------------------------------
+
+
+def join(args: argparse.Namespace) -> Network:
+    """Make the ``--interfaces`` known and join the domain; nothing is discovered yet."""
+    from ..host.network import Network
+
+    number = args.domain if args.domain is not None else _environment_domain()
+    if args.interfaces:
+        from ..interfaces import add_folder
+
+        for folder in args.interfaces:
+            add_folder(folder)
+    return Network(number)
+
+
+def discover(network: Network, args: argparse.Namespace) -> None:
+    """Learn what is in the domain, for ``--spin-time`` or as long as there is news."""
+    if args.spin_time is None:
+        network.settle()
+    else:
+        network.spin(lambda: False, args.spin_time)
+
+
+def _environment_domain() -> int:
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip()
+    if not text:
+        return 0
+    try:
+        return domain(text)
+    except argparse.ArgumentTypeError as error:
+        raise ToolError(f"ROS_DOMAIN_ID: {error}") from None
+
+
+def remedy(network: Network, name: str, known: Iterable[str]) -> str:
+    """What follows "there is no such name": close ones, or why there may be none."""
+    if network.alone:
+        return (
+            f": nobody else was found in domain {network.domain}; check --domain, ROS_DOMAIN_ID"
+            " and ROS_AUTOMATIC_DISCOVERY_RANGE"
+        )
+    return f" in domain {network.domain}{did_you_mean(name, known)}"

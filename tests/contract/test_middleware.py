@@ -1,0 +1,584 @@
+"""What every middleware must do for the agent: the contract in uros.middleware.base, as tests."""
+
+import gc
+import resource
+import select
+import time
+
+import psutil
+import pytest
+
+from uros.middleware import open_middleware
+from uros.middleware.base import MiddlewareError, Service
+from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+SECONDS = 10.0
+TYPE = "std_msgs::msg::dds_::String_"
+SERVICE = Service(
+    "rq/addRequest", "pkg::srv::dds_::Add_Request_", "rr/addReply", "pkg::srv::dds_::Add_Response_"
+)
+BEST_EFFORT = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT)
+TRANSIENT_LOCAL = QoSProfile(depth=3, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+
+
+def cdr(text):
+    """A sample: encapsulation header, length, text, NUL."""
+    raw = text.encode() + b"\0"
+    return b"\x00\x01\x00\x00" + len(raw).to_bytes(4, "little") + raw
+
+
+class Network:
+    """A middleware with the data plane's part around it: waiting and dispatching."""
+
+    def __init__(self, middleware, domain, local=True):
+        self.middleware = middleware
+        self.domain = domain
+        self.local = local
+        self.dispatched = 0
+
+    def node(self, name="node", domain=None):
+        return self.middleware.create_node(self.domain if domain is None else domain, "/", name)
+
+    def turn(self, seconds):
+        """Wait for work and do it. False: there was none."""
+        if not select.select([self.middleware.fileno()], [], [], seconds)[0]:
+            return False
+        self.dispatched += 1
+        self.middleware.dispatch()
+        return True
+
+    def until(self, done, seconds=SECONDS):
+        deadline = time.monotonic() + seconds
+        while True:
+            if self.local:
+                self.middleware.dispatch_local()
+            if done():
+                return
+            left = deadline - time.monotonic()
+            assert left > 0, "it does not come"
+            self.turn(left)
+
+    def settle(self, node):
+        """Do all work that there is: what a marker sent behind it has overtaken is not there."""
+        came = Inbox(node, "settle")
+        node.create_writer("settle", TYPE, QoSProfile()).write(cdr("marker"))
+        self.until(lambda: came.samples)
+        while self.turn(0):
+            pass
+
+
+class Inbox:
+    """A reader that takes what comes as it comes; or counts only, with ``limit`` 0."""
+
+    def __init__(self, node, topic, type_name=TYPE, qos=None, limit=1000):
+        self.samples = []
+        self.calls = 0
+        self.limit = limit
+        self.reader = None
+        self.reader = node.create_reader(topic, type_name, qos or QoSProfile(), self.ready)
+
+    def ready(self):
+        self.calls += 1
+        if self.limit and self.reader is not None:
+            self.take()
+
+    def take(self, limit=None):
+        self.samples.extend(self.reader.take(limit or self.limit))
+
+
+@pytest.fixture(params=["memory", "dds", "dds-remote"])
+def network(request, own_domain_id):
+    """``remote``: without the short cut for what this process itself wrote."""
+    name, _, remote = request.param.partition("-")
+    middleware = open_middleware(name)
+    yield Network(middleware, own_domain_id, not remote)
+    middleware.close()
+
+
+# --- topics -----------------------------------------------------------------------
+
+
+def test_what_is_written_is_taken_as_it_was_in_order(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter")
+    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    sent = [cdr(f"hello {i}") for i in range(5)]
+    for sample in sent:
+        assert writer.write(sample) is True
+    network.until(lambda: len(inbox.samples) == 5)
+    # DDS pads a sample to a multiple of four on some ways; the length inside rules.
+    assert [sample[: len(s)] for sample, s in zip(inbox.samples, sent, strict=True)] == sent
+    assert all(len(sample) - len(s) < 4 for sample, s in zip(inbox.samples, sent, strict=True))
+
+
+@pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])
+def test_a_sample_may_be_any_kind_of_bytes_and_is_the_callers_again(network, kind):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", limit=0)
+    buffer = bytearray(cdr("original"))
+    kept = bytes(buffer)
+    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(kind(buffer))
+    buffer[8:] = bytes(len(buffer) - 8)
+    network.until(lambda: inbox.calls)
+    assert inbox.reader.take(10)[0][: len(kept)] == kept
+
+
+def test_take_gives_at_most_the_limit_oldest_first(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", limit=0)
+    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    sent = [cdr(f"abc{i}") for i in range(5)]
+    for sample in sent:
+        writer.write(sample)
+    network.until(lambda: inbox.calls)
+    taken = [inbox.reader.take(2), inbox.reader.take(2), inbox.reader.take(2)]
+    assert taken == [sent[:2], sent[2:4], sent[4:]]
+    assert inbox.reader.take(2) == []
+
+
+def test_keep_last_keeps_the_newest(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", qos=QoSProfile(depth=3), limit=0)
+    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    sent = [cdr(f"abc{i}") for i in range(8)]
+    for sample in sent:
+        writer.write(sample)
+    network.until(lambda: inbox.calls)
+    assert inbox.reader.take(100) == sent[5:]
+
+
+def test_keep_all_keeps_all(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", qos=KEEP_ALL, limit=0)
+    writer = node.create_writer("rt/chatter", TYPE, KEEP_ALL)
+    sent = [cdr(f"{i:07}") for i in range(100)]
+    for sample in sent:
+        assert writer.write(sample)
+    network.until(lambda: inbox.calls)
+    assert inbox.reader.take(1000) == sent
+
+
+def test_a_late_transient_local_reader_gets_the_last_ones_up_to_the_writers_depth(network):
+    node = network.node()
+    writer = node.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
+    sent = [cdr(f"map{i}") for i in range(5)]
+    for sample in sent:
+        writer.write(sample)
+    inbox = Inbox(node, "rt/map", qos=QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    network.until(lambda: len(inbox.samples) >= 3)
+    network.settle(node)
+    assert inbox.samples == sent[2:]
+
+
+def test_a_late_volatile_reader_gets_nothing_of_before(network):
+    node = network.node()
+    writer = node.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
+    writer.write(cdr("before"))
+    inbox = Inbox(node, "rt/map")
+    writer.write(cdr("later "))
+    network.until(lambda: inbox.samples)
+    network.settle(node)
+    assert inbox.samples == [cdr("later ")]
+
+
+def test_a_closed_writer_leaves_nothing_to_late_readers(network):
+    node = network.node()
+    writer = node.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
+    writer.write(cdr("before"))
+    writer.close()
+    inbox = Inbox(node, "rt/map", qos=TRANSIENT_LOCAL)
+    network.settle(node)
+    assert inbox.samples == []
+
+
+@pytest.mark.parametrize(
+    ("offered", "wanted", "arrives"),
+    [
+        (QoSProfile(), QoSProfile(), True),
+        (QoSProfile(), BEST_EFFORT, True),
+        (BEST_EFFORT, BEST_EFFORT, True),
+        (BEST_EFFORT, QoSProfile(), False),
+        (QoSProfile(), QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL), False),
+    ],
+    ids=["reliable", "reliable-to-best-effort", "best-effort", "best-effort-to-reliable",
+         "volatile-to-transient-local"],
+)  # fmt: skip
+def test_a_reader_hears_only_a_writer_that_offers_what_it_wants(network, offered, wanted, arrives):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", qos=wanted)
+    node.create_writer("rt/chatter", TYPE, offered).write(cdr("abc"))
+    network.settle(node)
+    assert inbox.samples == ([cdr("abc")] if arrives else [])
+
+
+def test_types_match_by_name(network):
+    node = network.node()
+    same = Inbox(node, "rt/chatter")
+    other = Inbox(node, "rt/chatter", "std_msgs::msg::dds_::Int32_")
+    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.settle(node)
+    assert (same.samples, other.samples) == ([cdr("abc")], [])
+
+
+def test_topics_match_by_name(network):
+    node = network.node()
+    inbox, other = Inbox(node, "rt/chatter"), Inbox(node, "rt/chatter2")
+    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.settle(node)
+    assert (inbox.samples, other.samples) == ([cdr("abc")], [])
+
+
+def test_domains_are_apart(network):
+    from conftest import leased_domain
+
+    with leased_domain() as domain:
+        here, there = network.node(), network.node(domain=domain)
+        inbox, other = Inbox(here, "rt/chatter"), Inbox(there, "rt/chatter")
+        here.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+        network.settle(here)
+        network.settle(there)
+        assert (inbox.samples, other.samples) == ([cdr("abc")], [])
+        there.close()
+
+
+@pytest.mark.parametrize("domain", [-1, 233])
+def test_a_domain_that_cannot_be_is_refused(network, domain):
+    with pytest.raises(MiddlewareError, match=f"domain {domain} .*0 to 232"):
+        network.node(domain=domain)
+
+
+@pytest.mark.parametrize("size", [15_000, 1_000_000])
+def test_large_samples_arrive_whole(network, size):
+    node = network.node()
+    inbox = Inbox(node, "rt/image")
+    pattern = bytes(range(251)) * (size // 251 + 1)
+    sample = b"\x00\x01\x00\x00" + size.to_bytes(4, "little") + pattern[:size]
+    assert node.create_writer("rt/image", TYPE, QoSProfile()).write(sample)
+    network.until(lambda: inbox.samples)
+    assert inbox.samples[0][: len(sample)] == sample
+
+
+def test_many_readers_all_hear(network):
+    """More than a waitset reports at once."""
+    nodes = [network.node(f"node{i}") for i in range(3)]
+    inboxes = [Inbox(nodes[i % 3], "rt/chatter") for i in range(300)]
+    writer = nodes[0].create_writer("rt/chatter", TYPE, QoSProfile())
+    for i in range(3):
+        writer.write(cdr(f"abc{i}"))
+        network.until(lambda n=i + 1: all(len(inbox.samples) == n for inbox in inboxes))
+    assert all(inbox.samples == [cdr(f"abc{i}") for i in range(3)] for inbox in inboxes)
+
+
+# --- on_ready ---------------------------------------------------------------------
+
+
+def test_on_ready_comes_only_from_dispatch(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", limit=0)
+    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    assert inbox.calls == 0
+    network.until(lambda: inbox.calls)
+
+
+def test_on_ready_comes_again_only_after_a_take(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", limit=0)
+    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    writer.write(cdr("abc0"))
+    network.until(lambda: inbox.calls)
+    network.settle(node)
+    announced = inbox.calls
+    writer.write(cdr("abc1"))
+    network.settle(node)
+    assert inbox.calls == announced
+    assert inbox.reader.take(10) == [cdr("abc0"), cdr("abc1")]
+    writer.write(cdr("abc2"))
+    network.until(lambda: inbox.calls > announced)
+    assert inbox.reader.take(10) == [cdr("abc2")]
+
+
+def test_what_was_left_by_a_take_is_not_announced_but_there(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", limit=0)
+    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    for i in range(3):
+        writer.write(cdr(f"abc{i}"))
+    network.until(lambda: inbox.calls)
+    network.settle(node)
+    assert inbox.reader.take(1) == [cdr("abc0")]
+    network.settle(node)
+    announced = inbox.calls
+    network.settle(node)
+    assert inbox.calls == announced
+    writer.write(cdr("abc3"))
+    network.until(lambda: inbox.calls > announced)
+    assert inbox.reader.take(10) == [cdr(f"abc{i}") for i in (1, 2, 3)]
+
+
+def test_a_reader_that_does_not_take_costs_nothing_and_goes_on_when_it_takes(network):
+    """A client without room must not make the data plane run in circles."""
+    node = network.node()
+    stuck = Inbox(node, "rt/stuck", qos=KEEP_ALL, limit=0)
+    other = Inbox(node, "rt/other")
+    to_stuck = node.create_writer("rt/stuck", TYPE, KEEP_ALL)
+    to_other = node.create_writer("rt/other", TYPE, QoSProfile())
+    to_stuck.write(cdr("abc0"))
+    network.until(lambda: stuck.calls)
+    network.settle(node)
+    before, used = network.dispatched, resource.getrusage(resource.RUSAGE_SELF).ru_utime
+    while network.turn(0.3):  # until it sleeps
+        assert network.dispatched < before + 5
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_utime - used < 0.1
+    for i in range(20):
+        to_stuck.write(cdr("abc0"))
+        to_other.write(cdr(f"abc{i}"))
+        network.until(lambda n=i + 1: len(other.samples) == n)
+    calls = stuck.calls
+    assert len(stuck.reader.take(100)) == 21
+    stuck.limit = 100
+    to_stuck.write(cdr("abc9"))
+    network.until(lambda: stuck.samples)
+    assert stuck.calls > calls
+
+
+def test_an_on_ready_that_raises_hurts_nobody_else(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/b")
+    more = Inbox(node, "rt/c")
+
+    def broken():
+        raise RuntimeError("a client's fault")
+
+    reader = node.create_reader("rt/a", TYPE, QoSProfile(), broken)
+    writers = [node.create_writer("rt/" + name, TYPE, QoSProfile()) for name in "abc"]
+    deadline = time.monotonic() + SECONDS
+    for round_ in range(3):
+        for writer in writers:
+            writer.write(cdr(f"abc{round_}"))
+        while len(inbox.samples) <= round_ or len(more.samples) <= round_:
+            assert time.monotonic() < deadline, "the others hear nothing any more"
+            try:
+                if network.local:
+                    network.middleware.dispatch_local()
+                network.turn(0.2)
+            except RuntimeError:
+                pass
+    assert len(reader.take(10)) == 3
+
+
+def test_a_reader_may_close_itself_and_others_in_on_ready(network):
+    node = network.node()
+    inboxes = []
+
+    class Closing(Inbox):
+        def ready(self):
+            self.calls += 1
+            for inbox in inboxes:
+                inbox.reader.close()
+
+    inboxes += [Closing(node, "rt/chatter") for _ in range(5)]
+    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    writer.write(cdr("abc"))
+    network.until(lambda: any(inbox.calls for inbox in inboxes))
+    network.settle(node)
+    assert sum(inbox.calls for inbox in inboxes) == 1
+    assert [inbox.reader.take(5) for inbox in inboxes] == [[]] * 5
+
+
+def test_a_closed_reader_is_not_called(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter")
+    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    inbox.reader.close()
+    network.settle(node)
+    assert inbox.calls == 0
+    assert inbox.reader.take(10) == []
+
+
+# --- services ---------------------------------------------------------------------
+
+
+class Caller:
+    def __init__(self, node, service=SERVICE):
+        self.replies = []
+        self.requester = None
+        self.requester = node.create_requester(service, QoSProfile(), self.ready)
+
+    def ready(self):
+        if self.requester is not None:
+            self.replies.extend(self.requester.take(100))
+
+
+class Server:
+    """Answers each request with its text turned round, when told to."""
+
+    def __init__(self, node, service=SERVICE):
+        self.requests = []
+        self.replier = None
+        self.replier = node.create_replier(service, QoSProfile(), self.ready)
+
+    def ready(self):
+        if self.replier is not None:
+            self.requests.extend(self.replier.take(100))
+
+
+def test_requests_reach_the_replier_and_replies_their_asker(network):
+    server = Server(network.node("server"))
+    first, second = Caller(network.node("first")), Caller(network.node("second"))
+    numbers = [first.requester.request(cdr("one")), second.requester.request(cdr("two"))]
+    numbers.append(first.requester.request(cdr("six")))
+    assert None not in numbers and numbers[0] != numbers[2]
+    network.until(lambda: len(server.requests) == 3)
+    assert sorted(body for _, _, body in server.requests) == sorted(
+        [cdr("one"), cdr("two"), cdr("six")]
+    )
+    for guid, sequence, body in reversed(server.requests):
+        assert len(guid) == 16
+        assert server.replier.reply(guid, sequence, body[:8] + body[8:11][::-1] + b"\0")
+    network.until(lambda: len(first.replies) == 2 and len(second.replies) == 1)
+    assert dict(first.replies) == {numbers[0]: cdr("eno"), numbers[2]: cdr("xis")}
+    assert dict(second.replies) == {numbers[1]: cdr("owt")}
+
+
+def test_replies_to_another_are_not_ours(network):
+    node = network.node()
+    server, caller = Server(node), Caller(node)
+    number = caller.requester.request(cdr("one"))
+    network.until(lambda: server.requests)
+    guid, sequence, _ = server.requests[0]
+    wrong = bytes((guid[0] ^ 1,)) + guid[1:]
+    server.replier.reply(wrong, sequence, cdr("bad"))
+    server.replier.reply(guid, sequence, cdr("eno"))
+    network.until(lambda: caller.replies)
+    network.settle(node)
+    assert caller.replies == [(number, cdr("eno"))]
+
+
+def test_samples_that_are_no_requests_are_left_out(network):
+    """Somebody else's writer on the service's topics, with samples too short for an identity."""
+    node = network.node()
+    server, caller = Server(node), Caller(node)
+    for topic, type_name in (
+        (SERVICE.request_topic, SERVICE.request_type),
+        (SERVICE.reply_topic, SERVICE.reply_type),
+    ):
+        stray = node.create_writer(topic, type_name, QoSProfile())
+        stray.write(b"\x00\x01\x00\x00" + bytes(4))
+        stray.write(b"\x00\x01\x00\x00" + bytes(8))
+    number = caller.requester.request(cdr("one"))
+    network.until(lambda: server.requests)
+    network.settle(node)
+    assert len(server.requests) == 1
+    server.replier.reply(*server.requests[0][:2], cdr("two"))
+    network.until(lambda: caller.replies)
+    assert caller.replies == [(number, cdr("two"))]
+
+
+def test_a_requester_without_a_server_and_a_replier_without_an_asker(network):
+    node = network.node()
+    caller = Caller(node)
+    assert caller.requester.request(cdr("one")) is not None
+    server = Server(node)
+    assert server.replier.reply(bytes(16), 7, cdr("two"))
+    network.settle(node)
+    assert caller.replies == []
+
+
+# --- closing ----------------------------------------------------------------------
+
+
+def test_closing_twice_is_closing_once(network):
+    node = network.node()
+    things = [
+        node.create_writer("rt/chatter", TYPE, QoSProfile()),
+        Inbox(node, "rt/chatter").reader,
+        Caller(node).requester,
+        Server(node).replier,
+    ]
+    for thing in things:
+        thing.close()
+        thing.close()
+    node.close()
+    node.close()
+
+
+def test_a_node_closes_its_endpoints_and_nobody_elses(network):
+    leaving, staying = network.node("leaving"), network.node("staying")
+    left = Inbox(leaving, "rt/chatter")
+    writer = leaving.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
+    writer.write(cdr("abc"))
+    server, caller = Server(leaving), Caller(leaving)
+    inbox = Inbox(staying, "rt/chatter")
+    leaving.close()
+    staying.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    late = Inbox(staying, "rt/map", qos=TRANSIENT_LOCAL)
+    Caller(staying).requester.request(cdr("one"))
+    network.settle(staying)
+    assert inbox.samples == [cdr("abc")]
+    assert (left.samples, late.samples, server.requests, caller.replies) == ([], [], [], [])
+    for thing in (left.reader, writer, server.replier, caller.requester):
+        thing.close()
+
+
+def test_what_comes_and_goes_leaves_nothing_behind(network):
+    node = network.node()
+    process = psutil.Process()
+
+    def come_and_go(times):
+        for i in range(times):
+            visitor = network.node(f"node{i}")
+            topic = f"rt/topic{i % 7}"
+            writer = visitor.create_writer(topic, TYPE, QoSProfile())
+            inbox = Inbox(visitor, topic)
+            caller, server = Caller(node), Server(visitor)
+            writer.write(cdr("abc"))
+            for thing in (caller.requester, server.replier, writer, inbox.reader):
+                thing.close()
+            visitor.close()
+        network.settle(node)
+        gc.collect()
+        return process.memory_info().rss, len(gc.get_objects())
+
+    come_and_go(100)
+    memory, objects = come_and_go(20)
+    memory_after, objects_after = come_and_go(500)
+    assert objects_after - objects < 100
+    assert memory_after - memory < 3_000_000
+
+
+def test_a_topic_can_be_joined_left_and_joined_again_with_another_type(network):
+    node = network.node()
+    for type_name in (TYPE, "std_msgs::msg::dds_::Int32_", TYPE):
+        inbox = Inbox(node, "rt/chatter", type_name)
+        writer = node.create_writer("rt/chatter", type_name, QoSProfile())
+        writer.write(cdr("abc"))
+        network.until(lambda inbox=inbox: inbox.samples)
+        writer.close()
+        inbox.reader.close()
+
+
+def test_closing_the_middleware_twice_and_with_everything_open(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", limit=0)
+    Caller(node), Server(node)
+    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.middleware.close()
+    network.middleware.close()
+    assert inbox.calls == 0
+
+
+def test_a_middleware_that_nobody_used_closes(network):
+    network.middleware.close()
+
+
+def test_the_network_can_be_left_and_joined_again(network, request):
+    name = network.middleware.name
+    for _ in range(2):
+        middleware = open_middleware(name)
+        again = Network(middleware, network.domain)
+        node = again.node()
+        inbox = Inbox(node, "rt/chatter")
+        node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+        again.until(lambda inbox=inbox: inbox.samples)
+        middleware.close()

@@ -1,0 +1,165 @@
+"""A real rclpy node at the other end: commands on stdin, events on stdout, one JSON line each.
+
+Runs in an environment of its own that knows nothing of uros. A command is ``{"id": 1, "do":
+"subscribe", …}``; its answer bears the same id. Messages that arrive are events without one. What
+has to be waited for is waited for here, by asking rclpy again until a deadline.
+"""
+
+import json
+import queue
+import sys
+import threading
+import time
+from importlib import import_module
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+
+ASK_AGAIN = 0.02
+
+
+def say(**event):
+    sys.stdout.write(json.dumps(event) + "\n")
+    sys.stdout.flush()
+
+
+def find_type(name):
+    package, kind, plain = name.split("/")
+    return getattr(import_module(f"{package}.{kind}"), plain)
+
+
+def profile(reliability="reliable", durability="volatile", depth=10):
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy[reliability.upper()],
+        durability=DurabilityPolicy[durability.upper()],
+    )
+
+
+class Peer:
+    def __init__(self):
+        self.node = rclpy.create_node("peer", namespace="/real")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.publishers = {}
+        self.subscriptions = {}
+
+    def wait(self, seconds, ready):
+        """What ``ready`` says as soon as it says anything; None after the deadline."""
+        deadline = time.monotonic() + seconds
+        while True:
+            found = ready()
+            if found or time.monotonic() > deadline:
+                return found
+            self.executor.spin_once(timeout_sec=ASK_AGAIN)
+
+    # --- commands: what they return goes into the answer ------------------------
+
+    def do_subscribe(self, topic, type, seconds=15, **qos):
+        """Subscribe; with ``seconds`` wait until a publisher is matched."""
+        cls = find_type(type)
+
+        def arrived(message):
+            say(event="message", topic=topic, cdr=bytes(serialize_message(message)).hex())
+
+        if topic not in self.subscriptions:
+            self.subscriptions[topic] = self.node.create_subscription(
+                cls, topic, arrived, profile(**qos)
+            )
+        return {}
+
+    def do_unsubscribe(self, topic):
+        self.node.destroy_subscription(self.subscriptions.pop(topic))
+        return {}
+
+    def do_publish(self, topic, type, cdr, seconds=15, **qos):
+        """Publish typed messages, given as CDR, when somebody subscribes."""
+        cls = find_type(type)
+        if topic not in self.publishers:
+            self.publishers[topic] = self.node.create_publisher(cls, topic, profile(**qos))
+        publisher = self.publishers[topic]
+        matched = self.wait(seconds, publisher.get_subscription_count)
+        for sample in cdr if matched else []:
+            publisher.publish(deserialize_message(bytes.fromhex(sample), cls))
+        return {"subscribers": matched}
+
+    def do_node(self, namespace, name, publishers, seconds=15):
+        """Wait until the node is there with these publishers (topic → type)."""
+
+        def ready():
+            if (name, namespace) not in self.node.get_node_names_and_namespaces():
+                return None
+            try:
+                found = dict(self.node.get_publisher_names_and_types_by_node(name, namespace))
+            except rclpy.node.NodeNameNonExistentError:  # seen, and gone again
+                return None
+            return found if all(found.get(t) == [k] for t, k in publishers.items()) else None
+
+        found = self.wait(seconds, ready)
+        return {"publishers": found, **self.do_graph()}
+
+    def do_gone(self, namespace, name, seconds=15):
+        """Wait until the node is not there any more."""
+        gone = self.wait(
+            seconds, lambda: (name, namespace) not in self.node.get_node_names_and_namespaces()
+        )
+        return {"gone": gone, **self.do_graph()}
+
+    def do_graph(self):
+        return {
+            "names": sorted(self.node.get_node_names()),
+            "full_names": sorted(
+                f"{namespace.rstrip('/')}/{name}"
+                for name, namespace in self.node.get_node_names_and_namespaces()
+            ),
+        }
+
+    def do_topic(self, topic, seconds=15, of="publishers", count=1):
+        """Wait for the publishers (subscriptions) of a topic; what each is."""
+        ask = getattr(self.node, f"get_{of}_info_by_topic")
+        self.wait(seconds, lambda: len(ask(topic)) >= count)
+        return {
+            "infos": [
+                {
+                    "type": info.topic_type,
+                    "hash": str(info.topic_type_hash),
+                    "reliability": info.qos_profile.reliability.name,
+                    "durability": info.qos_profile.durability.name,
+                }
+                for info in ask(topic)
+            ]
+        }
+
+    def run(self):
+        commands = queue.Queue()
+
+        def read():
+            for line in sys.stdin:
+                commands.put(json.loads(line))
+            commands.put(None)
+
+        threading.Thread(target=read, daemon=True).start()
+        say(event="ready")
+        while True:
+            try:
+                command = commands.get_nowait()
+            except queue.Empty:
+                self.executor.spin_once(timeout_sec=ASK_AGAIN)
+                continue
+            if command is None:
+                return
+            number, what = command.pop("id"), command.pop("do")
+            try:
+                say(id=number, **getattr(self, "do_" + what)(**command))
+            except Exception as error:
+                say(id=number, error=repr(error))
+
+
+if __name__ == "__main__":
+    rclpy.init()
+    try:
+        Peer().run()
+    finally:
+        rclpy.shutdown()

@@ -1,0 +1,242 @@
+"""Boards through our agent to a real rclpy node, and back."""
+
+import pytest
+from conftest import leased_domain
+from support.agent import running_agent
+from support.client import XrceClient
+from support.peer import RosPeer
+from support.replay import load, messages
+
+from uros.boards.recorded import RecordedBoard, UdpBoard, submessages
+from uros.interfaces import known_hash
+from uros.interfaces import load as load_type
+from uros.interfaces.codec import from_cdr, to_cdr
+from uros.wire import ids
+from uros.wire.streams import Fragments
+
+INT32 = "std_msgs/msg/Int32"
+STRING = "std_msgs/msg/String"
+TWIST = "geometry_msgs/msg/Twist"
+IMAGE = "sensor_msgs/msg/CompressedImage"
+TEMPERATURE = "sensor_msgs/msg/Temperature"
+HUMIDITY = "sensor_msgs/msg/RelativeHumidity"
+
+pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.fixture(scope="module")
+def domain():
+    with leased_domain() as number:
+        yield number
+
+
+@pytest.fixture(scope="module")
+def agent(domain):
+    with running_agent("udp", "dds", domain) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def peer(ros_python, domain):
+    with RosPeer(ros_python, domain) as running:
+        yield running
+
+
+def board(agent, capture):
+    """The board of a capture, over and over until the end of the block."""
+    recorded = RecordedBoard(load(capture), endless=True)
+    return UdpBoard(recorded, ("127.0.0.1", agent.transport.port))
+
+
+def published(capture):
+    """The samples a capture's board publishes, put together from fragments."""
+    out, fragments = [], Fragments()
+    for _, message in messages(capture, load(capture), True):
+        for kind, flags, payload in submessages(message):
+            if kind == ids.FRAGMENT:
+                whole = fragments.add(payload, bool(flags & ids.FLAG_LAST_FRAGMENT))
+                if whole is not None:
+                    out.append(bytes(whole[8:]))
+            elif kind == ids.WRITE_DATA:
+                out.append(payload[4:])
+    return out
+
+
+def dds_name(type_name):
+    package, kind, name = type_name.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def read(type_name, cdr):
+    return from_cdr(load_type(type_name), cdr)
+
+
+def assert_follow_each_other(samples, recorded):
+    """Received samples are recorded ones, in their order, from any of them on, round and round."""
+    at = recorded.index(samples[0])
+    for i, sample in enumerate(samples):
+        assert sample == recorded[(at + i) % len(recorded)], i
+
+
+# --- from boards to ROS -----------------------------------------------------------
+
+
+def test_int32_of_a_board_arrives(agent, peer):
+    recorded = [read(INT32, b"\0\1\0\0" + it).data for it in published("rclc_int32_publisher")]
+    assert recorded == list(range(19))
+    with board(agent, "rclc_int32_publisher"):
+        peer.do("subscribe", topic="/std_msgs_msg_Int32", type=INT32)
+        got = [read(INT32, peer.message("/std_msgs_msg_Int32")).data for _ in range(15)]
+    assert_follow_each_other(got, recorded)
+    peer.do("unsubscribe", topic="/std_msgs_msg_Int32")
+
+
+def test_temperature_and_humidity_of_a_board_arrive(agent, peer):
+    samples = published("rclc_temperature_humidity")
+    topics = {"/garden/temperature": TEMPERATURE, "/garden/humidity": HUMIDITY}
+    with board(agent, "rclc_temperature_humidity"):
+        for topic, type_name in topics.items():
+            peer.do("subscribe", topic=topic, type=type_name)
+        got = {topic: [peer.message(topic) for _ in range(3)] for topic in topics}
+    for i, (topic, type_name) in enumerate(topics.items()):
+        recorded = [read(type_name, b"\0\1\0\0" + it) for it in samples[i::2]]
+        assert_follow_each_other([read(type_name, it) for it in got[topic]], recorded)
+        assert recorded[0].header.frame_id == "bme280"
+        peer.do("unsubscribe", topic=topic)
+
+
+def test_a_fragmented_image_of_a_board_arrives_intact(agent, peer):
+    recorded = published("rclc_image")
+    assert [len(it) for it in recorded] == [15036] * 3
+    with board(agent, "rclc_image"):
+        peer.do("subscribe", topic="/image/compressed", type=IMAGE)
+        got = [read(IMAGE, peer.message("/image/compressed")) for _ in range(3)]
+    sent = [read(IMAGE, b"\0\1\0\0" + it) for it in recorded]
+    assert all(len(image.data) == 15000 for image in got)
+    at = [bytes(image.data) for image in sent].index(bytes(got[0].data))
+    for i, image in enumerate(got):
+        expected = sent[(at + i) % 3]
+        assert bytes(image.data) == bytes(expected.data)
+        assert (image.format, image.header) == (expected.format, expected.header)
+    peer.do("unsubscribe", topic="/image/compressed")
+
+
+def test_a_boards_node_is_in_the_graph_with_its_publishers_until_it_leaves(agent, peer):
+    topics = {
+        "/garden/temperature": "sensor_msgs/msg/Temperature",
+        "/garden/humidity": "sensor_msgs/msg/RelativeHumidity",
+    }
+    before = peer.do("gone", namespace="/garden", name="weather")
+    assert before["gone"]
+    with board(agent, "rclc_temperature_humidity"):
+        seen = peer.do("node", namespace="/garden", name="weather", publishers=topics)
+        assert seen["publishers"] is not None, seen
+        assert {k: v for k, v in seen["publishers"].items() if "garden" in k} == {
+            topic: [type_name] for topic, type_name in topics.items()
+        }
+        assert "weather" in seen["names"] and "/garden/weather" in seen["full_names"]
+    after = peer.do("gone", namespace="/garden", name="weather")
+    assert after["gone"], after
+    assert "/garden/weather" not in after["full_names"]
+
+
+def test_nodes_of_several_boards_are_apart(agent, peer):
+    expected = {
+        "rclc_int32_publisher": ("int32_pub_node", "/std_msgs_msg_Int32", INT32),
+        "rclc_image": ("image_pub_node", "/image/compressed", IMAGE),
+    }
+    with board(agent, "rclc_int32_publisher"), board(agent, "rclc_image"):
+        for name, topic, type_name in expected.values():
+            seen = peer.do("node", namespace="/", name=name, publishers={topic: type_name})
+            own = set(seen["publishers"]) & {it[1] for it in expected.values()}
+            assert own == {topic}, seen
+    for name, _, _ in expected.values():
+        assert peer.do("gone", namespace="/", name=name)["gone"]
+
+
+def test_endpoints_tell_their_type_hash_and_qos(agent, peer):
+    """Not the node's name: Cyclone leaves the participant's GUID out of what it tells of an
+    endpoint, so rmw_fastrtps calls any Cyclone endpoint _CREATED_BY_BARE_DDS_APP_ here."""
+    client = XrceClient(agent.line(), key=0x51000001)
+    client.open()
+    client.writer("probe", "rt/hash/reliable", dds_name(TEMPERATURE))
+    client.writer("probe", "rt/hash/best_effort", dds_name(TEMPERATURE), ids.QOS_KEEP_LAST)
+    client.reader("probe", "rt/hash/read", dds_name(TWIST))
+    for topic, reliability in (("reliable", "RELIABLE"), ("best_effort", "BEST_EFFORT")):
+        infos = peer.do("topic", topic=f"/hash/{topic}")["infos"]
+        assert infos == [
+            {
+                "type": TEMPERATURE,
+                "hash": known_hash(TEMPERATURE),
+                "reliability": reliability,
+                "durability": "VOLATILE",
+            }
+        ]
+    infos = peer.do("topic", topic="/hash/read", of="subscriptions")["infos"]
+    assert [(it["type"], it["hash"]) for it in infos] == [(TWIST, known_hash(TWIST))]
+    client.close()
+    assert peer.do("gone", namespace="/", name="probe")["gone"]
+
+
+def test_a_late_subscriber_gets_a_boards_transient_local_samples(agent, peer):
+    client = XrceClient(agent.line(), key=0x51000002)
+    client.open()
+    flags = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
+    writer = client.writer("keeper", "rt/kept", dds_name(INT32), flags, depth=3)
+    for number in range(5):
+        client.write(writer, number.to_bytes(4, "little"))
+    peer.do("subscribe", topic="/kept", type=INT32, durability="transient_local")
+    assert [read(INT32, peer.message("/kept")).data for _ in range(3)] == [2, 3, 4]
+    peer.do("unsubscribe", topic="/kept")
+    client.close()
+
+
+# --- from ROS to boards -----------------------------------------------------------
+
+
+def twist():
+    message = load_type(TWIST)()
+    message.linear.x, message.linear.z, message.angular.y = 0.5, -1.25, 1e300
+    return message
+
+
+def image():
+    message = load_type(IMAGE)()
+    message.header.frame_id, message.format = "camera", "jpeg"
+    message.header.stamp.sec, message.header.stamp.nanosec = 1234567890, 999999999
+    message.data = bytes(i * 7 & 0xFF for i in range(15000))
+    return message
+
+
+def simple(type_name, value):
+    message = load_type(type_name)()
+    message.data = value
+    return message
+
+
+@pytest.mark.parametrize("reader_qos", ["reliable", "best_effort"])
+@pytest.mark.parametrize(
+    ("type_name", "make"),
+    [
+        (INT32, lambda: [simple(INT32, n) for n in (0, -1, 2**31 - 1)]),
+        (STRING, lambda: [simple(STRING, s) for s in ("", "hello", "grüße 🤖")]),
+        (TWIST, lambda: [twist()]),
+        (IMAGE, lambda: [image()]),
+    ],
+    ids=["Int32", "String", "Twist", "CompressedImage"],
+)
+def test_what_ros_publishes_reaches_a_clients_reader(agent, peer, type_name, make, reader_qos):
+    client = XrceClient(agent.line(), key=0x51000003)
+    client.open()
+    flags = ids.QOS_KEEP_LAST | (ids.QOS_RELIABLE if reader_qos == "reliable" else 0)
+    topic = f"to_board/{type_name.rpartition('/')[2].lower()}_{reader_qos}"
+    reader = client.reader("board", f"rt/{topic}", dds_name(type_name), flags)
+    client.read(reader)
+    sent = make()
+    answer = peer.do(
+        "publish", topic=f"/{topic}", type=type_name, cdr=[to_cdr(message).hex() for message in sent]
+    )
+    assert answer["subscribers"] == 1
+    got = [read(type_name, b"\0\1\0\0" + client.sample(reader)) for _ in sent]
+    assert got == sent
+    assert client.close() == ids.STATUS_OK

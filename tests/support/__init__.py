@@ -1,0 +1,1 @@
+"""What several groups of tests share: an agent in a thread, lines to it, players and a client."""

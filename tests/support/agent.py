@@ -1,0 +1,105 @@
+"""Our agent in a thread, on one transport and one middleware."""
+
+import io
+import os
+import threading
+import tty
+from contextlib import contextmanager
+
+from support.lines import SECONDS, SerialLine, SharedTerminal, TcpLine, UdpLine
+from uros.agent.agent import Agent
+from uros.agent.log import Log
+from uros.agent.server import Server
+from uros.middleware import open_middleware
+
+TRANSPORTS = ("udp", "tcp", "serial", "pseudoterminal")
+
+
+class RunningAgent:
+    """``line(n)`` is the line of the n-th client; ``lines`` are all that were given out."""
+
+    def __init__(self, transport, middleware, domain, level):
+        self.kind = transport
+        self.said = io.StringIO()
+        self.middleware = open_middleware(middleware)
+        self.agent = Agent(self.middleware, Log(level, self.said), domain_override=domain)
+        self._master = self._slave = -1
+        self.transport = self._make(transport)
+        self.server = Server(self.agent, [self.transport])
+        self.error = None
+        self.thread = threading.Thread(target=self._run, name="agent", daemon=True)
+        self.lines = []
+        self._terminal = None
+
+    def _make(self, kind):
+        if kind == "udp":
+            from uros.transport.udp import UdpServer
+
+            return UdpServer(0, "127.0.0.1")
+        if kind == "tcp":
+            from uros.transport.tcp import TcpServer
+
+            return TcpServer(0, "127.0.0.1")
+        from uros.transport.serial import PseudoTerminalServer, SerialServer
+
+        if kind == "pseudoterminal":
+            return PseudoTerminalServer()
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        return SerialServer(os.ttyname(self._slave))
+
+    def _run(self):
+        try:
+            self.server.run()
+        except BaseException as error:
+            self.error = error
+
+    def line(self, number=0):
+        """The line of the n-th client. On a serial line all share one, boards from 1 up."""
+        if self.kind == "udp":
+            line = UdpLine(self.transport.port)
+        elif self.kind == "tcp":
+            line = TcpLine(self.transport.port)
+        else:
+            if self._terminal is None:
+                fd = self._master
+                if self.kind == "pseudoterminal":
+                    fd = os.open(self.transport.device, os.O_RDWR | os.O_NOCTTY)
+                    self._slave = fd
+                self._terminal = SharedTerminal(fd)
+            line = self._terminal.line(number + 1)
+        self.lines.append(line)
+        return line
+
+    def stop(self):
+        self.server.stop()
+        self.thread.join(SECONDS)
+
+    def close(self):
+        self.stop()
+        for line in self.lines:
+            line.close()
+        for fd in (self._master, self._slave):
+            if fd >= 0:
+                os.close(fd)
+        self._master = self._slave = -1
+
+
+@contextmanager
+def running_agent(transport="udp", middleware="dds", domain=0, level=4):
+    """An agent that runs until the end of the block, and must not have failed inside."""
+    running = RunningAgent(transport, middleware, domain, level)
+    running.thread.start()
+    assert running.server.ready.wait(SECONDS)
+    try:
+        yield running
+    finally:
+        running.close()
+    assert not running.thread.is_alive(), "the agent does not end"
+    if running.error is not None:
+        raise running.error
+    said = running.said.getvalue()
+    assert "internal error" not in said, said
+
+
+__all__ = ["TRANSPORTS", "RunningAgent", "SerialLine", "running_agent"]

@@ -1,0 +1,137 @@
+"""The client's end of each transport: messages in, messages out, and their bytes as they are."""
+
+import os
+import select
+import socket
+import time
+import tty
+
+from uros.wire.framing import Deframer, LengthDeframer, frame, frame_size
+
+SECONDS = 10.0
+"""How long anything that must come may take."""
+
+
+class Line:
+    """One client's line. ``address`` is the board's on serial lines."""
+
+    def __init__(self, fd):
+        self.fd = fd
+        self._messages = []
+
+    def send(self, message):
+        self.send_raw(message)
+
+    def send_raw(self, data):
+        raise NotImplementedError
+
+    def _read(self):
+        """The messages that can be read now, waiting for nothing; None: closed."""
+        raise NotImplementedError
+
+    def receive(self, deadline):
+        """The next message, or None where none comes until ``deadline`` (time.monotonic)."""
+        while not self._messages:
+            wait = max(0.0, deadline - time.monotonic())
+            if not select.select([self.fd], [], [], wait)[0]:
+                return None
+            messages = self._read()
+            if messages is None:
+                return None
+            self._messages.extend(messages)
+        return self._messages.pop(0)
+
+    def close(self):
+        raise NotImplementedError
+
+
+class UdpLine(Line):
+    def __init__(self, port):
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+        self._socket.connect(("127.0.0.1", port))
+        super().__init__(self._socket.fileno())
+
+    def send_raw(self, data):
+        self._socket.send(data)
+
+    def _read(self):
+        return [self._socket.recv(65536)]
+
+    def close(self):
+        self._socket.close()
+
+
+class TcpLine(Line):
+    def __init__(self, port):
+        self._socket = socket.create_connection(("127.0.0.1", port), SECONDS)
+        self._deframer = LengthDeframer()
+        super().__init__(self._socket.fileno())
+
+    def send(self, message):
+        self.send_raw(len(message).to_bytes(2, "little") + message)
+
+    def send_raw(self, data):
+        self._socket.sendall(data)
+
+    def _read(self):
+        chunk = self._socket.recv(65536)
+        return self._deframer.feed(chunk) if chunk else None
+
+    def close(self):
+        self._socket.close()
+
+
+class SerialLine(Line):
+    """A board on the file descriptor of a terminal; ``owned``: close it too."""
+
+    def __init__(self, fd, address=1, owned=True):
+        self._deframer = Deframer(address)
+        self._address = address
+        self._owned = owned
+        super().__init__(fd)
+
+    @classmethod
+    def open(cls, device, address=1):
+        fd = os.open(device, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(fd)
+        return cls(fd, address)
+
+    def send(self, message):
+        out = bytearray(frame_size(message))
+        self.send_raw(bytes(out[: frame(message, self._address, 0, out)]))
+
+    def send_raw(self, data):
+        while data:
+            data = data[os.write(self.fd, data) :]
+
+    def _read(self):
+        return self._deframer.feed(os.read(self.fd, 65536))
+
+    def close(self):
+        if self._owned:
+            os.close(self.fd)
+
+
+class SharedTerminal:
+    """Two boards on one line, as on a bus: each sees the frames for it."""
+
+    def __init__(self, fd):
+        self.fd = fd
+        self._lines = []
+
+    def line(self, address):
+        line = SerialLine(self.fd, address, owned=False)
+        line._read = self._read_for(line)
+        self._lines.append(line)
+        return line
+
+    def _read_for(self, mine):
+        def read():
+            chunk = os.read(self.fd, 65536)
+            for line in self._lines:
+                if line is not mine:
+                    line._messages.extend(line._deframer.feed(chunk))
+            return mine._deframer.feed(chunk)
+
+        return read

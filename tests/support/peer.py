@@ -1,0 +1,87 @@
+"""The test's end of tests/interop/peer.py: a real rclpy node in a process of its own."""
+
+import collections
+import json
+import os
+import queue
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+SCRIPT = Path(__file__).parent.parent / "interop" / "peer.py"
+START_SECONDS = 30.0
+
+
+class RosPeer:
+    """Starts the process; a context manager. ``messages`` are CDR samples by topic."""
+
+    def __init__(self, python, domain):
+        environment = dict(os.environ, ROS_DOMAIN_ID=str(domain), PYTHONWARNINGS="default")
+        for name in ("CYCLONEDDS_URI", "PYTHONPATH", "RMW_IMPLEMENTATION"):
+            environment.pop(name, None)
+        self._process = subprocess.Popen(
+            [str(python), str(SCRIPT)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+        self._lines = queue.Queue()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+        self._number = 0
+        self.messages = collections.defaultdict(collections.deque)
+
+    def _read(self):
+        for line in self._process.stdout:
+            if line.startswith("{"):
+                self._lines.put(json.loads(line))
+        self._lines.put(None)
+
+    def _next(self, deadline, what):
+        try:
+            event = self._lines.get(timeout=max(0.0, deadline - time.monotonic()))
+        except queue.Empty:
+            raise AssertionError(f"the peer does not say {what}") from None
+        assert event is not None, f"the peer has ended (status {self._process.wait()})"
+        if event.get("event") == "message":
+            self.messages[event["topic"]].append(bytes.fromhex(event["cdr"]))
+        return event
+
+    def __enter__(self):
+        deadline = time.monotonic() + START_SECONDS
+        while self._next(deadline, "that it is ready").get("event") != "ready":
+            pass
+        return self
+
+    def __exit__(self, *_):
+        self._process.stdin.close()
+        try:
+            self._process.wait(START_SECONDS)
+        finally:
+            self._process.kill()
+            self._thread.join()
+            self._process.stdout.close()
+
+    def do(self, what, seconds=15.0, **arguments):
+        """Run a command; its answer. It may take so many seconds there."""
+        self._number += 1
+        command = {"id": self._number, "do": what, **arguments}
+        if what not in ("graph", "unsubscribe"):
+            command["seconds"] = seconds
+        self._process.stdin.write(json.dumps(command) + "\n")
+        self._process.stdin.flush()
+        deadline = time.monotonic() + seconds + 5
+        while True:
+            event = self._next(deadline, f"what came of {what}")
+            if event.get("id") == self._number:
+                assert "error" not in event, event
+                return event
+
+    def message(self, topic, seconds=15.0):
+        """The next message of a topic that is subscribed to."""
+        deadline = time.monotonic() + seconds
+        while not self.messages[topic]:
+            self._next(deadline, f"that anything came on {topic}")
+        return self.messages[topic].popleft()

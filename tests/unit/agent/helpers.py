@@ -1,0 +1,365 @@
+"""Boards made of the codecs, and an agent around them without sockets and with a clock of ours."""
+
+import io
+
+from uros.agent.agent import Agent
+from uros.agent.log import Log
+from uros.agent.profiles import References
+from uros.middleware.memory import Bus, MemoryMiddleware
+from uros.transport.base import ServerTransport
+from uros.wire import data, entities, header, ids, session
+from uros.wire.cdr import Reader, Writer
+from uros.wire.streams import ticks_add
+
+KEY = 0xAABBCCDD
+SESSION = 0x81
+
+
+def sub(kind, payload=b"", flags=ids.FLAG_LITTLE_ENDIAN):
+    """One submessage."""
+    return kind, flags, bytes(payload)
+
+
+def message(submessages, stream=ids.STREAM_RELIABLE, sequence=0, session_id=SESSION, key=KEY):
+    """A datagram."""
+    out = bytearray(header.header_size(session_id))
+    header.push_header(out, session_id, stream, sequence, key)
+    for kind, flags, payload in submessages:
+        out += bytes(-len(out) % 4)
+        head = bytearray(4)
+        header.push_subheader(head, 0, kind, flags, len(payload))
+        out += head + payload
+    return bytes(out)
+
+
+def parse(datagram):
+    """(session id, stream, sequence), [(kind, flags, payload)]."""
+    end = len(datagram)
+    session_id, stream, sequence, _, at = header.pull_header(datagram, end)
+    out = []
+    while at + 4 <= end:
+        kind, flags, start, stop = header.pull_subheader(datagram, at, end)
+        out.append((kind, flags, bytes(datagram[start:stop])))
+        at = stop + (-stop & 3)
+    return (session_id, stream, sequence), out
+
+
+def built(push, *values, size=1 << 17):
+    """What one of the codecs' push functions writes."""
+    w = Writer(bytearray(size))
+    push(w, *values)
+    return bytes(memoryview(w.buf)[: w.offset])
+
+
+def oid(number, kind):
+    return number << 4 | kind
+
+
+# --- submessages ------------------------------------------------------------------
+
+
+def create_client(key=KEY, session_id=SESSION, mtu=512, properties=None, **more):
+    head = ids.SESSION_NONE_WITHOUT_KEY if session_id & 0x80 else ids.SESSION_NONE_WITH_KEY
+    payload = built(
+        lambda w: session.push_create_client(w, key, session_id, mtu, properties, **more)
+    )
+    return message([sub(ids.CREATE_CLIENT, payload)], 0, 0, head, key)
+
+
+def create(object_id, form, content, parent, request=10, flags=0):
+    payload = built(entities.push_create, request, object_id, form, content, parent)
+    return sub(ids.CREATE, payload, ids.FLAG_LITTLE_ENDIAN | flags)
+
+
+def delete(object_id, request=20):
+    return sub(ids.DELETE, built(session.push_request, request, object_id))
+
+
+def write_data(object_id, sample, request=30, flags=ids.FLAG_LITTLE_ENDIAN):
+    return sub(ids.WRITE_DATA, built(session.push_request, request, object_id) + sample, flags)
+
+
+def read_data(object_id, stream=ids.STREAM_RELIABLE, control=(0xFFFF, 0, 0, 0), request=40, **more):
+    return sub(
+        ids.READ_DATA,
+        built(lambda w: data.push_read_data(w, request, object_id, stream, control=control, **more)),
+    )
+
+
+def get_info(object_id=ids.OBJECT_AGENT, request=50):
+    return sub(ids.GET_INFO, built(session.push_get_info, request, object_id, ids.INFO_ACTIVITY))
+
+
+def acknack(first, missing=0, stream=ids.STREAM_RELIABLE):
+    return sub(ids.ACKNACK, built(session.push_acknack, first, missing, stream))
+
+
+def heartbeat(first, last, stream=ids.STREAM_RELIABLE):
+    return sub(ids.HEARTBEAT, built(session.push_heartbeat, first, last, stream))
+
+
+def fragment(part, last=False):
+    flags = ids.FLAG_LITTLE_ENDIAN | (ids.FLAG_LAST_FRAGMENT if last else 0)
+    return sub(ids.FRAGMENT, part, flags)
+
+
+def whole(submessage):
+    """The bytes of a submessage, header included, as fragments carry them."""
+    kind, flags, payload = submessage
+    out = bytearray(4)
+    header.push_subheader(out, 0, kind, flags, len(payload))
+    return bytes(out) + payload
+
+
+# --- entities -----------------------------------------------------------------------
+
+PARTICIPANT = oid(1, ids.KIND_PARTICIPANT)
+TOPIC = oid(1, ids.KIND_TOPIC)
+PUBLISHER = oid(1, ids.KIND_PUBLISHER)
+SUBSCRIBER = oid(1, ids.KIND_SUBSCRIBER)
+WRITER = oid(1, ids.KIND_DATAWRITER)
+READER = oid(1, ids.KIND_DATAREADER)
+REQUESTER = oid(1, ids.KIND_REQUESTER)
+REPLIER = oid(1, ids.KIND_REPLIER)
+
+INT32 = "std_msgs::msg::dds_::Int32_"
+STRING = "std_msgs::msg::dds_::String_"
+ADD_REQUEST = "example::srv::dds_::Add_Request_"
+ADD_REPLY = "example::srv::dds_::Add_Response_"
+RELIABLE_10 = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST
+
+
+def binary(push, *values):
+    return built(push, *values)
+
+
+def participant(object_id=PARTICIPANT, name="ns/board", domain=0, **more):
+    content = built(entities.push_binary_participant, name, None)
+    return create(object_id, ids.IN_BINARY, content, domain, **more)
+
+
+def topic(object_id=TOPIC, name="rt/chatter", type_name=INT32, parent=PARTICIPANT, **more):
+    content = built(entities.push_binary_topic, name, type_name)
+    return create(object_id, ids.IN_BINARY, content, parent, **more)
+
+
+def group(object_id=PUBLISHER, parent=PARTICIPANT, partitions=None, **more):
+    content = built(entities.push_binary_group, None, partitions)
+    return create(object_id, ids.IN_BINARY, content, parent, **more)
+
+
+def endpoint(object_id=WRITER, topic_id=TOPIC, parent=PUBLISHER, qos=RELIABLE_10, depth=10, **more):
+    reader = object_id & 15 == ids.KIND_DATAREADER
+    content = built(
+        lambda w: entities.push_binary_endpoint(w, topic_id, qos, depth, reader=reader)
+    )
+    return create(object_id, ids.IN_BINARY, content, parent, **more)
+
+
+def service(object_id=REQUESTER, name="add", parent=PARTICIPANT, **more):
+    content = built(
+        entities.push_binary_service,
+        name, ADD_REQUEST, ADD_REPLY, f"rq/{name}Request", f"rr/{name}Reply",
+    )  # fmt: skip
+    return create(object_id, ids.IN_BINARY, content, parent, **more)
+
+
+def publisher_entities(name="rt/chatter", type_name=INT32, **more):
+    """A participant with one datawriter."""
+    return [participant(**more), topic(name=name, type_name=type_name), group(), endpoint()]
+
+
+def subscriber_entities(name="rt/chatter", type_name=INT32, depth=10, qos=RELIABLE_10, **more):
+    """A participant with one datareader."""
+    return [
+        participant(**more),
+        topic(name=name, type_name=type_name),
+        group(SUBSCRIBER),
+        endpoint(READER, parent=SUBSCRIBER, depth=depth, qos=qos),
+    ]
+
+
+# --- an agent without sockets -----------------------------------------------------------
+
+
+class Place(ServerTransport):
+    """A transport whose peers are numbers and whose network is a list."""
+
+    name = "TestAgent"
+    kind = "TEST"
+
+    def __init__(self):
+        super().__init__()
+        self.sent = []
+
+    def open(self, host):
+        pass
+
+    def send(self, peer, datagram):
+        self.sent.append((peer, bytes(datagram)))
+
+    def address(self, peer):
+        return f"peer {peer}"
+
+    def close(self):
+        pass
+
+
+class Desk:
+    """An agent on memory, its one thread played by hand. ``clock`` is in milliseconds."""
+
+    def __init__(self, bus=None, refs=None, **more):
+        self.said = io.StringIO()
+        self.middleware = MemoryMiddleware(bus or Bus())
+        self.references = References()
+        if refs:
+            self.references.load(refs)
+        self.agent = Agent(self.middleware, Log(6, self.said), self.references, **more)
+        self.clock = 1000
+        self.agent.now = lambda: self.clock
+        self.place = Place()
+        self.boards = {}  # by peer
+
+    # what a transport asks of its server
+
+    def now(self):
+        return self.clock
+
+    def received(self, transport, session, buf, view, length, now):
+        if session.receive(buf, view, length, now):
+            self.agent.attend(session)
+
+    def stray(self, transport, peer, buf, view, length):
+        self.agent.stray(transport, peer, buf, view, length)
+
+    # what a test does
+
+    def hear(self, datagram, peer=1):
+        """A datagram comes in; what the agent sends at that, to anybody."""
+        buf = bytearray(datagram)
+        self.place.deliver(self, peer, buf, memoryview(buf), len(buf), self.clock)
+        return self.settle()
+
+    def settle(self):
+        self.middleware.dispatch()
+        while self.agent.attended:
+            attended = self.agent.attended.pop()
+            attended.finish(self.clock)
+            self.agent.flush(attended)
+        sent, self.place.sent = self.place.sent, []
+        return sent
+
+    def wait(self, milliseconds):
+        """Time passes, timers fire; what the agent sends meanwhile."""
+        out = []
+        end = self.clock + milliseconds
+        while True:
+            due = [
+                (client.next_deadline(), client)
+                for client in self.agent.clients.values()
+                if client.next_deadline() is not None and client.next_deadline() <= end
+            ]
+            if not due:
+                break
+            at, client = min(due, key=lambda it: it[0])
+            self.clock = max(self.clock, at)
+            client.poll(self.clock)
+            self.agent.attend(client.session)
+            out += self.settle()
+        self.clock = end
+        return out
+
+    def log(self):
+        return self.said.getvalue()
+
+    def close(self):
+        self.agent.close()
+        self.middleware.close()
+
+
+class Board:
+    """A client at a desk. It acknowledges what it gets on reliable streams if ``polite``."""
+
+    def __init__(self, desk, peer=1, key=KEY, session_id=SESSION, mtu=512, polite=True):
+        self.desk = desk
+        self.peer = peer
+        self.key = key
+        self.session_id = session_id
+        self.polite = polite
+        self.sequence = {}
+        self.expected = {}
+        self.inbox = []  # (kind, flags, payload)
+        self._parts = bytearray()
+        answers = [parse(it) for _, it in desk.hear(create_client(key, session_id, mtu), peer)]
+        assert [it[0] for it in answers[0][1]] == [ids.STATUS_AGENT]
+        assert answers[0][1][0][2][0] == ids.STATUS_OK
+        desk.boards[peer] = self
+
+    def send(self, *submessages, stream=ids.STREAM_RELIABLE):
+        sequence = 0
+        if stream:
+            sequence = self.sequence.get(stream, 0)
+            self.sequence[stream] = (sequence + 1) & 0xFFFF
+        self.take(
+            self.desk.hear(
+                message(submessages, stream, sequence, self.session_id, self.key), self.peer
+            )
+        )
+        return self
+
+    def take(self, sent):
+        """Look through what the agent sent, and acknowledge; others get what is theirs."""
+        while sent:
+            peer, datagram = sent.pop(0)
+            if peer != self.peer:
+                if peer in self.desk.boards:
+                    self.desk.boards[peer].take([(peer, datagram)])
+                continue
+            (session_id, stream, sequence), submessages = parse(datagram)
+            assert session_id == self.session_id
+            for kind, flags, payload in submessages:
+                if kind == ids.FRAGMENT:
+                    self._parts += payload
+                    if flags & ids.FLAG_LAST_FRAGMENT:
+                        self.inbox.append((self._parts[0], self._parts[1], bytes(self._parts[4:])))
+                        self._parts = bytearray()
+                else:
+                    self.inbox.append((kind, flags, payload))
+            if stream >= ids.STREAM_RELIABLE:
+                assert sequence == self.expected.get(stream, 0)
+                self.expected[stream] = (sequence + 1) & 0xFFFF
+                if self.polite:
+                    sent += self.acknowledge(stream)
+
+    def acknowledge(self, stream=ids.STREAM_RELIABLE):
+        answer = acknack(self.expected.get(stream, 0), 0, stream)
+        return self.desk.hear(message([answer], 0, 0, self.session_id, self.key), self.peer)
+
+    def wait(self, milliseconds):
+        self.take(self.desk.wait(milliseconds))
+
+    def settle(self):
+        self.take(self.desk.settle())
+
+    def got(self, kind):
+        """Payloads of that kind that came, in order; they are gone from the inbox then."""
+        found = [payload for it, _, payload in self.inbox if it == kind]
+        self.inbox = [it for it in self.inbox if it[0] != kind]
+        return found
+
+    def statuses(self):
+        """Status values that came."""
+        return [payload[4] for payload in self.got(ids.STATUS)]
+
+    def ask(self, *submessages, stream=ids.STREAM_RELIABLE):
+        """Send, and the status values that come back."""
+        self.got(ids.STATUS)
+        self.send(*submessages, stream=stream)
+        return self.statuses()
+
+    def samples(self):
+        """Samples of DATA, behind request and object id."""
+        return [payload[4:] for payload in self.got(ids.DATA)]
+
+
+__all__ = ["Board", "Bus", "Desk", "Reader", "ticks_add"]

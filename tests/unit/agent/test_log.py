@@ -1,0 +1,116 @@
+"""Log lines in the columns of the C++ agent, and the brake on floods of them."""
+
+import io
+import re
+
+import pytest
+
+from uros.agent import log as module
+from uros.agent.log import Log, RateLimit
+
+LINE = re.compile(
+    r"\[(\d+\.\d{6})\] (critical|error   |warning |info    |debug   |trace   ) \| (.{18}) \| "
+    r"(.{24}) \| (.{30}) \| (.*)"
+)
+
+
+def lines(level, *calls):
+    out = io.StringIO()
+    log = Log(level, out)
+    for call in calls:
+        log(*call)
+    return out.getvalue().splitlines()
+
+
+def test_the_columns():
+    about = "client_key: 0x4B0CBE99, topic_id: 0x000(2), participant_id: 0x000(1)"
+    (line,) = lines(4, (4, "ProxyClient", "create_topic", "topic created", about))
+    # as the C++ agent prints it, but for the time
+    assert line[line.index("]") :] == (
+        "] info     | ProxyClient        | create_topic             | topic created          "
+        "        | client_key: 0x4B0CBE99, topic_id: 0x000(2), participant_id: 0x000(1)"
+    )
+    found = LINE.fullmatch(line)
+    assert found and found[6] == about
+
+
+def test_the_time_is_in_seconds_since_1970(monkeypatch):
+    monkeypatch.setattr(module.time, "time_ns", lambda: 1_763_750_000_000_042_999)
+    assert lines(4, (4, "a", "b", "c", ""))[0].startswith("[1763750000.000042] ")
+
+
+@pytest.mark.parametrize("level", range(7))
+def test_levels(level):
+    names = ["critical", "error", "warning", "info", "debug", "trace"]
+    got = lines(level, *[(it + 1, "p", "f", "w", "about") for it in range(6)])
+    assert [LINE.fullmatch(line)[2].strip() for line in got] == names[:level]
+
+
+def test_shortcuts():
+    out = io.StringIO()
+    log = Log(6, out)
+    for name in ("info", "warning", "error", "debug"):
+        getattr(log, name)("p", "f", name, "about")
+    found = [LINE.fullmatch(it) for it in out.getvalue().splitlines()]
+    assert [it[2].strip() for it in found] == [it[5].strip() for it in found]
+
+
+def test_a_clients_words_stay_on_their_line_and_are_plain():
+    (line,) = lines(4, (4, "p", "f", "w", "rt/\x1b[31m\nfake [1.0] error \u202e\u00e9\udc80"))
+    assert line.endswith(r"rt/\x1b[31m\nfake [1.0] error \u202e\xe9\udc80")
+
+
+def test_nobody_reads():
+    class Closed(io.StringIO):
+        def write(self, text):
+            raise BrokenPipeError
+
+    log = Log(6, Closed())
+    log.info("p", "f", "w")
+    assert log.level == 0
+
+
+def test_colours_on_a_terminal_only():
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    out = Terminal()
+    Log(4, out).info("p", "f", "w")
+    assert "\033[32minfo    \033[0m |" in out.getvalue()
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    class Clock:
+        now = 100.0
+
+    monkeypatch.setattr(module.time, "monotonic", lambda: Clock.now)
+    return Clock
+
+
+def test_rate_limit_counts_what_it_held_back(clock):
+    limit = RateLimit(1.0)
+    assert limit.admit("a") == 1
+    assert [limit.admit("a") for _ in range(7)] == [0] * 7
+    assert limit.admit("b") == 1
+    clock.now += 1.0
+    assert limit.admit("a") == 8
+    clock.now += 1.0
+    assert limit.admit("a") == 1
+
+
+def test_rate_limit_of_all_kinds(clock):
+    limit = RateLimit(1.0)
+    assert sum(bool(limit.admit(f"kind {i}")) for i in range(10_000)) == module.MAX_LINES
+    clock.now += 1.0
+    assert limit.admit("another") == 1
+
+
+def test_rate_limit_stays_small(clock):
+    limit = RateLimit(1.0)
+    for i in range(100_000):
+        clock.now += 0.01
+        limit.admit(f"kind {i}")
+        limit.admit(f"kind {i}")
+    assert len(limit._next) < 1000 and len(limit._held) < 1000

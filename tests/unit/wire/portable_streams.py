@@ -1,0 +1,421 @@
+"""Stream windows, step by step. Also runs on MicroPython."""
+
+from uros.wire import streams
+from uros.wire.errors import LimitError
+from uros.wire.streams import (
+    HEARTBEAT_MS,
+    MAX_HELD,
+    RESEND_HOLD_MS,
+    WINDOW,
+    BestEffortIn,
+    Fragments,
+    ReliableIn,
+    ReliableOut,
+    sequence_after,
+    split,
+    ticks_add,
+    ticks_diff,
+)
+
+# The first number of a stream, here and there just before the wrap.
+STARTS = (0, 1, 65520, 65530, 65535)
+
+
+def incoming(first):
+    """A ReliableIn that expects `first`, as after that many messages."""
+    stream = ReliableIn()
+    stream.next = first
+    stream.announced = number(first - 1)
+    return stream
+
+
+def outgoing(first):
+    """A ReliableOut whose next message is `first`, all before it being acknowledged."""
+    stream = ReliableOut()
+    stream.next = stream.sent = stream.acked = first
+    return stream
+
+
+def number(n):
+    return n & 0xFFFF
+
+
+def content(n):
+    return b"m%d" % n
+
+
+def put(stream, count):
+    for _ in range(count):
+        stream.put(content(stream.next))
+
+
+def test_times_wrap() -> None:
+    last = (1 << 30) - 1
+    assert ticks_add(last, 1) == 0
+    assert ticks_add(0, -1) == last
+    assert ticks_diff(0, last) == 1
+    assert ticks_diff(last, 0) == -1
+    assert ticks_diff(5, 5) == 0
+    assert ticks_diff((1 << 29) - 1, 0) == (1 << 29) - 1
+    assert ticks_diff(0, (1 << 29) - 1) == 1 - (1 << 29)
+
+
+def test_numbers_wrap() -> None:
+    assert sequence_after(1, 0) and not sequence_after(0, 1) and not sequence_after(7, 7)
+    assert sequence_after(0, 65535) and not sequence_after(65535, 0)
+    assert sequence_after(0x7FFF, 0) and not sequence_after(0x8000, 0)
+
+
+def test_best_effort_takes_what_is_news() -> None:
+    stream = BestEffortIn()
+    assert stream.accept(0)
+    assert not stream.accept(0)
+    assert stream.accept(5)
+    assert not stream.accept(4)
+    assert stream.accept(32000)
+    assert stream.accept(64000)
+    assert stream.accept(65535)
+    assert not stream.accept(65534)
+    assert stream.accept(0)
+    assert not stream.accept(65535)
+
+
+def test_best_effort_may_begin_late() -> None:
+    assert BestEffortIn().accept(1000)
+
+
+def test_messages_in_order_are_handed_on_at_once() -> None:
+    for first in STARTS:
+        stream = incoming(first)
+        for n in range(first, first + 40):
+            assert stream.acknack() == (number(n), 0)
+            assert stream.receive(number(n), b"x")
+            assert stream.pop() is None
+        assert stream.waiting == {}
+
+
+def test_a_stream_runs_through_all_numbers() -> None:
+    out, into = ReliableOut(), ReliableIn()
+    for n in range(66000):
+        assert out.next == number(n)
+        out.put(b"x")
+        assert out.take(0) == [b"x"]
+        assert into.receive(number(n), b"x")
+        if n % 11 == 10:
+            first, missing = into.acknack()
+            assert out.acknack(first, missing, 0) == [] and len(out) == 0 and missing == 0
+    assert out.deadline is None and into.waiting == {}
+
+
+def test_messages_out_of_order_wait() -> None:
+    for first in STARTS:
+        stream = incoming(first)
+        for i in (2, 1, 3, 15):
+            assert not stream.receive(number(first + i), content(i))
+        assert stream.pop() is None
+        assert stream.acknack() == (first, 0b0111111111110001)
+        assert stream.receive(first, b"now")
+        assert [stream.pop() for _ in range(4)] == [content(1), content(2), content(3), None]
+        assert stream.acknack() == (number(first + 4), 0b011111111111)
+        assert list(stream.waiting) == [number(first + 15)]
+
+
+def test_what_waits_is_a_copy() -> None:
+    stream = ReliableIn()
+    buf = bytearray(b"abc")
+    stream.receive(1, memoryview(buf))
+    buf[0] = 0
+    stream.receive(0, b"")
+    assert stream.pop() == b"abc"
+
+
+def test_doubled_messages_are_dropped() -> None:
+    for first in STARTS:
+        stream = incoming(first)
+        assert not stream.receive(number(first + 1), b"first")
+        assert not stream.receive(number(first + 1), b"second")
+        assert stream.receive(first, b"")
+        assert not stream.receive(first, b"")
+        assert stream.pop() == b"first"
+        assert not stream.receive(number(first + 1), b"third")
+        assert not stream.receive(number(first - 1), b"old")
+        assert stream.waiting == {} and stream.acknack() == (number(first + 2), 0)
+
+
+def test_messages_too_far_ahead_are_dropped() -> None:
+    for first in STARTS:
+        stream = incoming(first)
+        for ahead in (WINDOW, WINDOW + 1, 0x7FFF, 0x8000, 0xFFFF):
+            assert not stream.receive(number(first + ahead), b"")
+        assert stream.waiting == {} and stream.acknack() == (first, 0)
+
+
+def test_a_heartbeat_tells_what_is_missing() -> None:
+    for first in STARTS:
+        stream = incoming(first)
+        assert not stream.heartbeat(first, number(first + 2))
+        assert stream.acknack() == (first, 0b111)
+        stream.receive(number(first + 1), b"")
+        assert stream.acknack() == (first, 0b101)
+        assert not stream.heartbeat(first, number(first + 30))
+        assert stream.acknack() == (first, 0b1111111111111101)
+
+
+def test_a_heartbeat_that_all_is_acknowledged() -> None:
+    # The client sends it as (next, next - 1) or with the last message: both are harmless.
+    for first in STARTS:
+        stream = incoming(first)
+        for ends in ((first, first - 1), (first - 1, first - 1), (first - 3, first - 1)):
+            assert not stream.heartbeat(number(ends[0]), number(ends[1]))
+            assert stream.acknack() == (first, 0)
+
+
+def test_a_heartbeat_can_give_up_messages() -> None:
+    for first in STARTS:
+        stream = incoming(first)
+        stream.receive(number(first + 1), b"given up")
+        stream.receive(number(first + 4), b"kept")
+        assert stream.heartbeat(number(first + 3), number(first + 4))
+        assert stream.acknack() == (number(first + 3), 1)
+        assert stream.receive(number(first + 3), b"")
+        assert stream.pop() == b"kept"
+        assert stream.waiting == {}
+
+
+def test_a_heartbeat_can_give_up_far_more_than_the_window() -> None:
+    for first in STARTS:
+        stream = incoming(first)
+        stream.receive(number(first + 15), b"")
+        assert stream.heartbeat(number(first + 30000), number(first + 30001))
+        assert stream.waiting == {}
+        assert stream.acknack() == (number(first + 30000), 0b11)
+
+
+def test_a_heartbeat_that_cannot_be_true_is_ignored() -> None:
+    for first in STARTS:
+        stream = incoming(first)
+        for ends in (
+            (first + 9, first + 3),  # ends before it begins
+            (first + 0x7FFF, first + 0x7FFF),  # before or after?
+            (first + 0x8000, first + 0x8000),
+            (first, first + 0x8000),
+        ):
+            assert not stream.heartbeat(number(ends[0]), number(ends[1]))
+            assert stream.acknack() == (first, 0)
+        assert stream.receive(first, b"")
+
+
+def test_a_full_window_goes_out_and_the_rest_waits() -> None:
+    for first in STARTS:
+        stream = outgoing(first)
+        assert stream.room() == WINDOW
+        put(stream, 20)
+        assert stream.room() == 0
+        assert len(stream) == 20
+        assert stream.take(0) == [content(number(first + i)) for i in range(16)]
+        assert stream.take(0) == []
+        # four acknowledged: four go out
+        assert stream.acknack(number(first + 4), 0, 1) == [
+            content(number(first + i)) for i in range(16, 20)
+        ]
+        assert len(stream) == 16
+        assert stream.acknack(number(first + 20), 0, 2) == []
+        assert len(stream) == 0 and stream.room() == WINDOW
+
+
+def test_heartbeats_while_something_is_not_acknowledged() -> None:
+    last = (1 << 30) - 1
+    for start in (0, 1000, last - 300, last - HEARTBEAT_MS, last):
+        for first in STARTS:
+            stream = outgoing(first)
+            assert stream.heartbeat(start) is None
+            put(stream, 2)
+            stream.take(start)
+            assert stream.deadline == ticks_add(start, HEARTBEAT_MS)
+            assert stream.heartbeat(ticks_add(start, HEARTBEAT_MS - 1)) is None
+            due = (first, number(first + 1))
+            assert stream.heartbeat(ticks_add(start, HEARTBEAT_MS)) == due
+            assert stream.heartbeat(ticks_add(start, HEARTBEAT_MS)) is None
+            assert stream.heartbeat(ticks_add(start, 2 * HEARTBEAT_MS)) == due
+            now = ticks_add(start, 450)
+            assert stream.acknack(number(first + 1), 0, now) == []
+            assert stream.deadline == ticks_add(now, HEARTBEAT_MS)
+            assert stream.acknack(number(first + 2), 0, now) == []
+            assert stream.deadline is None
+            assert stream.heartbeat(ticks_add(now, 10000)) is None
+
+
+def test_what_is_missing_is_sent_again() -> None:
+    for first in STARTS:
+        stream = outgoing(first)
+        put(stream, 4)
+        stream.take(0)
+        again = [content(number(first + 1)), content(number(first + 3))]
+        assert stream.acknack(number(first + 1), 0b101, 50) == again
+        assert len(stream) == 3
+
+
+def test_a_resend_is_held_back() -> None:
+    last = (1 << 30) - 1
+    for start in (0, last - 3):
+        stream = outgoing(65535)
+        put(stream, 2)
+        stream.take(start)
+        early = ticks_add(start, RESEND_HOLD_MS - 1)
+        assert stream.acknack(65535, 0b11, early) == []
+        assert stream.deadline == ticks_add(early, RESEND_HOLD_MS)
+        now = ticks_add(start, RESEND_HOLD_MS)
+        assert stream.acknack(65535, 0b11, now) == [content(65535), content(0)]
+        assert stream.acknack(65535, 0b11, now) == []
+        assert stream.acknack(0, 0b1, ticks_add(now, RESEND_HOLD_MS)) == [content(0)]
+
+
+def test_lost_messages_go_before_new_ones() -> None:
+    stream = outgoing(65530)
+    put(stream, 20)
+    stream.take(0)
+    out = stream.acknack(65532, 0b1, 100)
+    assert out == [content(65532), content(number(65530 + 16)), content(number(65530 + 17))]
+
+
+def test_acknacks_without_news_do_not_put_the_heartbeat_off() -> None:
+    stream = outgoing(0)
+    put(stream, 1)
+    stream.take(0)
+    for now in range(1, HEARTBEAT_MS, 20):
+        assert stream.acknack(0, 0, now) == []
+    assert stream.heartbeat(HEARTBEAT_MS) == (0, 0)
+    # An owner may silence a stream; an acknack wakes it up.
+    stream.deadline = None
+    stream.acknack(0, 0, 500)
+    assert stream.heartbeat(500 + HEARTBEAT_MS) == (0, 0)
+
+
+def test_acknacks_for_numbers_never_sent_are_ignored() -> None:
+    for first in STARTS:
+        stream = outgoing(first)
+        put(stream, 20)
+        stream.take(0)
+        for wrong in (first + 17, first + 20, first + 0x7FFF, first + 0x8000, first - 1):
+            assert stream.acknack(number(wrong), 0xFFFF, 100) == []
+            assert (stream.acked, len(stream)) == (first, 20)
+        # Those within what was sent are resent, no more.
+        assert len(stream.acknack(number(first + 15), 0xFFFF, 100)) == 1 + 4
+        assert len(outgoing(first).acknack(first, 0xFFFF, 100)) == 0
+
+
+def test_the_number_of_messages_held_is_limited() -> None:
+    stream = ReliableOut(limit=3)
+    put(stream, 3)
+    try:
+        stream.put(b"")
+    except LimitError:
+        assert len(stream) == 3 and stream.next == 3
+    else:
+        raise AssertionError("not refused")
+    stream.take(0)
+    stream.acknack(1, 0, 0)
+    put(stream, 1)
+
+
+def test_never_more_messages_than_numbers_can_tell_apart() -> None:
+    stream = ReliableOut()
+    message = b""
+    for _ in range(MAX_HELD):
+        stream.put(message)
+    try:
+        stream.put(message)
+    except LimitError:
+        return
+    raise AssertionError("not refused")
+
+
+def test_fragments_make_a_whole() -> None:
+    fragments = Fragments()
+    assert fragments.add(memoryview(b"abc"), False) is None
+    assert fragments.size == 3
+    assert fragments.add(b"", False) is None
+    assert fragments.add(bytearray(b"def"), False) is None
+    whole = fragments.add(b"g", True)
+    assert whole == b"abcdefg" and isinstance(whole, bytearray)
+    assert fragments.size == 0
+    assert fragments.add(b"alone", True) == b"alone"
+    whole[0] = 0
+    assert fragments.add(b"again", True) == b"again"
+
+
+def test_fragments_are_copies() -> None:
+    fragments = Fragments()
+    buf = bytearray(b"abc")
+    fragments.add(memoryview(buf), False)
+    buf[0] = 0
+    assert fragments.add(b"", True) == b"abc"
+
+
+def test_fragments_without_end() -> None:
+    assert Fragments().limit == streams.MAX_MESSAGE
+    fragments = Fragments(1000)
+    for last in (False, True):
+        fragments.add(bytes(600), False)
+        fragments.add(bytes(400), False)
+        try:
+            fragments.add(b"!", last)
+        except LimitError:
+            assert fragments.size == 0
+        else:
+            raise AssertionError("not refused")
+        # What still comes of that submessage is no submessage of its own.
+        if not last:
+            assert fragments.add(bytes(999), False) is None
+            assert fragments.add(b"tail", True) is None
+            assert fragments.size == 0
+        assert fragments.add(b"sound", True) == b"sound"
+
+
+def test_fragments_with_messages_lost_between() -> None:
+    fragments = Fragments()
+    fragments.add(b"abc", False)
+    fragments.lost()
+    fragments.lost()
+    assert fragments.add(b"def", False) is None
+    assert fragments.add(b"g", True) is None
+    assert fragments.add(b"sound", True) == b"sound"
+    fragments.lost()
+    assert fragments.add(b"sound", True) == b"sound"
+
+
+def test_fragments_of_a_reset_stream() -> None:
+    fragments = Fragments()
+    fragments.add(b"abc", False)
+    fragments.clear()
+    assert fragments.add(b"new", True) == b"new"
+    fragments.add(b"abc", False)
+    fragments.lost()
+    fragments.clear()
+    assert fragments.add(b"new", True) == b"new"
+
+
+def test_splitting() -> None:
+    assert split(10, 100) == [(0, 10, 3)]
+    assert split(100, 100) == [(0, 100, 3)]
+    assert split(101, 100) == [(0, 100, 1), (100, 101, 3)]
+    assert split(20, 11) == [(0, 8, 1), (8, 16, 1), (16, 20, 3)]
+    assert split(0, 4) == [(0, 0, 3)]
+    for room in (3, 0, -4):
+        try:
+            split(10, room)
+        except LimitError:
+            continue
+        raise AssertionError(room)
+
+
+def test_what_is_split_comes_together_again() -> None:
+    whole = bytes([i & 0xFF for i in range(1000)])
+    for room in (4, 7, 96, 996, 1000, 1004):
+        fragments = Fragments()
+        results = [
+            fragments.add(memoryview(whole)[start:stop], bool(flags & 2))
+            for start, stop, flags in split(len(whole), room)
+        ]
+        assert results[-1] == whole
+        assert all([result is None for result in results[:-1]])
