@@ -283,6 +283,16 @@ class XrceClient:
         self.until(lambda: not len(self._out), "READ_DATA is not acknowledged")
         return number
 
+    def wait_sample(self, thing, seconds):
+        """Whether a sample is there, or comes within so long."""
+        waiting = self.samples.setdefault(thing, deque())
+        deadline = time.monotonic() + seconds
+        while not waiting and time.monotonic() < deadline:
+            message = self.line.receive(deadline)
+            if message is not None:
+                self.take(message)
+        return bool(waiting)
+
     def sample(self, thing, seconds=SECONDS):
         """The next sample of a reader, waiting for it."""
         waiting = self.samples.setdefault(thing, deque())

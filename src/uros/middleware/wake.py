@@ -31,7 +31,7 @@ class Wake:
                 os.eventfd_write(self._fd, 1)
             else:
                 self._pair[1].send(b"\0")
-        except (BlockingIOError, OSError):
+        except (OSError, ValueError):
             pass  # readable already, or closed
 
     def clear(self) -> None:

@@ -144,11 +144,12 @@ def without_ros_args(argv: list[str]) -> list[str]:
 
 def _guard(run: Callable[[], int]) -> int:
     try:
-        status = run()
+        try:
+            status = run()
+        except SystemExit as stop:  # argparse, after it has said why
+            status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         sys.stdout.flush()
         return status
-    except SystemExit as stop:  # argparse, after it has said why
-        return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:

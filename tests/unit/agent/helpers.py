@@ -308,28 +308,29 @@ class Board:
         return self
 
     def take(self, sent):
-        """Look through what the agent sent, and acknowledge; others get what is theirs."""
+        """Boards look through what the agent sent, in order, and acknowledge."""
         while sent:
             peer, datagram = sent.pop(0)
-            if peer != self.peer:
-                if peer in self.desk.boards:
-                    self.desk.boards[peer].take([(peer, datagram)])
-                continue
-            (session_id, stream, sequence), submessages = parse(datagram)
-            assert session_id == self.session_id
-            for kind, flags, payload in submessages:
-                if kind == ids.FRAGMENT:
-                    self._parts += payload
-                    if flags & ids.FLAG_LAST_FRAGMENT:
-                        self.inbox.append((self._parts[0], self._parts[1], bytes(self._parts[4:])))
-                        self._parts = bytearray()
-                else:
-                    self.inbox.append((kind, flags, payload))
-            if stream >= ids.STREAM_RELIABLE:
-                assert sequence == self.expected.get(stream, 0)
-                self.expected[stream] = (sequence + 1) & 0xFFFF
-                if self.polite:
-                    sent += self.acknowledge(stream)
+            if peer in self.desk.boards:
+                sent += self.desk.boards[peer].look(datagram)
+
+    def look(self, datagram):
+        """What the agent sends at our acknowledgement."""
+        (session_id, stream, sequence), submessages = parse(datagram)
+        assert session_id == self.session_id
+        for kind, flags, payload in submessages:
+            if kind == ids.FRAGMENT:
+                self._parts += payload
+                if flags & ids.FLAG_LAST_FRAGMENT:
+                    self.inbox.append((self._parts[0], self._parts[1], bytes(self._parts[4:])))
+                    self._parts = bytearray()
+            else:
+                self.inbox.append((kind, flags, payload))
+        if stream < ids.STREAM_RELIABLE:
+            return []
+        assert sequence == self.expected.get(stream, 0)
+        self.expected[stream] = (sequence + 1) & 0xFFFF
+        return self.acknowledge(stream) if self.polite else []
 
     def acknowledge(self, stream=ids.STREAM_RELIABLE):
         answer = acknack(self.expected.get(stream, 0), 0, stream)

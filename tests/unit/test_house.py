@@ -1,0 +1,72 @@
+"""Which room may import which: the walls of ARCHITECTURE.md."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[2] / "src" / "uros"
+
+# What each room may import besides itself. "qos" is one module that all but wire may use.
+ALLOWED = {
+    "wire": set(),
+    "qos": {"wire"},
+    "interfaces": {"wire"},
+    "transport": {"wire"},
+    "middleware": {"interfaces", "qos"},
+    "agent": {"wire", "transport", "middleware", "qos"},
+    "host": {"middleware", "interfaces", "qos"},
+    "boards": {"wire", "transport", "middleware", "interfaces", "agent", "host", "qos"},
+    "tools": {
+        "wire", "transport", "middleware", "interfaces", "agent", "host", "boards", "qos",
+    },
+}  # fmt: skip
+
+
+def rooms_imported(path: Path) -> set[str]:
+    """The rooms of uros that a module imports, anywhere in it."""
+    package = ("uros", *path.relative_to(SOURCE).parent.parts)
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else ()
+            stem = ".".join((*base, node.module)) if node.module else ".".join(base)
+            names = [stem] if stem != "uros" else [f"uros.{alias.name}" for alias in node.names]
+        found |= {name.split(".")[1] for name in names if name.startswith("uros.")}
+    return found - {"__version__"}
+
+
+def modules() -> list[Path]:
+    return sorted(path for path in SOURCE.rglob("*.py") if path.parent != SOURCE) + [
+        SOURCE / "qos.py"
+    ]
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SOURCE)))
+def test_imports_stay_within_the_walls(path: Path) -> None:
+    room = path.relative_to(SOURCE).parts[0].removesuffix(".py")
+    strangers = rooms_imported(path) - ALLOWED[room] - {room}
+    assert not strangers, f"{room} may not import {', '.join(sorted(strangers))}"
+
+
+def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
+    program = (
+        "import sys, uros\n"
+        "from uros.tools import cli\n"
+        "try: cli.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'cyclonedds', 'numpy', 'rosbags', 'asyncio', 'ctypes'} & set(sys.modules)\n"
+        "print('HEAVY', sorted(heavy))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "HEAVY []", done.stderr
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SOURCE)))
+def test_no_module_is_a_warehouse(path: Path) -> None:
+    assert len(path.read_text("utf-8").splitlines()) <= 700

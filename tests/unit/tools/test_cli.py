@@ -1,0 +1,166 @@
+import os
+import subprocess
+import sys
+
+import pytest
+
+import uros
+from uros.interfaces import InterfaceError
+from uros.middleware.base import MiddlewareError
+from uros.tools import cli, topic_list
+from uros.tools.errors import ToolError
+
+HEAVY = ("cyclonedds", "numpy", "ctypes", "rclpy", "uros.middleware", "uros.interfaces")
+
+# The last line tells the CPU time and which of the heavy modules were loaded.
+PROBE = f"""
+import resource, sys
+sys.argv[0] = "uros"
+try:
+    {{0}}
+except SystemExit as stop:
+    assert not stop.code, stop.code
+used = resource.getrusage(resource.RUSAGE_SELF)
+loaded = [name for name in {HEAVY!r} if name in sys.modules]
+print(used.ru_utime + used.ru_stime, *loaded)
+"""
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import uros",
+        "from uros.tools.cli import main; main(['--help'])",
+        "from uros.tools.cli import main; main([])",
+        "from uros.tools.cli import main; main(['--version'])",
+        "from uros.tools.cli import main; main(['topic', '--help'])",
+        "from uros.tools.cli import main; main(['topic', 'echo', '--help'])",
+        "from uros.tools.cli import main; main(['node', 'info', '--help'])",
+    ],
+)
+def test_help_loads_nothing_heavy(code, record_property):
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE.format(code)], capture_output=True, text=True, check=True
+    )
+    cpu, *loaded = done.stdout.splitlines()[-1].split()
+    record_property("cpu_seconds", cpu)  # reported, not judged: machines differ
+    print(f"{cpu} s of CPU: {code}")
+    assert loaded == []
+
+
+def test_alone_it_prints_help(capsys):
+    assert cli.main([]) == 0
+    printed = capsys.readouterr().out
+    for name in ("agent", "demo", "topic", "node"):
+        assert f"\n  {name} " in printed
+    assert cli.main(["topic"]) == 0
+    assert "hz" in capsys.readouterr().out
+
+
+def test_version(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"uros {uros.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments, said",
+    [
+        (["topc"], "did you mean 'topic'?"),
+        (["zzz"], "commands: agent, demo, topic, node"),
+        (["topic", "ech"], "uros topic: error: there is no command 'ech'; did you mean 'echo'?"),
+        (["--topic"], "unrecognized arguments: --topic"),
+        (["topic", "echo", "/x", "--onec"], "--onec; did you mean '--once'?"),
+        (["topic", "list", "extra"], "unrecognized arguments: extra"),
+        (["topic", "echo"], "TOPIC"),
+        (["topic", "echo", "/a b"], "'/a b' is no topic name"),
+        (["topic", "info", "1x"], "'1x' is no topic name"),
+        (["topic", "list", "--domain", "233"], "'233' is no domain; give 0 to 232"),
+        (["topic", "list", "--domain", "-1"], "--domain"),
+        (["topic", "echo", "x", "--timeout", "0"], "'0' is no number above 0"),
+        (["topic", "echo", "x", "-l", "-5"], "-l"),
+        (["topic", "echo", "x", "--qos-reliability", "good"], "invalid choice: 'good'"),
+        (["topic", "hz", "x", "--window", "0"], "'0' is no whole number above 0"),
+        (["node", "info"], "NODE"),
+    ],
+)
+def test_a_wrong_command_line(arguments, said, capsys):
+    assert cli.main(arguments) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err
+    assert "usage: uros" in captured.err
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize("kind", [ToolError, MiddlewareError, InterfaceError])
+def test_errors_are_one_line(kind, monkeypatch, capsys):
+    def fail(args):
+        raise kind("it does not work:\n do this")
+
+    monkeypatch.setattr(topic_list, "run", fail)
+    assert cli.main(["topic", "list"]) == 1
+    assert capsys.readouterr().err == "uros: it does not work: do this\n"
+
+
+def test_faults_of_our_own_keep_their_traceback(monkeypatch):
+    def fail(args):
+        raise KeyError("a bug")
+
+    monkeypatch.setattr(topic_list, "run", fail)
+    with pytest.raises(KeyError):
+        cli.main(["topic", "list"])
+
+
+def test_interrupted(monkeypatch, capsys):
+    def interrupt(args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(topic_list, "run", interrupt)
+    assert cli.main(["topic", "list"]) == 130
+    assert capsys.readouterr().err == ""
+
+
+def test_nobody_reads_the_output():
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    done = subprocess.run(
+        [sys.executable, "-m", "uros.tools.cli", "--help"],
+        stdout=write_end,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    os.close(write_end)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_a_domain_in_the_environment_that_does_not_exist(monkeypatch, capsys):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    assert cli.main(["topic", "list"]) == 1
+    assert capsys.readouterr().err == (
+        "uros: ROS_DOMAIN_ID: 'many' is no domain; give 0 to 232\n"
+    )
+
+
+def test_interfaces_folder_that_does_not_exist(capsys):
+    assert cli.main(["topic", "list", "--interfaces", "/no/such"]) == 1
+    assert capsys.readouterr().err.startswith("uros: /no/such: no such folder")
+
+
+@pytest.mark.parametrize(
+    "arguments, kept",
+    [
+        (["udp4", "-p", "8888"], ["udp4", "-p", "8888"]),
+        (["udp4", "--ros-args", "-r", "__node:=x"], ["udp4"]),
+        (["udp4", "--ros-args", "-r", "a:=b", "--", "-v6"], ["udp4", "-v6"]),
+        (["--ros-args", "--", "udp4", "--ros-args"], ["udp4"]),
+        ([], []),
+    ],
+)
+def test_ros_args(arguments, kept):
+    assert cli.without_ros_args(arguments) == kept
+
+
+@pytest.mark.parametrize("name", ["MicroXRCEAgent", "micro_ros_agent"])
+def test_the_agent_by_its_other_names(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [f"/usr/bin/{name}", "--help", "--ros-args", "--log-level"])
+    assert cli.agent_main() == 0
+    assert f"usage: {name} " in capsys.readouterr().out
