@@ -13,6 +13,7 @@ import sys
 import threading
 
 from relay import TOPIC, TYPE
+
 from uros.middleware.dds import cyclone
 from uros.qos import QoSProfile, ReliabilityPolicy
 

@@ -12,6 +12,7 @@ import struct
 import time
 
 from relay import TOPIC, TYPE
+
 from uros.wire import data, entities, ids, session
 from uros.wire.cdr import Reader, Writer
 from uros.wire.header import MessageWriter

@@ -44,7 +44,7 @@ MIN_MTU: Final = 32
 SILENT_MS: Final = 30_000
 SILENT_CHECK_MS: Final = 1000
 # Attack: one client opens all 255 streams with a window of messages in each.
-MAX_STREAMS: Final = 32
+MAX_STREAMS: Final = 8
 # Attack: requests without ever an acknowledgement of their answers.
 MAX_HELD: Final = 4096
 STALL_RETRY_MS: Final = 5

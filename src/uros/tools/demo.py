@@ -164,11 +164,10 @@ def _watch(network: Any, agent: _Agent, topics: list[_Topic], seconds: float | N
         if agent.ended:
             agent.print_news()
             raise ToolError("the agent ended")
-        before = sum(topic.count for topic in topics)
         network.spin(lambda: False, _REDRAW_SECONDS)
         if not drawn:
             agent.print_news()
-            if not before and sum(topic.count for topic in topics):
+            if any(topic.count for topic in topics):
                 print("\nWhat arrives by DDS (Ctrl-C ends it):\n")
                 drawn = _draw(topics)
         elif live:
