@@ -8,6 +8,8 @@ import signal
 import sys
 from typing import TYPE_CHECKING
 
+from .errors import ToolError
+
 if TYPE_CHECKING:
     from ..agent.server import Server
     from ..transport.base import ServerTransport
@@ -88,7 +90,19 @@ def _port(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until Ctrl-C or SIGTERM; the exit status."""
+    """Serve until Ctrl-C or SIGTERM; the exit status. Raises ToolError saying what is wrong."""
+    from ..agent.profiles import ProfileError
+    from ..transport.base import TransportError
+
+    try:
+        return _serve(args)
+    except TransportError as error:
+        raise ToolError(error.strerror or str(error)) from error
+    except ProfileError as error:
+        raise ToolError(str(error)) from error
+
+
+def _serve(args: argparse.Namespace) -> int:
     from ..agent.agent import Agent
     from ..agent.log import INFO, WARNING, Log
     from ..agent.profiles import References
@@ -122,7 +136,7 @@ def _domain_of_agent() -> int:
     try:
         return _domain(text)
     except argparse.ArgumentTypeError as error:
-        raise ValueError(f"XRCE_DOMAIN_ID_OVERRIDE: {error}") from error
+        raise ToolError(f"XRCE_DOMAIN_ID_OVERRIDE: {error}") from error
 
 
 def _transport(args: argparse.Namespace) -> ServerTransport:
@@ -135,7 +149,7 @@ def _transport(args: argparse.Namespace) -> ServerTransport:
 
         return TcpServer(args.port)
     if sys.platform == "win32":
-        raise OSError("serial lines are not supported on Windows yet: use udp4 or tcp4")
+        raise ToolError("serial lines are not supported on Windows yet: use udp4 or tcp4")
     from ..transport.serial import PseudoTerminalServer, SerialServer
 
     if args.transport == "pseudoterminal":

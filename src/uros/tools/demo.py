@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import queue
+import shutil
 import subprocess
 import sys
 import threading
@@ -85,6 +86,7 @@ class _Agent:
              "--domain", str(domain_id)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, encoding="utf-8",
+            start_new_session=True,  # Ctrl-C is for us: the board takes its leave first
         )  # fmt: skip
         threading.Thread(target=self._read, daemon=True).start()
         self.port = self._wait_for_port()
@@ -182,11 +184,14 @@ def _draw(topics: list[_Topic]) -> int:
         (it.name, it.type_name, str(it.count), f"{it.rate:.1f} Hz", it.value) for it in topics
     ]
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
+    live = sys.stdout.isatty()
+    room = shutil.get_terminal_size().columns - 1
     for row in rows:
         cells = [row[0].ljust(widths[0]), row[1].ljust(widths[1]),
                  row[2].rjust(widths[2]), row[3].rjust(widths[3])]  # fmt: skip
-        clear = "\033[K" if sys.stdout.isatty() else ""
-        print("  ".join([*cells, row[4]]) + clear, flush=True)
+        line = "  ".join([*cells, row[4]])
+        # A line that wraps would be two to the cursor that goes up again.
+        print(f"{line[:room]}\033[K" if live else line, flush=True)
     return len(rows)
 
 

@@ -122,8 +122,13 @@ def test_interrupted(monkeypatch, capsys):
 def test_nobody_reads_the_output():
     read_end, write_end = os.pipe()
     os.close(read_end)
+    code = (
+        "import sys; from uros.tools import cli, topic_list\n"
+        "topic_list.run = lambda args: print('much') or 0\n"
+        "sys.exit(cli.main(['topic', 'list']))"
+    )
     done = subprocess.run(
-        [sys.executable, "-m", "uros.tools.cli", "--help"],
+        [sys.executable, "-c", code],
         stdout=write_end,
         stderr=subprocess.PIPE,
         text=True,

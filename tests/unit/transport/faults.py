@@ -1,0 +1,42 @@
+"""What bad input must not touch: two clients whose samples and answers go on."""
+
+import time
+
+from support.client import XrceClient
+from support.lines import SECONDS
+
+from uros.wire import ids
+
+TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
+
+
+class Bystanders:
+    """A publisher and a subscriber on lines of their own."""
+
+    def __init__(self, agent, first=100):
+        self.agent = agent
+        self.publisher, self.subscriber = (
+            XrceClient(agent.line(first + i), 0x55550000 + first + i) for i in (0, 1)
+        )
+        assert self.publisher.open() == self.subscriber.open() == ids.STATUS_OK
+        self.writer = self.publisher.writer("publisher", f"rt/bystanders{first}", TYPE)
+        self.reader = self.subscriber.reader("subscriber", f"rt/bystanders{first}", TYPE)
+        self.subscriber.read(self.reader)
+        self.count = 0
+
+    def check(self):
+        """The next sample arrives, and both get answers."""
+        self.count += 1
+        sample = self.count.to_bytes(4, "big") * 8
+        self.publisher.write(self.writer, sample)
+        assert self.subscriber.sample(self.reader) == sample
+        assert not self.subscriber.samples[self.reader]
+        assert self.publisher.ping() == self.subscriber.ping() == 1
+
+
+def wait_for(said, text, count=1):
+    """Until the log says ``text`` so many times."""
+    deadline = time.monotonic() + SECONDS
+    while said().count(text) < count:
+        assert time.monotonic() < deadline, f"no {text!r} in:\n{said()}"
+        time.sleep(0.002)  # a poll with a deadline: nothing tells when a log has grown
