@@ -179,16 +179,16 @@ def _watch(network: Any, agent: _Agent, topics: list[_Topic], seconds: float | N
 
 def _draw(topics: list[_Topic]) -> int:
     """Print the table; how many lines it has."""
-    rows = [("TOPIC", "TYPE", "COUNT", "RATE", "VALUE")]
+    rows = [("TOPIC", "COUNT", "RATE", "VALUE", "TYPE")]
     rows += [
-        (it.name, it.type_name, str(it.count), f"{it.rate:.1f} Hz", it.value) for it in topics
+        (it.name, str(it.count), f"{it.rate:.1f} Hz", it.value, it.type_name) for it in topics
     ]
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
     live = sys.stdout.isatty()
     room = shutil.get_terminal_size().columns - 1
     for row in rows:
-        cells = [row[0].ljust(widths[0]), row[1].ljust(widths[1]),
-                 row[2].rjust(widths[2]), row[3].rjust(widths[3])]  # fmt: skip
+        cells = [row[0].ljust(widths[0]), row[1].rjust(widths[1]),
+                 row[2].rjust(widths[2]), row[3].ljust(widths[3])]  # fmt: skip
         line = "  ".join([*cells, row[4]])
         # A line that wraps would be two to the cursor that goes up again.
         print(f"{line[:room]}\033[K" if live else line, flush=True)
