@@ -257,7 +257,20 @@ def test_yaml_is_that_of_pyyaml(ros_python):
 
     from uros.tools.yaml_text import dump
 
-    strings = ["", "a: b", "no", "1e5", "1.5", "- x", "a\nb\n", "a \nb", "\x00\x7f", "grün", "x#", "#"]
+    strings = [
+        "",
+        "a: b",
+        "no",
+        "1e5",
+        "1.5",
+        "- x",
+        "a\nb\n",
+        "a \nb",
+        "\x00\x7f",
+        "grün",
+        "x#",
+        "#",
+    ]
     documents = [
         {"text": text, "list": [text, {"inner": text, "more": [text]}], "deep": {"text": text}}
         for text in strings

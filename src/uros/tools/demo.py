@@ -171,20 +171,19 @@ def _watch(network: Any, agent: _Agent, topics: list[_Topic], seconds: float | N
             agent.print_news()
             if any(topic.count for topic in topics):
                 print("\nWhat arrives by DDS (Ctrl-C ends it):\n")
-                drawn = _draw(topics)
+                drawn = _draw(topics, live)
         elif live:
             print(f"\033[{drawn}A", end="")
-            drawn = _draw(topics)
+            drawn = _draw(topics, live)
 
 
-def _draw(topics: list[_Topic]) -> int:
-    """Print the table; how many lines it has."""
+def _draw(topics: list[_Topic], live: bool = False) -> int:
+    """Print the table, cut to the terminal where it is to be drawn over; its lines."""
     rows = [("TOPIC", "COUNT", "RATE", "VALUE", "TYPE")]
     rows += [
         (it.name, str(it.count), f"{it.rate:.1f} Hz", it.value, it.type_name) for it in topics
     ]
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
-    live = sys.stdout.isatty()
     room = shutil.get_terminal_size().columns - 1
     for row in rows:
         cells = [row[0].ljust(widths[0]), row[1].rjust(widths[1]),

@@ -55,7 +55,9 @@ def test_types_to_dds(ros, dds):
 
 
 def test_service_types():
-    assert names.service_type_from_dds("std_srvs::srv::dds_::Empty_Request_") == "std_srvs/srv/Empty"
+    assert (
+        names.service_type_from_dds("std_srvs::srv::dds_::Empty_Request_") == "std_srvs/srv/Empty"
+    )
     assert names.service_type_from_dds("std_srvs::srv::dds_::Empty_Response_") == (
         "std_srvs/srv/Empty"
     )

@@ -140,9 +140,7 @@ def test_nobody_reads_the_output():
 def test_a_domain_in_the_environment_that_does_not_exist(monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     assert cli.main(["topic", "list"]) == 1
-    assert capsys.readouterr().err == (
-        "uros: ROS_DOMAIN_ID: 'many' is no domain; give 0 to 232\n"
-    )
+    assert capsys.readouterr().err == ("uros: ROS_DOMAIN_ID: 'many' is no domain; give 0 to 232\n")
 
 
 def test_interfaces_folder_that_does_not_exist(capsys):

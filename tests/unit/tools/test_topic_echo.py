@@ -51,7 +51,10 @@ def test_field(echo):
 
 
 def test_raw(echo):
-    assert echo(STRING(data="a"), "--raw") == "b'\\x00\\x01\\x00\\x00\\x02\\x00\\x00\\x00a\\x00'\n---\n"
+    assert (
+        echo(STRING(data="a"), "--raw")
+        == "b'\\x00\\x01\\x00\\x00\\x02\\x00\\x00\\x00a\\x00'\n---\n"
+    )
 
 
 def test_message_info(echo):
