@@ -111,7 +111,9 @@ class Network:
         return True
 
     def settle(self, seconds: float = DISCOVERY_SECONDS) -> None:
-        """Discover until nothing new comes and every ROS participant told its nodes."""
+        """Discover until nothing new comes, every ROS participant told its nodes, and all their
+        endpoints are known; ``seconds`` at most.
+        """
         end = time.monotonic() + seconds
         asked: set[bytes] = set()
         while (now := time.monotonic()) < end:
@@ -123,7 +125,7 @@ class Network:
                     asked |= unheard
                     self._discovery.ask_again()
                     continue
-            elif not self._discovery.silent():
+            elif not self._discovery.silent() and not self._discovery.missing():
                 slow = self.alone or self._discovery.empty()
                 look_at = self._news + (_SLOW if slow else _QUIET)
                 if now >= look_at:

@@ -13,5 +13,5 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """``; did you mean 'topic'?``, or nothing where no known name is close."""
     import difflib
 
-    close = difflib.get_close_matches(name, list(known), 3, 0.6)
+    close = difflib.get_close_matches(name, list(known), 3, 0.7)
     return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""

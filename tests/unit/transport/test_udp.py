@@ -8,7 +8,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.agent import running_agent
 from support.client import XrceClient
-from unit.agent import helpers
 from unit.agent.helpers import (
     PARTICIPANT,
     READER,
@@ -138,7 +137,7 @@ def test_short_write_data(villain, size, object_id, stream):
 
 
 def test_over_64_kilobytes_towards_a_client(villain, bystanders, agent):
-    reader = villain.client.__class__(agent.line(), KEY + 2)
+    reader = XrceClient(agent.line(), KEY + 2)
     assert reader.open() == 0
     reading = reader.reader("reader", "rt/large", TYPE)
     reader.read(reading)
@@ -230,7 +229,7 @@ def test_every_kind_and_flag(villain):
             villain.send(sub(kind, bytes(12), flags), stream=0)
         if kind % 8 == 0:
             villain.client.infos.clear()
-            assert villain.client.ping() == 1 or kind > ids.RESET
+            assert villain.client.ping() == 1
 
 
 def test_reordered_and_doubled_samples_arrive_in_order_once(agent, villain, bystanders):
@@ -371,4 +370,3 @@ def test_sending_where_nothing_can_be_sent(agent):
     for peer in (("127.0.0.1", 0), ("255.255.255.255", 9), ("192.0.2.1", 9)):
         agent.transport.send(peer, b"x")
     agent.transport.send(("127.0.0.1", 9), bytes(70_000))
-    assert helpers.KEY

@@ -83,6 +83,7 @@ class _BuiltinReader(DdsReader):
         self.on_ready = on_ready
         self.taken = True
         self.paused = False
+        self.local_only = False
         self.entity = entity
         self.guid = b""
         self._close = None

@@ -36,6 +36,7 @@ INFINITE: Final = 0x7FFFFFFFFFFFFFFF
 RETCODE_TIMEOUT: Final = -10
 RETCODE_OUT_OF_RESOURCES: Final = -5
 STATUS_DATA_AVAILABLE: Final = 1 << 8  # taking resets it
+STATUS_SUBSCRIPTION_MATCHED: Final = 1 << 12
 # sample, view and instance states of dds_take: all of them
 ANY_STATE: Final = 0x7F
 BUILTIN_TOPIC_PARTICIPANT: Final = 0x7FFF0001
@@ -112,6 +113,12 @@ _create_topic_sertype = _function(
 _sertype_ref = _function("ddsi_sertype_ref", _void_p, _void_p)
 _sertype_unref = _function("ddsi_sertype_unref", None, _void_p)
 _set_status_mask = _function("dds_set_status_mask", _int32, _int32, ctypes.c_uint32)
+_take_status = _function(
+    "dds_take_status", _int32, _int32, ctypes.POINTER(ctypes.c_uint32), ctypes.c_uint32
+)
+_get_matched_publications = _function(
+    "dds_get_matched_publications", _int32, _int32, ctypes.POINTER(ctypes.c_uint64), _size
+)
 _create_waitset = _function("dds_create_waitset", _int32, _int32)
 _create_guard = _function("dds_create_guardcondition", _int32, _int32)
 _set_guard = _function("dds_set_guardcondition", _int32, _int32, ctypes.c_bool)
@@ -194,7 +201,7 @@ def create_reader(
     subscriber: int, topic: int, qos: QoSProfile, user_data: bytes = b"", ignore_local: bool = False
 ) -> int:
     reader = _endpoint("reader", subscriber, topic, qos, user_data, ignore_local)
-    _check(_set_status_mask(reader, STATUS_DATA_AVAILABLE), "watch a reader")
+    wake_on(reader, STATUS_DATA_AVAILABLE)
     return reader
 
 
@@ -247,6 +254,27 @@ def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
     if data:
         _qset_userdata(c_qos, data, len(data))
     return c_qos
+
+
+def wake_on(reader: int, status: int) -> None:
+    """Which status of a reader wakes the waitset it is in."""
+    _check(_set_status_mask(reader, status), "watch a reader")
+
+
+def matched_writers(reader: int) -> set[int]:
+    """The instance handles of the writers a reader hears, local ones included.
+
+    Resets the status SUBSCRIPTION_MATCHED first, so that a change is not missed.
+    """
+    status = ctypes.c_uint32()
+    _take_status(reader, ctypes.byref(status), STATUS_SUBSCRIPTION_MATCHED)
+    size = 64
+    while True:
+        handles = (ctypes.c_uint64 * size)()
+        count: int = _get_matched_publications(reader, handles, size)
+        if count <= size:
+            return set(handles[: max(0, count)])
+        size = count
 
 
 def delete(entity: int) -> None:

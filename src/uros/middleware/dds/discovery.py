@@ -82,6 +82,17 @@ class Discovery:
         }
         return self.silent() & tellers
 
+    def missing(self) -> set[bytes]:
+        """The endpoints that nodes are said to have and that were not discovered yet."""
+        return {
+            gid
+            for participant, nodes in self.announced.items()
+            if participant in self.participants
+            for node in nodes
+            for gid in (*node.readers, *node.writers)
+            if gid not in self.endpoints
+        }
+
     def empty(self) -> set[bytes]:
         """The participants without any endpoint, so far."""
         return self.participants.keys() - {end.participant for end in self.endpoints.values()}

@@ -46,8 +46,11 @@ class DdsWriter(Writer):
         node.add_writer(self)
         self._middleware = node.middleware
         self._local = node.middleware.local_readers(participant.domain, topic)
+        handle = cyclone.instance_handle(self.entity)
+        node.middleware.own_writers.add(handle)
 
         def close() -> None:
+            node.middleware.own_writers.discard(handle)
             node.remove_writer(self)
             cyclone.delete(self.entity)
             participant.release_topic(topic, type_name)
@@ -83,9 +86,12 @@ def _little_endian(type_name: str, cdr: Bytes) -> bytes:
 
 
 class DdsReader(Reader):
-    """``key`` names the reader in the waitset."""
+    """``key`` names the reader in the waitset; ``local_only`` see
+    :meth:`~uros.middleware.dds.middleware.DdsMiddleware.watch_local`."""
 
-    __slots__ = ("_close", "_node", "entity", "guid", "key", "on_ready", "paused", "taken")
+    __slots__ = (
+        "_close", "_node", "entity", "guid", "key", "local_only", "on_ready", "paused", "taken",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -101,12 +107,14 @@ class DdsReader(Reader):
         self.on_ready = on_ready
         self.taken = True  # since on_ready was called last
         self.paused = False  # out of the waitset until the next take
+        self.local_only = False
         self.entity = participant.create_reader(topic, type_name, qos, data + type_data(type_name))
         self.guid = cyclone.guid(self.entity)
         node.add_reader(self)
         self.key = node.middleware.watch(self)
         local = node.middleware.local_readers(participant.domain, topic)
         local.append(self)
+        node.middleware.watch_local(self)
 
         def close() -> None:
             local.remove(self)

@@ -102,6 +102,7 @@ class DdsMiddleware(Middleware):
         # Cyclone has their samples ready when the write returns.
         self._local: dict[tuple[int, str], list[DdsReader]] = {}
         self._written: dict[int, list[DdsReader]] = {}
+        self.own_writers: set[int] = set()  # their instance handles
         self._keys = itertools.count(1)
         self._wake = Wake()
         self._waitset: cyclone.Waitset | None = None
@@ -158,21 +159,58 @@ class DdsMiddleware(Middleware):
         """This process's readers of a topic: the one list of them, kept up to date."""
         return self._local.setdefault((domain, topic), [])
 
+    def watch_local(self, reader: DdsReader) -> None:
+        """While a reader hears none but this middleware's own writers, let only the
+        coming of others wake the waiting thread: of our own samples we know first."""
+        cyclone.wake_on(reader.entity, cyclone.STATUS_SUBSCRIPTION_MATCHED)
+        reader.local_only = True
+        self._look_for_others(reader)
+        self.written([reader])  # what transient-local writers of ours said before
+
+    def _look_for_others(self, reader: DdsReader) -> bool:
+        """Whether a reader, local so far, hears others' writers; from then on for good."""
+        if cyclone.matched_writers(reader.entity) <= self.own_writers:
+            return False
+        reader.local_only = False
+        cyclone.wake_on(reader.entity, cyclone.STATUS_DATA_AVAILABLE)
+        return True
+
     def written(self, readers: list[DdsReader]) -> None:
         """These local readers have been written to."""
+        if not self._written:
+            self._wake.set()
         self._written[id(readers)] = readers
 
     def dispatch_local(self) -> None:
+        if not self._written:
+            return
+        self._wake.clear()
+        failed = self._announce_written()
+        if self._ready:  # the waiting thread may have spoken in between
+            self._wake.set()
+        if failed is not None:
+            raise failed
+
+    def _announce_written(self) -> Exception | None:
+        failed: Exception | None = None
         while self._written:
             for reader in self._written.popitem()[1].copy():
                 if reader.key in self._readers:
-                    self._announce(reader)
+                    failed = self._announce(reader) or failed
+        return failed
 
-    def _announce(self, reader: DdsReader) -> None:
-        """Tell that there is something to take, once until it is taken."""
+    def _announce(self, reader: DdsReader) -> Exception | None:
+        """Tell that there is something to take, once until it is taken.
+
+        What goes wrong there is returned: others must hear of theirs first.
+        """
         if reader.taken:
             reader.taken = False
-            reader.on_ready()
+            try:
+                reader.on_ready()
+            except Exception as error:
+                return error
+        return None
 
     def unwatch(self, reader: DdsReader) -> None:
         if self._readers.pop(reader.key, None) and self._waitset:
@@ -200,14 +238,13 @@ class DdsMiddleware(Middleware):
     def dispatch(self) -> None:
         self._wake.clear()
         ready, self._ready = self._ready, []
-        failed: Exception | None = None
+        failed = self._announce_written()
         for key in ready:
             reader = self._readers.get(key)
-            if reader is not None and not reader.paused:
-                try:
-                    self._announce(reader)
-                except Exception as error:  # one's fault; the others must hear of theirs
-                    failed = failed or error
+            if reader is None or (reader.local_only and not self._look_for_others(reader)):
+                continue
+            if not reader.paused:
+                failed = self._announce(reader) or failed
                 if not reader.taken and key in self._readers and self._waitset:
                     # Nobody has room for it now: until somebody takes, it
                     # would wake us again and again.

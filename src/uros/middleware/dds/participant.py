@@ -85,9 +85,10 @@ class SharedParticipant:
 
     def announce(self) -> None:
         """Send ``ros_discovery_info`` now."""
-        cyclone.write(self._announcer, announce.encode(self.guid, self.nodes, self._gid_size))
+        sample = announce.encode(self.guid, self.nodes, self._gid_size)
+        sent = cyclone.write(self._announcer, sample)
         self._sent_at = time.monotonic()
-        self.due = None
+        self.due = None if sent else self._sent_at + _INTERVAL
 
     def close(self) -> None:
         cyclone.delete(self.entity)

@@ -1,0 +1,101 @@
+"""``ros_discovery_info``, byte for byte.
+
+The vectors are written by hand from the definitions of rmw_dds_common (ParticipantEntitiesInfo,
+NodeEntitiesInfo, Gid) and from CDR; no ROS wrote them.
+"""
+
+import pytest
+
+from uros.interfaces import load
+from uros.interfaces.codec import from_cdr
+from uros.middleware.dds import announce
+from uros.middleware.dds.discovery import decode
+
+PARTICIPANT = bytes.fromhex("0110aabbccddeeff00112233000001c1")
+READER = bytes.fromhex("0110aabbccddeeff0011223300000104")
+WRITERS = [
+    bytes.fromhex("0110aabbccddeeff0011223300000203"),
+    bytes.fromhex("0110aabbccddeeff0011223300000303"),
+]
+NODES = [
+    announce.NodeEntities("/garden", "weather", [], WRITERS),
+    announce.NodeEntities("/", "a_node", [READER], []),
+]
+
+# 16 bytes a Gid: from Iron on.
+HAND_16 = bytes.fromhex(
+    "00010000"  # CDR, little endian
+    "0110aabbccddeeff00112233000001c1"  # gid
+    "02000000"  # two nodes
+    "08000000" "2f67617264656e00"  # "/garden"
+    "08000000" "7765617468657200"  # "weather"
+    "00000000"  # no readers
+    "02000000"  # two writers
+    "0110aabbccddeeff0011223300000203"
+    "0110aabbccddeeff0011223300000303"
+    "02000000" "2f00" "0000"  # "/", padding
+    "07000000" "615f6e6f646500" "00"  # "a_node", padding
+    "01000000"  # one reader
+    "0110aabbccddeeff0011223300000104"
+    "00000000"  # no writers
+)  # fmt: skip
+
+# 24 bytes a Gid: up to Humble, the last eight zero.
+HAND_24 = bytes.fromhex(
+    "00010000"
+    "0110aabbccddeeff00112233000001c1" "0000000000000000"
+    "02000000"
+    "08000000" "2f67617264656e00"
+    "08000000" "7765617468657200"
+    "00000000"
+    "02000000"
+    "0110aabbccddeeff0011223300000203" "0000000000000000"
+    "0110aabbccddeeff0011223300000303" "0000000000000000"
+    "02000000" "2f00" "0000"
+    "07000000" "615f6e6f646500" "00"
+    "01000000"
+    "0110aabbccddeeff0011223300000104" "0000000000000000"
+    "00000000"
+)  # fmt: skip
+
+HAND_EMPTY = bytes.fromhex("00010000" "0110aabbccddeeff00112233000001c1" "00000000")  # fmt: skip
+
+
+@pytest.mark.parametrize(("size", "vector"), [(16, HAND_16), (24, HAND_24)])
+def test_encode_gives_the_hand_written_bytes(size, vector):
+    assert announce.encode(PARTICIPANT, NODES, size) == vector
+
+
+def test_a_participant_without_nodes():
+    assert announce.encode(PARTICIPANT, [], 16) == HAND_EMPTY
+
+
+@pytest.mark.parametrize("vector", [HAND_16, HAND_24], ids=["16", "24"])
+def test_both_sizes_are_read_back(vector):
+    guid, nodes = decode(vector)
+    assert guid == PARTICIPANT
+    assert [(n.namespace, n.name, n.readers, n.writers) for n in nodes] == [
+        (n.namespace, n.name, n.readers, n.writers) for n in NODES
+    ]
+
+
+def test_it_is_the_message_that_interfaces_know():
+    message = from_cdr(
+        load("rmw_dds_common/msg/ParticipantEntitiesInfo"), announce.encode(PARTICIPANT, NODES, 16)
+    )
+    assert bytes(message.gid.data) == PARTICIPANT
+    weather, other = message.node_entities_info_seq
+    assert (weather.node_namespace, weather.node_name) == ("/garden", "weather")
+    assert [bytes(gid.data) for gid in weather.writer_gid_seq] == WRITERS
+    assert list(weather.reader_gid_seq) == []
+    assert (other.node_namespace, other.node_name) == ("/", "a_node")
+    assert [bytes(gid.data) for gid in other.reader_gid_seq] == [READER]
+
+
+def test_the_topic_is_kept_for_late_nodes():
+    qos = announce.qos()
+    assert qos.reliable and qos.transient_local and qos.depth == 1
+    assert (announce.TOPIC, announce.TYPE) == (
+        "ros_discovery_info",
+        "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_",
+    )

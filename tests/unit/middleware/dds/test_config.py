@@ -1,0 +1,136 @@
+"""What the ROS 2 environment variables make of Cyclone's configuration."""
+
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from uros.middleware.base import MiddlewareError
+from uros.middleware.dds import config, cyclone
+
+PID = 4711
+
+
+def parts(environment):
+    """``(<General>, <Discovery>, what follows ours)``."""
+    ours, _, rest = config.config_xml(environment, PID).partition("</CycloneDDS>")
+    root = ET.fromstring(ours + "</CycloneDDS>")
+    return root.find("Domain/General"), root.find("Domain/Discovery"), rest
+
+
+def peers(environment):
+    return [peer.get("Address") for peer in parts(environment)[1].iter("Peer")]
+
+
+@pytest.mark.parametrize(
+    ("environment", "reach"),
+    [
+        ({}, "SUBNET"),
+        ({"ROS_LOCALHOST_ONLY": "0"}, "SUBNET"),
+        ({"ROS_LOCALHOST_ONLY": "1"}, "LOCALHOST"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": ""}, "SUBNET"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "localhost"}, "LOCALHOST"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": "1"}, "SUBNET"),
+        *[({"ROS_AUTOMATIC_DISCOVERY_RANGE": name}, name) for name in config.RANGES],
+    ],
+)
+def test_range(environment, reach):
+    assert config.discovery_range(environment) == reach
+
+
+@pytest.mark.parametrize("value", ["LOCAL", "1", "SUBNET ", "NOT_SET"])
+def test_a_range_that_does_not_exist_is_refused_with_those_that_do(value):
+    with pytest.raises(MiddlewareError) as failed:
+        config.config_xml({"ROS_AUTOMATIC_DISCOVERY_RANGE": value}, PID)
+    said = str(failed.value)
+    assert repr(value) in said
+    assert all(name in said for name in ("OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT"))
+
+
+def test_subnet_leaves_the_network_as_cyclone_has_it():
+    general, discovery, rest = parts({})
+    assert len(general) == 0 and rest == ""
+    assert discovery.findtext("ParticipantIndex") == "auto"
+    assert peers({}) == []
+
+
+def test_localhost_stays_on_loopback():
+    general, _, _ = parts({"ROS_LOCALHOST_ONLY": "1"})
+    assert general.findtext("AllowMulticast") == "false"
+    assert general.find("Interfaces/NetworkInterface").get("address") == "127.0.0.1"
+    assert peers({"ROS_LOCALHOST_ONLY": "1"}) == ["127.0.0.1"]
+
+
+def test_off_meets_nobody():
+    environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": "10.0.0.1"}
+    general, discovery, _ = parts(environment)
+    assert general.findtext("AllowMulticast") == "false"
+    assert discovery.findtext("ParticipantIndex") == "none"
+    assert str(PID) in discovery.findtext("Tag")
+    assert peers(environment) == []
+
+
+def test_static_peers_are_added_to_what_the_range_finds():
+    environment = {"ROS_STATIC_PEERS": "10.0.0.1;robot.local;"}
+    assert peers(environment) == ["10.0.0.1", "robot.local"]
+    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    assert peers(environment) == ["127.0.0.1", "10.0.0.1", "robot.local"]
+
+
+def test_a_peer_cannot_break_out_of_its_attribute():
+    assert peers({"ROS_STATIC_PEERS": 'a"/><Peer Address="b<&'}) == ['a"/><Peer Address="b<&']
+
+
+def test_system_default_leaves_all_to_the_user():
+    environment = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+        "ROS_STATIC_PEERS": "10.0.0.1",
+    }
+    assert len(parts(environment)[0]) == 0
+    assert peers(environment) == []
+
+
+def test_the_users_own_configuration_comes_last():
+    own = "<General><AllowMulticast>spdp</AllowMulticast></General>"
+    general, _, rest = parts({"CYCLONEDDS_URI": own, "ROS_LOCALHOST_ONLY": "1"})
+    assert rest == "," + own
+    # Interfaces add up: with ours, the user could choose no other.
+    assert general.find("Interfaces") is None
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {},
+        {"ROS_LOCALHOST_ONLY": "1"},
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "127.0.0.1;127.0.0.2"},
+    ],
+    ids=["subnet", "localhost", "off", "peers"],
+)
+def test_cyclone_accepts_it(environment, own_domain_id):
+    if not environment:  # the tests stay on loopback
+        environment = {
+            "CYCLONEDDS_URI": '<General><Interfaces><NetworkInterface address="127.0.0.1"/>'
+            "</Interfaces></General>"
+        }
+    cyclone.open_domain(own_domain_id, config.config_xml(environment, PID))
+    try:
+        assert cyclone.create_participant(own_domain_id, b"") > 0
+    finally:
+        cyclone.close_domain(own_domain_id)
+
+
+def test_a_users_configuration_that_cyclone_refuses_is_an_error(own_domain_id):
+    xml = config.config_xml({"CYCLONEDDS_URI": "<General><Nonsense/></General>"}, PID)
+    with pytest.raises(MiddlewareError, match=f"DDS cannot join domain {own_domain_id}"):
+        cyclone.open_domain(own_domain_id, xml)
+
+
+@pytest.mark.parametrize(
+    ("distro", "size"),
+    [("", 16), ("foxy", 24), ("galactic", 24), ("humble", 24), ("iron", 16), ("jazzy", 16),
+     ("kilted", 16), ("rolling", 16)],
+)  # fmt: skip
+def test_gid_size(distro, size):
+    assert config.gid_size({"ROS_DISTRO": distro}) == size
+    assert config.gid_size({}) == 16

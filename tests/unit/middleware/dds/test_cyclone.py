@@ -1,0 +1,138 @@
+"""Below the binding's public names: topics without type information, and its checks."""
+
+import ctypes
+
+import pytest
+
+from uros.middleware.base import MiddlewareError
+from uros.middleware.dds import config, cyclone
+from uros.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+
+
+@pytest.fixture
+def participant(own_domain_id):
+    import os
+
+    cyclone.open_domain(own_domain_id, config.config_xml(os.environ, 1))
+    yield cyclone.create_participant(own_domain_id, b"enclave=/;")
+    cyclone.close_domain(own_domain_id)
+
+
+def ops_of(topic):
+    """The operations table of a topic's sertype."""
+    sertype = ctypes.c_void_p()
+    assert cyclone._get_entity_sertype(topic, ctypes.byref(sertype)) == 0
+    table = ctypes.cast(sertype.value, ctypes.POINTER(ctypes.c_void_p))[0]
+    return list(ctypes.cast(table, ctypes.POINTER(ctypes.c_void_p * 14)).contents)
+
+
+def test_a_topic_announces_no_type(participant):
+    first = cyclone.create_topic(participant, "rt/a", "std_msgs::msg::dds_::String_")
+    second = cyclone.create_topic(participant, "rt/b", "std_msgs::msg::dds_::Int32_")
+    for topic in (first, second):
+        ops = ops_of(topic)
+        assert [i for i, entry in enumerate(ops) if entry is None and i != 1] == [8, 9, 10]
+
+
+def test_all_topics_of_a_type_share_what_describes_it(participant):
+    topics = [cyclone.create_topic(participant, f"rt/{i}", "pkg::msg::dds_::X_") for i in range(5)]
+    sertypes = set()
+    for topic in topics:
+        sertype = ctypes.c_void_p()
+        cyclone._get_entity_sertype(topic, ctypes.byref(sertype))
+        sertypes.add(sertype.value)
+    assert len(sertypes) == 1
+
+
+def test_a_binding_that_is_laid_out_otherwise_is_refused(participant, monkeypatch):
+    """A table that is as good as the known one, but another: nothing must be patched."""
+    create = cyclone._clayer.ddspy_topic_create
+    copies = []
+
+    class Binding:
+        @staticmethod
+        def ddspy_topic_create(*arguments):
+            topic = create(*arguments)
+            sertype = ctypes.c_void_p()
+            cyclone._get_entity_sertype(topic, ctypes.byref(sertype))
+            word = ctypes.cast(sertype.value, ctypes.POINTER(ctypes.c_void_p))
+            copy = (ctypes.c_void_p * 14)()
+            ctypes.memmove(copy, word[0], ctypes.sizeof(copy))
+            copies.append(copy)
+            word[0] = ctypes.addressof(copy)
+            return topic
+
+        __file__ = cyclone._clayer.__file__
+
+    monkeypatch.setattr(cyclone, "_clayer", Binding)
+    cyclone.create_topic.__globals__["_types"].pop("pkg::msg::dds_::Strange_", None)
+    for known in ({}, dict(cyclone._quiet_ops)):
+        monkeypatch.setattr(cyclone, "_quiet_ops", known)
+        with pytest.raises(MiddlewareError, match="install the version uros is tested with"):
+            cyclone.create_topic(participant, "rt/strange", "pkg::msg::dds_::Strange_")
+        assert cyclone._quiet_ops == known
+
+
+@pytest.mark.parametrize(
+    "name", ["", "a topic", "rt/ü", "x" * 300], ids=["empty", "space", "umlaut", "long"]
+)
+def test_a_name_is_taken_or_refused_with_an_error(participant, name):
+    try:
+        topic = cyclone.create_topic(participant, name, "pkg::msg::dds_::X_")
+    except MiddlewareError as error:
+        assert repr(name) in str(error)
+    else:
+        cyclone.delete(topic)
+
+
+def test_qos_is_announced_as_it_was_asked(participant):
+    """What peers read of an endpoint, by the builtin topic."""
+    asked = QoSProfile(
+        depth=7,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        deadline_ms=1500,
+        lifespan_ms=2500,
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+        liveliness_lease_ms=3500,
+        partitions=("left", "right"),
+        user_data=b"mine;",
+    )
+    topic = cyclone.create_topic(participant, "rt/qos", "pkg::msg::dds_::X_")
+    writer = cyclone.create_writer(
+        cyclone.create_group("publisher", participant, asked.partitions), topic, asked, b"ours;"
+    )
+    builtin = cyclone.create_builtin_reader(participant, cyclone.BUILTIN_TOPIC_PUBLICATION)
+    found = dict(cyclone.take_endpoints(builtin, 100))
+    owner, name, type_name, qos = found[cyclone.guid(writer)]
+    assert (owner, name, type_name) == (
+        cyclone.guid(participant), "rt/qos", "pkg::msg::dds_::X_",
+    )  # fmt: skip
+    expected = asked
+    expected.user_data = b"mine;ours;"
+    assert qos == expected
+
+
+def test_keep_all(participant):
+    topic = cyclone.create_topic(participant, "rt/qos", "pkg::msg::dds_::X_")
+    asked = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    reader = cyclone.create_reader(cyclone.create_group("subscriber", participant), topic, asked)
+    builtin = cyclone.create_builtin_reader(participant, cyclone.BUILTIN_TOPIC_SUBSCRIPTION)
+    qos = dict(cyclone.take_endpoints(builtin, 100))[cyclone.guid(reader)][3]
+    assert qos.history == HistoryPolicy.KEEP_ALL
+
+
+def test_errors_name_what_cannot_be_done(own_domain_id):
+    with pytest.raises(MiddlewareError, match=f"domain {own_domain_id} is not open"):
+        cyclone.create_participant(own_domain_id, b"")
+    with pytest.raises(MiddlewareError, match="DDS cannot tell a GUID"):
+        cyclone.guid(1)
+    with pytest.raises(MiddlewareError, match="DDS cannot write"):
+        cyclone.write(1, b"\0\1\0\0\0\0\0\0")
+    cyclone.delete(1)

@@ -1,0 +1,286 @@
+"""The agent as a process: how it starts, what it refuses, how it ends."""
+
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import pytest
+from support.client import XrceClient
+from support.lines import SECONDS, SerialLine, TcpLine, UdpLine
+from unit.agent.helpers import get_info, message
+from unit.agent.test_log import LINE
+from unit.agent.test_profiles import REFS
+
+from uros.wire import ids
+
+TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
+
+
+def command(*args):
+    return [sys.executable, "-m", "uros", "agent", *map(str, args)]
+
+
+def refused(*args, **env):
+    """(exit status, what it says on standard error) of an agent that does not start."""
+    done = subprocess.run(
+        command(*args), env={**os.environ, **env}, capture_output=True, text=True,
+        timeout=SECONDS * 3,
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr, done.stderr
+    return done.returncode, done.stderr
+
+
+class Process:
+    """An agent on memory; its lines as they come."""
+
+    def __init__(self, *args):
+        self.popen = subprocess.Popen(
+            command(*args), stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        self.text = ""
+
+    def read(self, seconds=SECONDS):
+        """More of what it says; False at its end."""
+        fd = self.popen.stdout.fileno()
+        assert select.select([fd], [], [], seconds)[0], f"it says no more than:\n{self.text}"
+        chunk = os.read(fd, 65536)
+        self.text += chunk.decode()
+        return bool(chunk)
+
+    def until(self, pattern):
+        """The match, once the log has it."""
+        deadline = time.monotonic() + 3 * SECONDS
+        while not (found := re.search(pattern, self.text)):
+            assert time.monotonic() < deadline
+            assert self.read(3 * SECONDS), f"it ended, no {pattern!r} in:\n{self.text}"
+        return found
+
+    def end(self, number=signal.SIGTERM):
+        """Its exit status after a signal."""
+        self.popen.send_signal(number)
+        while self.read():
+            pass
+        return self.popen.wait(SECONDS)
+
+    def lines(self):
+        return [LINE.fullmatch(line.rstrip()) or line for line in self.text.splitlines()]
+
+
+@contextmanager
+def agent(*args):
+    process = Process(*args)
+    try:
+        yield process
+    finally:
+        if process.popen.poll() is None:
+            process.popen.kill()
+            process.popen.wait()
+        process.popen.stdout.close()
+
+
+TRANSPORTS = {"udp4": (UdpLine, socket.SOCK_DGRAM), "tcp4": (TcpLine, socket.SOCK_STREAM)}
+
+
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_a_second_agent_on_the_port_says_so_and_ends(transport):
+    with agent(transport, "-p", 0, "-m", "memory") as first:
+        port = int(first.until(r"running\.\.\. +\| port: (\d+)")[1])
+        status, said = refused(transport, "-p", port, "-m", "memory")
+        assert status == 1
+        protocol = transport[:3].upper()
+        assert said == (
+            f"uros: {protocol} port {port} is in use, perhaps by another agent:"
+            " stop it, or choose another port with --port\n"
+        )
+        line = TRANSPORTS[transport][0](port)
+        assert XrceClient(line, 1).open() == ids.STATUS_OK
+        line.close()
+        assert first.end() == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_a_signal_ends_it_cleanly_and_frees_the_port(transport, number):
+    make_line, kind = TRANSPORTS[transport]
+    with agent(transport, "-p", 0, "-m", "memory") as process:
+        port = int(process.until(r"port: (\d+)")[1])
+        line = make_line(port)
+        client = XrceClient(line, 0x1234)
+        assert client.open() == ids.STATUS_OK
+        client.writer("node", "rt/a", TYPE)
+        assert process.end(number) == 0
+        line.close()
+        said = [it[5].strip() for it in process.lines()]
+        assert said[-3:] == ["delete", "session closed", "server stopped"]
+    with socket.socket(socket.AF_INET, kind) as sock:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(("0.0.0.0", port))
+
+
+def test_a_signal_ends_it_while_it_waits_for_a_device(tmp_path):
+    with agent("serial", "-D", tmp_path / "none", "-m", "memory") as process:
+        process.until("waiting for device")
+        assert process.end() == 0
+
+
+def test_it_ends_on_dds_too():
+    with agent("udp4", "-p", 0) as process:
+        port = int(process.until(r"port: (\d+)")[1])
+        line = UdpLine(port)
+        client = XrceClient(line, 0x1234)
+        assert client.open() == ids.STATUS_OK
+        reader = client.reader("node", "rt/a", TYPE)
+        client.read(reader)
+        assert process.end(signal.SIGINT) == 0
+        line.close()
+
+
+def test_a_pseudo_terminal_tells_its_name():
+    with agent("pseudoterminal", "-m", "memory") as process:
+        line = SerialLine.open(process.until(r"dev: (/\S+)")[1])
+        assert XrceClient(line, 1).open() == ids.STATUS_OK
+        line.close()
+        assert process.end() == 0
+
+
+# --- the command line ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("args", "status", "said"),
+    [
+        (["serial", "-D", "/dev/none", "-b", "12345"], 1,
+         "uros: baud rate 12345 does not exist here; there are 50, 75, "),
+        (["pseudoterminal", "-b", "12345"], 1, "baud rate 12345 does not exist"),
+        (["serial"], 2, "one of the arguments -D/--dev -f/--file is required"),
+        (["serial", "-D", "a", "-f", "b"], 2, "not allowed with argument"),
+        (["udp5"], 2, "udp4"),
+        ([], 2, "TRANSPORT"),
+        (["udp4", "-p", "eighty"], 2, "'eighty' is not a port (0 to 65535)"),
+        (["udp4", "-p", "65536"], 2, "'65536' is not a port (0 to 65535)"),
+        (["udp4", "-v", "7"], 2, "'7' is not a verbosity (0 to 6)"),
+        (["udp4", "--domain", "233"], 2, "'233' is not a ROS domain (0 to 232)"),
+        (["udp4", "-m", "corba"], 2, "corba"),
+        (["udp4", "--prot", "1"], 2, "unrecognized arguments: --prot"),
+        (["udp4", "-r", "/nowhere/agent.refs"], 1,
+         "uros: /nowhere/agent.refs: [Errno 2] No such file"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(args, status, said):
+    got = refused(*args)
+    assert got[0] == status
+    assert said in got[1]
+
+
+def test_a_wrong_environment_is_named():
+    status, said = refused("udp4", "-p", 0, "-m", "memory", XRCE_DOMAIN_ID_OVERRIDE="many")
+    assert status == 1
+    assert "XRCE_DOMAIN_ID_OVERRIDE: 'many' is not a ROS domain (0 to 232)" in said
+
+
+def test_a_privileged_port_says_what_to_do(monkeypatch):
+    from uros.transport.udp import bind_trouble
+
+    error = PermissionError(13, "Permission denied")
+    assert bind_trouble("UDP", 80, error) == (
+        "UDP port 80 is not permitted: choose one from 1024 on with --port"
+    )
+
+
+def test_a_broken_reference_file_is_named(tmp_path):
+    file = tmp_path / "agent.refs"
+    file.write_text("<profiles><topic profile_name='a'></profiles>")
+    status, said = refused("udp4", "-p", 0, "-m", "memory", "-r", file)
+    assert status == 1 and f"uros: {file}: broken XML: mismatched tag" in said
+
+
+def test_boards_refer_to_a_file_of_profiles(tmp_path):
+    file = tmp_path / "agent.refs"
+    file.write_text(REFS)
+    with agent("udp4", "-p", 0, "-m", "memory", "-r", file) as process:
+        line = UdpLine(int(process.until(r"port: (\d+)")[1]))
+        client = XrceClient(line, 1)
+        client.open()
+        node = client.create(1, 1, ids.BY_REFERENCE, "default_xrce_participant", 0)
+        client.create(2, 1, ids.BY_REFERENCE, "shapetype_topic", node)
+        line.close()
+        assert process.end() == 0
+
+
+def wait_for_port(port):
+    """Until a ping is answered there."""
+    ping = message([get_info()], 0, 0, ids.SESSION_NONE_WITHOUT_KEY)
+    deadline = time.monotonic() + 3 * SECONDS
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.connect(("127.0.0.1", port))
+        sock.settimeout(0.05)
+        while True:
+            assert time.monotonic() < deadline, "no agent answers"
+            try:
+                sock.send(ping)
+                sock.recv(1000)
+                return
+            except TimeoutError:
+                pass
+            except ConnectionRefusedError:
+                select.select([], [], [], 0.02)
+
+
+# --- what it says ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("level", range(7))
+def test_levels_and_columns(level):
+    """A client comes, makes a topic, writes to nobody, deletes the topic and leaves."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+    with agent("udp4", "-p", port, "-m", "memory", "-v", level) as process:
+        wait_for_port(port)  # at level 0 nothing is said
+        line = UdpLine(port)
+        client = XrceClient(line, 0x4B0CBE99)
+        assert client.open() == 0
+        node = client.participant("ns/board")
+        topic = client._topic(node, "rt/a", TYPE)
+        client.write(0x0995, b"nobody")
+        client.delete(topic)
+        assert client.close() == 0
+        line.close()
+        assert process.end() == 0
+        lines = process.lines()
+    assert all(not isinstance(it, str) for it in lines), process.text
+    names = {it[2].strip() for it in lines}
+    wanted = {0: set(), 1: set(), 2: set(), 3: {"warning"}, 4: {"warning", "info"}}
+    assert names == wanted.get(level, {"warning", "info", "debug"})
+    about = {(it[3].strip(), it[4].strip(), it[5].strip()): it[6] for it in lines}
+    if level >= 4:
+        key = "client_key: 0x4B0CBE99"
+        assert about["Root", "create_client", "create"] == f"{key}, session_id: 0x81"
+        made = about["ProxyClient", "create_participant", "participant created"]
+        assert made == f"{key}, participant_id: 0x001(1)"
+        made = about["ProxyClient", "create_topic", "topic created"]
+        assert made == f"{key}, topic_id: 0x001(2), participant_id: 0x001(1)"
+        assert about["Root", "delete_client", "delete"] == key
+        where = about["SessionManager", "establish_session", "session established"]
+        assert re.fullmatch(key + r", address: 127\.0\.0\.1:\d+", where)
+    traces = [it for it in lines if it[4].strip() in ("recv_message", "send_message")]
+    assert bool(traces) == (level >= 5)
+    for it in traces:
+        assert it[3].strip() == "UDPv4Agent"
+        sent = it[4].strip() == "send_message"
+        assert it[5].strip() == ("[** <<UDP>> **]" if sent else "[==>> UDP <<==]")
+        found = re.fullmatch(
+            r"client_key: 0x[0-9A-F]{8}, len: (\d+)(?:, data: ((?:[0-9A-F]{2} ?)+))?", it[6]
+        )
+        assert found
+        assert bool(found[2]) == (level == 6)
+        if found[2]:
+            assert len(bytes.fromhex(found[2])) == int(found[1])
+    if level == 6:
+        assert "80 00 00 00 00 01 10 00 58 52 43 45 01 00 01 0F 4B 0C BE 99 81 00" in process.text
