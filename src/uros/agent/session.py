@@ -22,7 +22,7 @@ from ..wire import ids
 from ..wire.cdr import Reader, Writer
 from ..wire.errors import DecodeError, LimitError
 from ..wire.header import MessageWriter, header_size, push_header, push_subheader
-from ..wire.session import pull_acknack, pull_heartbeat, push_acknack, push_heartbeat
+from ..wire.session import acknack_message, pull_acknack, pull_heartbeat, push_heartbeat
 from ..wire.streams import (
     MAX_MESSAGE,
     BestEffortIn,
@@ -352,9 +352,9 @@ class Session:
             if incoming.ack_due and not incoming.stalled:
                 incoming.ack_due = False
                 first, missing = incoming.stream.acknack()
-                w = self._message(ids.ACKNACK)
-                push_acknack(w, first, missing, stream_id)
-                self.outgoing.append(w.finish())
+                self.outgoing.append(
+                    acknack_message(self.session_id, self.key, first, missing, stream_id)
+                )
 
     def next_deadline(self) -> int | None:
         """When :meth:`poll` has something to do, or None."""

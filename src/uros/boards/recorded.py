@@ -240,8 +240,11 @@ class RecordedBoard:
             self._play(now)
         waits = self._waits_for_agent()
         if waits and ticks_diff(now, self._heard) >= SILENT_MS and self._finishing is None:
-            self._restart(now)
-            return self.outgoing(now)
+            if self._next >= len(self._steps):
+                self.done = True  # all is said; whether it was heard, nobody tells
+            else:
+                self._restart(now)
+                return self.outgoing(now)
         if self._unanswered is not None:
             message, at = self._unanswered
             if waits and ticks_diff(now, at) >= RETRY_MS:
@@ -287,7 +290,7 @@ class RecordedBoard:
     def _waits_for_agent(self) -> bool:
         """Whether the next step needs something of the agent first."""
         if self._next >= len(self._steps):
-            return any(len(out) for out in self._out.values())
+            return self._unanswered is not None or any(len(out) for out in self._out.values())
         step = self._steps[self._next]
         for stream, count in step.waits:
             incoming = self._in.get(stream)
@@ -309,6 +312,7 @@ class RecordedBoard:
     def _play(self, now: int) -> None:
         """Send the next step and choose the one after it."""
         step = self._steps[self._next]
+        self._heard = now  # from here on an answer can be missed
         message = bytearray(step.message)
         if step.stream >= ids.STREAM_RELIABLE:
             out = self._out.setdefault(step.stream, ReliableOut())

@@ -6,6 +6,8 @@ whose first octet on the wire is the high one. A result is a pair of octets,
 status and implementation status.
 """
 
+import struct
+
 from . import ids
 from .errors import DecodeError, LimitError
 
@@ -208,6 +210,25 @@ def push_acknack(w: "Writer", first_unacked: int, missing: int, stream_id: int) 
     w.u16(first_unacked)
     w.be16(missing)
     w.u8(stream_id)
+
+
+def acknack_message(
+    session_id: int, key: int, first_unacked: int, missing: int, stream_id: int
+) -> bytes:
+    """A whole ACKNACK message, header included: one goes out for every burst received."""
+    body = struct.pack(
+        "<BBHHBBB",
+        ids.ACKNACK,
+        ids.FLAG_LITTLE_ENDIAN,
+        5,
+        first_unacked,
+        missing >> 8 & 0xFF,
+        missing & 0xFF,
+        stream_id,
+    )
+    if session_id & 0x80:
+        return bytes((session_id, 0, 0, 0)) + body
+    return struct.pack(">BBHI", session_id, 0, 0, key) + body
 
 
 def pull_acknack(r: "Reader") -> "tuple[int, int, int]":

@@ -10,7 +10,7 @@ from uros.agent.log import Log, RateLimit
 
 LINE = re.compile(
     r"\[(\d+\.\d{6})\] (critical|error   |warning |info    |debug   |trace   ) \| (.{18}) \| "
-    r"(.{24}) \| (.{30}) \| (.*)"
+    r"(.{24}) \| (.{30}) \|(?: (.*))?"
 )
 
 

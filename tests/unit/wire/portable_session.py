@@ -221,6 +221,15 @@ def test_heartbeat() -> None:
     )
 
 
+def test_acknack_message() -> None:
+    # recorded: rclc_int32_publisher
+    recorded = bytes.fromhex("810000000a0105000100000080")
+    assert session.acknack_message(0x81, 0x4B0CBE99, 1, 0, 0x80) == recorded
+    # by hand: a session id that lets the key travel along, numbers with both octets
+    by_hand = bytes.fromhex("010000004b0cbe99 0a010500 fffe 8001 ff")
+    assert session.acknack_message(0x01, 0x4B0CBE99, 0xFEFF, 0x8001, 0xFF) == by_hand
+
+
 def test_acknack_and_heartbeat_that_do_not_fit() -> None:
     for push in (session.push_acknack, session.push_heartbeat):
         for values in ((0x10000, 0, 0), (0, 0x10000, 0), (0, 0, 256), (-1, 0, 0), (0, -1, 0)):

@@ -44,6 +44,9 @@ BUILTIN_TOPIC_PUBLICATION: Final = 0x7FFF0003
 BUILTIN_TOPIC_SUBSCRIPTION: Final = 0x7FFF0004
 _SERTYPE_OPS_SIZE: Final = 14
 _SERTYPE_OPS_TYPES: Final = (8, 9, 10)  # type_id, type_map, type_info
+# All but arg (1) and the two of serialising on one's own (12, 13).
+_SERTYPE_OPS_FILLED: Final = [i not in (1, 12, 13) for i in range(_SERTYPE_OPS_SIZE)]
+_SERTYPE_OPS_EMPTY: Final = (1, 12, 13)  # arg, get_serialized_size, serialize_into
 
 _lib: Any = DDS._dll_handle
 _int32, _void_p, _int64, _size = ctypes.c_int32, ctypes.c_void_p, ctypes.c_int64, ctypes.c_size_t
@@ -401,7 +404,7 @@ def _is_ops_table(address: int) -> bool:
     """Whether ``address`` is the binding's operations table.
 
     Where the platform exports it (Linux), by its symbol; elsewhere by what
-    must hold of it: every entry but ``arg`` (the second) points somewhere.
+    must hold of it: which of its entries point somewhere.
     """
     try:
         exported = ctypes.addressof(
@@ -409,7 +412,7 @@ def _is_ops_table(address: int) -> bool:
         )
     except (OSError, ValueError):
         table = ctypes.cast(address, ctypes.POINTER(_void_p * _SERTYPE_OPS_SIZE)).contents
-        return all(entry is not None for i, entry in enumerate(table) if i != 1)
+        return all((entry is None) == (i in _SERTYPE_OPS_EMPTY) for i, entry in enumerate(table))
     return address == exported
 
 

@@ -187,6 +187,7 @@ class _WatchedReader(DdsReader):
         self.on_ready = on_ready
         self.taken = True
         self.paused = False
+        self.local_only = False
         self.entity = entity
         self.guid = b""
         self.key = node.middleware.watch(self)

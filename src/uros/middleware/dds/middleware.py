@@ -261,8 +261,12 @@ class DdsMiddleware(Middleware):
         return [one for shared in self._participants.values() for one in shared]
 
     def next_deadline(self) -> float | None:
-        due = [one.due for one in self._all_participants() if one.due is not None]
-        return min(due) if due else None
+        soonest: float | None = None
+        for shared in self._participants.values():
+            for one in shared:
+                if one.due is not None and (soonest is None or one.due < soonest):
+                    soonest = one.due
+        return soonest
 
     def tick(self) -> None:
         now = time.monotonic()
