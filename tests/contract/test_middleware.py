@@ -10,6 +10,7 @@ import pytest
 
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError, Service
+from uros.middleware.memory import MemoryMiddleware
 from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 SECONDS = 10.0
@@ -29,43 +30,62 @@ def cdr(text):
 
 
 class Network:
-    """A middleware with the data plane's part around it: waiting and dispatching."""
+    """Middlewares of one network with the data plane's part around them: waiting, dispatching.
 
-    def __init__(self, middleware, domain, local=True):
-        self.middleware = middleware
+    Readers stand in nodes of the first, writers in those of the last: the same one, or another.
+    """
+
+    def __init__(self, middlewares, domain):
+        self.middlewares = middlewares
+        self.middleware = middlewares[0]
         self.domain = domain
-        self.local = local
         self.dispatched = 0
+        self._peer = None
 
     def node(self, name="node", domain=None):
         return self.middleware.create_node(self.domain if domain is None else domain, "/", name)
 
+    @property
+    def peer(self):
+        """The node that writers stand in."""
+        if self._peer is None:
+            self._peer = self.middlewares[-1].create_node(self.domain, "/", "peer")
+        return self._peer
+
     def turn(self, seconds):
         """Wait for work and do it. False: there was none."""
-        if not select.select([self.middleware.fileno()], [], [], seconds)[0]:
-            return False
-        self.dispatched += 1
-        self.middleware.dispatch()
-        return True
+        ready = select.select([it.fileno() for it in self.middlewares], [], [], seconds)[0]
+        for middleware in self.middlewares:
+            if middleware.fileno() in ready:
+                self.dispatched += 1
+                middleware.dispatch()
+        return bool(ready)
 
     def until(self, done, seconds=SECONDS):
         deadline = time.monotonic() + seconds
         while True:
-            if self.local:
-                self.middleware.dispatch_local()
+            for middleware in self.middlewares:
+                middleware.dispatch_local()
             if done():
                 return
             left = deadline - time.monotonic()
             assert left > 0, "it does not come"
             self.turn(left)
 
-    def settle(self, node):
+    def settle(self, node, peer=None):
         """Do all work that there is: what a marker sent behind it has overtaken is not there."""
         came = Inbox(node, "settle")
-        node.create_writer("settle", TYPE, QoSProfile()).write(cdr("marker"))
+        writer = (peer or self.peer).create_writer("settle", TYPE, QoSProfile())
+        writer.write(cdr("marker"))
         self.until(lambda: came.samples)
         while self.turn(0):
             pass
+        writer.close()
+        came.reader.close()
+
+    def close(self):
+        for middleware in reversed(self.middlewares):
+            middleware.close()
 
 
 class Inbox:
@@ -87,13 +107,17 @@ class Inbox:
         self.samples.extend(self.reader.take(limit or self.limit))
 
 
-@pytest.fixture(params=["memory", "dds", "dds-remote"])
+@pytest.fixture(params=["memory", "memory-two", "dds", "dds-two"])
 def network(request, own_domain_id):
-    """``remote``: without the short cut for what this process itself wrote."""
-    name, _, remote = request.param.partition("-")
-    middleware = open_middleware(name)
-    yield Network(middleware, own_domain_id, not remote)
-    middleware.close()
+    """``two``: what is written comes from another middleware of the same network."""
+    name, _, two = request.param.partition("-")
+    middlewares = [open_middleware(name)]
+    if two:
+        other = MemoryMiddleware(middlewares[0].bus) if name == "memory" else open_middleware(name)
+        middlewares.append(other)
+    one = Network(middlewares, own_domain_id)
+    yield one
+    one.close()
 
 
 # --- topics -----------------------------------------------------------------------
@@ -102,7 +126,7 @@ def network(request, own_domain_id):
 def test_what_is_written_is_taken_as_it_was_in_order(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter")
-    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     sent = [cdr(f"hello {i}") for i in range(5)]
     for sample in sent:
         assert writer.write(sample) is True
@@ -118,7 +142,7 @@ def test_a_sample_may_be_any_kind_of_bytes_and_is_the_callers_again(network, kin
     inbox = Inbox(node, "rt/chatter", limit=0)
     buffer = bytearray(cdr("original"))
     kept = bytes(buffer)
-    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(kind(buffer))
+    network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(kind(buffer))
     buffer[8:] = bytes(len(buffer) - 8)
     network.until(lambda: inbox.calls)
     assert inbox.reader.take(10)[0][: len(kept)] == kept
@@ -127,7 +151,7 @@ def test_a_sample_may_be_any_kind_of_bytes_and_is_the_callers_again(network, kin
 def test_take_gives_at_most_the_limit_oldest_first(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
-    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     sent = [cdr(f"abc{i}") for i in range(5)]
     for sample in sent:
         writer.write(sample)
@@ -140,7 +164,7 @@ def test_take_gives_at_most_the_limit_oldest_first(network):
 def test_keep_last_keeps_the_newest(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", qos=QoSProfile(depth=3), limit=0)
-    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     sent = [cdr(f"abc{i}") for i in range(8)]
     for sample in sent:
         writer.write(sample)
@@ -151,7 +175,7 @@ def test_keep_last_keeps_the_newest(network):
 def test_keep_all_keeps_all(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", qos=KEEP_ALL, limit=0)
-    writer = node.create_writer("rt/chatter", TYPE, KEEP_ALL)
+    writer = network.peer.create_writer("rt/chatter", TYPE, KEEP_ALL)
     sent = [cdr(f"{i:07}") for i in range(100)]
     for sample in sent:
         assert writer.write(sample)
@@ -161,7 +185,7 @@ def test_keep_all_keeps_all(network):
 
 def test_a_late_transient_local_reader_gets_the_last_ones_up_to_the_writers_depth(network):
     node = network.node()
-    writer = node.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
+    writer = network.peer.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
     sent = [cdr(f"map{i}") for i in range(5)]
     for sample in sent:
         writer.write(sample)
@@ -173,7 +197,7 @@ def test_a_late_transient_local_reader_gets_the_last_ones_up_to_the_writers_dept
 
 def test_a_late_volatile_reader_gets_nothing_of_before(network):
     node = network.node()
-    writer = node.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
+    writer = network.peer.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
     writer.write(cdr("before"))
     inbox = Inbox(node, "rt/map")
     writer.write(cdr("later "))
@@ -184,7 +208,7 @@ def test_a_late_volatile_reader_gets_nothing_of_before(network):
 
 def test_a_closed_writer_leaves_nothing_to_late_readers(network):
     node = network.node()
-    writer = node.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
+    writer = network.peer.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
     writer.write(cdr("before"))
     writer.close()
     inbox = Inbox(node, "rt/map", qos=TRANSIENT_LOCAL)
@@ -207,7 +231,7 @@ def test_a_closed_writer_leaves_nothing_to_late_readers(network):
 def test_a_reader_hears_only_a_writer_that_offers_what_it_wants(network, offered, wanted, arrives):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", qos=wanted)
-    node.create_writer("rt/chatter", TYPE, offered).write(cdr("abc"))
+    network.peer.create_writer("rt/chatter", TYPE, offered).write(cdr("abc"))
     network.settle(node)
     assert inbox.samples == ([cdr("abc")] if arrives else [])
 
@@ -216,7 +240,7 @@ def test_types_match_by_name(network):
     node = network.node()
     same = Inbox(node, "rt/chatter")
     other = Inbox(node, "rt/chatter", "std_msgs::msg::dds_::Int32_")
-    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     network.settle(node)
     assert (same.samples, other.samples) == ([cdr("abc")], [])
 
@@ -224,7 +248,7 @@ def test_types_match_by_name(network):
 def test_topics_match_by_name(network):
     node = network.node()
     inbox, other = Inbox(node, "rt/chatter"), Inbox(node, "rt/chatter2")
-    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     network.settle(node)
     assert (inbox.samples, other.samples) == ([cdr("abc")], [])
 
@@ -237,7 +261,7 @@ def test_domains_are_apart(network):
         inbox, other = Inbox(here, "rt/chatter"), Inbox(there, "rt/chatter")
         here.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
         network.settle(here)
-        network.settle(there)
+        network.settle(there, there)
         assert (inbox.samples, other.samples) == ([cdr("abc")], [])
         there.close()
 
@@ -254,7 +278,7 @@ def test_large_samples_arrive_whole(network, size):
     inbox = Inbox(node, "rt/image")
     pattern = bytes(range(251)) * (size // 251 + 1)
     sample = b"\x00\x01\x00\x00" + size.to_bytes(4, "little") + pattern[:size]
-    assert node.create_writer("rt/image", TYPE, QoSProfile()).write(sample)
+    assert network.peer.create_writer("rt/image", TYPE, QoSProfile()).write(sample)
     network.until(lambda: inbox.samples)
     assert inbox.samples[0][: len(sample)] == sample
 
@@ -263,7 +287,7 @@ def test_many_readers_all_hear(network):
     """More than a waitset reports at once."""
     nodes = [network.node(f"node{i}") for i in range(3)]
     inboxes = [Inbox(nodes[i % 3], "rt/chatter") for i in range(300)]
-    writer = nodes[0].create_writer("rt/chatter", TYPE, QoSProfile())
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     for i in range(3):
         writer.write(cdr(f"abc{i}"))
         network.until(lambda n=i + 1: all(len(inbox.samples) == n for inbox in inboxes))
@@ -276,7 +300,7 @@ def test_many_readers_all_hear(network):
 def test_on_ready_comes_only_from_dispatch(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
-    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     assert inbox.calls == 0
     network.until(lambda: inbox.calls)
 
@@ -284,7 +308,7 @@ def test_on_ready_comes_only_from_dispatch(network):
 def test_on_ready_comes_again_only_after_a_take(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
-    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     writer.write(cdr("abc0"))
     network.until(lambda: inbox.calls)
     network.settle(node)
@@ -301,7 +325,7 @@ def test_on_ready_comes_again_only_after_a_take(network):
 def test_what_was_left_by_a_take_is_not_announced_but_there(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
-    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     for i in range(3):
         writer.write(cdr(f"abc{i}"))
     network.until(lambda: inbox.calls)
@@ -321,8 +345,8 @@ def test_a_reader_that_does_not_take_costs_nothing_and_goes_on_when_it_takes(net
     node = network.node()
     stuck = Inbox(node, "rt/stuck", qos=KEEP_ALL, limit=0)
     other = Inbox(node, "rt/other")
-    to_stuck = node.create_writer("rt/stuck", TYPE, KEEP_ALL)
-    to_other = node.create_writer("rt/other", TYPE, QoSProfile())
+    to_stuck = network.peer.create_writer("rt/stuck", TYPE, KEEP_ALL)
+    to_other = network.peer.create_writer("rt/other", TYPE, QoSProfile())
     to_stuck.write(cdr("abc0"))
     network.until(lambda: stuck.calls)
     network.settle(node)
@@ -351,7 +375,7 @@ def test_an_on_ready_that_raises_hurts_nobody_else(network):
         raise RuntimeError("a client's fault")
 
     reader = node.create_reader("rt/a", TYPE, QoSProfile(), broken)
-    writers = [node.create_writer("rt/" + name, TYPE, QoSProfile()) for name in "abc"]
+    writers = [network.peer.create_writer("rt/" + name, TYPE, QoSProfile()) for name in "abc"]
     deadline = time.monotonic() + SECONDS
     for round_ in range(3):
         for writer in writers:
@@ -359,8 +383,7 @@ def test_an_on_ready_that_raises_hurts_nobody_else(network):
         while len(inbox.samples) <= round_ or len(more.samples) <= round_:
             assert time.monotonic() < deadline, "the others hear nothing any more"
             try:
-                if network.local:
-                    network.middleware.dispatch_local()
+                network.middleware.dispatch_local()
                 network.turn(0.2)
             except RuntimeError:
                 pass
@@ -378,7 +401,7 @@ def test_a_reader_may_close_itself_and_others_in_on_ready(network):
                 inbox.reader.close()
 
     inboxes += [Closing(node, "rt/chatter") for _ in range(5)]
-    writer = node.create_writer("rt/chatter", TYPE, QoSProfile())
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     writer.write(cdr("abc"))
     network.until(lambda: any(inbox.calls for inbox in inboxes))
     network.settle(node)
@@ -389,7 +412,7 @@ def test_a_reader_may_close_itself_and_others_in_on_ready(network):
 def test_a_closed_reader_is_not_called(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter")
-    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     inbox.reader.close()
     network.settle(node)
     assert inbox.calls == 0
@@ -425,7 +448,7 @@ class Server:
 
 def test_requests_reach_the_replier_and_replies_their_asker(network):
     server = Server(network.node("server"))
-    first, second = Caller(network.node("first")), Caller(network.node("second"))
+    first, second = Caller(network.peer), Caller(network.node("second"))
     numbers = [first.requester.request(cdr("one")), second.requester.request(cdr("two"))]
     numbers.append(first.requester.request(cdr("six")))
     assert None not in numbers and numbers[0] != numbers[2]
@@ -443,7 +466,7 @@ def test_requests_reach_the_replier_and_replies_their_asker(network):
 
 def test_replies_to_another_are_not_ours(network):
     node = network.node()
-    server, caller = Server(node), Caller(node)
+    server, caller = Server(node), Caller(network.peer)
     number = caller.requester.request(cdr("one"))
     network.until(lambda: server.requests)
     guid, sequence, _ = server.requests[0]
@@ -458,12 +481,12 @@ def test_replies_to_another_are_not_ours(network):
 def test_samples_that_are_no_requests_are_left_out(network):
     """Somebody else's writer on the service's topics, with samples too short for an identity."""
     node = network.node()
-    server, caller = Server(node), Caller(node)
+    server, caller = Server(node), Caller(network.peer)
     for topic, type_name in (
         (SERVICE.request_topic, SERVICE.request_type),
         (SERVICE.reply_topic, SERVICE.reply_type),
     ):
-        stray = node.create_writer(topic, type_name, QoSProfile())
+        stray = network.peer.create_writer(topic, type_name, QoSProfile())
         stray.write(b"\x00\x01\x00\x00" + bytes(4))
         stray.write(b"\x00\x01\x00\x00" + bytes(8))
     number = caller.requester.request(cdr("one"))
@@ -491,7 +514,7 @@ def test_a_requester_without_a_server_and_a_replier_without_an_asker(network):
 def test_closing_twice_is_closing_once(network):
     node = network.node()
     things = [
-        node.create_writer("rt/chatter", TYPE, QoSProfile()),
+        network.peer.create_writer("rt/chatter", TYPE, QoSProfile()),
         Inbox(node, "rt/chatter").reader,
         Caller(node).requester,
         Server(node).replier,
@@ -511,9 +534,9 @@ def test_a_node_closes_its_endpoints_and_nobody_elses(network):
     server, caller = Server(leaving), Caller(leaving)
     inbox = Inbox(staying, "rt/chatter")
     leaving.close()
-    staying.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     late = Inbox(staying, "rt/map", qos=TRANSIENT_LOCAL)
-    Caller(staying).requester.request(cdr("one"))
+    Caller(network.peer).requester.request(cdr("one"))
     network.settle(staying)
     assert inbox.samples == [cdr("abc")]
     assert (left.samples, late.samples, server.requests, caller.replies) == ([], [], [], [])
@@ -551,7 +574,7 @@ def test_a_topic_can_be_joined_left_and_joined_again_with_another_type(network):
     node = network.node()
     for type_name in (TYPE, "std_msgs::msg::dds_::Int32_", TYPE):
         inbox = Inbox(node, "rt/chatter", type_name)
-        writer = node.create_writer("rt/chatter", type_name, QoSProfile())
+        writer = network.peer.create_writer("rt/chatter", type_name, QoSProfile())
         writer.write(cdr("abc"))
         network.until(lambda inbox=inbox: inbox.samples)
         writer.close()
@@ -562,7 +585,7 @@ def test_closing_the_middleware_twice_and_with_everything_open(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
     Caller(node), Server(node)
-    node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     network.middleware.close()
     network.middleware.close()
     assert inbox.calls == 0
@@ -576,7 +599,7 @@ def test_the_network_can_be_left_and_joined_again(network, request):
     name = network.middleware.name
     for _ in range(2):
         middleware = open_middleware(name)
-        again = Network(middleware, network.domain)
+        again = Network([middleware], network.domain)
         node = again.node()
         inbox = Inbox(node, "rt/chatter")
         node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))

@@ -28,7 +28,6 @@ from .base import (
 )
 from .wake import Wake
 
-
 _End = TypeVar("_End")
 
 

@@ -8,8 +8,7 @@ from uros.agent.profiles import References
 from uros.middleware.memory import Bus, MemoryMiddleware
 from uros.transport.base import ServerTransport
 from uros.wire import data, entities, header, ids, session
-from uros.wire.cdr import Reader, Writer
-from uros.wire.streams import ticks_add
+from uros.wire.cdr import Writer
 
 KEY = 0xAABBCCDD
 SESSION = 0x81
@@ -80,10 +79,10 @@ def write_data(object_id, sample, request=30, flags=ids.FLAG_LITTLE_ENDIAN):
 
 
 def read_data(object_id, stream=ids.STREAM_RELIABLE, control=(0xFFFF, 0, 0, 0), request=40, **more):
-    return sub(
-        ids.READ_DATA,
-        built(lambda w: data.push_read_data(w, request, object_id, stream, control=control, **more)),
-    )
+    def push(w):
+        data.push_read_data(w, request, object_id, stream, control=control, **more)
+
+    return sub(ids.READ_DATA, built(push))
 
 
 def get_info(object_id=ids.OBJECT_AGENT, request=50):
@@ -127,10 +126,6 @@ STRING = "std_msgs::msg::dds_::String_"
 ADD_REQUEST = "example::srv::dds_::Add_Request_"
 ADD_REPLY = "example::srv::dds_::Add_Response_"
 RELIABLE_10 = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST
-
-
-def binary(push, *values):
-    return built(push, *values)
 
 
 def participant(object_id=PARTICIPANT, name="ns/board", domain=0, **more):
@@ -361,6 +356,3 @@ class Board:
     def samples(self):
         """Samples of DATA, behind request and object id."""
         return [payload[4:] for payload in self.got(ids.DATA)]
-
-
-__all__ = ["Board", "Bus", "Desk", "Reader", "ticks_add"]

@@ -8,13 +8,14 @@ import subprocess
 import sys
 import termios
 import tty
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from support.agent import running_agent
+from support.agent import RunningAgent, running_agent
 from support.client import XrceClient
 from support.lines import SECONDS, SerialLine
-from unit.agent.helpers import get_info, message, parse
+from unit.agent.helpers import get_info, message
 from unit.transport.faults import TYPE, wait_for
 
 from uros.transport import serial as module
@@ -31,7 +32,7 @@ def framed(payload, source=1, destination=0):
     return bytes(out[: frame(payload, source, destination, out)])
 
 
-# --- a line that carries more than frames ---------------------------------------------------
+# --- a line that carries more than frames ------------------------------------------------
 
 
 @pytest.fixture(params=["serial", "pseudoterminal"])
@@ -103,7 +104,7 @@ def test_a_line_without_frames_is_told_about_and_not_for_ever(agent):
     assert 1 <= agent.said.getvalue().count("wrong baud rate") <= 8
 
 
-# --- a device that comes and goes -------------------------------------------------------------
+# --- a device that comes and goes --------------------------------------------------------
 
 
 class Device:
@@ -139,10 +140,6 @@ def device(tmp_path, monkeypatch):
 @pytest.fixture
 def serial(device):
     """Starts an agent on the device."""
-    from contextlib import ExitStack
-
-    from support.agent import RunningAgent
-
     with ExitStack() as stack:
 
         def start(path=None, is_file=False):
@@ -278,7 +275,7 @@ def test_the_line_is_set_up_raw(device, serial):
     assert attributes[4] == attributes[5] == termios.B115200
 
 
-# --- not permitted --------------------------------------------------------------------------------
+# --- not permitted -----------------------------------------------------------------------
 
 AS_NOBODY = """
 import io, os, sys
@@ -331,7 +328,7 @@ def test_what_each_trouble_says():
     assert trouble("/dev/x", errno.EIO) == f"errno: {errno.EIO}, {os.strerror(errno.EIO)}"
 
 
-# --- baud rates -------------------------------------------------------------------------------------
+# --- baud rates --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rate", [12345, 0, -1, 115201])
@@ -346,7 +343,7 @@ def test_baud_rates():
     assert check_baud_rate(115200) == termios.B115200
 
 
-# --- a line that takes nothing ---------------------------------------------------------------------
+# --- a line that takes nothing -----------------------------------------------------------
 
 
 class Host:
@@ -402,4 +399,3 @@ def test_a_line_that_takes_nothing_loses_messages_and_never_half_of_one():
     finally:
         server.close()
         reader.close()
-    assert parse(PING)[1][0][0] == ids.GET_INFO

@@ -2,10 +2,13 @@
 
 ==================  ============================================================
 ``cyclone``         the C interface: entities as integers, samples as bytes
+``builtin``         what Cyclone discovers, read from its builtin topics
 ``config``          what the ROS 2 environment variables ask of the network
 ``participant``     DDS participants shared by many nodes
 ``announce``        ``ros_discovery_info``: which endpoint belongs to which node
 ``endpoints``       writers, readers, and services in rmw_cyclonedds's format
+``watched``         a reader in the waitset, whatever it reads
+``discovery``       reading the graph, for tools
 ``conflicts``       topics that somebody else has with another type
 ``middleware``      the contract, and the thread that waits for samples
 ==================  ============================================================

@@ -6,11 +6,10 @@ them came first. Cyclone's builtin topics list our own endpoints too.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from . import cyclone
-from .endpoints import DdsReader
+from . import builtin
+from .watched import Watched
 
 if TYPE_CHECKING:
     from .middleware import DdsMiddleware
@@ -28,19 +27,26 @@ class TypeWatch:
         # By GUID: topic, type, and whether it is ours; and by topic: the GUIDs.
         self._endpoints: dict[bytes, tuple[str, str, bool]] = {}
         self._topics: dict[str, set[bytes]] = {}
-        for topic in (cyclone.BUILTIN_TOPIC_PUBLICATION, cyclone.BUILTIN_TOPIC_SUBSCRIPTION):
-            _BuiltinReader(
-                middleware, cyclone.create_builtin_reader(participant.entity, topic), self._take
-            )
+        for topic in (builtin.TOPIC_PUBLICATION, builtin.TOPIC_SUBSCRIPTION):
+            self._read(builtin.create_reader(participant.entity, topic))
+
+    def _read(self, entity: int) -> None:
+        """Watch a reader; it ends with its participant."""
+
+        def on_ready() -> None:
+            watched.taken = True
+            self._take(entity)
+
+        watched = Watched(self._middleware, entity, on_ready)
 
     def _take(self, reader: int) -> None:
         while True:
-            news = cyclone.take_types(reader, _BATCH)
+            news = builtin.take_types(reader, _BATCH)
             for guid, about in news:
                 if about is None:
                     self._left(guid)
                 elif guid not in self._endpoints:
-                    self._came(guid, *about)
+                    self._came(guid, *about[:3])
             if len(news) < _BATCH:
                 return
 
@@ -66,25 +72,3 @@ class TypeWatch:
                     elif also_ours:
                         report(topic, other_type, type_name)
         guids.add(guid)
-
-
-class _BuiltinReader(DdsReader):
-    """A reader that no node announces; it ends with its participant."""
-
-    __slots__ = ()
-
-    def __init__(
-        self, middleware: DdsMiddleware, entity: int, take: Callable[[int], None]
-    ) -> None:
-        def on_ready() -> None:
-            self.taken = True
-            take(entity)
-
-        self.on_ready = on_ready
-        self.taken = True
-        self.paused = False
-        self.local_only = False
-        self.entity = entity
-        self.guid = b""
-        self._close = None
-        self.key = middleware.watch(self)

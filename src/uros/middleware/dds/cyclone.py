@@ -28,7 +28,6 @@ from ...qos import (
     HistoryPolicy,
     LivelinessPolicy,
     QoSProfile,
-    ReliabilityPolicy,
 )
 from ..base import Bytes, MiddlewareError
 
@@ -39,9 +38,6 @@ STATUS_DATA_AVAILABLE: Final = 1 << 8  # taking resets it
 STATUS_SUBSCRIPTION_MATCHED: Final = 1 << 12
 # sample, view and instance states of dds_take: all of them
 ANY_STATE: Final = 0x7F
-BUILTIN_TOPIC_PARTICIPANT: Final = 0x7FFF0001
-BUILTIN_TOPIC_PUBLICATION: Final = 0x7FFF0003
-BUILTIN_TOPIC_SUBSCRIPTION: Final = 0x7FFF0004
 _SERTYPE_OPS_SIZE: Final = 14
 _SERTYPE_OPS_TYPES: Final = (8, 9, 10)  # type_id, type_map, type_info
 # All but arg (1) and the two of serialising on one's own (12, 13).
@@ -52,20 +48,21 @@ _lib: Any = DDS._dll_handle
 _int32, _void_p, _int64, _size = ctypes.c_int32, ctypes.c_void_p, ctypes.c_int64, ctypes.c_size_t
 
 
-def _function(name: str, result: Any, *arguments: Any) -> Any:
+def function(name: str, result: Any, *arguments: Any) -> Any:
+    """A function of the C library with its types declared."""
     function = getattr(_lib, name)
     function.restype = result
     function.argtypes = arguments
     return function
 
 
-_create_qos = _function("dds_create_qos", _void_p)
-_delete_qos = _function("dds_delete_qos", None, _void_p)
-_qset_userdata = _function("dds_qset_userdata", None, _void_p, ctypes.c_char_p, _size)
-_qset_reliability = _function("dds_qset_reliability", None, _void_p, ctypes.c_int, _int64)
-_qset_durability = _function("dds_qset_durability", None, _void_p, ctypes.c_int)
-_qset_history = _function("dds_qset_history", None, _void_p, ctypes.c_int, _int32)
-_qset_durability_service = _function(
+_create_qos = function("dds_create_qos", _void_p)
+_delete_qos = function("dds_delete_qos", None, _void_p)
+_qset_userdata = function("dds_qset_userdata", None, _void_p, ctypes.c_char_p, _size)
+_qset_reliability = function("dds_qset_reliability", None, _void_p, ctypes.c_int, _int64)
+_qset_durability = function("dds_qset_durability", None, _void_p, ctypes.c_int)
+_qset_history = function("dds_qset_history", None, _void_p, ctypes.c_int, _int32)
+_qset_durability_service = function(
     "dds_qset_durability_service",
     None,
     _void_p,
@@ -76,66 +73,67 @@ _qset_durability_service = _function(
     _int32,
     _int32,
 )
-_qset_deadline = _function("dds_qset_deadline", None, _void_p, _int64)
-_qset_lifespan = _function("dds_qset_lifespan", None, _void_p, _int64)
-_qset_liveliness = _function("dds_qset_liveliness", None, _void_p, ctypes.c_int, _int64)
-_qset_ownership = _function("dds_qset_ownership", None, _void_p, ctypes.c_int)
-_qset_strength = _function("dds_qset_ownership_strength", None, _void_p, _int32)
-_qset_separation = _function("dds_qset_time_based_filter", None, _void_p, _int64)
-_qset_partition = _function(
+_qset_deadline = function("dds_qset_deadline", None, _void_p, _int64)
+_qset_lifespan = function("dds_qset_lifespan", None, _void_p, _int64)
+_qset_liveliness = function("dds_qset_liveliness", None, _void_p, ctypes.c_int, _int64)
+_qset_ownership = function("dds_qset_ownership", None, _void_p, ctypes.c_int)
+_qset_strength = function("dds_qset_ownership_strength", None, _void_p, _int32)
+_qset_separation = function("dds_qset_time_based_filter", None, _void_p, _int64)
+_qset_partition = function(
     "dds_qset_partition", None, _void_p, ctypes.c_uint32, ctypes.POINTER(ctypes.c_char_p)
 )
-_qset_ignorelocal = _function("dds_qset_ignorelocal", None, _void_p, ctypes.c_int)
-_create_domain = _function("dds_create_domain", _int32, ctypes.c_uint32, ctypes.c_char_p)
-_create_participant = _function(
+_qset_ignorelocal = function("dds_qset_ignorelocal", None, _void_p, ctypes.c_int)
+_create_domain = function("dds_create_domain", _int32, ctypes.c_uint32, ctypes.c_char_p)
+_create_participant = function(
     "dds_create_participant", _int32, ctypes.c_uint32, _void_p, _void_p
 )
 _create_group = {
-    kind: _function(f"dds_create_{kind}", _int32, _int32, _void_p, _void_p)
+    kind: function(f"dds_create_{kind}", _int32, _int32, _void_p, _void_p)
     for kind in ("publisher", "subscriber")
 }
 _create_endpoint = {
-    kind: _function(f"dds_create_{kind}", _int32, _int32, _int32, _void_p, _void_p)
+    kind: function(f"dds_create_{kind}", _int32, _int32, _int32, _void_p, _void_p)
     for kind in ("writer", "reader")
 }
-_delete = _function("dds_delete", _int32, _int32)
-_get_guid = _function("dds_get_guid", _int32, _int32, _void_p)
-_get_instance_handle = _function(
+_delete = function("dds_delete", _int32, _int32)
+_get_guid = function("dds_get_guid", _int32, _int32, _void_p)
+_get_instance_handle = function(
     "dds_get_instance_handle", _int32, _int32, ctypes.POINTER(ctypes.c_uint64)
 )
-_get_entity_sertype = _function(
+_get_entity_sertype = function(
     "dds_get_entity_sertype", _int32, _int32, ctypes.POINTER(_void_p)
 )
-_get_domainid = _function(
+_get_domainid = function(
     "dds_get_domainid", _int32, _int32, ctypes.POINTER(ctypes.c_uint32)
 )
-_create_topic_sertype = _function(
+_create_topic_sertype = function(
     "dds_create_topic_sertype", _int32,
     _int32, ctypes.c_char_p, ctypes.POINTER(_void_p), _void_p, _void_p, _void_p,
 )  # fmt: skip
-_sertype_ref = _function("ddsi_sertype_ref", _void_p, _void_p)
-_sertype_unref = _function("ddsi_sertype_unref", None, _void_p)
-_set_status_mask = _function("dds_set_status_mask", _int32, _int32, ctypes.c_uint32)
-_take_status = _function(
+_sertype_ref = function("ddsi_sertype_ref", _void_p, _void_p)
+_sertype_unref = function("ddsi_sertype_unref", None, _void_p)
+_set_status_mask = function("dds_set_status_mask", _int32, _int32, ctypes.c_uint32)
+_take_status = function(
     "dds_take_status", _int32, _int32, ctypes.POINTER(ctypes.c_uint32), ctypes.c_uint32
 )
-_get_matched_publications = _function(
+_get_matched_publications = function(
     "dds_get_matched_publications", _int32, _int32, ctypes.POINTER(ctypes.c_uint64), _size
 )
-_create_waitset = _function("dds_create_waitset", _int32, _int32)
-_create_guard = _function("dds_create_guardcondition", _int32, _int32)
-_set_guard = _function("dds_set_guardcondition", _int32, _int32, ctypes.c_bool)
-_waitset_attach = _function("dds_waitset_attach", _int32, _int32, _int32, ctypes.c_ssize_t)
-_waitset_detach = _function("dds_waitset_detach", _int32, _int32, _int32)
-_waitset_wait = _function(
+_create_waitset = function("dds_create_waitset", _int32, _int32)
+_create_guard = function("dds_create_guardcondition", _int32, _int32)
+_set_guard = function("dds_set_guardcondition", _int32, _int32, ctypes.c_bool)
+_waitset_attach = function("dds_waitset_attach", _int32, _int32, _int32, ctypes.c_ssize_t)
+_waitset_detach = function("dds_waitset_detach", _int32, _int32, _int32)
+_waitset_wait = function(
     "dds_waitset_wait", _int32, _int32, ctypes.POINTER(ctypes.c_ssize_t), _size, _int64
 )
-_strretcode = _function("dds_strretcode", ctypes.c_char_p, _int32)
+_strretcode = function("dds_strretcode", ctypes.c_char_p, _int32)
 
 _ROOT_ENTITY: Final = 0x7FFF0100  # DDS_CYCLONEDDS_HANDLE: parent of what spans domains
 
 
-def _check(code: int, what: str) -> int:
+def check(code: int, what: str) -> int:
+    """A return code or entity that is no error. Raises MiddlewareError naming ``what``."""
     if code < 0:
         raise MiddlewareError(f"DDS cannot {what}: {_strretcode(code).decode()}")
     return code
@@ -155,7 +153,7 @@ def open_domain(domain: int, config: str) -> None:
     """
     entity, users = _domains.get(domain, (0, 0))
     if not users:
-        entity = _check(_create_domain(domain, config.encode()), f"join domain {domain}")
+        entity = check(_create_domain(domain, config.encode()), f"join domain {domain}")
     _domains[domain] = entity, users + 1
 
 
@@ -177,7 +175,7 @@ def create_participant(domain: int, user_data: bytes) -> int:
     qos = _create_qos()
     _qset_userdata(qos, user_data, len(user_data))
     try:
-        return _check(
+        return check(
             _create_participant(domain, qos, None), f"create a participant in domain {domain}"
         )
     finally:
@@ -191,7 +189,7 @@ def create_group(kind: str, participant: int, partitions: tuple[str, ...] = ()) 
         names = (ctypes.c_char_p * len(partitions))(*[name.encode() for name in partitions])
         _qset_partition(qos, len(partitions), names)
     try:
-        return _check(_create_group[kind](participant, qos, None), f"create a {kind}")
+        return check(_create_group[kind](participant, qos, None), f"create a {kind}")
     finally:
         _delete_qos(qos)
 
@@ -215,7 +213,7 @@ def _endpoint(
     if ignore_local:
         _qset_ignorelocal(c_qos, 1)  # DDS_IGNORELOCAL_PARTICIPANT
     try:
-        return _check(_create_endpoint[kind](group, topic, c_qos, None), f"create a data{kind}")
+        return check(_create_endpoint[kind](group, topic, c_qos, None), f"create a data{kind}")
     finally:
         _delete_qos(c_qos)
 
@@ -261,7 +259,7 @@ def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
 
 def wake_on(reader: int, status: int) -> None:
     """Which status of a reader wakes the waitset it is in."""
-    _check(_set_status_mask(reader, status), "watch a reader")
+    check(_set_status_mask(reader, status), "watch a reader")
 
 
 def matched_writers(reader: int) -> set[int]:
@@ -288,14 +286,14 @@ def delete(entity: int) -> None:
 def guid(entity: int) -> bytes:
     """The 16 bytes of an entity's GUID, as they go over the network."""
     out = (ctypes.c_ubyte * 16)()
-    _check(_get_guid(entity, out), "tell a GUID")
+    check(_get_guid(entity, out), "tell a GUID")
     return bytes(out)
 
 
 def instance_handle(entity: int) -> int:
     """The 64-bit local instance handle of an entity."""
     out = ctypes.c_uint64()
-    _check(_get_instance_handle(entity, ctypes.byref(out)), "tell an instance handle")
+    check(_get_instance_handle(entity, ctypes.byref(out)), "tell an instance handle")
     return out.value
 
 
@@ -342,7 +340,7 @@ _sertypes: dict[tuple[int, str], int] = {}
 def create_topic(participant: int, name: str, type_name: str) -> int:
     """A topic whose type is nothing but its name."""
     domain = ctypes.c_uint32()
-    _check(_get_domainid(participant, ctypes.byref(domain)), "tell a domain")
+    check(_get_domainid(participant, ctypes.byref(domain)), "tell a domain")
     key = domain.value, type_name
     known = _sertypes.get(key)
     topic: int
@@ -375,7 +373,7 @@ def create_topic(participant: int, name: str, type_name: str) -> int:
 def _silence(topic: int) -> int:
     """Keep a topic from announcing type information, see the module; its sertype."""
     sertype = _void_p()
-    _check(_get_entity_sertype(topic, ctypes.byref(sertype)), "find a topic's sertype")
+    check(_get_entity_sertype(topic, ctypes.byref(sertype)), "find a topic's sertype")
     assert sertype.value is not None
     word = ctypes.cast(sertype.value, ctypes.POINTER(_void_p))
     address = word[0]
@@ -450,13 +448,13 @@ class Waitset:
     """
 
     def __init__(self) -> None:
-        self._entity = _check(_create_waitset(_ROOT_ENTITY), "create a waitset")
-        self._guard = _check(_create_guard(_ROOT_ENTITY), "create a guard condition")
-        _check(_waitset_attach(self._entity, self._guard, 0), "attach a guard condition")
+        self._entity = check(_create_waitset(_ROOT_ENTITY), "create a waitset")
+        self._guard = check(_create_guard(_ROOT_ENTITY), "create a guard condition")
+        check(_waitset_attach(self._entity, self._guard, 0), "attach a guard condition")
         self._keys = (ctypes.c_ssize_t * 256)()
 
     def attach(self, reader: int, key: int) -> None:
-        _check(_waitset_attach(self._entity, reader, key), "wait for a reader")
+        check(_waitset_attach(self._entity, reader, key), "wait for a reader")
 
     def detach(self, reader: int) -> None:
         _waitset_detach(self._entity, reader)
@@ -474,167 +472,3 @@ class Waitset:
     def close(self) -> None:
         delete(self._guard)
         delete(self._entity)
-
-
-# --- what is discovered ---------------------------------------------------------
-
-_create_reader = _create_endpoint["reader"]
-_free = _function("dds_free", None, _void_p)
-_qget_userdata = _function(
-    "dds_qget_userdata", ctypes.c_bool, _void_p, ctypes.POINTER(_void_p), ctypes.POINTER(_size)
-)
-_qget_reliability = _function(
-    "dds_qget_reliability",
-    ctypes.c_bool,
-    _void_p,
-    ctypes.POINTER(ctypes.c_int),
-    ctypes.POINTER(_int64),
-)
-_qget_durability = _function(
-    "dds_qget_durability", ctypes.c_bool, _void_p, ctypes.POINTER(ctypes.c_int)
-)
-_qget_history = _function(
-    "dds_qget_history",
-    ctypes.c_bool,
-    _void_p,
-    ctypes.POINTER(ctypes.c_int),
-    ctypes.POINTER(_int32),
-)
-_qget_deadline = _function("dds_qget_deadline", ctypes.c_bool, _void_p, ctypes.POINTER(_int64))
-_qget_lifespan = _function("dds_qget_lifespan", ctypes.c_bool, _void_p, ctypes.POINTER(_int64))
-_qget_liveliness = _function(
-    "dds_qget_liveliness",
-    ctypes.c_bool,
-    _void_p,
-    ctypes.POINTER(ctypes.c_int),
-    ctypes.POINTER(_int64),
-)
-_qget_partition = _function(
-    "dds_qget_partition",
-    ctypes.c_bool,
-    _void_p,
-    ctypes.POINTER(ctypes.c_uint32),
-    ctypes.POINTER(ctypes.POINTER(_void_p)),
-)
-
-
-def create_builtin_reader(participant: int, topic: int) -> int:
-    """A reader of one of the ``BUILTIN_TOPIC_…``: what its participant discovers."""
-    reader: int = _check(_create_reader(participant, topic, None, None), "read what is discovered")
-    _check(_set_status_mask(reader, STATUS_DATA_AVAILABLE), "watch a reader")
-    return reader
-
-
-def take_participants(reader: int, limit: int) -> list[tuple[bytes, QoSProfile | None]]:
-    """(GUID, QoS) of participants that came or changed; None: it left."""
-    got = _clayer.ddspy_take_participant(
-        reader, limit, lambda key, qos, info: (key, qos if _alive(info) else None), read_qos
-    )
-    return [] if isinstance(got, int) else got
-
-
-def take_endpoints(
-    reader: int, limit: int
-) -> list[tuple[bytes, tuple[bytes, str, str, QoSProfile] | None]]:
-    """(GUID, (participant's GUID, topic, type, QoS)) of endpoints; None: it left."""
-
-    def made(
-        key: bytes,
-        participant: bytes,
-        _handle: int,
-        topic: str | None,
-        type_name: str | None,
-        qos: QoSProfile | None,
-        info: Any,
-        _type_id: bytes | None,
-    ) -> tuple[bytes, tuple[bytes, str, str, QoSProfile] | None]:
-        if not _alive(info) or topic is None or type_name is None or qos is None:
-            return key, None
-        return key, (participant, topic, type_name, qos)
-
-    got = _clayer.ddspy_take_endpoint(reader, limit, made, read_qos)
-    return [] if isinstance(got, int) else got
-
-
-def take_types(
-    reader: int, limit: int
-) -> list[tuple[bytes, tuple[bytes, str, str] | None]]:
-    """(GUID, (participant's GUID, topic, type)) of endpoints; None: it left.
-
-    :func:`take_endpoints` without the QoS, which costs most of it."""
-
-    def made(
-        key: bytes,
-        participant: bytes,
-        _handle: int,
-        topic: str | None,
-        type_name: str | None,
-        _qos: None,
-        info: Any,
-        _type_id: bytes | None,
-    ) -> tuple[bytes, tuple[bytes, str, str] | None]:
-        if not _alive(info) or topic is None or type_name is None:
-            return key, None
-        return key, (participant, topic, type_name)
-
-    got = _clayer.ddspy_take_endpoint(reader, limit, made, lambda _pointer: None)
-    return [] if isinstance(got, int) else got
-
-
-_ALIVE: Final = 16  # DDS_ALIVE_INSTANCE_STATE
-
-
-def _alive(info: Any) -> bool:
-    return bool(info.valid_data) and info.instance_state == _ALIVE
-
-
-def read_qos(pointer: int) -> QoSProfile:
-    """A ``dds_qos_t`` as a profile; a policy that is not in it keeps its default."""
-    qos = QoSProfile()
-    kind, number, time = ctypes.c_int(), _int32(), _int64()
-    if _qget_reliability(pointer, ctypes.byref(kind), ctypes.byref(time)):
-        qos.reliability = (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE)[kind.value]
-    if _qget_durability(pointer, ctypes.byref(kind)):
-        qos.durability = (
-            DurabilityPolicy.VOLATILE,
-            DurabilityPolicy.TRANSIENT_LOCAL,
-            DurabilityPolicy.TRANSIENT,
-            DurabilityPolicy.PERSISTENT,
-        )[kind.value]
-    if _qget_history(pointer, ctypes.byref(kind), ctypes.byref(number)):
-        qos.history = (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL)[kind.value]
-        qos.depth = number.value
-    if _qget_deadline(pointer, ctypes.byref(time)):
-        qos.deadline_ms = _milliseconds(time.value)
-    if _qget_lifespan(pointer, ctypes.byref(time)):
-        qos.lifespan_ms = _milliseconds(time.value)
-    if _qget_liveliness(pointer, ctypes.byref(kind), ctypes.byref(time)):
-        by_topic = kind.value == 2
-        qos.liveliness = (
-            LivelinessPolicy.MANUAL_BY_TOPIC if by_topic else LivelinessPolicy.AUTOMATIC
-        )
-        qos.liveliness_lease_ms = _milliseconds(time.value)
-    qos.partitions = _partitions(pointer)
-    data, size = _void_p(), _size()
-    if _qget_userdata(pointer, ctypes.byref(data), ctypes.byref(size)) and data.value:
-        qos.user_data = ctypes.string_at(data.value, size.value)
-        _free(data)
-    return qos
-
-
-def _milliseconds(nanoseconds: int) -> int | None:
-    return None if nanoseconds == INFINITE else -(-nanoseconds // 1_000_000)
-
-
-def _partitions(pointer: int) -> tuple[str, ...]:
-    count, names = ctypes.c_uint32(), ctypes.POINTER(_void_p)()
-    if not _qget_partition(pointer, ctypes.byref(count), ctypes.byref(names)) or not count.value:
-        return ()
-    found = []
-    for index in range(count.value):
-        address = names[index]
-        if address is not None:
-            found.append(ctypes.string_at(address).decode(errors="replace"))
-            _free(address)
-    _free(names)
-    return tuple(found)

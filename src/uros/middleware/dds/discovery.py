@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from ...qos import QoSProfile
-from ..base import OnReady
-from . import announce, cyclone
-from .endpoints import DdsReader
+from . import announce, builtin, cyclone
+from .watched import Watched
 
 if TYPE_CHECKING:
     from .middleware import DdsNode
@@ -52,14 +51,14 @@ class Discovery:
         self._on_change = on_change
         self._node = node
         entity = node.participant.entity
-        self._readers: list[_WatchedReader] = []
+        self._closers: list[Callable[[], None]] = []
         try:
             for topic, take in (
-                (cyclone.BUILTIN_TOPIC_PARTICIPANT, self._take_participants),
-                (cyclone.BUILTIN_TOPIC_PUBLICATION, self._take_writers),
-                (cyclone.BUILTIN_TOPIC_SUBSCRIPTION, self._take_readers),
+                (builtin.TOPIC_PARTICIPANT, self._take_participants),
+                (builtin.TOPIC_PUBLICATION, self._take_writers),
+                (builtin.TOPIC_SUBSCRIPTION, self._take_readers),
             ):
-                self._watch(cyclone.create_builtin_reader(entity, topic), take)
+                self._watch(builtin.create_reader(entity, topic), take)
             self._listen()
         except BaseException:
             self.close()
@@ -104,7 +103,7 @@ class Discovery:
         the writer by then, the offer is lost and comes again with the next heartbeat, after up to
         three seconds; a new reader gets it at once.
         """
-        self._readers.pop().close()
+        self._closers.pop()()
         self._listen()
 
     def _listen(self) -> None:
@@ -127,11 +126,19 @@ class Discovery:
                 pass
             self._on_change()
 
-        reader = _WatchedReader(self._node, entity, on_ready, on_close)
-        self._readers.append(reader)
+        middleware = self._node.middleware
+        reader = Watched(middleware, entity, on_ready)
+
+        def close() -> None:
+            middleware.unwatch(reader)
+            cyclone.delete(entity)
+            if on_close:
+                on_close()
+
+        self._closers.append(close)
 
     def _take_participants(self, entity: int) -> int:
-        news = cyclone.take_participants(entity, _BATCH)
+        news = builtin.take_participants(entity, _BATCH)
         for guid, qos in news:
             if qos is None:
                 self.participants.pop(guid, None)
@@ -147,7 +154,7 @@ class Discovery:
         return self._take_endpoints(entity, False)
 
     def _take_endpoints(self, entity: int, is_writer: bool) -> int:
-        news = cyclone.take_endpoints(entity, _BATCH)
+        news = builtin.take_endpoints(entity, _BATCH)
         for guid, about in news:
             if about is None:
                 self.endpoints.pop(guid, None)
@@ -166,39 +173,9 @@ class Discovery:
 
     def close(self) -> None:
         """Stop reading. Twice is once."""
-        for reader in self._readers:
-            reader.close()
-        self._readers.clear()
-
-
-class _WatchedReader(DdsReader):
-    """A reader that no node announces as its own."""
-
-    __slots__ = ()
-
-    def __init__(
-        self,
-        node: DdsNode,
-        entity: int,
-        on_ready: OnReady,
-        on_close: Callable[[], None] | None,
-    ) -> None:
-        self._node = node
-        self.on_ready = on_ready
-        self.taken = True
-        self.paused = False
-        self.local_only = False
-        self.entity = entity
-        self.guid = b""
-        self.key = node.middleware.watch(self)
-
-        def close() -> None:
-            node.middleware.unwatch(self)
-            cyclone.delete(entity)
-            if on_close:
-                on_close()
-
-        self._close = close
+        for close in self._closers:
+            close()
+        self._closers.clear()
 
 
 # --- ros_discovery_info -----------------------------------------------------------

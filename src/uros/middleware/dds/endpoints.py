@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 from ...qos import QoSProfile
 from ..base import Bytes, MiddlewareError, OnReady, Reader, Replier, Requester, Service, Writer
 from . import cyclone
+from .watched import Watched
 
 if TYPE_CHECKING:
     from .middleware import DdsNode
@@ -85,13 +86,8 @@ def _little_endian(type_name: str, cdr: Bytes) -> bytes:
         ) from error
 
 
-class DdsReader(Reader):
-    """``key`` names the reader in the waitset; ``local_only`` see
-    :meth:`~uros.middleware.dds.middleware.DdsMiddleware.watch_local`."""
-
-    __slots__ = (
-        "_close", "_node", "entity", "guid", "key", "local_only", "on_ready", "paused", "taken",
-    )  # fmt: skip
+class DdsReader(Watched, Reader):
+    __slots__ = ("_close", "guid")
 
     def __init__(
         self,
@@ -102,25 +98,20 @@ class DdsReader(Reader):
         on_ready: OnReady,
         data: bytes,
     ) -> None:
-        participant = node.participant
-        self._node = node
-        self.on_ready = on_ready
-        self.taken = True  # since on_ready was called last
-        self.paused = False  # out of the waitset until the next take
-        self.local_only = False
-        self.entity = participant.create_reader(topic, type_name, qos, data + type_data(type_name))
-        self.guid = cyclone.guid(self.entity)
+        middleware, participant = node.middleware, node.participant
+        entity = participant.create_reader(topic, type_name, qos, data + type_data(type_name))
+        self.guid = cyclone.guid(entity)
+        super().__init__(middleware, entity, on_ready)
         node.add_reader(self)
-        self.key = node.middleware.watch(self)
-        local = node.middleware.local_readers(participant.domain, topic)
+        local = middleware.local_readers(participant.domain, topic)
         local.append(self)
-        node.middleware.watch_local(self)
+        middleware.watch_local(self)
 
         def close() -> None:
             local.remove(self)
-            node.middleware.unwatch(self)
+            middleware.unwatch(self)
             node.remove_reader(self)
-            cyclone.delete(self.entity)
+            cyclone.delete(entity)
             participant.release_topic(topic, type_name)
 
         self._close: Callable[[], None] | None = close
@@ -131,7 +122,7 @@ class DdsReader(Reader):
             return []
         samples = [sample for sample, _ in cyclone.take(self.entity, limit)]
         if self.paused:  # after the take: what it left is no news
-            self._node.middleware.resume(self)
+            self.middleware.resume(self)
         return samples
 
     def close(self) -> None:

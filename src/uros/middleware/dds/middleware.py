@@ -20,6 +20,7 @@ from . import announce, config, cyclone
 from .conflicts import TypeWatch
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 from .participant import MAX_NODES, SharedParticipant
+from .watched import Watched
 
 MAX_DOMAIN = 232  # RTPS port numbers end there
 
@@ -97,7 +98,7 @@ class DdsMiddleware(Middleware):
         self._environment = dict(os.environ)
         self._domains: set[int] = set()
         self._participants: dict[int, list[SharedParticipant]] = {}
-        self._readers: dict[int, DdsReader] = {}
+        self._readers: dict[int, Watched] = {}
         # Readers of this process by domain and topic, and those just written to:
         # Cyclone has their samples ready when the write returns.
         self._local: dict[tuple[int, str], list[DdsReader]] = {}
@@ -143,7 +144,7 @@ class DdsMiddleware(Middleware):
 
     # --- waiting ------------------------------------------------------------
 
-    def watch(self, reader: DdsReader) -> int:
+    def watch(self, reader: Watched) -> int:
         """Wait for the reader's samples; the key it is known by."""
         if self._waitset is None:
             self._waitset = cyclone.Waitset()
@@ -167,7 +168,7 @@ class DdsMiddleware(Middleware):
         self._look_for_others(reader)
         self.written([reader])  # what transient-local writers of ours said before
 
-    def _look_for_others(self, reader: DdsReader) -> bool:
+    def _look_for_others(self, reader: Watched) -> bool:
         """Whether a reader, local so far, hears others' writers; from then on for good."""
         if cyclone.matched_writers(reader.entity) <= self.own_writers:
             return False
@@ -199,7 +200,7 @@ class DdsMiddleware(Middleware):
                     failed = self._announce(reader) or failed
         return failed
 
-    def _announce(self, reader: DdsReader) -> Exception | None:
+    def _announce(self, reader: Watched) -> Exception | None:
         """Tell that there is something to take, once until it is taken.
 
         What goes wrong there is returned: others must hear of theirs first.
@@ -212,11 +213,11 @@ class DdsMiddleware(Middleware):
                 return error
         return None
 
-    def unwatch(self, reader: DdsReader) -> None:
+    def unwatch(self, reader: Watched) -> None:
         if self._readers.pop(reader.key, None) and self._waitset:
             self._waitset.detach(reader.entity)
 
-    def resume(self, reader: DdsReader) -> None:
+    def resume(self, reader: Watched) -> None:
         """Wait again for a reader that was left full; see :meth:`dispatch`."""
         reader.paused = False
         if self._waitset and reader.key in self._readers:

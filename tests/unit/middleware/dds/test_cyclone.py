@@ -5,7 +5,7 @@ import ctypes
 import pytest
 
 from uros.middleware.base import MiddlewareError
-from uros.middleware.dds import config, cyclone
+from uros.middleware.dds import builtin, config, cyclone
 from uros.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -127,8 +127,8 @@ def test_qos_is_announced_as_it_was_asked(participant):
     writer = cyclone.create_writer(
         cyclone.create_group("publisher", participant, asked.partitions), topic, asked, b"ours;"
     )
-    builtin = cyclone.create_builtin_reader(participant, cyclone.BUILTIN_TOPIC_PUBLICATION)
-    found = dict(cyclone.take_endpoints(builtin, 100))
+    everyone = builtin.create_reader(participant, builtin.TOPIC_PUBLICATION)
+    found = dict(builtin.take_endpoints(everyone, 100))
     owner, name, type_name, qos = found[cyclone.guid(writer)]
     assert (owner, name, type_name) == (
         cyclone.guid(participant), "rt/qos", "pkg::msg::dds_::X_",
@@ -142,8 +142,8 @@ def test_keep_all(participant):
     topic = cyclone.create_topic(participant, "rt/qos", "pkg::msg::dds_::X_")
     asked = QoSProfile(history=HistoryPolicy.KEEP_ALL)
     reader = cyclone.create_reader(cyclone.create_group("subscriber", participant), topic, asked)
-    builtin = cyclone.create_builtin_reader(participant, cyclone.BUILTIN_TOPIC_SUBSCRIPTION)
-    qos = dict(cyclone.take_endpoints(builtin, 100))[cyclone.guid(reader)][3]
+    everyone = builtin.create_reader(participant, builtin.TOPIC_SUBSCRIPTION)
+    qos = dict(builtin.take_endpoints(everyone, 100))[cyclone.guid(reader)][3]
     assert qos.history == HistoryPolicy.KEEP_ALL
 
 

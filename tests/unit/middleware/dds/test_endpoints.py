@@ -22,7 +22,9 @@ SERVICE = Service(
     "rq/addRequest", "pkg::srv::dds_::Add_Request_", "rr/addReply", "pkg::srv::dds_::Add_Response_"
 )
 REQUEST = bytes.fromhex("00010000" "1122334455667788" "0500000000000000" "0a0b0c0d")  # fmt: skip
-REQUEST_BIG = bytes.fromhex("00000000" "8877665544332211" "0000000000000005" "0d0c0b0a")  # fmt: skip
+REQUEST_BIG = bytes.fromhex(
+    "00000000" "8877665544332211" "0000000000000005" "0d0c0b0a"
+)  # fmt: skip
 REPLY = bytes.fromhex("00010000" "1122334455667788" "0500000000000000" "01020304")  # fmt: skip
 CLIENT = bytes.fromhex("1122334455667788")
 

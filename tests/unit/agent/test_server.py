@@ -1,0 +1,245 @@
+"""The one thread: timers, several transports, stalls, and faults that stay where they are."""
+
+import io
+import os
+import socket
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+from support.client import XrceClient
+from support.lines import SECONDS, TcpLine, UdpLine
+from unit.agent.helpers import fragment, get_info, heartbeat, message, write_data
+
+from uros.agent.agent import Agent
+from uros.agent.log import Log
+from uros.agent.server import Server
+from uros.middleware.base import MiddlewareError
+from uros.middleware.memory import MemoryMiddleware, MemoryWriter
+from uros.transport.base import TransportError
+from uros.transport.tcp import TcpServer
+from uros.transport.udp import UdpServer
+from uros.wire import ids
+
+TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
+
+
+class Running:
+    def __init__(self, level=4):
+        self.said = io.StringIO()
+        self.middleware = MemoryMiddleware()
+        self.udp, self.tcp = UdpServer(0, "127.0.0.1"), TcpServer(0, "127.0.0.1")
+        self.agent = Agent(self.middleware, Log(level, self.said))
+        self.server = Server(self.agent, [self.udp, self.tcp])
+        self.thread = threading.Thread(target=self.server.run, daemon=True)
+        self.lines = []
+
+    def client(self, key, transport="udp", **more):
+        line = UdpLine(self.udp.port) if transport == "udp" else TcpLine(self.tcp.port)
+        self.lines.append(line)
+        one = XrceClient(line, key, **more)
+        assert one.open() == ids.STATUS_OK
+        return one
+
+    def call(self, function):
+        """Run something in the server's thread; its result."""
+        done, out = threading.Event(), []
+
+        def run():
+            try:
+                out.append(function())
+            finally:
+                done.set()
+
+        self.server.wake_at(0.0, run)
+        self.server._wake.set()
+        # The heap is looked at when the next turn begins; a second wake begins it.
+        while not done.wait(0.05):
+            self.server._wake.set()
+        return out[0] if out else None
+
+
+@contextmanager
+def running(**more):
+    one = Running(**more)
+    one.thread.start()
+    assert one.server.ready.wait(SECONDS)
+    try:
+        yield one
+    finally:
+        one.server.stop()
+        one.thread.join(SECONDS)
+        for line in one.lines:
+            line.close()
+        assert not one.thread.is_alive()
+
+
+@pytest.fixture
+def server():
+    with running() as one:
+        yield one
+        assert "internal error" not in one.said.getvalue()
+
+
+def test_boards_on_several_transports_hear_each_other(server):
+    first, second = server.client(1), server.client(2, "tcp")
+    writer = first.writer("a", "rt/a", TYPE)
+    reader = second.reader("b", "rt/a", TYPE)
+    second.read(reader)
+    first.write(writer, b"over the bridge")
+    assert second.sample(reader) == b"over the bridge"
+    assert second.line.fd >= 0 and second.close() == 0
+    first.write(writer, b"nobody")
+
+
+def test_a_key_in_the_header_moves_between_transports(server):
+    one = server.client(0x0A0B, session_id=0x05)
+    writer, reader = one.writer("a", "rt/a", TYPE), one.reader("a", "rt/a", TYPE)
+    one.read(reader)
+    other = TcpLine(server.tcp.port)
+    server.lines.append(other)
+    one.line = other
+    one.write(writer, b"from elsewhere")
+    assert one.sample(reader) == b"from elsewhere"
+
+
+def test_heartbeats_come_by_the_clock(server):
+    one = server.client(3)
+    writer, reader = one.writer("a", "rt/a", TYPE), one.reader("a", "rt/a", TYPE)
+    one.read(reader)
+    seen = []
+    take = one.take
+    one.take = lambda datagram: seen.append(datagram)
+    one._put(
+        ids.WRITE_DATA, b"\0\1" + writer.to_bytes(2, "big") + b"lost", ids.STREAM_RELIABLE, 1
+    )
+    one.until(lambda: sum(it[4] == ids.HEARTBEAT for it in seen) >= 2, "no heartbeat")
+    one.take = take
+    assert one.sample(reader) == b"lost"  # it comes again, being asked for
+
+
+def test_pace_by_the_clock(server):
+    one = server.client(4)
+    writer, reader = one.writer("a", "rt/a", TYPE), one.reader("a", "rt/a", TYPE)
+    one.read(reader, control=(0xFFFF, 0, 0, 60))
+    for i in range(4):
+        one.write(writer, bytes([i]))
+    times = []
+    for i in range(4):
+        assert one.sample(reader) == bytes([i])
+        times.append(time.monotonic())
+    assert all(later - earlier > 0.03 for earlier, later in zip(times[1:], times[2:], strict=False))
+
+
+def test_a_writer_without_room_holds_up_its_client_alone(server, monkeypatch):
+    full = threading.Event()
+    full.set()
+    write = MemoryWriter.write
+    monkeypatch.setattr(
+        MemoryWriter,
+        "write",
+        lambda self, cdr: not (full.is_set() and "slow" in self._key[1]) and write(self, cdr),
+    )
+    slow, other = server.client(5), server.client(6)
+    writer = slow.writer("a", "rt/slow", TYPE)
+    reader = other.reader("b", "rt/slow", TYPE, depth=100)
+    other.read(reader)
+    fast_writer = other.writer("b", "rt/fast", TYPE)
+    fast_reader = other.reader("b", "rt/fast", TYPE)
+    other.read(fast_reader)
+    for i in range(10):
+        head = b"\0\1" + writer.to_bytes(2, "big")
+        slow._put(ids.WRITE_DATA, head + bytes([i]), ids.STREAM_RELIABLE, 1)
+    times = []
+    for i in range(100):
+        start = time.monotonic()
+        other.write(fast_writer, bytes([i]))
+        assert other.sample(fast_reader) == bytes([i])
+        times.append(time.monotonic() - start)
+    assert sorted(times)[50] < 0.02
+    assert len(slow._out) >= 10 and not other.samples.get(reader)
+    full.clear()
+    assert [other.sample(reader) for _ in range(10)] == [bytes([i]) for i in range(10)]
+    slow.until(lambda: not len(slow._out), "nothing is acknowledged")
+
+
+def test_a_fault_of_ours_is_told_and_harms_nobody():
+    with running() as one:
+        first, second = one.client(7), one.client(8)
+        victim = one.agent.clients[7]
+
+        def fail(*_):
+            raise ZeroDivisionError("a fault of ours")
+
+        one.call(lambda: setattr(victim, "submessage", fail))
+        first._put(ids.GET_INFO, bytes(8), ids.STREAM_NONE, 1)
+        assert second.ping() == 1
+        one.call(fail)
+        assert second.ping() == 1
+        one.call(lambda: setattr(victim, "next_deadline", fail))
+        first.line.send(message([heartbeat(0, 3)], 0))
+        assert second.ping() == 1
+    said = one.said.getvalue()
+    assert "internal error" in said
+    assert "ZeroDivisionError: a fault of ours at " in said and "test_server.py:" in said
+    assert "please report it" in said
+
+
+def test_a_middleware_that_fails_to_tick_is_told(server):
+    def fail():
+        raise MiddlewareError("the network is gone")
+
+    middleware = server.middleware
+    middleware.tick = fail
+    server.call(lambda: None)
+    one = server.client(9)
+    assert one.ping() == 1
+    assert "the network is gone" in server.said.getvalue()
+    del middleware.tick
+
+
+def test_a_transport_that_cannot_open_ends_the_run_and_closes_the_others():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        udp = UdpServer(0, "127.0.0.1")
+        tcp = TcpServer(taken.getsockname()[1], "127.0.0.1")
+        before = set(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None
+        server = Server(Agent(MemoryMiddleware(), Log(0)), [udp, tcp])
+        with pytest.raises(TransportError, match="TCP port .* is in use"):
+            server.run()
+        assert server.ready.is_set() and udp._socket is None
+        if before is not None:
+            assert len(os.listdir("/proc/self/fd")) <= len(before)
+
+
+def test_stop_twice_and_after_the_end():
+    with running() as one:
+        one.server.stop()
+        one.server.stop()
+        one.thread.join(SECONDS)
+    one.server.stop()
+
+
+def test_trace_levels_are_those_of_the_cpp_agent():
+    with running(level=6) as one:
+        client = one.client(0x0102)
+        assert client.ping() == 1
+    said = one.said.getvalue()
+    assert "UDPv4Agent         | recv_message             | [==>> UDP <<==]" in said
+    assert "UDPv4Agent         | send_message             | [** <<UDP>> **]" in said
+    assert "client_key: 0x00000102, len: 16, data: 81 00 00 00 02 01" in said
+
+
+def test_a_hostile_client_cannot_make_a_turn_long(server):
+    """One message of one client, as large as it gets, between two of another."""
+    villain, other = server.client(10), server.client(11)
+    part = message([fragment(bytes(60_000))], 0x80, 0)
+    requests = message([get_info()] * 3600, 1, 0)
+    unknown = message([write_data(0x0995, b"")] * 5400, 1, 1)
+    times = []
+    for datagram in (part, requests, unknown):
+        villain.line.send_raw(datagram)
+        start = time.monotonic()
+        assert other.ping() == 1
+        times.append(time.monotonic() - start)
+    assert max(times) < 0.5
