@@ -390,7 +390,7 @@ class Session:
         What was heard long ago says nothing: a subscriber may have had nothing to say.
         """
         asking = any(stream.deadline is not None for stream in self._out.values())
-        if not asking or self.heard != self._heard_before:
+        if self.heard != self._heard_before:
             self._asking_since = now
         # What is heard in this same millisecond must differ the next time.
         self._heard_before = self.heard if asking and self.heard != now else -1

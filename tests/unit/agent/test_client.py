@@ -670,6 +670,22 @@ def test_others_answers_do_not_hide_ones_own():
     desk.close()
 
 
+def test_a_second_answer_to_one_request_does_not_hide_the_next():
+    desk, server, asker = services()
+    asker.send(read_data(REQUESTER, control=(0, 0, 0, 0)))
+    for request in (1, 2):
+        asker.send(write_data(REQUESTER, b"ask!", request=request))
+    server.settle()
+    first, second = server.got(ids.DATA)
+    for request in (first, first, second):
+        server.send(write_data(REPLIER, request[4:28] + b"answer"))
+    for number in (1, 2):
+        asker.send(read_data(REQUESTER, control=None))
+        (reply,) = asker.got(ids.DATA)
+        assert reply[4:6] == number.to_bytes(2, "big")
+    desk.close()
+
+
 def test_a_service_that_never_answers_does_not_make_the_agent_grow():
     desk, server, asker = services()
     for i in range(1000):

@@ -380,6 +380,23 @@ def test_lost_fragments_take_their_message_along_and_no_other(talk):
         talk.hear(part, sequence=number)
         number += 1
     assert talk.samples() == [b"B" * 350]
+    assert not talk.handler.faults
+
+
+def test_a_message_whose_end_is_lost_is_not_mixed_with_the_next(talk):
+    number = 0
+    for part in parts_of(write_data(WRITER, b"A" * 350))[:2]:
+        talk.hear(part, sequence=number)
+        number += 1
+    number += 2
+    talk.hear(heartbeat(number, number), stream=0)
+    for letter in (b"B", b"C"):
+        for part in parts_of(write_data(WRITER, letter * 350)):
+            talk.hear(part, sequence=number)
+            number += 1
+    # whether the first one behind the gap was the rest of A or B, nobody can tell
+    assert talk.samples() == [b"C" * 350]
+    assert not talk.handler.faults
 
 
 # --- reset ------------------------------------------------------------------------------

@@ -124,6 +124,7 @@ def test_who_does_not_read_is_cut_off_and_only_he(agent, bystanders, monkeypatch
         if "does not read what it is sent" in agent.said.getvalue():
             break
     assert "does not read what it is sent" in agent.said.getvalue()
+    wait_for(agent.said.getvalue, "session closed                 | client_key: 0x00000079")
     assert 0x79 not in agent.agent.clients
 
 
