@@ -15,6 +15,8 @@ from typing import Any, Protocol
 # Drain a ready socket up to so many messages, then the next: a flood must not
 # starve others.
 MAX_BURST = 64
+# Attack: as large messages as there are, full of small requests.
+MAX_BURST_BYTES = 64 * 1024
 
 
 class TransportError(OSError):

@@ -6,7 +6,7 @@ import errno
 import socket
 from typing import Final
 
-from .base import MAX_BURST, Host, ServerTransport, TransportError
+from .base import MAX_BURST, MAX_BURST_BYTES, Host, ServerTransport, TransportError
 
 _LARGEST: Final = 65536
 # A burst of a hundred boards must fit; the kernel may grant less.
@@ -52,6 +52,7 @@ class UdpServer(ServerTransport):
             return
         host, buf, view, sessions = self._host, self._buf, self._view, self.sessions
         recvfrom_into, now = sock.recvfrom_into, host.now()
+        left = MAX_BURST_BYTES
         for _ in range(MAX_BURST):
             try:
                 length, peer = recvfrom_into(buf)
@@ -65,6 +66,9 @@ class UdpServer(ServerTransport):
                 host.received(self, session, buf, view, length, now)
             else:
                 host.stray(self, peer, buf, view, length)
+            left -= length
+            if left <= 0:
+                return
 
     def send(self, peer: Peer, datagram: bytes) -> None:
         if self._socket is not None:

@@ -1,6 +1,7 @@
 """Log lines in the columns of the C++ agent, and the brake on floods of them."""
 
 import io
+import os
 import re
 
 import pytest
@@ -114,3 +115,30 @@ def test_rate_limit_stays_small(clock):
         limit.admit(f"kind {i}")
         limit.admit(f"kind {i}")
     assert len(limit._next) < 1000 and len(limit._held) < 1000
+
+
+def test_a_file_has_all_lines_once_the_log_is_closed(tmp_path):
+    path = tmp_path / "log"
+    with open(path, "w") as stream:
+        log = Log(4, stream)
+        for i in range(1000):
+            log.info("p", "f", "w", str(i))
+        log.close()
+        log.info("p", "f", "w", "after the end")
+    found = [LINE.fullmatch(line)[6] for line in path.read_text().splitlines()]
+    assert found == [str(i) for i in range(1000)]
+
+
+def test_a_pipe_that_nobody_reads_holds_up_nobody_and_its_losses_are_counted(monkeypatch):
+    monkeypatch.setattr(module, "_MAX_WAITING", 100)
+    reading, writing = os.pipe()
+    with open(writing, "w") as stream, open(reading) as reader:
+        log = Log(4, stream)
+        for i in range(5000):  # far more than a pipe holds
+            log.info("p", "f", "w", f"{i} " + "x" * 500)
+        found = []
+        while "lines of the log were lost" not in (line := reader.readline()):
+            found.append(int(LINE.fullmatch(line.rstrip("\n"))[6].split()[0]))
+        assert found == sorted(set(found)) and found[0] == 0
+        assert int(re.search(r"(\d+) lines", line)[1]) == 5000 - len(found)
+        log.close()

@@ -8,9 +8,11 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import SECONDS, TcpLine, UdpLine
 from unit.agent.helpers import fragment, get_info, heartbeat, message, write_data
+from unit.transport.faults import wait_for
 
 from uros.agent.agent import Agent
 from uros.agent.log import Log
@@ -157,7 +159,7 @@ def test_a_writer_without_room_holds_up_its_client_alone(server, monkeypatch):
         other.write(fast_writer, bytes([i]))
         assert other.sample(fast_reader) == bytes([i])
         times.append(time.monotonic() - start)
-    assert sorted(times)[50] < 0.02
+    assert sorted(times)[50] < 0.1
     assert len(slow._out) >= 10 and not other.samples.get(reader)
     full.clear()
     assert [other.sample(reader) for _ in range(10)] == [bytes([i]) for i in range(10)]
@@ -236,10 +238,53 @@ def test_a_hostile_client_cannot_make_a_turn_long(server):
     part = message([fragment(bytes(60_000))], 0x80, 0)
     requests = message([get_info()] * 3600, 1, 0)
     unknown = message([write_data(0x0995, b"")] * 5400, 1, 1)
-    times = []
     for datagram in (part, requests, unknown):
         villain.line.send_raw(datagram)
         start = time.monotonic()
         assert other.ping() == 1
-        times.append(time.monotonic() - start)
-    assert max(times) < 0.5
+        assert time.monotonic() - start < 0.5
+
+
+def test_a_type_that_differs_on_dds_is_a_warning_with_both_types(own_domain_id):
+    other = TYPE.replace("UInt8", "Int8")
+    with running_agent("udp", "dds", own_domain_id) as agent:
+        first, second = [XrceClient(agent.line(i), 0x21 + i) for i in range(2)]
+        assert first.open() == second.open() == ids.STATUS_OK
+        first.writer("a", "rt/a", TYPE)
+        second.reader("b", "rt/a", other)
+        wait_for(agent.said.getvalue, "type differs")
+        assert second.ping() == 1
+    (line,) = [it for it in agent.said.getvalue().splitlines() if "type differs" in it]
+    assert " warning " in line and "topic: rt/a, " in line and TYPE in line and other in line
+
+
+def test_a_burst_ends_after_so_many_bytes_as_after_so_many_datagrams():
+    """Else as many of the largest datagrams as a burst has would come before anybody's turn."""
+
+    class Host:
+        seen = 0
+
+        def now(self):
+            return 0
+
+        def stray(self, transport, peer, buf, view, length):
+            self.seen += 1
+
+        def watch(self, *_):
+            pass
+
+        unwatch = note = watch
+
+    host, server = Host(), UdpServer(0, "127.0.0.1")
+    server.open(host)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.connect(("127.0.0.1", server.port))
+        for size, burst in ((40_000, 2), (100, 64)):
+            host.seen = 0
+            for _ in range(80 if size == 100 else 10):
+                sock.send(bytes(size))
+            server._drain()
+            assert host.seen == burst
+            while host.seen != (80 if size == 100 else 10):
+                server._drain()
+    server.close()

@@ -718,13 +718,25 @@ def test_a_subscriber_with_nothing_to_say_gets_heartbeats_after_hours(talk):
 
 def test_what_is_heard_in_the_millisecond_of_a_heartbeat_counts(talk):
     talk.session.send(ids.DATA, 1, 0x80, b"0", talk.now)
+    talk.now += 200
     talk.hear(acknack(0), stream=0)
-    talk.wait(200)
+    talk.session.poll(talk.now)
     talk.hear(acknack(1), stream=0)
     talk.wait(60_000)
     talk.session.send(ids.DATA, 1, 0x80, b"1", talk.now)
     talk.out()
     assert heartbeats(talk.wait(200)) == [(1, 1, 0x80)]
+
+
+def test_the_time_when_nothing_was_asked_is_no_silence(talk):
+    """A client is polled for other reasons too, such as the pace of a delivery."""
+    talk.hear(write_data(WRITER, b"x"), stream=1)
+    for _ in range(4):
+        talk.now += 20_000
+        talk.session.poll(talk.now)
+    talk.session.send(ids.DATA, 1, 0x80, b"0", talk.now)
+    talk.out()
+    assert heartbeats(talk.wait(200)) == [(0, 0, 0x80)]
 
 
 def test_time_wraps(talk):
