@@ -160,8 +160,10 @@ def test_the_end_closes_everything(agent):
     assert agent.agent.clients == {}
     agent.transport.close()  # twice is once
     if agent.kind == "tcp":
-        assert select.select([one.line.fd], [], [], SECONDS)[0]
-        assert os.read(one.line.fd, 1000) == b""
+        rest = b"-"
+        while rest:
+            assert select.select([one.line.fd], [], [], SECONDS)[0]
+            rest = os.read(one.line.fd, 1000)
 
 
 def test_stop_before_anything_happened(agent):

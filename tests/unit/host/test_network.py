@@ -61,6 +61,7 @@ def test_listening(network):
     assert network.spin(lambda: heard, 10)
     assert heard[0].cdr[:14] == HELLO
     assert 0 < heard[0].source_ns <= heard[0].received_ns
+    assert network.spin(lambda: network.graph.subscriptions("/x"), 10)
     (subscription,) = network.graph.subscriptions("/x")
     assert subscription.type_name == STRING
     end()

@@ -5,6 +5,7 @@
 ``builtin``         what Cyclone discovers, read from its builtin topics
 ``config``          what the ROS 2 environment variables ask of the network
 ``participant``     DDS participants shared by many nodes
+``shared``          things made for their first user, unmade after their last
 ``announce``        ``ros_discovery_info``: which endpoint belongs to which node
 ``endpoints``       writers, readers, and services in rmw_cyclonedds's format
 ``watched``         a reader in the waitset, whatever it reads

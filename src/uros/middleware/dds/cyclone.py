@@ -38,6 +38,8 @@ STATUS_DATA_AVAILABLE: Final = 1 << 8  # taking resets it
 STATUS_SUBSCRIPTION_MATCHED: Final = 1 << 12
 # sample, view and instance states of dds_take: all of them
 ANY_STATE: Final = 0x7F
+# What a keep-all reader holds for a slow board, as with Fast DDS; then its writers wait.
+MAX_SAMPLES: Final = 5000
 _SERTYPE_OPS_SIZE: Final = 14
 _SERTYPE_OPS_TYPES: Final = (8, 9, 10)  # type_id, type_map, type_info
 # All but arg (1) and the two of serialising on one's own (12, 13).
@@ -73,6 +75,9 @@ _qset_durability_service = function(
     _int32,
     _int32,
 )
+_qset_resource_limits = function(
+    "dds_qset_resource_limits", None, _void_p, _int32, _int32, _int32
+)
 _qset_deadline = function("dds_qset_deadline", None, _void_p, _int64)
 _qset_lifespan = function("dds_qset_lifespan", None, _void_p, _int64)
 _qset_liveliness = function("dds_qset_liveliness", None, _void_p, ctypes.c_int, _int64)
@@ -82,7 +87,6 @@ _qset_separation = function("dds_qset_time_based_filter", None, _void_p, _int64)
 _qset_partition = function(
     "dds_qset_partition", None, _void_p, ctypes.c_uint32, ctypes.POINTER(ctypes.c_char_p)
 )
-_qset_ignorelocal = function("dds_qset_ignorelocal", None, _void_p, ctypes.c_int)
 _create_domain = function("dds_create_domain", _int32, ctypes.c_uint32, ctypes.c_char_p)
 _create_participant = function(
     "dds_create_participant", _int32, ctypes.c_uint32, _void_p, _void_p
@@ -198,20 +202,14 @@ def create_writer(publisher: int, topic: int, qos: QoSProfile, user_data: bytes)
     return _endpoint("writer", publisher, topic, qos, user_data)
 
 
-def create_reader(
-    subscriber: int, topic: int, qos: QoSProfile, user_data: bytes = b"", ignore_local: bool = False
-) -> int:
-    reader = _endpoint("reader", subscriber, topic, qos, user_data, ignore_local)
+def create_reader(subscriber: int, topic: int, qos: QoSProfile, user_data: bytes = b"") -> int:
+    reader = _endpoint("reader", subscriber, topic, qos, user_data)
     wake_on(reader, STATUS_DATA_AVAILABLE)
     return reader
 
 
-def _endpoint(
-    kind: str, group: int, topic: int, qos: QoSProfile, user_data: bytes, ignore_local: bool = False
-) -> int:
+def _endpoint(kind: str, group: int, topic: int, qos: QoSProfile, user_data: bytes) -> int:
     c_qos = _c_qos(qos, user_data, kind)
-    if ignore_local:
-        _qset_ignorelocal(c_qos, 1)  # DDS_IGNORELOCAL_PARTICIPANT
     try:
         return check(_create_endpoint[kind](group, topic, c_qos, None), f"create a data{kind}")
     finally:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from ...qos import QoSProfile
@@ -58,7 +59,8 @@ class Discovery:
                 (builtin.TOPIC_PUBLICATION, self._take_writers),
                 (builtin.TOPIC_SUBSCRIPTION, self._take_readers),
             ):
-                self._watch(builtin.create_reader(entity, topic), take)
+                reader = builtin.create_reader(entity, topic)
+                self._watch(reader, take, partial(cyclone.delete, reader))
             self._listen()
         except BaseException:
             self.close()
@@ -108,17 +110,17 @@ class Discovery:
 
     def _listen(self) -> None:
         participant = self._node.participant
+        about = announce.TOPIC, announce.TYPE, announce.qos()
+        entity = participant.create_reader(*about, b"")
         self._watch(
-            participant.create_reader(announce.TOPIC, announce.TYPE, announce.qos(), b""),
-            self._take_announcements,
-            lambda: participant.release_topic(announce.TOPIC, announce.TYPE),
+            entity, self._take_announcements, lambda: participant.delete_reader(entity, *about)
         )
 
     def _watch(
         self,
         entity: int,
         take: Callable[[int], int],
-        on_close: Callable[[], None] | None = None,
+        delete: Callable[[], None],
     ) -> None:
         def on_ready() -> None:
             reader.taken = True
@@ -131,9 +133,7 @@ class Discovery:
 
         def close() -> None:
             middleware.unwatch(reader)
-            cyclone.delete(entity)
-            if on_close:
-                on_close()
+            delete()
 
         self._closers.append(close)
 

@@ -46,15 +46,15 @@ class DdsWriter(Writer):
         self.guid = cyclone.guid(self.entity)
         node.add_writer(self)
         self._middleware = node.middleware
-        self._local = node.middleware.local_readers(participant.domain, topic)
+        self._local = node.middleware.local.get((participant.domain, topic))
         handle = cyclone.instance_handle(self.entity)
         node.middleware.own_writers.add(handle)
 
         def close() -> None:
             node.middleware.own_writers.discard(handle)
             node.remove_writer(self)
-            cyclone.delete(self.entity)
-            participant.release_topic(topic, type_name)
+            participant.delete_writer(self.entity, topic, type_name, qos)
+            node.middleware.local.release((participant.domain, topic))
 
         self._close: Callable[[], None] | None = close
 
@@ -103,7 +103,7 @@ class DdsReader(Watched, Reader):
         self.guid = cyclone.guid(entity)
         super().__init__(middleware, entity, on_ready)
         node.add_reader(self)
-        local = middleware.local_readers(participant.domain, topic)
+        local = middleware.local.get((participant.domain, topic))
         local.append(self)
         middleware.watch_local(self)
 
@@ -111,8 +111,8 @@ class DdsReader(Watched, Reader):
             local.remove(self)
             middleware.unwatch(self)
             node.remove_reader(self)
-            cyclone.delete(entity)
-            participant.release_topic(topic, type_name)
+            participant.delete_reader(entity, topic, type_name, qos)
+            middleware.local.release((participant.domain, topic))
 
         self._close: Callable[[], None] | None = close
 

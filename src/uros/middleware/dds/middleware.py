@@ -20,6 +20,7 @@ from . import announce, config, cyclone
 from .conflicts import TypeWatch
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 from .participant import MAX_NODES, SharedParticipant
+from .shared import Shared
 from .watched import Watched
 
 MAX_DOMAIN = 232  # RTPS port numbers end there
@@ -99,9 +100,9 @@ class DdsMiddleware(Middleware):
         self._domains: set[int] = set()
         self._participants: dict[int, list[SharedParticipant]] = {}
         self._readers: dict[int, Watched] = {}
-        # Readers of this process by domain and topic, and those just written to:
-        # Cyclone has their samples ready when the write returns.
-        self._local: dict[tuple[int, str], list[DdsReader]] = {}
+        # Our readers by domain and topic, each a list kept up to date, and those
+        # just written to: Cyclone has their samples ready when the write returns.
+        self.local = Shared[tuple[int, str], list[DdsReader]](lambda _key: [], lambda _list: None)
         self._written: dict[int, list[DdsReader]] = {}
         self.own_writers: set[int] = set()  # their instance handles
         self._keys = itertools.count(1)
@@ -155,10 +156,6 @@ class DdsMiddleware(Middleware):
         self._readers[key] = reader
         self._waitset.attach(reader.entity, key)
         return key
-
-    def local_readers(self, domain: int, topic: str) -> list[DdsReader]:
-        """This process's readers of a topic: the one list of them, kept up to date."""
-        return self._local.setdefault((domain, topic), [])
 
     def watch_local(self, reader: DdsReader) -> None:
         """While a reader hears none but this middleware's own writers, let only the

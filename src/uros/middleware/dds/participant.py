@@ -8,9 +8,11 @@ and is sent whole at every change; so it is sent at most ten times a second.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from ...qos import QoSProfile
 from . import announce, cyclone
+from .shared import Shared
 
 MAX_NODES = 50
 # A board makes its entities within a few milliseconds: one announcement for all.
@@ -26,57 +28,58 @@ class SharedParticipant:
         self.entity = cyclone.create_participant(domain, b"enclave=/;")
         self.guid = cyclone.guid(self.entity)
         self.nodes: list[announce.NodeEntities] = []
-        self._groups: dict[tuple[str, tuple[str, ...]], int] = {}
-        self._topics: dict[tuple[str, str], tuple[int, int]] = {}  # entity, users
+        self._groups = Shared[tuple[str, tuple[str, ...]], int](
+            lambda key: cyclone.create_group(key[0], self.entity, key[1]), cyclone.delete
+        )
+        self._topics = Shared[tuple[str, str], int](
+            lambda key: cyclone.create_topic(self.entity, *key), cyclone.delete
+        )
         self._gid_size = gid_size
         self._sent_at = 0.0
         self.due: float | None = None  # when to announce next
-        topic = self.topic(announce.TOPIC, announce.TYPE)
-        self._announcer = cyclone.create_writer(
-            self.group("publisher", ()), topic, announce.qos(), b""
-        )
-
-    def group(self, kind: str, partitions: tuple[str, ...]) -> int:
-        """The publisher or subscriber for these partitions."""
-        key = (kind, partitions)
-        if key not in self._groups:
-            self._groups[key] = cyclone.create_group(kind, self.entity, partitions)
-        return self._groups[key]
-
-    def topic(self, name: str, type_name: str) -> int:
-        """The topic, made for its first user; each user gives it back once."""
-        entity, users = self._topics.get((name, type_name), (0, 0))
-        if not users:
-            entity = cyclone.create_topic(self.entity, name, type_name)
-        self._topics[name, type_name] = entity, users + 1
-        return entity
-
-    def release_topic(self, name: str, type_name: str) -> None:
-        entity, users = self._topics.pop((name, type_name))
-        if users == 1:
-            cyclone.delete(entity)
-        else:
-            self._topics[name, type_name] = entity, users - 1
+        self._announcer = self.create_writer(announce.TOPIC, announce.TYPE, announce.qos(), b"")
 
     def create_writer(self, name: str, type_name: str, qos: QoSProfile, data: bytes) -> int:
-        topic = self.topic(name, type_name)
-        try:
-            return cyclone.create_writer(
-                self.group("publisher", qos.partitions), topic, qos, data
-            )
-        except BaseException:
-            self.release_topic(name, type_name)
-            raise
+        """A writer; :meth:`delete_writer` gives back what it used."""
+        return self._create("publisher", cyclone.create_writer, name, type_name, qos, data)
 
     def create_reader(self, name: str, type_name: str, qos: QoSProfile, data: bytes) -> int:
-        topic = self.topic(name, type_name)
+        """A reader; :meth:`delete_reader` gives back what it used."""
+        return self._create("subscriber", cyclone.create_reader, name, type_name, qos, data)
+
+    def _create(
+        self,
+        group: str,
+        create: Callable[[int, int, QoSProfile, bytes], int],
+        name: str,
+        type_name: str,
+        qos: QoSProfile,
+        data: bytes,
+    ) -> int:
+        topic = self._topics.get((name, type_name))
         try:
-            return cyclone.create_reader(
-                self.group("subscriber", qos.partitions), topic, qos, data
-            )
+            owner = self._groups.get((group, qos.partitions))
+            try:
+                return create(owner, topic, qos, data)
+            except BaseException:
+                self._groups.release((group, qos.partitions))
+                raise
         except BaseException:
-            self.release_topic(name, type_name)
+            self._topics.release((name, type_name))
             raise
+
+    def delete_writer(self, writer: int, name: str, type_name: str, qos: QoSProfile) -> None:
+        self._delete("publisher", writer, name, type_name, qos)
+
+    def delete_reader(self, reader: int, name: str, type_name: str, qos: QoSProfile) -> None:
+        self._delete("subscriber", reader, name, type_name, qos)
+
+    def _delete(
+        self, group: str, endpoint: int, name: str, type_name: str, qos: QoSProfile
+    ) -> None:
+        cyclone.delete(endpoint)
+        self._groups.release((group, qos.partitions))
+        self._topics.release((name, type_name))
 
     def changed(self) -> None:
         """Nodes or endpoints came or went: announce it soon."""

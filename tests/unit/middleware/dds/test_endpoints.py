@@ -115,9 +115,9 @@ def test_the_two_ends_of_a_client_and_of_a_server_bear_one_id_each(node, monkeyp
     seen = []
     endpoint = cyclone._endpoint
 
-    def spy(kind, group, topic, qos, user_data, ignore_local=False):
+    def spy(kind, group, topic, qos, user_data):
         seen.append((kind, user_data.decode()))
-        return endpoint(kind, group, topic, qos, user_data, ignore_local)
+        return endpoint(kind, group, topic, qos, user_data)
 
     monkeypatch.setattr(cyclone, "_endpoint", spy)
     node.create_requester(SERVICE, QoSProfile(), nothing)
