@@ -235,16 +235,14 @@ def test_echo_of_a_silent_topic_times_out(uros):
 
 
 def test_echo_of_an_unknown_type(uros, tmp_path):
-    error = uros("topic", "echo", "/rosout", "--once", status=1)
-    assert "rcl_interfaces/msg/Log" in error and "--interfaces DIR" in error
-    folder = tmp_path / "rcl_interfaces" / "msg"
+    wanted = ("topic", "echo", "/chatter", "home_msgs/Lamp", "--timeout", "0.1")
+    error = uros(*wanted, status=1)
+    assert "home_msgs/msg/Lamp" in error and "--interfaces DIR" in error
+    folder = tmp_path / "home_msgs" / "msg"
     folder.mkdir(parents=True)
-    (folder / "Log.msg").write_text("builtin_interfaces/Time stamp\nuint8 level\nstring name\n")
-    error = uros(
-        "topic", "echo", "/rosout", "--once", "--timeout", "0.1", "--interfaces", str(tmp_path),
-        status=1,
-    )  # fmt: skip
-    assert "nothing came" in error
+    (folder / "Lamp.msg").write_text("builtin_interfaces/Time stamp\nuint8 level\n")
+    error = uros(*wanted, "--interfaces", str(tmp_path), status=1)
+    assert "/chatter has the type std_msgs/msg/String: nothing will come" in error
 
 
 def test_echo_with_another_type(uros):
