@@ -333,6 +333,8 @@ _quiet_ops: dict[int, Any] = {}
 # of a name would not be found equal to a silenced one, and Cyclone's table of
 # them does not bear many of one name.
 _sertypes: dict[tuple[int, str], int] = {}
+# Attack: one type after the other; what a name takes is only given back with its domain.
+MAX_TYPES: Final = 4096
 
 
 def create_topic(participant: int, name: str, type_name: str) -> int:
@@ -350,6 +352,8 @@ def create_topic(participant: int, name: str, type_name: str) -> int:
         if topic < 0:
             _sertype_unref(known)
     else:
+        if len(_sertypes) >= MAX_TYPES:
+            raise MiddlewareError(f"more than {MAX_TYPES} types: {type_name!r} is refused")
         kind = _types.get(type_name)
         if kind is None:
             kind = _types[type_name] = _Type(type_name)

@@ -155,3 +155,12 @@ def test_errors_name_what_cannot_be_done(own_domain_id):
     with pytest.raises(MiddlewareError, match="DDS cannot write"):
         cyclone.write(1, b"\0\1\0\0\0\0\0\0")
     cyclone.delete(1)
+
+
+def test_types_without_end_are_refused(participant, monkeypatch):
+    monkeypatch.setattr(cyclone, "MAX_TYPES", len(cyclone._sertypes) + 1)
+    kept = cyclone.create_topic(participant, "rt/a", "a::msg::dds_::First_")
+    with pytest.raises(MiddlewareError, match="'a::msg::dds_::Second_' is refused"):
+        cyclone.create_topic(participant, "rt/b", "a::msg::dds_::Second_")
+    cyclone.delete(cyclone.create_topic(participant, "rt/c", "a::msg::dds_::First_"))
+    cyclone.delete(kept)
