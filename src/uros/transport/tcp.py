@@ -18,6 +18,7 @@ MAX_UNSENT: Final = 4 * 1024 * 1024
 # As the C++ agent's; a descriptor each.
 MAX_CONNECTIONS: Final = 1000
 _INFO, _WARNING = 4, 3
+_TCP_QUICKACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)
 
 
 class _Connection:
@@ -28,6 +29,16 @@ class _Connection:
         self.address = address
         self.deframer = LengthDeframer()
         self.unsent = bytearray()
+
+
+def _acknowledge_at_once(sock: socket.socket) -> None:
+    """Do not delay the next acknowledgement (Linux; the kernel forgets it soon).
+
+    C clients write a message's length and the message apart, and their kernel holds
+    the second back until the first is acknowledged: 40 ms, else.
+    """
+    if _TCP_QUICKACK is not None:
+        sock.setsockopt(socket.IPPROTO_TCP, _TCP_QUICKACK, 1)
 
 
 class TcpServer(ServerTransport):
@@ -85,6 +96,7 @@ class TcpServer(ServerTransport):
             return
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        _acknowledge_at_once(sock)
         connection = _Connection(sock, address)
         self._connections.add(connection)
         self._host.watch(sock.fileno(), lambda: self._ready(connection))
@@ -108,6 +120,7 @@ class TcpServer(ServerTransport):
         if not chunk:
             self._drop(connection)
             return
+        _acknowledge_at_once(connection.sock)
         now = self._host.now()
         for message in connection.deframer.feed(chunk):
             buf = bytearray(message)
