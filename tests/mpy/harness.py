@@ -6,8 +6,8 @@
         board.heap()                                                  -> bytes in use
 
 Portable tests are the modules tests/unit/**/portable_*.py: plain functions test_*() with bare
-asserts that import uros and what MicroPython has, nothing else. pytest runs them on CPython
-where they are, and test_portable.py runs the same functions here.
+asserts that import uros, what MicroPython has and the SHARED modules below, nothing else. pytest
+runs them on CPython where they are, and test_portable.py runs the same functions here.
 """
 
 import ast
@@ -31,6 +31,9 @@ PORTABLE = (
     "interfaces/errors.py",
     "interfaces/runtime.py",
 )
+
+# What tests on both sides share, in tests/: it is imported by the same name here and there.
+SHARED = ("support/__init__.py", "support/conversation.py", "support/portable.py")
 
 # A test that takes longer is stuck: MicroPython has no time limit of its own.
 ANSWER_SECONDS = 30
@@ -115,6 +118,11 @@ def portable_sources(
             path = file.relative_to(ROOT / "src").as_posix()
             sources[path] = change(file.read_text(encoding="utf-8"))
     return sources
+
+
+def shared_sources() -> dict[str, str]:
+    """The text of each SHARED module, by its path below /lib."""
+    return {path: (ROOT / "tests" / path).read_text(encoding="utf-8") for path in SHARED}
 
 
 def portable_tests() -> list[tuple[Path, str]]:

@@ -2,15 +2,13 @@
 
 import json
 
-from mpy.harness import ROOT, MicroPython, portable_sources
-
-CONVERSATION = ROOT / "tests" / "unit" / "wire" / "conversation.py"
+from mpy.harness import ROOT, MicroPython, portable_sources, shared_sources
 
 
 def test_every_recorded_datagram(micropython: MicroPython) -> None:
     micropython.install(portable_sources())
-    micropython.write("/lib/conversation.py", CONVERSATION.read_text(encoding="utf-8"))
-    micropython.run("from conversation import check")
+    micropython.install(shared_sources())
+    micropython.run("from support.conversation import check")
     count = 0
     for file in sorted((ROOT / "tests" / "captures").glob("*.jsonl")):
         if file.stem.startswith(("serial_", "tcp_")):

@@ -6,7 +6,8 @@ import socket
 import time
 import tty
 
-from uros.wire.framing import Deframer, LengthDeframer, frame, frame_size
+from support.portable import framed
+from uros.wire.framing import Deframer, LengthDeframer
 
 SECONDS = 10.0
 """How long anything that must come may take."""
@@ -98,8 +99,7 @@ class SerialLine(Line):
         return cls(fd, address)
 
     def send(self, message):
-        out = bytearray(frame_size(message))
-        self.send_raw(bytes(out[: frame(message, self._address, 0, out)]))
+        self.send_raw(framed(message, self._address))
 
     def send_raw(self, data):
         while data:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+
 from uros.boards.recorded import load, packaged
 from uros.tools import demo
 from uros.tools.errors import ToolError

@@ -4,37 +4,16 @@
 "by hand": written from the order and sizes of the fields in XRCE 8.3.5 and the C sources.
 """
 
+from support.portable import pair, reader, refused
+
 from uros.wire import data, ids
-from uros.wire.cdr import Reader, Writer
-from uros.wire.errors import DecodeError, EncodeError, WireError
+from uros.wire.cdr import Writer
+from uros.wire.errors import DecodeError, EncodeError
 from uros.wire.session import pull_request, push_request
 
 
-def refused(error, call, *arguments):
-    """The message of the error that call must raise; exactly that class."""
-    try:
-        result = call(*arguments)
-    except WireError as raised:
-        assert type(raised) is error, raised
-        return str(raised)
-    raise AssertionError("not refused: %r gave %r" % (arguments, result))
-
-
-def reader(octets, little=True):
-    return Reader(octets, 0, len(octets), little)
-
-
 def read_data(octets, *values):
-    octets = bytes.fromhex(octets)
-    w = Writer(bytearray(len(octets)))
-    data.push_read_data(w, *values)
-    assert bytes(w.buf) == octets and w.offset == len(octets)
-    r = reader(octets)
-    assert data.pull_read_data(r) == values
-    assert r.remaining() == 0
-    for size in range(len(octets)):
-        refused(DecodeError, data.pull_read_data, reader(octets[:size]))
-        refused(EncodeError, data.push_read_data, Writer(bytearray(size)), *values)
+    pair(octets, data.push_read_data, data.pull_read_data, values)
 
 
 def test_read_data() -> None:

@@ -3,7 +3,9 @@
 "recorded" frames are cut from tests/captures/serial_ping.jsonl and serial_publish.jsonl.
 """
 
-from uros.wire.errors import EncodeError, WireError
+from support.portable import framed, refused
+
+from uros.wire.errors import EncodeError
 from uros.wire.framing import Deframer, LengthDeframer, crc16, frame, frame_size
 
 # recorded: client 1 to agent 0
@@ -20,22 +22,6 @@ PONG_PAYLOAD = bytes.fromhex(
 TWO = bytes.fromhex(
     "7e00010e008180000005010600000a001100002bee7e00010e008180010005010600000b001200001bed"
 )
-
-
-def refused(error, call, *arguments):
-    """The message of the error that call must raise; exactly that class."""
-    try:
-        result = call(*arguments)
-    except WireError as raised:
-        assert type(raised) is error, raised
-        return str(raised)
-    raise AssertionError("not refused: %r gave %r" % (arguments, result))
-
-
-def framed(payload, source=1, destination=0):
-    out = bytearray(frame_size(payload))
-    size = frame(payload, source, destination, out)
-    return bytes(memoryview(out)[:size])
 
 
 def counters(deframer):

@@ -4,8 +4,10 @@ The layouts are written by hand from XRCE 8.3.2 and 8.3.4; where a vector comes 
 conversation, it says so.
 """
 
+from support.portable import refused
+
 from uros.wire import ids
-from uros.wire.errors import DecodeError, EncodeError, WireError
+from uros.wire.errors import DecodeError, EncodeError
 from uros.wire.header import (
     MessageWriter,
     header_size,
@@ -14,16 +16,6 @@ from uros.wire.header import (
     push_header,
     push_subheader,
 )
-
-
-def refused(error, call, *arguments):
-    """The message of the error that call must raise; exactly that class."""
-    try:
-        result = call(*arguments)
-    except WireError as raised:
-        assert type(raised) is error, raised
-        return str(raised)
-    raise AssertionError("not refused: %r gave %r" % (arguments, result))
 
 
 def test_header_without_key() -> None:

@@ -4,33 +4,12 @@ MicroPython differs from CPython just here: in how struct, slices and text fail.
 of a simple generator, so every run has the same; test_hostile.py looks further.
 """
 
-from uros.wire import data, entities, header, session
-from uros.wire.cdr import Reader
+from support.portable import PULLS, reader
+
+from uros.wire import header
 from uros.wire.errors import DecodeError
 from uros.wire.framing import Deframer, LengthDeframer
 from uros.wire.streams import Fragments, ReliableIn, ReliableOut
-
-PULLS = (
-    session.pull_create_client,
-    session.pull_status_agent,
-    session.pull_request,
-    session.pull_status,
-    session.pull_get_info,
-    session.pull_info,
-    session.pull_acknack,
-    session.pull_heartbeat,
-    session.pull_timestamp,
-    session.pull_timestamp_reply,
-    entities.pull_create,
-    entities.pull_binary_participant,
-    entities.pull_binary_topic,
-    entities.pull_binary_group,
-    lambda r: entities.pull_binary_endpoint(r, False),
-    lambda r: entities.pull_binary_endpoint(r, True),
-    entities.pull_binary_service,
-    data.pull_read_data,
-    lambda r: data.pull_sample_identity(r.buf, r.offset, r.end, r.little),
-)
 
 
 class Generator:
@@ -55,8 +34,8 @@ def test_any_bytes_into_every_decoder() -> None:
     refused = 0
     for turn in range(300):
         octets = generator.octets()
-        for pull in PULLS:
-            r = Reader(octets, 0, len(octets), turn & 1 == 0)
+        for pull in PULLS.values():
+            r = reader(octets, turn & 1 == 0)
             try:
                 pull(r)
             except DecodeError:

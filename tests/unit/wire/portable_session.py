@@ -4,38 +4,11 @@
 "by hand": written from the order and sizes of the fields in XRCE 8.3.5 and the C sources.
 """
 
+from support.portable import pair, reader, refused
+
 from uros.wire import ids, session
-from uros.wire.cdr import Reader, Writer
-from uros.wire.errors import DecodeError, EncodeError, LimitError, WireError
-
-
-def refused(error, call, *arguments):
-    """The message of the error that call must raise; exactly that class."""
-    try:
-        result = call(*arguments)
-    except WireError as raised:
-        assert type(raised) is error, raised
-        return str(raised)
-    raise AssertionError("not refused: %r gave %r" % (arguments, result))
-
-
-def reader(octets, little=True):
-    return Reader(octets, 0, len(octets), little)
-
-
-def pair(octets, push, pull, values, arguments=None):
-    """octets is what push makes of arguments and what pull turns into values; short of a byte
-    it is refused."""
-    octets = bytes.fromhex(octets)
-    w = Writer(bytearray(len(octets)))
-    push(w, *(values if arguments is None else arguments))
-    assert bytes(w.buf) == octets and w.offset == len(octets), bytes(w.buf)
-    r = reader(octets)
-    assert pull(r) == values
-    assert r.remaining() == 0
-    for size in range(len(octets)):
-        refused(DecodeError, pull, reader(octets[:size]))
-        refused(EncodeError, push, Writer(bytearray(size)), *(arguments or values))
+from uros.wire.cdr import Writer
+from uros.wire.errors import DecodeError, EncodeError, LimitError
 
 
 def test_create_client() -> None:

@@ -5,10 +5,11 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from unit.wire.conversation import check, decode
+from support.conversation import check, decode
+from support.portable import framed
 
 from uros.wire import ids
-from uros.wire.framing import Deframer, LengthDeframer, frame, frame_size
+from uros.wire.framing import Deframer, LengthDeframer
 from uros.wire.header import pull_subheader
 from uros.wire.streams import BestEffortIn, Fragments, ReliableIn, split
 
@@ -40,8 +41,7 @@ class SerialMessages:
         return messages
 
     def again(self, message: bytes) -> bytes:
-        out = bytearray(frame_size(message))
-        return bytes(out[: frame(message, self.sender, 1 - self.sender, out)])
+        return framed(message, self.sender, 1 - self.sender)
 
 
 def conversation(file: Path) -> list[tuple[str, int, bytes]]:

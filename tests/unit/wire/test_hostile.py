@@ -2,39 +2,17 @@
 
 import json
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from unit.wire.conversation import decode, decode_binary, unpack
+from support.conversation import decode, decode_binary, unpack
+from support.portable import PULLS
 
 from uros.wire import data, entities, header, ids, session, streams
 from uros.wire.cdr import MAX_STRING, Reader
 from uros.wire.errors import DecodeError, LimitError
-
-PULLS: dict[str, Callable[[Reader], object]] = {
-    "create_client": session.pull_create_client,
-    "status_agent": session.pull_status_agent,
-    "request": session.pull_request,
-    "status": session.pull_status,
-    "get_info": session.pull_get_info,
-    "info": session.pull_info,
-    "acknack": session.pull_acknack,
-    "heartbeat": session.pull_heartbeat,
-    "timestamp": session.pull_timestamp,
-    "timestamp_reply": session.pull_timestamp_reply,
-    "create": entities.pull_create,
-    "binary_participant": entities.pull_binary_participant,
-    "binary_topic": entities.pull_binary_topic,
-    "binary_group": entities.pull_binary_group,
-    "binary_writer": lambda r: entities.pull_binary_endpoint(r, False),
-    "binary_reader": lambda r: entities.pull_binary_endpoint(r, True),
-    "binary_service": entities.pull_binary_service,
-    "read_data": data.pull_read_data,
-    "sample_identity": lambda r: data.pull_sample_identity(r.buf, r.start, r.end, r.little),
-}
 
 # Small numbers make lengths and flags that are believed.
 OCTETS = st.lists(

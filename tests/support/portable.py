@@ -1,0 +1,70 @@
+"""What the portable tests share. Runs on CPython and on MicroPython, as they do.
+
+pytest takes no assertions apart in here, so they say themselves what they found.
+"""
+
+from uros.wire import data, entities, session
+from uros.wire.cdr import Reader, Writer
+from uros.wire.errors import DecodeError, EncodeError, WireError
+from uros.wire.framing import frame, frame_size
+
+# Every decoder of a payload, by the name of what it decodes.
+PULLS = {
+    "create_client": session.pull_create_client,
+    "status_agent": session.pull_status_agent,
+    "request": session.pull_request,
+    "status": session.pull_status,
+    "get_info": session.pull_get_info,
+    "info": session.pull_info,
+    "acknack": session.pull_acknack,
+    "heartbeat": session.pull_heartbeat,
+    "timestamp": session.pull_timestamp,
+    "timestamp_reply": session.pull_timestamp_reply,
+    "create": entities.pull_create,
+    "binary_participant": entities.pull_binary_participant,
+    "binary_topic": entities.pull_binary_topic,
+    "binary_group": entities.pull_binary_group,
+    "binary_writer": lambda r: entities.pull_binary_endpoint(r, False),
+    "binary_reader": lambda r: entities.pull_binary_endpoint(r, True),
+    "binary_service": entities.pull_binary_service,
+    "read_data": data.pull_read_data,
+    "sample_identity": lambda r: data.pull_sample_identity(r.buf, r.start, r.end, r.little),
+}
+
+
+def refused(error, call, *arguments):
+    """The message of the error that call must raise; exactly that class."""
+    try:
+        result = call(*arguments)
+    except WireError as raised:
+        assert type(raised) is error, raised
+        return str(raised)
+    raise AssertionError(f"not refused: {arguments!r} gave {result!r}")
+
+
+def reader(octets, little=True):
+    """A Reader of all octets."""
+    return Reader(octets, 0, len(octets), little)
+
+
+def pair(octets, push, pull, values, arguments=None):
+    """octets (in hex) is what push makes of arguments and what pull turns into values; short of
+    a byte it is refused. Without arguments they are the values."""
+    octets = bytes.fromhex(octets)
+    arguments = values if arguments is None else arguments
+    w = Writer(bytearray(len(octets)))
+    push(w, *arguments)
+    assert bytes(w.buf) == octets and w.offset == len(octets), (w.offset, bytes(w.buf))
+    r = reader(octets)
+    pulled = pull(r)
+    assert pulled == values, pulled
+    assert r.remaining() == 0, r.remaining()
+    for size in range(len(octets)):
+        refused(DecodeError, pull, reader(octets[:size]))
+        refused(EncodeError, push, Writer(bytearray(size)), *arguments)
+
+
+def framed(payload, source=1, destination=0):
+    """payload as it goes over a serial line."""
+    out = bytearray(frame_size(payload))
+    return bytes(out[: frame(payload, source, destination, out)])
