@@ -45,6 +45,7 @@ class Agent:
         self.middleware = middleware
         self.log = log or Log()
         self.faults = RateLimit()
+        self.strangers = RateLimit(10.0)
         self.references = references or References()
         self.domain_of_agent = domain_of_agent
         self.domain_override = domain_override
@@ -97,8 +98,10 @@ class Agent:
                 self._move(client, transport, peer)
                 if client.session.receive(buf, view, length, self.now()):
                     self.attend(client.session)
-            elif kind == ids.DELETE:
-                self._farewell(transport, peer, r, session_id, key or 0)
+            else:
+                self._stranger(transport, peer, session_id)
+                if kind == ids.DELETE:
+                    self._farewell(transport, peer, r, session_id, key or 0)
         except DecodeError as error:
             self._fault(transport, peer, str(error))
         except MiddlewareError as error:
@@ -111,6 +114,15 @@ class Agent:
             self.log(
                 WARNING, transport.name, "receive", "not an XRCE message",
                 f"address: {transport.address(peer)}, {about}{times}",
+            )  # fmt: skip
+
+    def _stranger(self, transport: ServerTransport, peer: Any, session_id: int) -> None:
+        """Somebody goes on with a session of another agent, or of before our start."""
+        if self.strangers.admit(f"{transport.name} {peer}"):
+            self.log.warning(
+                "SessionManager", "receive", "unknown session",
+                f"address: {transport.address(peer)}, session_id: 0x{session_id:02X}"
+                " (a board that pings will start anew by itself; reset one that does not)",
             )  # fmt: skip
 
     def _create_client(self, transport: ServerTransport, peer: Any, r: Reader) -> None:

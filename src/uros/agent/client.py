@@ -57,6 +57,9 @@ MAX_OBJECTS = 4096
 # nodes at most, or starts all 233 domains.
 MAX_PARTICIPANTS = 32
 
+# Topics, requests and replies of ROS 2 (design.ros2.org, "Topic and Service name mapping").
+_ROS_PREFIXES = ("rt/", "rq/", "rr/")
+
 _KIND_NAMES = {
     ids.KIND_PARTICIPANT: "participant",
     ids.KIND_TOPIC: "topic",
@@ -283,14 +286,20 @@ class Client:
         """Bring the object to life; what the log says of it besides its id."""
         spec = thing.spec
         if isinstance(spec, ParticipantSpec):
-            thing.node = self._make_node(spec)
-            return ""
+            domain = self._domain(spec)
+            thing.node = self._make_node(spec, domain)
+            return f", domain_id: {domain}"
         parent = self.objects.get(thing.parent)
         if parent is None:
             raise UnknownReference(
                 f"its {_KIND_NAMES[thing.parent & 15]} {object_label(thing.parent)} does not exist"
             )
         about = f", {_KIND_NAMES[parent.kind]}_id: {object_label(parent.object_id)}"
+        if isinstance(spec, TopicSpec) and not spec.name.startswith(_ROS_PREFIXES):
+            self._log(
+                INFO, "ProxyClient", "create_topic", "not a ROS topic",
+                f"topic: {spec.name}, ROS 2 nodes see names that begin with rt/ only",
+            )  # fmt: skip
         if isinstance(spec, (TopicSpec, GroupSpec)):
             return about
         node = self._node_of(parent)
@@ -305,12 +314,12 @@ class Client:
         thing.node = node
         return about
 
-    def _make_node(self, spec: ParticipantSpec) -> Node:
-        domain = spec.domain
+    def _domain(self, spec: ParticipantSpec) -> int:
         if self._agent.domain_override is not None:
-            domain = self._agent.domain_override
-        elif domain == DOMAIN_FROM_AGENT:
-            domain = self._agent.domain_of_agent
+            return self._agent.domain_override
+        return self._agent.domain_of_agent if spec.domain == DOMAIN_FROM_AGENT else spec.domain
+
+    def _make_node(self, spec: ParticipantSpec, domain: int) -> Node:
         namespace, name = node_name(spec.name)
         return self._agent.middleware.create_node(domain, namespace, name, spec.localhost_only)
 

@@ -71,7 +71,9 @@ class References:
         """Add the profiles of a file; how many. Raises ProfileError naming the file."""
         try:
             text = Path(path).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+        except OSError as error:
+            raise ProfileError(f"{path}: {error.strerror}") from error
+        except UnicodeDecodeError as error:
             raise ProfileError(f"{path}: {error}") from error
         try:
             root = _document(text, MAX_REFERENCES_FILE)

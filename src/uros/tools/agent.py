@@ -6,6 +6,7 @@ import argparse
 import os
 import signal
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 from .errors import ToolError
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 HELP = "bridge micro-ROS boards to the ROS 2 network"
 
 # What the C++ agent calls its middlewares, and what stands for them here.
-_MIDDLEWARES = {"dds": "dds", "memory": "memory", "ced": "memory", "rtps": "dds", "fastdds": "dds"}
+_MIDDLEWARES = {"dds": "dds", "memory": "memory", "ced": "memory", "rtps": "dds"}
 _TRANSPORTS = {
     "udp4": "UDP over IPv4",
     "tcp4": "TCP over IPv4",
@@ -32,7 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "-m", "--middleware", default="dds", choices=sorted(_MIDDLEWARES), metavar="NAME",
-        help="network to join: dds (default), memory; rtps and ced are taken as names of these",
+        help="network to join: dds (default; rtps is its other name), or memory, which stays"
+        " inside the agent (ced)",
     )  # fmt: skip
     common.add_argument(
         "-r", "--refs", metavar="FILE", help="XML file of profiles that boards refer to by name"
@@ -48,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_argument(
         "-d", "--discovery", nargs="?", const=7400, type=int, metavar="PORT", help=argparse.SUPPRESS
     )
+    common.add_argument("--stop-at-eof", action="store_true", help=argparse.SUPPRESS)
     common.add_argument("-P", "--p2p", type=int, metavar="PORT", help=argparse.SUPPRESS)
     transports = parser.add_subparsers(dest="transport", metavar="TRANSPORT", required=True)
     for name, text in _TRANSPORTS.items():
@@ -121,7 +124,13 @@ def _serve(args: argparse.Namespace) -> int:
     for option in ("discovery", "p2p"):
         if getattr(args, option) is not None:
             log(WARNING, "Root", "main", "option ignored", f"--{option} is not supported yet")
+    if args.domain is not None:
+        log(INFO, "Root", "main", "domain overridden", f"domain_id: {args.domain}")
+    elif domain:
+        log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain} (for 255)")
     _stop_on_signals(server)
+    if args.stop_at_eof:
+        threading.Thread(target=_stop_at_eof, args=(server,), daemon=True).start()
     try:
         server.run()
         log(INFO, "Server", "stop", "server stopped")
@@ -155,6 +164,12 @@ def _transport(args: argparse.Namespace) -> ServerTransport:
     if args.transport == "pseudoterminal":
         return PseudoTerminalServer(args.baudrate)
     return SerialServer(args.dev or args.file, args.baudrate, is_file=args.file is not None)
+
+
+def _stop_at_eof(server: Server) -> None:
+    """A parent that ends, however it ends, closes our standard input."""
+    sys.stdin.buffer.read()
+    server.stop()
 
 
 def _stop_on_signals(server: Server) -> None:

@@ -10,6 +10,7 @@ Exit status: 0 done, 1 an error that the user can do something about (one line o
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -156,6 +157,12 @@ def _guard(run: Callable[[], int]) -> int:
         # Python flushes at exit once more, and would complain once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _BROKEN_PIPE
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # likewise
+        print(f"uros: the output cannot be written: {error.strerror}", file=sys.stderr)
+        return 1
     except Exception as error:
         if not isinstance(error, _user_errors()):
             raise

@@ -83,8 +83,8 @@ class _Agent:
         self._lines: queue.Queue[str] = queue.Queue()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "uros", "agent", "udp4", "--port", "0",
-             "--domain", str(domain_id)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+             "--domain", str(domain_id), "--stop-at-eof"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, encoding="utf-8",
             start_new_session=True,  # Ctrl-C is for us: the board takes its leave first
         )  # fmt: skip
@@ -120,7 +120,8 @@ class _Agent:
 
     def close(self) -> None:
         """End it, kindly at first."""
-        self._process.terminate()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
         try:
             self._process.wait(5)
         except subprocess.TimeoutExpired:
@@ -180,9 +181,9 @@ def _watch(network: Any, agent: _Agent, topics: list[_Topic], seconds: float | N
 def _draw(topics: list[_Topic], live: bool = False) -> int:
     """Print the table, cut to the terminal where it is to be drawn over; its lines."""
     rows = [("TOPIC", "COUNT", "RATE", "VALUE", "TYPE")]
-    rows += [
-        (it.name, str(it.count), f"{it.rate:.1f} Hz", it.value, it.type_name) for it in topics
-    ]
+    for it in topics:
+        rate = f"{it.rate:.1f} Hz" if it.count > 1 else "-"
+        rows.append((it.name, str(it.count), rate, it.value, it.type_name))
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
     room = shutil.get_terminal_size().columns - 1
     for row in rows:

@@ -136,6 +136,8 @@ class Printer:
             None if args.full_length else args.truncate_length, args.no_arr, args.no_str
         )
         self.count = 0
+        self.unread = 0
+        self._say_at = 1
 
     @property
     def done(self) -> bool:
@@ -159,12 +161,22 @@ class Printer:
             try:
                 message = codec.from_cdr(message_class, received.cdr)
             except InterfaceError as error:
-                warn(f"a message could not be read: {error}")
+                self._unread(error)
                 return
             text = self._text(message, info)
         sys.stdout.write(text)
         sys.stdout.flush()
         self.count += 1
+
+    def _unread(self, error: Exception) -> None:
+        """Say so at the first, and after ten times as many."""
+        self.unread += 1
+        if self.unread == self._say_at:
+            self._say_at *= 10
+            warn(
+                f"{self.unread} message{'s' if self.unread > 1 else ''} could not be read: {error};"
+                " is the definition here the publisher's? --raw shows the bytes"
+            )
 
     def _text(self, message: Any, info: dict[str, Value]) -> str:
         value, kind = message, ""

@@ -202,6 +202,8 @@ class SerialServer(LineServer):
         assert host is not None
         number = error.args[0] if error.args else 0
         said = trouble(self._device, number)
+        if number == errno.ENOENT and self._is_file and not Path(self._device).exists():
+            said = "errno: 2, the file that is to name the device is not there"
         if said != self._said:
             self._said = said
             level = _INFO if number == errno.ENOENT else _ERROR
@@ -251,7 +253,7 @@ def trouble(device: str, number: int) -> str:
 class PseudoTerminalServer(LineServer):
     """A pseudo-terminal: a program opens the device whose name the log tells."""
 
-    name = "PseudoTerminalAgent"
+    name = "PseudoTtyAgent"
 
     def __init__(self, baud: int = 115200) -> None:
         super().__init__()
@@ -274,7 +276,6 @@ class PseudoTerminalServer(LineServer):
         self.device = os.ttyname(slave)
         self.fd = master
         self._watch()
-        host.note(_INFO, self.name, "init", "pseudoterminal opened", f"dev: {self.device}")
         host.note(_INFO, self.name, "init", "running...", f"dev: {self.device}")
 
     def address(self, peer: int) -> str:

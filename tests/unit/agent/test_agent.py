@@ -245,6 +245,13 @@ def test_unknown_sessions_stay_unanswered(desk, submessage, session_id):
     still_works(desk)
 
 
+def test_an_unknown_session_is_told_of_once_in_a_while(desk):
+    for number in range(5):
+        desk.hear(message([write_data(helpers.WRITER, b"x")], 1, number))
+    assert desk.said.getvalue().count("unknown session") == 1
+    assert "session_id: 0x81 (a board that pings will start anew" in desk.said.getvalue()
+
+
 @pytest.mark.parametrize("session_id", [0x05, 0x81])
 def test_the_farewell_of_a_forgotten_client_is_confirmed(desk, session_id):
     datagram = message([delete(ids.OBJECT_CLIENT, 0x0708)], 0, 0, session_id)

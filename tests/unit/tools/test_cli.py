@@ -119,22 +119,33 @@ def test_interrupted(monkeypatch, capsys):
     assert capsys.readouterr().err == ""
 
 
+PRINTER = (
+    "import sys; from uros.tools import cli, topic_list\n"
+    "topic_list.run = lambda args: print('much') or 0\n"
+    "sys.exit(cli.main(['topic', 'list']))"
+)
+
+
+def print_to(stdout):
+    """(exit status, standard error) of a verb that prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", PRINTER], stdout=stdout, stderr=subprocess.PIPE, text=True
+    )
+    return done.returncode, done.stderr
+
+
 def test_nobody_reads_the_output():
     read_end, write_end = os.pipe()
     os.close(read_end)
-    code = (
-        "import sys; from uros.tools import cli, topic_list\n"
-        "topic_list.run = lambda args: print('much') or 0\n"
-        "sys.exit(cli.main(['topic', 'list']))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        stdout=write_end,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    assert print_to(write_end) == (141, "")
     os.close(write_end)
-    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_output_that_cannot_be_written():
+    with open("/dev/full", "w") as full:
+        status, error = print_to(full)
+    assert status == 1
+    assert error == "uros: the output cannot be written: No space left on device\n"
 
 
 def test_a_domain_in_the_environment_that_does_not_exist(monkeypatch, capsys):

@@ -2,6 +2,8 @@
 
 import os
 import re
+import select
+import signal
 import subprocess
 import sys
 
@@ -58,3 +60,23 @@ def test_bad_options(arguments):
     done = run(1, *arguments)
     assert done.returncode == 2
     assert done.stderr.startswith("usage:")
+
+
+@pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+def test_the_agent_ends_with_the_demo_however_it_ends(own_domain_id, number):
+    demo_process = subprocess.Popen(
+        [sys.executable, "-m", "uros", "demo", "--domain", str(own_domain_id)],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert demo_process.stdout is not None
+    while "running..." not in demo_process.stdout.readline():
+        pass
+    children = f"/proc/{demo_process.pid}/task/{demo_process.pid}/children"
+    with open(children) as file:
+        child = os.pidfd_open(int(file.read().split()[0]))
+    demo_process.send_signal(number)
+    demo_process.wait(20)
+    demo_process.stdout.close()
+    assert select.select([child], [], [], 20)[0], "the agent lives on"
+    os.close(child)

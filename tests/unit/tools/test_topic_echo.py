@@ -92,6 +92,15 @@ def test_a_broken_message_does_not_end_it(capsys):
     assert not printer.count
 
 
+def test_a_flood_of_broken_messages_is_told_of_in_few_lines(capsys):
+    printer = topic_echo.Printer(options())
+    for _ in range(150):
+        printer.show(Received(b"\0\1\0\0\xff\0\0\0", 0, 0), STRING)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    assert "100 messages could not be read" in lines[2] and "--raw shows the bytes" in lines[2]
+
+
 # --- QoS ------------------------------------------------------------------------
 
 LATCHED = QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -169,7 +169,7 @@ def test_a_pseudo_terminal_tells_its_name():
         (["udp4", "-m", "corba"], 2, "corba"),
         (["udp4", "--prot", "1"], 2, "unrecognized arguments: --prot"),
         (["udp4", "-r", "/nowhere/agent.refs"], 1,
-         "uros: /nowhere/agent.refs: [Errno 2] No such file"),
+         "uros: /nowhere/agent.refs: No such file"),
     ],
 )  # fmt: skip
 def test_what_is_refused(args, status, said):
@@ -263,7 +263,7 @@ def test_levels_and_columns(level):
         key = "client_key: 0x4B0CBE99"
         assert about["Root", "create_client", "create"] == f"{key}, session_id: 0x81"
         made = about["ProxyClient", "create_participant", "participant created"]
-        assert made == f"{key}, participant_id: 0x001(1)"
+        assert made == f"{key}, participant_id: 0x001(1), domain_id: 0"
         made = about["ProxyClient", "create_topic", "topic created"]
         assert made == f"{key}, topic_id: 0x001(2), participant_id: 0x001(1)"
         assert about["Root", "delete_client", "delete"] == key

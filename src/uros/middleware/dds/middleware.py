@@ -97,6 +97,7 @@ class DdsMiddleware(Middleware):
     def __init__(self) -> None:
         self.service_numbers = itertools.count(1)
         self._environment = dict(os.environ)
+        config.discovery_range(self._environment)  # a wrong value is better told at once
         self._domains: set[int] = set()
         self._participants: dict[int, list[SharedParticipant]] = {}
         self._readers: dict[int, Watched] = {}
@@ -128,7 +129,12 @@ class DdsMiddleware(Middleware):
 
     def _participant(self, domain: int) -> SharedParticipant:
         if domain not in self._domains:
-            cyclone.open_domain(domain, config.config_xml(self._environment, os.getpid()))
+            try:
+                cyclone.open_domain(domain, config.config_xml(self._environment, os.getpid()))
+            except MiddlewareError as error:
+                if self._environment.get("CYCLONEDDS_URI"):
+                    raise MiddlewareError(f"{error}; is CYCLONEDDS_URI right?") from error
+                raise
             self._domains.add(domain)
         shared = self._participants.setdefault(domain, [])
         for participant in shared:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError
 from uros.middleware.dds import announce, cyclone, participant
 from uros.middleware.dds import middleware as module
@@ -183,3 +184,19 @@ def test_writing_with_nobody_to_dispatch_does_not_grow(middleware, own_domain_id
     for _ in range(100):
         writer.write(b"\0\1\0\0\0\0\0\0")
     assert len(middleware._written) <= 2  # the reader, and the readers of its topic
+
+
+def test_a_broken_configuration_is_named(monkeypatch, own_domain_id):
+    monkeypatch.setenv("CYCLONEDDS_URI", "<nix")
+    middleware = open_middleware("dds")
+    try:
+        with pytest.raises(MiddlewareError, match="is CYCLONEDDS_URI right"):
+            middleware.create_node(own_domain_id, "/", "node")
+    finally:
+        middleware.close()
+
+
+def test_a_range_that_does_not_exist_is_told_at_once(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "blah")
+    with pytest.raises(MiddlewareError, match="'BLAH' does not exist"):
+        open_middleware("dds")
