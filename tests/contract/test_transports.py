@@ -188,7 +188,8 @@ def test_a_port_is_free_again_at_once():
 
 
 def test_a_flood_does_not_starve_others():
-    """One sends as fast as it can; another's pings are answered meanwhile."""
+    """One sends as fast as it can, into the socket that is another's too; what the other
+    asks for on its reliable stream, which repeats what gets lost there, is done meanwhile."""
     with running_agent("udp", "memory") as agent:
         flooder = UdpLine(agent.transport.port)
         agent.lines.append(flooder)
@@ -202,7 +203,8 @@ def test_a_flood_does_not_starve_others():
         one = client(agent)
         thread.start()
         try:
-            assert [one.ping() for _ in range(50)] == [1] * 50
+            for _ in range(10):
+                assert one.delete(one.participant("node")) == ids.STATUS_OK
         finally:
             stop.set()
             thread.join()
