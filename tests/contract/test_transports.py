@@ -203,8 +203,8 @@ def test_a_flood_does_not_starve_others():
         one = client(agent)
         thread.start()
         try:
-            for _ in range(10):
-                assert one.delete(one.participant("node")) == ids.STATUS_OK
+            for number in range(10):
+                assert one.delete(one.participant(f"node{number}")) == ids.STATUS_OK
         finally:
             stop.set()
             thread.join()
