@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from ..middleware.base import Middleware, MiddlewareError
+from ..middleware.base import Middleware
 from ..transport.base import ServerTransport
 from ..wire import ids
 from ..wire import session as messages
@@ -104,13 +104,10 @@ class Agent:
                     self._farewell(transport, peer, r, session_id, key or 0)
         except DecodeError as error:
             self._fault(transport, peer, str(error))
-        except MiddlewareError as error:
-            self.log.error(transport.name, "receive", "middleware error", str(error))
 
     def _fault(self, transport: ServerTransport, peer: Any, about: str) -> None:
-        kept = self.faults.admit(f"{transport.name} {peer}")
-        if kept:
-            times = f" ({kept} times)" if kept > 1 else ""
+        times = self.faults.times(f"{transport.name} {peer}")
+        if times is not None:
             self.log(
                 WARNING, transport.name, "receive", "not an XRCE message",
                 f"address: {transport.address(peer)}, {about}{times}",

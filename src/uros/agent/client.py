@@ -175,9 +175,8 @@ class Client:
                 self._pump(thing, now)
 
     def fault(self, what: str, about: str) -> None:
-        kept = self._agent.faults.admit(f"{self.key:08X} {what}")
-        if kept:
-            times = f" ({kept} times)" if kept > 1 else ""
+        times = self._agent.faults.times(f"{self.key:08X} {what}")
+        if times is not None:
             self._log(WARNING, "Session", "receive", what, f"{about}{times}")
 
     def next_deadline(self) -> int | None:

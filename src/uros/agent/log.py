@@ -156,3 +156,10 @@ class RateLimit:
             self._held.clear()
         self._next[kind] = now + self._seconds
         return self._held.pop(kind, 0) + 1
+
+    def times(self, kind: str) -> str | None:
+        """None: keep silent. Else what a line says of the ones it stands for."""
+        kept = self.admit(kind)
+        if not kept:
+            return None
+        return f" ({kept} times)" if kept > 1 else ""

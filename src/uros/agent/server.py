@@ -19,7 +19,7 @@ from typing import Any
 from ..middleware.base import MiddlewareError
 from ..middleware.wake import Wake
 from ..transport.base import ServerTransport
-from ..wire.streams import TIME_MASK, ticks_diff
+from ..wire.streams import ticks_diff
 from .agent import Agent, trace
 from .client import Client
 from .log import DEBUG
@@ -45,7 +45,7 @@ class Server:
     # --- what transports call (see transport.base.Host) --------------------------
 
     def now(self) -> int:
-        return int(time.monotonic() * 1000) & TIME_MASK
+        return self.agent.now()
 
     def stray(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
@@ -60,16 +60,8 @@ class Server:
     ) -> None:  # fmt: skip
         if self._trace:
             trace(self.agent.log, transport, "recv", view, length, session.key)
-        try:
-            if session.receive(buf, view, length, now):
-                self.agent.attended.add(session)
-        except MiddlewareError as error:
-            client = self.agent.clients.get(session.key)
-            if client is not None:
-                client.fault("middleware error", str(error))
-
-    def attend(self, session: Session) -> None:
-        self.agent.attended.add(session)
+        if session.receive(buf, view, length, now):
+            self.agent.attended.add(session)
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
         self.agent.gone(transport, peer)

@@ -26,6 +26,15 @@ class MiddlewareError(RuntimeError):
     """The middleware refuses, or cannot do, what was asked; the text says why."""
 
 
+MAX_DOMAIN = 232  # RTPS port numbers end there
+
+
+def check_domain(domain: int) -> None:
+    """Raises MiddlewareError for a domain that RTPS has no ports for."""
+    if not 0 <= domain <= MAX_DOMAIN:
+        raise MiddlewareError(f"domain {domain} is not within 0 to {MAX_DOMAIN}")
+
+
 class Writer(ABC):
     """Publishes samples on one topic."""
 

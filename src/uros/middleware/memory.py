@@ -17,7 +17,6 @@ from ..qos import HistoryPolicy, QoSProfile
 from .base import (
     Bytes,
     Middleware,
-    MiddlewareError,
     Node,
     OnReady,
     Reader,
@@ -25,6 +24,7 @@ from .base import (
     Requester,
     Service,
     Writer,
+    check_domain,
 )
 from .wake import Wake
 
@@ -243,8 +243,7 @@ class MemoryMiddleware(Middleware):
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
     ) -> MemoryNode:
-        if not 0 <= domain <= 232:
-            raise MiddlewareError(f"domain {domain} is not within 0 to 232")
+        check_domain(domain)
         node = MemoryNode(self, domain, f"{namespace.rstrip('/')}/{name}")
         self.nodes[node] = None
         return node

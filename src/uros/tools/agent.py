@@ -9,13 +9,12 @@ import sys
 import threading
 from typing import TYPE_CHECKING
 
+from .common import MAX_DOMAIN
 from .errors import ToolError
 
 if TYPE_CHECKING:
     from ..agent.server import Server
     from ..transport.base import ServerTransport
-
-HELP = "bridge micro-ROS boards to the ROS 2 network"
 
 # What the C++ agent calls its middlewares, and what stands for them here.
 _MIDDLEWARES = {"dds": "dds", "memory": "memory", "ced": "memory", "rtps": "dds"}
@@ -85,7 +84,7 @@ def _verbosity(text: str) -> int:
 
 
 def _domain(text: str) -> int:
-    return _number(text, "a ROS domain", 0, 232)
+    return _number(text, "a ROS domain", 0, MAX_DOMAIN)
 
 
 def _port(text: str) -> int:

@@ -12,6 +12,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Protocol
 
+# Levels of Host.note, as in the agent's log.
+ERROR, WARNING, INFO = 2, 3, 4
+
 # Drain a ready socket up to so many messages, then the next: a flood must not
 # starve others.
 MAX_BURST = 64
@@ -48,9 +51,6 @@ class Host(Protocol):
         length: int, now: int,
     ) -> None:  # fmt: skip
         """A message of a session, where messages are logged or may fail."""
-
-    def attend(self, session: Any) -> None:
-        """The session wants attention after the burst."""
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
         """The peer's connection is closed for good."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..wire.framing import FLAG, Deframer, frame, frame_size
-from .base import Host, ServerTransport, TransportError
+from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
 
 AGENT_ADDRESS: Final = 0
 # How often a device that is away is looked for, in seconds.
@@ -27,7 +27,6 @@ _CHUNK: Final = 4096
 # Lines that carry frames have few bad bytes; this many in a row say something, twice as
 # many say it again.
 _SUSPICIOUS: Final = 512
-_ERROR, _WARNING, _INFO = 2, 3, 4
 
 BAUD_RATES: Final = {
     int(name[1:]): getattr(termios, name)
@@ -97,7 +96,7 @@ class LineServer(ServerTransport):
             self._suspected = deframer.skipped
             self._patience *= 2
             host.note(
-                _WARNING, self.name, "receive", "no frames among the bytes",
+                WARNING, self.name, "receive", "no frames among the bytes",
                 f"skipped: {self.deframer.skipped}, crc_errors: {self.deframer.crc_errors}"
                 " (wrong baud rate, or a program that does not speak micro-ROS?)",
             )  # fmt: skip
@@ -184,7 +183,7 @@ class SerialServer(LineServer):
         self.fd = fd
         self._watch()
         host.note(
-            _INFO, self.name, "init", "running...", f"dev: {path}, baudrate: {self._baud}"
+            INFO, self.name, "init", "running...", f"dev: {path}, baudrate: {self._baud}"
         )
 
     def _configure(self, fd: int) -> None:
@@ -206,8 +205,8 @@ class SerialServer(LineServer):
             said = "errno: 2, the file that is to name the device is not there"
         if said != self._said:
             self._said = said
-            level = _INFO if number == errno.ENOENT else _ERROR
-            what = "waiting for device" if level == _INFO else "open device error"
+            level = INFO if number == errno.ENOENT else ERROR
+            what = "waiting for device" if level == INFO else "open device error"
             host.note(level, self.name, "init", what, f"device: {self._device}, {said}")
         host.wake_at(RETRY, self._try)
 
@@ -218,7 +217,7 @@ class SerialServer(LineServer):
         self._patience = _SUSPICIOUS
         if self._host is not None and not self._closed:
             self._host.note(
-                _WARNING, self.name, "receive", "device lost",
+                WARNING, self.name, "receive", "device lost",
                 f"device: {self._device}, {why}; waiting for it to come back",
             )  # fmt: skip
             self._host.wake_at(RETRY, self._try)
@@ -276,7 +275,7 @@ class PseudoTerminalServer(LineServer):
         self.device = os.ttyname(slave)
         self.fd = master
         self._watch()
-        host.note(_INFO, self.name, "init", "running...", f"dev: {self.device}")
+        host.note(INFO, self.name, "init", "running...", f"dev: {self.device}")
 
     def address(self, peer: int) -> str:
         return f"{self.device} ({peer})"

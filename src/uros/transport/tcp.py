@@ -6,7 +6,7 @@ import socket
 from typing import Final
 
 from ..wire.framing import LengthDeframer
-from .base import Host, ServerTransport, TransportError
+from .base import INFO, WARNING, Host, ServerTransport, TransportError
 from .udp import bind_trouble
 
 # What is handled before it is another socket's turn.
@@ -17,7 +17,6 @@ _PAUSE: Final = 0.5
 MAX_UNSENT: Final = 4 * 1024 * 1024
 # As the C++ agent's; a descriptor each.
 MAX_CONNECTIONS: Final = 1000
-_INFO, _WARNING = 4, 3
 _TCP_QUICKACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)
 
 
@@ -68,7 +67,7 @@ class TcpServer(ServerTransport):
         self._socket = sock
         self._host = host
         self._listen()
-        host.note(_INFO, self.name, "init", "running...", f"port: {self.port}")
+        host.note(INFO, self.name, "init", "running...", f"port: {self.port}")
 
     def _listen(self) -> None:
         if self._socket is not None:
@@ -87,7 +86,7 @@ class TcpServer(ServerTransport):
             self._host.unwatch(listener.fileno())
             self._host.wake_at(_PAUSE, self._listen)
             self._host.note(
-                _WARNING, self.name, "tcp", "cannot accept", error.strerror or str(error)
+                WARNING, self.name, "tcp", "cannot accept", error.strerror or str(error)
             )
             return
         if len(self._connections) >= MAX_CONNECTIONS:
@@ -103,7 +102,7 @@ class TcpServer(ServerTransport):
 
     def _note(self, what: str, about: str, address: tuple[str, int]) -> None:
         self._host.note(
-            _WARNING, self.name, "tcp", what, f"address: {address[0]}:{address[1]}, {about}"
+            WARNING, self.name, "tcp", what, f"address: {address[0]}:{address[1]}, {about}"
         )
 
     def _ready(self, connection: _Connection) -> None:

@@ -6,12 +6,11 @@ import errno
 import socket
 from typing import Final
 
-from .base import MAX_BURST, MAX_BURST_BYTES, Host, ServerTransport, TransportError
+from .base import ERROR, INFO, MAX_BURST, MAX_BURST_BYTES, Host, ServerTransport, TransportError
 
 _LARGEST: Final = 65536
 # A burst of a hundred boards must fit; the kernel may grant less.
 _SOCKET_BUFFER: Final = 4 * 1024 * 1024
-_INFO, _ERROR = 4, 2
 
 Peer = tuple[str, int]
 
@@ -44,7 +43,7 @@ class UdpServer(ServerTransport):
         self._socket = sock
         self._host = host
         host.watch(sock.fileno(), self._drain)
-        host.note(_INFO, self.name, "init", "running...", f"port: {self.port}")
+        host.note(INFO, self.name, "init", "running...", f"port: {self.port}")
 
     def _drain(self) -> None:
         sock = self._socket
@@ -59,7 +58,7 @@ class UdpServer(ServerTransport):
             except BlockingIOError:
                 return
             except OSError as error:  # an ICMP error of an earlier send, on some systems
-                host.note(_ERROR, self.name, "receive", "socket error", str(error))
+                host.note(ERROR, self.name, "receive", "socket error", str(error))
                 return
             session = sessions.get(peer)
             if session is not None and length > 7 and buf[0] == session.session_id:

@@ -14,7 +14,7 @@ import threading
 import time
 
 from ...qos import QoSProfile
-from ..base import Middleware, MiddlewareError, Node, OnReady, Service
+from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
 from ..wake import Wake
 from . import announce, config, cyclone
 from .conflicts import TypeWatch
@@ -22,8 +22,6 @@ from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 from .participant import MAX_NODES, SharedParticipant
 from .shared import Shared
 from .watched import Watched
-
-MAX_DOMAIN = 232  # RTPS port numbers end there
 
 
 class DdsNode(Node):
@@ -117,8 +115,7 @@ class DdsMiddleware(Middleware):
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
     ) -> DdsNode:
-        if not 0 <= domain <= MAX_DOMAIN:
-            raise MiddlewareError(f"domain {domain} is not within 0 to {MAX_DOMAIN}")
+        check_domain(domain)
         if localhost_only and config.discovery_range(self._environment) != "LOCALHOST":
             raise MiddlewareError(
                 "a client wants a participant that never leaves this machine, and domain"
