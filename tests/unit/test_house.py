@@ -9,18 +9,25 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parents[2] / "src" / "uros"
 
-# What each room may import besides itself. "qos" is one module that all but wire may use.
+# What each room may import besides itself. "qos" and "ticks" are single modules.
 ALLOWED = {
     "wire": set(),
+    "ticks": set(),
+    "drivers": set(),
     "qos": {"wire"},
     "interfaces": {"wire"},
-    "transport": {"wire"},
+    "transport": {"wire", "ticks"},
+    "client": {"wire", "interfaces", "qos", "ticks"},
     "middleware": {"interfaces", "qos"},
     "agent": {"wire", "transport", "middleware", "qos"},
-    "host": {"middleware", "interfaces", "qos"},
-    "boards": {"wire", "transport", "middleware", "interfaces", "agent", "host", "qos"},
+    "host": {"client", "middleware", "interfaces", "qos"},
+    "boards": {
+        "wire", "transport", "client", "drivers", "middleware", "interfaces", "agent", "host",
+        "qos", "ticks",
+    },
     "tools": {
-        "wire", "transport", "middleware", "interfaces", "agent", "host", "boards", "qos",
+        "wire", "transport", "client", "drivers", "middleware", "interfaces", "agent", "host",
+        "boards", "qos", "ticks",
     },
 }  # fmt: skip
 
@@ -43,7 +50,8 @@ def rooms_imported(path: Path) -> set[str]:
 
 def modules() -> list[Path]:
     return sorted(path for path in SOURCE.rglob("*.py") if path.parent != SOURCE) + [
-        SOURCE / "qos.py"
+        SOURCE / "qos.py",
+        SOURCE / "ticks.py",
     ]
 
 

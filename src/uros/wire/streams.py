@@ -160,7 +160,9 @@ class ReliableOut:
     :attr:`next` tells it beforehand.
     """
 
-    __slots__ = ("_held", "_sent_at", "acked", "deadline", "limit", "next", "sent", "window")
+    __slots__ = (
+        "_held", "_sent_at", "acked", "deadline", "limit", "next", "sent", "size", "window",
+    )  # fmt: skip
 
     def __init__(self, window: int = WINDOW, limit: int = MAX_HELD) -> None:
         self.window = window
@@ -168,6 +170,7 @@ class ReliableOut:
         self.next = 0  # number of the next message given
         self.sent = 0  # number of the next message to go out
         self.acked = 0  # first number not acknowledged
+        self.size = 0  # bytes of the messages held
         self.deadline: "int | None" = None
         self._held: "dict[int, bytes]" = {}
         self._sent_at: "dict[int, int]" = {}
@@ -180,11 +183,15 @@ class ReliableOut:
         """How many messages would go out at once if given now."""
         return max(0, self.window - len(self._held))
 
-    def put(self, message: bytes) -> None:
-        """Take the message numbered :attr:`next`. Raises LimitError when full."""
+    def put(self, message: "bytes | bytearray") -> None:
+        """Take the message numbered :attr:`next`, which nobody changes from now on.
+
+        Raises LimitError when full.
+        """
         if len(self._held) >= self.limit:
             raise LimitError("%d messages wait already" % len(self._held))
-        self._held[self.next] = message
+        self._held[self.next] = message  # type: ignore[assignment]
+        self.size += len(message)
         self.next = (self.next + 1) & SEQUENCE_MASK
 
     def take(self, now: int) -> "list[bytes]":
@@ -210,7 +217,7 @@ class ReliableOut:
             return []
         news = self.acked != first
         while self.acked != first:
-            del self._held[self.acked]
+            self.size -= len(self._held.pop(self.acked))
             del self._sent_at[self.acked]
             self.acked = (self.acked + 1) & SEQUENCE_MASK
         out = []

@@ -1,0 +1,399 @@
+"""The life of a board's session: the transport, the four states, and all entities again and again.
+
+::
+
+    WAITING_AGENT ── ping answered ──> AGENT_AVAILABLE ── all created ──> AGENT_CONNECTED
+          ^                                   │ refused, or silent              │ silent
+          └──────────────── AGENT_DISCONNECTED <────────────────────────────────┘
+
+* WAITING_AGENT: the transport is opened, and the agent pinged every ``wait_ms``.
+* AGENT_AVAILABLE: a new session; its entities are created and the time is asked for.
+* AGENT_CONNECTED: samples travel. An agent that is silent is pinged every ``ping_ms``; one that
+  says nothing for ``silence_ms``, or does not know the session any more, is lost.
+* AGENT_DISCONNECTED lasts for one step: the transport is closed, nothing waits for the agent.
+"""
+
+from ..wire import ids
+from ..wire.cdr import Writer
+from ..wire.data import push_read_data
+from ..wire.entities import push_create
+from ..wire.errors import WireError
+from ..wire.session import push_request
+from ..wire.streams import TIME_MASK, ticks_add, ticks_diff
+from .clock import Clock
+from .session import GOODBYE, Session
+
+try:
+    from typing import Any, Callable, Final, Iterator, Protocol
+
+    from ..wire.cdr import Buffer
+
+    class Transport(Protocol):
+        """The board's end of a line. Neither end of a message is ever seen."""
+
+        mtu: int
+
+        def open(self) -> None:
+            """Raises OSError where there is no line now."""
+
+        def close(self) -> None:
+            """Twice is once."""
+
+        def send(self, message: "Buffer") -> None:
+            """Send one message, or lose it; never wait. OSError: the line is gone."""
+
+        def receive(self, timeout_ms: int) -> "bytes | None":
+            """The next message, waiting for it at most so long. OSError: the line is gone."""
+
+except ImportError:  # MicroPython
+    pass
+
+WAITING_AGENT: Final = 0
+AGENT_AVAILABLE: Final = 1
+AGENT_CONNECTED: Final = 2
+AGENT_DISCONNECTED: Final = 3
+
+# Most datagrams taken before the callbacks have their turn.
+_BURST: Final = 16
+# The first time is the best of so many answers; later ones count when they are as quick.
+_FIRST_TIMES: Final = 3
+_TIME_RETRY_MS: Final = 100
+_TIME_AGAIN_MS: Final = 1000
+_TIME_PERIOD_MS: Final = 30000
+# An answer that took longer tells the time too badly once a better one is known.
+_QUICK_US: Final = 3000
+_CREATE_FLAGS: Final = ids.FLAG_LITTLE_ENDIAN | ids.FLAG_REUSE | ids.FLAG_REPLACE
+
+
+class Connection:
+    """See the module. Everything happens in :meth:`pump`; there are no threads.
+
+    ``key`` is the client key: two boards on one agent must not share it. ``limit`` is how many
+    bytes may wait in either direction. ``connections`` counts the sessions that came to work,
+    ``unconfirmed`` the messages that were under way when an agent was lost; ``reason`` says why
+    the last one was.
+    """
+
+    def __init__(
+        self,
+        transport: "Transport",
+        key: int,
+        clock: "Clock | None" = None,
+        limit: int = 32768,
+        ping_ms: int = 200,
+        silence_ms: int = 2000,
+        wait_ms: int = 500,
+    ) -> None:
+        self.transport = transport
+        self.clock = clock or Clock()
+        self.session = Session(self, self._send, key, transport.mtu, limit)
+        self.ping_ms = ping_ms
+        self.silence_ms = silence_ms
+        self.wait_ms = wait_ms
+        self.state = WAITING_AGENT
+        self.on_state: "Callable[[int], object] | None" = None
+        self.log: "Callable[[str], object]" = print
+        self.connections = 0
+        self.unconfirmed = 0
+        self.reason = ""
+        self._entities: "list[Any]" = []
+        self._by_id: "dict[int, Any]" = {}
+        self._numbers: "dict[int, int]" = {}
+        self._scratch = Writer(bytearray(transport.mtu))
+        self._todo: "list[Any]" = []  # not created yet in this session
+        self._steps: "Iterator[None] | None" = None  # of the one that is being created
+        self._awaited: "dict[int, Any]" = {}  # by request: entities that the agent is creating
+        self._open = False  # the transport
+        self._known = False  # the session, to the agent
+        self._lost = ""
+        self._delivered = False  # whether a sample has come in this pump
+        self._next = self._heard = self._next_time = self.clock.ms()
+        self._times = 0  # answers about the time that the first one still needs
+        self._asked_us = -1
+        self._best_us = 0
+
+    # --- entities -------------------------------------------------------------------------
+
+    def add(self, entity: "Any") -> int:
+        """An entity that every session creates, in the order added; its number, which is its own
+        among those with the same first kind.
+
+        It has ``kinds``, ``name``, ``create(connection)``, a generator that makes one request a
+        step, ``on_data(buf, start, stop, little)`` and ``on_lost()``.
+        """
+        number = self._numbers.get(entity.kinds[0], 0)
+        self._numbers[entity.kinds[0]] = number + 1
+        self._entities.append(entity)
+        if self._known:
+            self._todo.append(entity)
+        return number
+
+    def remove(self, entity: "Any", object_ids: "tuple[int, ...]") -> None:
+        """Never create it again, and delete its objects now, the last first."""
+        self._entities.remove(entity)
+        if entity in self._todo:
+            self._todo.remove(entity)
+        for object_id in reversed(object_ids):
+            self._by_id.pop(object_id, None)
+            if self._known:
+                self.session.request(
+                    ids.DELETE, ids.FLAG_LITTLE_ENDIAN, self.clock.ms(), push_request, object_id
+                )
+
+    def create(
+        self, entity: "Any", object_id: int, parent: int, push: "Callable[..., None]",
+        *values: "Any",
+    ) -> None:  # fmt: skip
+        """CREATE an object from its binary representation."""
+        w = self._scratch
+        w.offset = 0
+        push(w, *values)
+        request = self.session.request(
+            ids.CREATE, _CREATE_FLAGS, self.clock.ms(),
+            push_create, object_id, ids.IN_BINARY, memoryview(w.buf)[: w.offset], parent,
+        )  # fmt: skip
+        self._awaited[request] = entity
+
+    def listen(self, entity: "Any", object_id: int, reliable: bool) -> None:
+        """READ_DATA without limits: the samples go to ``entity.on_data``."""
+        self._by_id[object_id] = entity
+        self.session.request(
+            ids.READ_DATA, ids.FLAG_LITTLE_ENDIAN, self.clock.ms(),
+            push_read_data, object_id, ids.STREAM_RELIABLE if reliable else ids.STREAM_BEST_EFFORT,
+            0, None, (ids.MAX_SAMPLES_UNLIMITED, 0, 0, 0),
+        )  # fmt: skip
+
+    def write(self, object_id: int, message: "Any", prefix: bytes, reliable: bool) -> int:
+        """Send a sample if there is a connection and room: the request id, else 0."""
+        if self.state != AGENT_CONNECTED:
+            return 0
+        return self.session.write(object_id, message, prefix, reliable, self.clock.ms())
+
+    # --- what the session tells -------------------------------------------------------------
+
+    def on_agent(self, status: int) -> None:
+        if self.state != AGENT_AVAILABLE or self._known:
+            return
+        if status != ids.STATUS_OK:
+            self._refused("session", status)
+            return
+        self._known = True
+        self._todo = list(self._entities)
+        self._steps = None
+        self._times = _FIRST_TIMES
+        self._next_time = self.clock.ms()
+
+    def on_pong(self) -> None:
+        if self.state == WAITING_AGENT:
+            self._next = self._heard = self.clock.ms()
+            self._enter(AGENT_AVAILABLE)
+
+    def on_unknown(self) -> None:
+        self._lost = "the agent does not know this session any more"
+
+    def on_status(self, request_id: int, status: int) -> None:
+        if request_id == GOODBYE:
+            self._known = False
+            return
+        entity = self._awaited.pop(request_id, None)
+        if status >= ids.STATUS_ERR_DDS_ERROR:
+            self._refused(entity.name if entity else "request %d" % request_id, status)
+
+    def on_time(self, transmit: "tuple[int, int]", receive: "tuple[int, int]") -> None:
+        if self._asked_us < 0:
+            return
+        now = self.clock.us()
+        away = (now - self._asked_us) & TIME_MASK
+        self._asked_us = -1
+        inside = (transmit[0] - receive[0]) * 1000000 + (transmit[1] - receive[1]) // 1000
+        trip = max(0, away - inside)
+        first = self._times == _FIRST_TIMES
+        if self._times:
+            self._times -= 1
+        slack = 0 if self._times else _QUICK_US
+        if first or trip <= self._best_us + slack:
+            self._best_us = trip
+            self.clock.set(*_later(transmit, trip >> 1))
+        elif not self._times:
+            return  # too slow to be of use: asked again soon
+        self._next_time = self.clock.ms()
+        if not self._times:
+            self._next_time = ticks_add(self._next_time, _TIME_PERIOD_MS)
+
+    def on_data(
+        self, object_id: int, buf: "Buffer", start: int, stop: int, little: bool
+    ) -> None:
+        entity = self._by_id.get(object_id)
+        if entity is not None:
+            self._delivered = True
+            entity.on_data(buf, start, stop, little)
+
+    # --- the four states ----------------------------------------------------------------------
+
+    def pump(self, timeout_ms: int) -> None:
+        """Do what is due, then take what comes within so long: at most a few datagrams, so that
+        callbacks have their turn."""
+        now = self.clock.ms()
+        self._step(now)
+        wait = min(timeout_ms, self._wait(now))
+        if not self._open:
+            if wait > 0:
+                self.clock.sleep(wait)
+            return
+        self._delivered = False
+        try:
+            message = self.transport.receive(max(0, wait))
+            for _ in range(_BURST):
+                if message is None:
+                    break
+                now = self.clock.ms()
+                if self.session.receive(message, now):
+                    self._heard = now
+                if self._delivered:
+                    break
+                message = self.transport.receive(0)
+            else:
+                message = b""
+            # Only now: a callback that took long is no fault of the agent, whose words may wait.
+            if message is None and self._silent():
+                self._lost = self._lost or "the agent is silent"
+        except OSError as error:
+            self._lost = "the line is gone: %s" % error
+        self._step(self.clock.ms())
+
+    def _silent(self) -> bool:
+        return (
+            self.state != WAITING_AGENT
+            and ticks_diff(self.clock.ms(), self._heard) >= self.silence_ms
+        )
+
+    def _wait(self, now: int) -> int:
+        """Milliseconds until something is due."""
+        wait = ticks_diff(self._next, now)
+        if self._known:
+            wait = min(wait, ticks_diff(self._next_time, now))
+            deadline = self.session.next_deadline()
+            if deadline is not None:
+                wait = min(wait, ticks_diff(deadline, now))
+        return wait
+
+    def _step(self, now: int) -> None:
+        if self.state != WAITING_AGENT:
+            if not self._lost:
+                self._keep(now)
+        elif not self._lost and ticks_diff(now, self._next) >= 0:
+            self._next = ticks_add(now, self.wait_ms)
+            if self._ensure_open():
+                self.session.ping(False)
+        if self._lost:
+            self._disconnect(now)
+
+    def _ensure_open(self) -> bool:
+        if not self._open:
+            try:
+                self.transport.open()
+            except OSError as error:
+                self.reason = str(error)
+                return False
+            self._open = True
+        return True
+
+    def _keep(self, now: int) -> None:
+        """Everything that a session needs by time."""
+        session = self.session
+        if ticks_diff(now, self._next) >= 0:
+            self._next = ticks_add(now, self.ping_ms)
+            if not self._known:
+                session.hello()
+            elif ticks_diff(now, self._heard) >= self.ping_ms:
+                session.ping(True)
+        if not self._known:
+            return
+        self._feed()
+        if ticks_diff(now, self._next_time) >= 0:
+            self._next_time = ticks_add(now, _TIME_RETRY_MS if self._times else _TIME_AGAIN_MS)
+            seconds, nanoseconds = self.clock.now()
+            self._asked_us = self.clock.us()
+            session.ask_time(seconds, nanoseconds)
+        if self.state == AGENT_AVAILABLE and not (
+            self._todo or self._steps or self._awaited or self._times
+        ):
+            self.connections += 1
+            self._enter(AGENT_CONNECTED)
+        session.tick(now)
+
+    def _feed(self) -> None:
+        """Create what is not created yet, as far as the window reaches."""
+        while self.session.room():
+            if self._steps is None:
+                if not self._todo:
+                    return
+                self._steps = self._todo.pop(0).create(self)
+            try:
+                next(self._steps)
+            except StopIteration:
+                self._steps = None
+            except WireError as error:
+                self._lost = str(error)
+                return
+
+    def _enter(self, state: int) -> None:
+        self.state = state
+        if self.on_state:
+            try:
+                self.on_state(state)
+            except Exception as error:
+                self.log("uros: on_state raised %r" % error)
+
+    def _refused(self, what: str, status: int) -> None:
+        self._lost = "the agent refuses %s: %s" % (what, ids.status_name(status))
+        self.log("uros: " + self._lost)
+
+    def _disconnect(self, now: int) -> None:
+        self.reason = self._lost
+        self._lost = ""
+        was = self.state
+        self.unconfirmed += len(self.session.out)
+        self.session.renew()
+        self._known = False
+        self._todo.clear()
+        self._steps = None
+        self._awaited.clear()
+        self._by_id.clear()
+        self._open = False
+        self.transport.close()
+        for entity in self._entities:
+            entity.on_lost()
+        if was != WAITING_AGENT:
+            self._enter(AGENT_DISCONNECTED)
+        # Not at once again: an agent that refuses would be asked for ever without a pause.
+        self._next = ticks_add(now, self.wait_ms)
+        self._enter(WAITING_AGENT)
+
+    def close(self) -> None:
+        """Take leave of the agent, waiting for its answer no longer than ``wait_ms``."""
+        if self._known:
+            end = ticks_add(self.clock.ms(), self.wait_ms)
+            self.session.goodbye()
+            try:
+                while self._known and ticks_diff(end, self.clock.ms()) > 0:
+                    message = self.transport.receive(ticks_diff(end, self.clock.ms()))
+                    if message is not None:
+                        self.session.receive(message, self.clock.ms())
+            except OSError:  # the line went first
+                pass
+        self._lost = "closed"
+        self._disconnect(self.clock.ms())
+
+    def _send(self, message: "Buffer") -> None:
+        if self._open:
+            try:
+                self.transport.send(message)
+            except OSError as error:
+                self._lost = "the line is gone: %s" % error
+
+
+def _later(time: "tuple[int, int]", us: int) -> "tuple[int, int]":
+    """A time in seconds and nanoseconds, and so many microseconds."""
+    nanoseconds = time[1] + us * 1000
+    return time[0] + nanoseconds // 1000000000, nanoseconds % 1000000000

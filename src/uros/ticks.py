@@ -1,0 +1,41 @@
+"""The platform's ticks and sleep, with MicroPython's names, on MicroPython and on CPython.
+
+Ticks count modulo 2^30, as everywhere in uros.
+"""
+
+import time as _time
+
+try:
+    from typing import Any, Final
+except ImportError:  # MicroPython
+    pass
+
+_MASK: Final = 0x3FFFFFFF
+time: "Any" = _time
+
+if hasattr(time, "ticks_ms"):  # MicroPython
+
+    def ticks_ms() -> int:
+        ms: int = time.ticks_ms() & _MASK
+        return ms
+
+    def ticks_us() -> int:
+        us: int = time.ticks_us() & _MASK
+        return us
+
+    def sleep_ms(ms: int) -> None:
+        time.sleep_ms(ms)
+
+else:
+
+    def ticks_ms() -> int:
+        """Milliseconds modulo 2^30."""
+        return time.monotonic_ns() // 1000000 & _MASK
+
+    def ticks_us() -> int:
+        """Microseconds modulo 2^30."""
+        return time.monotonic_ns() // 1000 & _MASK
+
+    def sleep_ms(ms: int) -> None:
+        """Do nothing for so long."""
+        time.sleep(ms / 1000)

@@ -1,0 +1,105 @@
+"""Boards and agent in one process: each board a pair of sockets, with no network between them."""
+
+from __future__ import annotations
+
+import select
+import socket
+
+from .base import Host, ServerTransport
+
+_LARGEST = 65536
+
+
+class MemoryServer(ServerTransport):
+    """The agent's end. A peer is the number that :meth:`connect` gave it."""
+
+    name = "MemoryAgent"
+    kind = "MEMORY"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._host: Host | None = None
+        self._peers: dict[int, socket.socket] = {}
+        self._buf = bytearray(_LARGEST)
+        self._view = memoryview(self._buf)
+        self._count = 0
+
+    def open(self, host: Host) -> None:
+        self._host = host
+        for number in self._peers:
+            self._watch(number)
+
+    def connect(self, mtu: int = 512) -> MemoryTransport:
+        """A line for one more board. Call it before the agent runs, or in its thread."""
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        for end in (ours, theirs):
+            end.setblocking(False)
+        self._count += 1
+        self._peers[self._count] = ours
+        if self._host is not None:
+            self._watch(self._count)
+        return MemoryTransport(theirs, mtu)
+
+    def _watch(self, number: int) -> None:
+        assert self._host is not None
+        self._host.watch(self._peers[number].fileno(), lambda: self._ready(number))
+
+    def _ready(self, number: int) -> None:
+        host = self._host
+        assert host is not None
+        try:
+            length = self._peers[number].recv_into(self._buf)
+        except BlockingIOError:
+            return
+        except OSError:
+            length = 0
+        if length:
+            self.deliver(host, number, self._buf, self._view, length, host.now())
+
+    def send(self, peer: int, datagram: bytes) -> None:
+        try:
+            self._peers[peer].send(datagram)
+        except OSError:  # full, or the board is gone
+            pass
+
+    def address(self, peer: int) -> str:
+        return f"memory:{peer}"
+
+    def close(self) -> None:
+        for end in self._peers.values():
+            if self._host is not None:
+                self._host.unwatch(end.fileno())
+            end.close()
+        self._peers.clear()
+
+
+class MemoryTransport:
+    """The board's end."""
+
+    def __init__(self, end: socket.socket, mtu: int) -> None:
+        self.mtu = mtu
+        self._socket = end
+
+    def open(self) -> None:
+        """It is open."""
+
+    def close(self) -> None:
+        """It stays open for the next session; what came for this one is dropped."""
+        while self.receive(0) is not None:
+            pass
+
+    def send(self, message: bytes | bytearray | memoryview) -> None:
+        """See :class:`uros.client.connection.Transport`."""
+        try:
+            self._socket.send(message)
+        except OSError:  # full, or there is no agent
+            pass
+
+    def receive(self, timeout_ms: int) -> bytes | None:
+        """See :class:`uros.client.connection.Transport`."""
+        if not select.select([self._socket], [], [], timeout_ms / 1000)[0]:
+            return None
+        try:
+            return self._socket.recv(_LARGEST) or None
+        except OSError:
+            return None
