@@ -62,7 +62,9 @@ class Peer:
         cls = find_type(type)
 
         def arrived(message):
-            say(event="message", topic=topic, cdr=bytes(serialize_message(message)).hex())
+            now = self.node.get_clock().now().nanoseconds
+            cdr = bytes(serialize_message(message)).hex()
+            say(event="message", topic=topic, cdr=cdr, now=now)
 
         if topic not in self.subscriptions:
             self.subscriptions[topic] = self.node.create_subscription(

@@ -18,12 +18,13 @@ TRANSPORTS = ("udp", "tcp", "serial", "pseudoterminal")
 class RunningAgent:
     """``line(n)`` is the line of the n-th client; ``lines`` are all that were given out."""
 
-    def __init__(self, transport, middleware, domain, level):
+    def __init__(self, transport, middleware, domain, level, device=None):
         self.kind = transport
         self.said = io.StringIO()
         self.middleware = open_middleware(middleware)
         self.agent = Agent(self.middleware, Log(level, self.said), domain_override=domain)
         self._master = self._slave = -1
+        self._device = device
         self.transport = self._make(transport)
         self.server = Server(self.agent, [self.transport])
         self.error = None
@@ -44,6 +45,8 @@ class RunningAgent:
 
         if kind == "pseudoterminal":
             return PseudoTerminalServer()
+        if self._device is not None:
+            return SerialServer(str(self._device))
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         return SerialServer(os.ttyname(self._slave))
@@ -86,9 +89,12 @@ class RunningAgent:
 
 
 @contextmanager
-def running_agent(transport="udp", middleware="dds", domain=0, level=4):
-    """An agent that runs until the end of the block, and must not have failed inside."""
-    running = RunningAgent(transport, middleware, domain, level)
+def running_agent(transport="udp", middleware="dds", domain=0, level=4, device=None):
+    """An agent that runs until the end of the block, and must not have failed inside.
+
+    ``device`` is the line of a board that is there already; without it, serial has one of its own.
+    """
+    running = RunningAgent(transport, middleware, domain, level, device)
     running.thread.start()
     assert running.server.ready.wait(SECONDS)
     try:

@@ -14,7 +14,10 @@ START_SECONDS = 30.0
 
 
 class RosPeer:
-    """Starts the process; a context manager. ``messages`` are CDR samples by topic."""
+    """Starts the process; a context manager.
+
+    ``messages`` are CDR samples by topic, ``times`` when they came by rclpy's clock, in ns.
+    """
 
     def __init__(self, python, domain):
         environment = dict(os.environ, ROS_DOMAIN_ID=str(domain), PYTHONWARNINGS="default")
@@ -32,6 +35,7 @@ class RosPeer:
         self._thread.start()
         self._number = 0
         self.messages = collections.defaultdict(collections.deque)
+        self.times = collections.defaultdict(collections.deque)
 
     def _read(self):
         for line in self._process.stdout:
@@ -47,6 +51,7 @@ class RosPeer:
         assert event is not None, f"the peer has ended (status {self._process.wait()})"
         if event.get("event") == "message":
             self.messages[event["topic"]].append(bytes.fromhex(event["cdr"]))
+            self.times[event["topic"]].append(event["now"])
         return event
 
     def __enter__(self):
@@ -81,7 +86,11 @@ class RosPeer:
 
     def message(self, topic, seconds=15.0):
         """The next message of a topic that is subscribed to."""
+        return self.timed_message(topic, seconds)[0]
+
+    def timed_message(self, topic, seconds=15.0):
+        """The next message of a topic, and when it came."""
         deadline = time.monotonic() + seconds
         while not self.messages[topic]:
             self._next(deadline, f"that anything came on {topic}")
-        return self.messages[topic].popleft()
+        return self.messages[topic].popleft(), self.times[topic].popleft()

@@ -1,16 +1,18 @@
-"""``uros demo``: a board, an agent and a ROS 2 listener, on this machine alone.
+"""``uros demo``: a virtual board, an agent and a ROS 2 listener, on this machine alone.
 
-The board says again what a real micro-ROS board once said: the recording
-``rclc_temperature_humidity``. It talks by UDP to an agent in a process of its
-own; what is shown has come from there by DDS.
+The board is an EK-RA6M5 with three I2C sensors, its firmware that of ``firmware/ra6m5_sensor_node``.
+Its USB line is a pseudo-terminal, on which an agent listens in a process of its own; what is shown
+has come from there by DDS.
 """
 
 from __future__ import annotations
 
 import argparse
+import bisect
 import os
 import queue
 import shutil
+import statistics
 import subprocess
 import sys
 import threading
@@ -21,13 +23,27 @@ from .common import domain, positive_float
 from .errors import ToolError
 
 if TYPE_CHECKING:
-    from ..boards.recorded import Record
+    from pathlib import Path
+
+    from ..boards.running import RunningBoard
     from ..host.network import Received
 
-RECORDING: Final = "rclc_temperature_humidity"
-_START_SECONDS: Final = 15.0
+BOARD: Final = "ra6m5_sensor_node"
+_CLIMATE, _THERMOCOUPLE, _LIGHT = 0x44, 0x67, 0x13
+# What the board publishes, and the I2C device that it read just before; none: it comes by event.
+TOPICS: Final = (
+    ("/sensors/room_temp", "sensor_msgs/msg/Temperature", _CLIMATE),
+    ("/sensors/humidity", "sensor_msgs/msg/RelativeHumidity", _CLIMATE),
+    ("/sensors/thermocouple_hot", "sensor_msgs/msg/Temperature", _THERMOCOUPLE),
+    ("/sensors/thermocouple_cold", "sensor_msgs/msg/Temperature", _THERMOCOUPLE),
+    ("/sensors/proximity", "std_msgs/msg/UInt16", _LIGHT),
+    ("/sensors/ambient_light", "std_msgs/msg/UInt16", _LIGHT),
+    ("/sensors/diagnostic", "std_msgs/msg/String", None),
+)
+# Delays of so many of the last samples make the median while it runs.
+_RECENT: Final = 50
 _REDRAW_SECONDS: Final = 0.25
-_VALUE_WIDTH: Final = 48
+_VALUE_WIDTH: Final = 40
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,76 +55,100 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--domain", type=domain, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, or 0)"
     )
+    parser.add_argument(
+        "--engine", choices=("cpython", "micropython"), default="cpython",
+        help="what runs the board's program (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--fault", action="append", default=[], metavar="SPEC",
+        help="a fault of the hardware, as with 'uros board run'; may be repeated",
+    )  # fmt: skip
+
+
+class _Reads:
+    """When each I2C device's reads ended, by this machine's monotonic clock."""
+
+    def __init__(self) -> None:
+        self._ends: dict[int, list[int]] = {}
+
+    def ended(self, address: int, ns: int) -> None:
+        """Another thread's call."""
+        self._ends.setdefault(address, []).append(ns)
+
+    def before(self, address: int, ns: int) -> int | None:
+        """The last end of a read of the device until ``ns``."""
+        ends = self._ends.get(address, [])
+        at = bisect.bisect_right(ends, ns)
+        return ends[at - 1] if at else None
 
 
 class _Topic:
     """What was heard of one topic."""
 
-    def __init__(self, name: str, type_name: str) -> None:
+    def __init__(self, name: str, type_name: str, device: int | None, reads: _Reads) -> None:
         from ..interfaces import load
 
         self.name = name
         self.type_name = type_name
         self.count = 0
         self.value = "waiting…"
-        self._first = self._last = 0
+        self._device = device
+        self._reads = reads
+        self._heard: list[int] = []  # monotonic ns
         self._class: Any = load(type_name)
 
     def heard(self, sample: Received) -> None:
         from ..interfaces.codec import from_cdr
 
+        self._heard.append(time.monotonic_ns())
         self.count += 1
-        self._first = self._first or sample.received_ns
-        self._last = sample.received_ns
         message = from_cdr(self._class, sample.cdr)
         fields = [
             f"{name}: {getattr(message, name):g}" if kind in ("double", "float") else
             f"{name}: {getattr(message, name)}"
             for name, kind in message.get_fields_and_field_types().items()
-            if name != "header"
+            if name not in ("header", "variance")
         ]  # fmt: skip
         text = ", ".join(fields)
         self.value = text if len(text) <= _VALUE_WIDTH else text[: _VALUE_WIDTH - 1] + "…"
 
     @property
-    def rate(self) -> float:
-        """Messages a second between the first and the last."""
-        return (self.count - 1) * 1e9 / (self._last - self._first) if self.count > 1 else 0.0
+    def rate(self) -> float | None:
+        """Messages a second between the first and the last; None: not known, or by event."""
+        if self.count < 2 or self._device is None:
+            return None
+        return (self.count - 1) * 1e9 / (self._heard[-1] - self._heard[0])
+
+    def delay_ms(self, last: int | None = None) -> float | None:
+        """Median from the end of the sensor's read to here, of the last so many samples."""
+        if self._device is None:
+            return None
+        delays = []
+        for ns in self._heard[-last:] if last else self._heard:
+            end = self._reads.before(self._device, ns)
+            if end is not None:
+                delays.append((ns - end) / 1e6)
+        return statistics.median(delays) if delays else None
 
 
 class _Agent:
     """The agent as a child process, its log as lines."""
 
-    def __init__(self, domain_id: int) -> None:
+    def __init__(self, device: Path, domain_id: int) -> None:
         self._lines: queue.Queue[str] = queue.Queue()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "uros", "agent", "udp4", "--port", "0",
+            [sys.executable, "-m", "uros", "agent", "serial", "--dev", str(device),
              "--domain", str(domain_id), "--stop-at-eof"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, encoding="utf-8",
-            start_new_session=True,  # Ctrl-C is for us: the board takes its leave first
+            start_new_session=True,  # Ctrl-C is for us: the board goes first
         )  # fmt: skip
         threading.Thread(target=self._read, daemon=True).start()
-        self.port = self._wait_for_port()
 
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             self._lines.put(line.rstrip())
-
-    def _wait_for_port(self) -> int:
-        end = time.monotonic() + _START_SECONDS
-        while True:
-            try:
-                line = self._lines.get(timeout=max(0.0, min(0.2, end - time.monotonic())))
-            except queue.Empty:
-                if self.ended or time.monotonic() > end:
-                    self.close()
-                    raise ToolError("the agent did not start") from None
-                continue
-            print(line)
-            if "running..." in line:
-                return int(line.rsplit("port: ", 1)[1])
 
     def print_news(self) -> None:
         while not self._lines.empty():
@@ -134,31 +174,45 @@ class _Agent:
 def run(args: argparse.Namespace) -> int:
     # Set before DDS is loaded, here and in the agent: a demo stays on this machine.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    from ..boards.recorded import RecordedBoard, UdpBoard, load, packaged
+    from ..boards.running import RunningBoard, StartError
+    from ..qos import sensor_data_profile
     from .common import join
 
     args.interfaces = []
-    topics = [_Topic(*it) for it in recorded_topics(load(packaged(RECORDING)))]
+    reads = _Reads()
+    topics = [_Topic(*it, reads) for it in TOPICS]
     with join(args) as network:
-        print(f"An agent for boards, in ROS domain {network.domain}:")
-        agent = _Agent(network.domain)
+        # The readers first: what is published by event is said once.
+        for topic in topics:
+            network.listen(topic.name, topic.type_name, sensor_data_profile(), topic.heard)
+        board = RunningBoard(
+            BOARD, engine=args.engine, faults=args.fault, on_read=reads.ended
+        )
         try:
-            from ..qos import sensor_data_profile
-
-            for topic in topics:
-                network.listen(topic.name, topic.type_name, sensor_data_profile(), topic.heard)
-            board = RecordedBoard(load(packaged(RECORDING)), endless=True)
-            with UdpBoard(board, ("127.0.0.1", agent.port)):
-                try:
-                    _watch(network, agent, topics, args.seconds)
-                except KeyboardInterrupt:
-                    print()
+            board.start()
+        except StartError as error:
+            raise ToolError(str(error)) from error
+        try:
+            print(
+                f"A virtual EK-RA6M5 (engine {args.engine}) on {board.path}, and an agent for it"
+                f" in ROS domain {network.domain}:"
+            )
+            agent = _Agent(board.path, network.domain)
+            try:
+                _watch(network, agent, board, topics, args.seconds)
+            except KeyboardInterrupt:
+                print()
+            finally:
+                board.stop()
+                agent.close()
         finally:
-            agent.close()
+            board.stop()
     return _summary(topics, args.seconds is not None)
 
 
-def _watch(network: Any, agent: _Agent, topics: list[_Topic], seconds: float | None) -> None:
+def _watch(
+    network: Any, agent: _Agent, board: RunningBoard, topics: list[_Topic], seconds: float | None
+) -> None:
     """Serve the network and show what comes, until the time is up."""
     end = None if seconds is None else time.monotonic() + seconds
     drawn = 0
@@ -167,9 +221,14 @@ def _watch(network: Any, agent: _Agent, topics: list[_Topic], seconds: float | N
         if agent.ended:
             agent.print_news()
             raise ToolError("the agent ended")
-        network.spin(lambda: False, _REDRAW_SECONDS)
+        if board.ended:
+            raise ToolError("the board's program has ended")
+        pause = _REDRAW_SECONDS if end is None else end - time.monotonic()
+        network.spin(lambda: False, max(0.0, min(_REDRAW_SECONDS, pause)))
         if not drawn:
             agent.print_news()
+            while not board.console.empty():
+                print(f"board: {board.console.get()}")
             if any(topic.count for topic in topics):
                 print("\nWhat arrives by DDS (Ctrl-C ends it):\n")
                 drawn = _draw(topics, live)
@@ -180,16 +239,18 @@ def _watch(network: Any, agent: _Agent, topics: list[_Topic], seconds: float | N
 
 def _draw(topics: list[_Topic], live: bool = False) -> int:
     """Print the table, cut to the terminal where it is to be drawn over; its lines."""
-    rows = [("TOPIC", "COUNT", "RATE", "VALUE", "TYPE")]
+    rows = [("TOPIC", "COUNT", "RATE", "DELAY", "VALUE", "TYPE")]
     for it in topics:
-        rate = f"{it.rate:.1f} Hz" if it.count > 1 else "-"
-        rows.append((it.name, str(it.count), rate, it.value, it.type_name))
-    widths = [max(len(row[i]) for row in rows) for i in range(4)]
+        rate = "-" if it.rate is None else f"{it.rate:.1f} Hz"
+        delay = it.delay_ms(_RECENT if live else None)
+        shown = "-" if delay is None else f"{delay:.2f} ms"
+        rows.append((it.name, str(it.count), rate, shown, it.value, it.type_name))
+    widths = [max(len(row[i]) for row in rows) for i in range(5)]
     room = shutil.get_terminal_size().columns - 1
     for row in rows:
-        cells = [row[0].ljust(widths[0]), row[1].rjust(widths[1]),
-                 row[2].rjust(widths[2]), row[3].ljust(widths[3])]  # fmt: skip
-        line = "  ".join([*cells, row[4]])
+        cells = [row[0].ljust(widths[0])]
+        cells += [row[i].rjust(widths[i]) for i in (1, 2, 3)]
+        line = "  ".join([*cells, row[4].ljust(widths[4]), row[5]])
         # A line that wraps would be two to the cursor that goes up again.
         print(f"{line[:room]}\033[K" if live else line, flush=True)
     return len(rows)
@@ -198,35 +259,10 @@ def _draw(topics: list[_Topic], live: bool = False) -> int:
 def _summary(topics: list[_Topic], timed: bool) -> int:
     print("\nSummary:\n")
     _draw(topics)
+    print("\nDELAY: median from the end of a sensor's I2C read to the DDS reader in this process.")
     missing = [topic.name for topic in topics if not topic.count]
     if missing:
         print(f"\nNot heard: {', '.join(missing)}", file=sys.stderr)
         return 1
     print("\nEvery topic was heard." if timed else "")
     return 0
-
-
-def recorded_topics(records: list[Record]) -> list[tuple[str, str]]:
-    """``(topic, type)``, ROS names, of what the first board of a recording publishes."""
-    from ..boards.recorded import submessages
-    from ..host import names
-    from ..wire import entities, ids
-    from ..wire.cdr import Reader
-
-    found = []
-    for record in records:
-        if not record.from_client or record.client:
-            continue
-        for kind, flags, payload in submessages(record.data):
-            if kind != ids.CREATE:
-                continue
-            little = bool(flags & ids.FLAG_LITTLE_ENDIAN)
-            created = entities.pull_create(Reader(payload, 0, len(payload), little))
-            content = created[4]
-            if created[2] != ids.KIND_TOPIC or not isinstance(content, bytes):
-                continue
-            name, type_name = entities.pull_binary_topic(Reader(content, 0, len(content), little))
-            topic = names.topic_from_dds(name)
-            if topic and type_name:
-                found.append((topic, names.type_from_dds(type_name)))
-    return found

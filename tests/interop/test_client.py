@@ -1,0 +1,111 @@
+"""Programs on our client, on both Pythons, to a real rclpy node and back, and to each other."""
+
+import shutil
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, leased_domain
+from support.agent import running_agent
+from support.peer import RosPeer
+
+from uros.boards.running import RunningBoard
+from uros.interfaces import load as load_type
+from uros.interfaces.codec import from_cdr, to_cdr
+
+pytestmark = pytest.mark.timeout(120)
+
+INT32 = "std_msgs/msg/Int32"
+STRING = "std_msgs/msg/String"
+TWIST = "geometry_msgs/msg/Twist"
+IMAGE = "sensor_msgs/msg/CompressedImage"
+HARDWARE = "ra6m5_sensor_node"
+
+
+@pytest.fixture(scope="module")
+def domain():
+    with leased_domain() as number:
+        yield number
+
+
+@pytest.fixture(scope="module")
+def peer(ros_python, domain):
+    with RosPeer(ros_python, domain) as running:
+        yield running
+
+
+def program(folder: Path, name: str, other: str) -> Path:
+    """The echo program with these names."""
+    shutil.copytree(ROOT / "tests/firmware/echo", folder / name)
+    (folder / name / "config.py").write_text(f"NAME = {name!r}\nPEER = {other!r}\n")
+    return folder / name
+
+
+@pytest.fixture(params=["cpython", "micropython"])
+def boards(request, tmp_path, domain):
+    """Two boards that know of each other, with an agent each; their names."""
+    names = [f"{request.param}_{it}" for it in ("left", "right")]
+    with ExitStack() as stack:
+        for name, other in (names, names[::-1]):
+            board = RunningBoard(
+                program(tmp_path, name, other), board=HARDWARE, engine=request.param,
+                link=tmp_path / f"tty_{name}",
+            )  # fmt: skip
+            stack.enter_context(board)
+            stack.enter_context(running_agent("serial", "dds", domain, device=board.path))
+        yield names
+
+
+def samples(type_name):
+    """Ten messages of a type, the last ones odd."""
+    cls = load_type(type_name)
+    for i in range(10):
+        message = cls()
+        if type_name == INT32:
+            message.data = (0, 1, -1, 2**31 - 1, -(2**31), 5, 6, 7, 8, 9)[i]
+        elif type_name == STRING:
+            message.data = ("", "a", "grüße ☃ 🙂", "x" * 2000, "\n", "5", "6", "7", "8", "9")[i]
+        elif type_name == TWIST:
+            message.linear.x, message.angular.z = 0.1 * i, -1e300 * i
+        else:
+            message.header.stamp.sec, message.header.frame_id = i, "myframe"
+            message.format = "jpeg"
+            message.data = bytes(range(256)) * 58 + bytes(152 + i)
+        yield message
+
+
+def send(peer, topic, message):
+    cdr = [to_cdr(message).hex()]
+    assert peer.do("publish", topic=topic, type=message._TYPE, cdr=cdr)["subscribers"]
+
+
+@pytest.mark.parametrize(
+    ("name", "type_name"),
+    [("number", INT32), ("text", STRING), ("twist", TWIST), ("picture", IMAGE)],
+)
+def test_messages_go_to_a_board_and_come_back(boards, peer, name, type_name):
+    topic = f"/{boards[0]}/{name}"
+    peer.do("subscribe", topic=topic + "_back", type=type_name)
+    first, *others = samples(type_name)
+    # The way back is found some time after the way there, and what is volatile waits for nobody.
+    while not peer.messages[topic + "_back"]:
+        send(peer, topic, first)
+        peer.do("node", namespace="/none", name="none", publishers={}, seconds=0.5)
+    peer.message(topic + "_back")
+    for message in others:
+        send(peer, topic, message)
+    back = [from_cdr(load_type(type_name), peer.message(topic + "_back")) for _ in others]
+    while back[0] == first:  # sent more than once
+        back = [*back[1:], from_cdr(load_type(type_name), peer.message(topic + "_back"))]
+    assert back == others
+    peer.do("unsubscribe", topic=topic + "_back")
+
+
+def test_two_boards_serve_each_other(boards, peer):
+    for name, other in (boards, boards[::-1]):
+        topic = f"/{name}/answers"
+        peer.do("subscribe", topic=topic, type=STRING)
+        heard = [from_cdr(load_type(STRING), peer.message(topic)).data for _ in range(4)]
+        first = int(heard[0].rstrip("]").rpartition("[")[2])
+        assert heard == [f"{n % 2 == 1} {other}[{n}]" for n in range(first, first + 4)]
+        peer.do("unsubscribe", topic=topic)

@@ -1,0 +1,133 @@
+"""A node of ours that joins by DDS itself, with a real rclpy node, both ways."""
+
+import queue
+import threading
+from contextlib import contextmanager
+
+import pytest
+from conftest import leased_domain
+from support.nodes import MESSAGES, Int32, String
+from support.peer import RosPeer
+
+import uros
+from uros.interfaces.codec import from_cdr, to_cdr
+from uros.qos import QoSProfile, ReliabilityPolicy
+
+pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.fixture(scope="module")
+def domain():
+    with leased_domain() as number:
+        yield number
+
+
+@pytest.fixture(scope="module")
+def peer(ros_python, domain):
+    with RosPeer(ros_python, domain) as running:
+        yield running
+
+
+@contextmanager
+def spinning(node):
+    """The node runs in a thread, alone with all that is its own, until the end of the block."""
+    end = threading.Event()
+    failed = []
+
+    def run():
+        try:
+            while not end.is_set():
+                node.spin_once(0.05)
+            node.destroy_node()
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield node
+    finally:
+        end.set()
+        thread.join()
+    assert not failed, failed
+
+
+@pytest.mark.parametrize("type", MESSAGES, ids=lambda type: type.__name__)
+def test_rclpy_hears_what_a_host_publishes(peer, domain, type):
+    sent = MESSAGES[type]
+    topic = f"/from_host/{type.__name__.lower()}"
+    node = uros.Node("host_talker", domain_id=domain)
+    publisher = node.create_publisher(type, topic)
+    node.create_timer(0.02, lambda: publisher.publish(sent[publisher.published % len(sent)]))
+    with spinning(node):
+        peer.do("subscribe", topic=topic, type=type._TYPE)
+        got = [from_cdr(type, peer.message(topic)) for _ in range(2 * len(sent) + 1)]
+    first = sent.index(got[0])
+    assert got == [sent[(first + i) % len(sent)] for i in range(len(got))]
+    peer.do("unsubscribe", topic=topic)
+
+
+@pytest.mark.parametrize("reliability", ["reliable", "best_effort"])
+@pytest.mark.parametrize("type", MESSAGES, ids=lambda type: type.__name__)
+def test_a_host_hears_what_rclpy_publishes(peer, domain, type, reliability):
+    sent = MESSAGES[type]
+    topic = f"/to_host/{type.__name__.lower()}_{reliability}"
+    came = queue.Queue()
+    node = uros.Node("host_listener", domain_id=domain)
+    qos = QoSProfile(10, ReliabilityPolicy.RELIABLE)
+    if reliability == "best_effort":
+        qos.reliability = ReliabilityPolicy.BEST_EFFORT
+    node.create_subscription(type, topic, came.put, qos)
+
+    def publish(*messages):
+        cdr = [to_cdr(message).hex() for message in messages]
+        assert peer.do("publish", topic=topic, type=type._TYPE, cdr=cdr)["subscribers"] == 1
+
+    with spinning(node):
+        # rclpy knows the reader before that knows rclpy: what is published meanwhile is lost.
+        for _ in range(50):
+            publish(sent[0])
+            try:
+                assert came.get(timeout=0.1) == sent[0]
+                break
+            except queue.Empty:
+                pass
+        publish(*sent[1:])
+        got = []
+        while len(got) < len(sent) - 1:
+            message = came.get(timeout=15)
+            if message != sent[0]:
+                got.append(message)
+    assert got == sent[1:]
+
+
+def test_rclpy_sees_the_node_with_its_endpoints_until_it_is_destroyed(peer, domain):
+    node = uros.Node("weather", namespace="/on_host", domain_id=domain)
+    node.create_publisher(Int32, "count")
+    node.create_publisher(String, "~/text")
+    node.create_subscription(Int32, "/heard", print)
+    topics = {"/on_host/count": Int32._TYPE, "/on_host/weather/text": String._TYPE}
+    with spinning(node):
+        seen = peer.do("node", namespace="/on_host", name="weather", publishers=topics)
+        assert seen["publishers"] is not None, seen
+        assert seen["publishers"].items() == {t: [k] for t, k in topics.items()}.items()
+        infos = peer.do("topic", topic="/heard", of="subscriptions")["infos"]
+        assert [(it["type"], it["reliability"]) for it in infos] == [(Int32._TYPE, "RELIABLE")]
+    gone = peer.do("gone", namespace="/on_host", name="weather", seconds=5)
+    assert gone["gone"], gone
+
+
+def test_a_node_that_never_spins_is_seen_and_heard(peer, domain):
+    """A program that does nothing but publish."""
+    node = uros.Node("mute", domain_id=domain)
+    publisher = node.create_publisher(Int32, "/never_spun")
+    peer.do("subscribe", topic="/never_spun", type=Int32._TYPE)
+    while not peer.messages["/never_spun"]:
+        publisher.publish(Int32(data=5))
+        peer.do("node", namespace="/none", name="none", publishers={}, seconds=0.1)
+    assert from_cdr(Int32, peer.message("/never_spun")) == Int32(data=5)
+    publisher.publish(Int32(data=6))
+    topics = {"/never_spun": Int32._TYPE}
+    assert peer.do("node", namespace="/", name="mute", publishers=topics)["publishers"]
+    node.destroy_node()
+    assert peer.do("gone", namespace="/", name="mute", seconds=5)["gone"]

@@ -1,0 +1,132 @@
+"""The virtual RA6M5 board, through our agent, to a real rclpy node."""
+
+import pytest
+from conftest import leased_domain
+from support.agent import running_agent
+from support.peer import RosPeer
+
+from uros.boards.running import RunningBoard
+from uros.interfaces import load as load_type
+from uros.interfaces.codec import from_cdr
+from uros.tools.demo import TOPICS
+
+pytestmark = pytest.mark.timeout(120)
+
+NODE = "ra6m5_sensor_node"
+DIAGNOSTIC = "/sensors/diagnostic"
+TYPES = {topic: type_name for topic, type_name, _ in TOPICS}
+FRAMES = {
+    "/sensors/room_temp": "sht3x",
+    "/sensors/humidity": "sht3x",
+    "/sensors/thermocouple_hot": "mcp9600",
+    "/sensors/thermocouple_cold": "mcp9600",
+}
+# What is plausible in a room, in the units of the messages: °C, a fraction, counts.
+PLAUSIBLE = {
+    "/sensors/room_temp": (5.0, 45.0),
+    "/sensors/humidity": (0.05, 0.95),
+    "/sensors/thermocouple_hot": (5.0, 400.0),
+    "/sensors/thermocouple_cold": (5.0, 60.0),
+    "/sensors/proximity": (1, 65535),
+    "/sensors/ambient_light": (0, 65535),
+}
+STAMP_NS = 50_000_000
+
+
+@pytest.fixture(scope="module")
+def domain():
+    with leased_domain() as number:
+        yield number
+
+
+@pytest.fixture(scope="module")
+def peer(ros_python, domain):
+    with RosPeer(ros_python, domain) as running:
+        for topic, type_name in TYPES.items():
+            running.do("subscribe", topic=topic, type=type_name)
+        yield running
+
+
+@pytest.fixture
+def board(tmp_path, peer):
+    with RunningBoard(NODE, link=tmp_path / "ttyACM0") as running:
+        yield running
+
+
+@pytest.fixture
+def agent(board, domain):
+    with running_agent("serial", "dds", domain, device=board.path) as running:
+        yield running
+
+
+def read(topic, cdr):
+    return from_cdr(load_type(TYPES[topic]), cdr)
+
+
+def forget(peer, topic):
+    """What has come of a topic so far."""
+    peer.messages[topic].clear()
+    peer.times[topic].clear()
+
+
+def diagnostics(peer, text):
+    """Diagnostic lines up to one with this text."""
+    lines = []
+    while not lines or text not in lines[-1]:
+        lines.append(read(DIAGNOSTIC, peer.message(DIAGNOSTIC, 30)).data)
+    return lines
+
+
+def test_all_seven_topics_arrive_with_types_frames_units_and_stamps(agent, board, peer):
+    seen = peer.do("node", namespace="/", name=NODE, publishers=TYPES)
+    assert seen["publishers"] == {topic: [name] for topic, name in TYPES.items()}
+    assert diagnostics(peer, "initialized") == [f"{NODE} initialized"]
+    for topic in PLAUSIBLE:
+        for _ in range(3):
+            cdr, now = peer.timed_message(topic)
+            message = read(topic, cdr)
+            low, high = PLAUSIBLE[topic]
+            if topic in FRAMES:
+                assert message.header.frame_id == FRAMES[topic]
+                stamp = message.header.stamp
+                assert abs(stamp.sec * 10**9 + stamp.nanosec - now) < STAMP_NS, (stamp, now)
+                assert message.variance == 0.0
+                name = "relative_humidity" if "humidity" in topic else "temperature"
+                value = getattr(message, name)
+            else:
+                value = message.data
+            assert low <= value <= high, (topic, value)
+
+
+def test_a_sensor_fails_and_comes_back_and_the_others_go_on(agent, board, peer):
+    diagnostics(peer, "initialized")
+    board.fault("sht3x:nack")
+    assert "SHT3x read failed" in diagnostics(peer, "SHT3x")[-1]
+    forget(peer, "/sensors/room_temp")
+    forget(peer, "/sensors/ambient_light")
+    for _ in range(2):
+        peer.message("/sensors/ambient_light")
+    assert not peer.messages["/sensors/room_temp"]
+    board.fault("sht3x:off")
+    diagnostics(peer, "SHT3x read again")
+    peer.message("/sensors/room_temp")
+
+
+def test_the_line_unplugged_and_plugged_again(agent, board, peer):
+    diagnostics(peer, "initialized")
+    board.fault("usb:unplug")
+    board.wait_usb("detached")
+    board.fault("usb:plug")
+    board.wait_usb("configured")
+    for topic in PLAUSIBLE:
+        forget(peer, topic)
+        peer.message(topic)
+
+
+def test_an_agent_that_is_started_again_is_told_everything_again(board, peer, domain):
+    for _ in range(2):
+        with running_agent("serial", "dds", domain, device=board.path):
+            diagnostics(peer, "initialized")
+            for topic in PLAUSIBLE:
+                forget(peer, topic)
+                peer.message(topic)
