@@ -1,4 +1,4 @@
-"""uros demo: the recorded board, the agent as a process, and what comes by DDS."""
+"""uros demo: the virtual board, the agent as a process, and what comes by DDS."""
 
 import os
 import re
@@ -9,14 +9,7 @@ import sys
 
 import pytest
 
-from uros.boards.recorded import load, packaged
 from uros.tools import demo
-from uros.tools.errors import ToolError
-
-TOPICS = [
-    ("/garden/temperature", "sensor_msgs/msg/Temperature"),
-    ("/garden/humidity", "sensor_msgs/msg/RelativeHumidity"),
-]
 
 
 def run(domain, *arguments):
@@ -26,33 +19,51 @@ def run(domain, *arguments):
     )  # fmt: skip
 
 
+def row(done, topic):
+    """The topic's row of the summary: count, rate, delay, value and type."""
+    (line,) = re.findall(rf"{topic} .*", done.stdout.split("Summary:")[1])
+    return re.split(r" {2,}", line)[1:]
+
+
 def test_every_topic_is_heard_and_the_end_is_in_time(own_domain_id):
-    done = run(own_domain_id, "--seconds", "4")
+    done = run(own_domain_id, "--seconds", "6")
     assert done.returncode == 0, done.stdout + done.stderr
     for what in ("datawriter created", "What arrives by DDS", "Every topic was heard."):
         assert what in done.stdout
-    for name, type_name in TOPICS:
-        row = rf"{name} +([1-9]\d*) +\d+\.\d Hz +\w+: [0-9.]+, variance: [0-9.]+ +{type_name}"
-        assert re.search(row, done.stdout.split("Summary:")[1])
+    for topic, type_name, device in demo.TOPICS:
+        count, rate, delay, value, shown_type = row(done, topic)
+        assert int(count) >= 1
+        assert shown_type == type_name
+        if device is None:
+            assert (rate, delay, value) == ("-", "-", "data: ra6m5_sensor_node initialized")
+        else:
+            assert re.fullmatch(r"\d+\.\d Hz", rate), rate
+            assert re.fullmatch(r"\d+\.\d\d ms", delay), delay
 
 
-def test_the_topics_are_those_of_the_recording():
-    assert demo.recorded_topics(load(packaged(demo.RECORDING))) == TOPICS
+def test_a_sensor_that_is_not_there_is_told_and_not_heard(own_domain_id):
+    done = run(own_domain_id, "--seconds", "5", "--fault", "sht3x:absent")
+    assert done.returncode == 1
+    assert "Not heard: /sensors/room_temp, /sensors/humidity" in done.stderr
+    assert "SHT3x read failed" in row(done, "/sensors/diagnostic")[3]
 
 
-def test_a_topic_that_was_not_heard_is_named_and_fails(capsys):
-    heard = demo._Topic(*TOPICS[0])
-    heard.count = 1
-    assert demo._summary([heard], True) == 0
-    assert demo._summary([heard, demo._Topic(*TOPICS[1])], True) == 1
-    assert "Not heard: /garden/humidity" in capsys.readouterr().err
+def test_an_unknown_fault_is_refused_with_those_there_are(own_domain_id):
+    done = run(own_domain_id, "--seconds", "5", "--fault", "sht3x:nonsense")
+    assert done.returncode == 1
+    assert "nack" in done.stderr and "Traceback" not in done.stderr
 
 
-def test_an_agent_that_does_not_start_is_an_error(monkeypatch, capsys):
-    monkeypatch.setattr(demo, "_START_SECONDS", 5.0)
-    with pytest.raises(ToolError, match="did not start"):
-        demo._Agent(999)  # refused by the agent's command line
-    assert "is not a ROS domain" in capsys.readouterr().out
+def test_delays_are_from_the_devices_last_read_before():
+    reads = demo._Reads()
+    for ns in (1_000_000, 5_000_000, 9_000_000):
+        reads.ended(0x44, ns)
+    reads.ended(0x67, 6_900_000)
+    topic = demo._Topic("/t", "std_msgs/msg/UInt16", 0x44, reads)
+    assert topic.delay_ms() is None
+    topic._heard = [2_000_000, 7_000_000, 9_500_000]
+    assert topic.delay_ms() == 1.0
+    assert topic.delay_ms(last=1) == 0.5
 
 
 @pytest.mark.parametrize("arguments", [["--seconds", "0"], ["--seconds", "x"], ["--domain", "233"]])
