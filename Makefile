@@ -1,9 +1,9 @@
 # Each of these needs only Python 3.10 to 3.13, git and make: what is missing goes into .venv.
 #
-#   make demo [SECONDS=20]   a recorded board, through the agent, on the ROS 2 network
+#   make demo [SECONDS=20]   a virtual board, through the agent, on the ROS 2 network
 #   make test                all tests that a change must pass
 #   make test-full           these and the slow ones
-#   make lint                ruff and mypy
+#   make lint                ruff, and mypy for hosts and for boards
 #   make bench [ARGS=...]    the agent beside the bare relay
 #   make clean               removes everything that the others have made
 #
@@ -29,6 +29,16 @@ lint:
 	@$(PYTHON) scripts/env.py dev
 	.venv/bin/ruff check .
 	.venv/bin/mypy
+	@$(MAKE) -s build/typings/made
+	for checked in firmware/*/ "-p uros.drivers"; do \
+		.venv/bin/mypy --config-file firmware/mypy.ini $$checked || exit 1; done
+
+# What MicroPython has, for mypy. Not in .venv, where it would stand for CPython's own.
+build/typings/made: constraints.txt
+	@rm -rf build/typings
+	.venv/bin/python -m pip install -q --disable-pip-version-check --no-deps -c constraints.txt \
+		--target build/typings micropython-stdlib-stubs micropython-stm32-stubs
+	@touch $@
 
 bench:
 	@$(PYTHON) scripts/env.py test

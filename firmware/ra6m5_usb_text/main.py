@@ -1,0 +1,210 @@
+"""A line of text once a second over USB: what three I2C sensors measure. See README.md."""
+
+import time
+
+from uros.drivers import SensorError, reason
+from uros.drivers.bus import Bus
+from uros.drivers.mcp9600 import MCP9600
+from uros.drivers.port import open_port
+from uros.drivers.sht3x import SHT3x
+from uros.drivers.vcnl4010 import LUX_PER_COUNT, VCNL4010
+
+try:
+    from typing import Any
+except ImportError:
+    pass
+
+PERIOD_MS = 1000
+LEAD_MS = 500  # the measurements begin so long before their line is due
+LONGEST_MS = 50  # of one step's waiting
+POLL_MS = 5  # how often the VCNL4010 and a host that is not there are looked for
+RETRY_MS = 1000
+UNKNOWN = "--"
+# Counts at 200 mA. Between them the door stays what it was.
+CLOSED_FROM = 30000
+OPENED_BELOW = 20000
+
+program: "Any" = None
+failed_at = 0
+
+
+class RoomText:
+    """The sensors on ``bus``, told to ``port``. `step` does what is due at a time in ticks_ms.
+
+    ``missed`` counts lines left out for want of time, ``skipped`` those that nobody fetched.
+    """
+
+    def __init__(self, bus: "Any", port: "Any", now: int) -> None:
+        self.port = port
+        self.missed = 0
+        self.skipped = 0
+        self.sht3x = SHT3x(bus)
+        self.mcp9600 = MCP9600(bus)
+        self.vcnl4010 = VCNL4010(bus)
+        self.due = time.ticks_add(now, PERIOD_MS)
+        self.closed = False
+        self.failing: "dict[str, str]" = {}
+        self._pending = b""  # a line of which _sent bytes are out
+        self._sent = 0
+        # The cycle under way: when it began, and what has still to be read.
+        self._measuring = False
+        self._began = 0
+        self._climate_due = False
+        self._light_due = False
+        self._forget()
+
+    def step(self, now: int) -> int:
+        """Returns how many milliseconds there is nothing to do."""
+        self._serve()
+        left = time.ticks_diff(self.due, now)
+        if left <= 0:
+            self._tell()
+            self.due = time.ticks_add(self.due, PERIOD_MS)
+            while time.ticks_diff(self.due, now) <= 0:
+                self.missed += 1
+                self.due = time.ticks_add(self.due, PERIOD_MS)
+            return 0
+        if not self._measuring:
+            if left > LEAD_MS:
+                return left - LEAD_MS
+            self._measure(now)
+            return 0
+        age = time.ticks_diff(now, self._began)
+        if self._climate_due and age >= SHT3x.wait_ms:
+            self._climate_due = False
+            self._try("SHT3x", self._read_climate)
+        if self._light_due and age >= VCNL4010.wait_ms:
+            self._light_due = self._try("VCNL4010", self._read_light) and self._lux == UNKNOWN
+        if self._climate_due:
+            left = min(left, SHT3x.wait_ms - age)
+        elif self._light_due:
+            left = min(left, max(VCNL4010.wait_ms - age, POLL_MS))
+        return left
+
+    # Measuring.
+
+    def _forget(self) -> None:
+        self._room = self._hot = self._cold = self._humidity = self._door = self._lux = UNKNOWN
+        self._measuring = self._climate_due = self._light_due = False
+
+    def _measure(self, now: int) -> None:
+        self._forget()
+        self._measuring = True
+        self._began = time.ticks_add(now, 1)  # this millisecond may be nearly over
+        self._climate_due = self._try("SHT3x", self.sht3x.start)
+        self._light_due = self._try("VCNL4010", self.vcnl4010.start)
+        self._try("MCP9600", self._read_thermocouple)
+
+    def _try(self, name: str, action: "Any") -> bool:
+        """Whether the action was done; it returns True where a reading is complete. The console
+        is told when a sensor begins to fail and when it is back."""
+        try:
+            complete = action()
+        except (OSError, SensorError) as error:
+            if name not in self.failing:
+                print("%s read failed: %s" % (name, reason(error)))
+            self.failing[name] = reason(error)
+            return False
+        if complete and name in self.failing:
+            del self.failing[name]
+            print("%s read again" % name)
+        return True
+
+    def _read_climate(self) -> bool:
+        self.sht3x.read()
+        self._room = both_units(self.sht3x.temperature)
+        self._humidity = "%.0f%%" % (self.sht3x.humidity * 100)
+        return True
+
+    def _read_thermocouple(self) -> bool:
+        hot = self.mcp9600.read_hot()
+        self._cold = both_units(self.mcp9600.read_cold())
+        self._hot = both_units(hot)
+        return True
+
+    def _read_light(self) -> bool:
+        if not self.vcnl4010.read():
+            return False
+        threshold = OPENED_BELOW if self.closed else CLOSED_FROM
+        self.closed = self.vcnl4010.proximity >= threshold
+        self._door = "Closed" if self.closed else "Opened"
+        self._lux = "%.0f" % (self.vcnl4010.ambient * LUX_PER_COUNT)
+        return True
+
+    # Telling.
+
+    def _tell(self) -> None:
+        if self._light_due:
+            self._try("VCNL4010", too_late)
+        line = "Room: %s | Hot: %s | Cold: %s | Hum: %s | Door: %s | Lux: %s\r\n" % (
+            self._room, self._hot, self._cold, self._humidity, self._door, self._lux,
+        )  # fmt: skip
+        self._forget()
+        if self._sent < len(self._pending):
+            self.skipped += 1  # half of an older line is out: it comes to its end first
+            return
+        self._pending = line.encode()
+        self._sent = 0
+        self._serve()
+        if not self._sent:
+            self.skipped += 1
+            self._pending = b""  # nobody listens now; a line is never late
+
+    def _serve(self) -> None:
+        """Send what is left of the line. What comes in is for nobody."""
+        try:
+            while self.port.read(64):
+                pass
+            if self._sent < len(self._pending):
+                self._sent += self.port.write(memoryview(self._pending)[self._sent :]) or 0
+        except OSError:  # no host
+            self._pending = b""
+            self._sent = 0
+
+
+def both_units(celsius: float) -> str:
+    return "%.1fC|%.1fF" % (celsius, celsius * 1.8 + 32)
+
+
+def too_late() -> None:
+    raise SensorError("the measurement does not end")
+
+
+def start() -> None:
+    """Build everything, without waiting for anybody. What fails is tried again by step()."""
+    global program, failed_at
+    try:
+        port = open_port(0x045B, 0x2013, "Renesas", "RA6M5 USB Text", "000001")
+        program = RoomText(Bus(2, "P415"), port, time.ticks_ms())
+    except Exception as error:
+        print("%s %s" % (type(error).__name__, error))
+        failed_at = time.ticks_ms()
+
+
+def step() -> None:
+    """One bounded piece of work. It waits 50 ms at most."""
+    now = time.ticks_ms()
+    if program is None:
+        time.sleep_ms(LONGEST_MS)
+        if time.ticks_diff(now, failed_at) >= RETRY_MS:
+            start()
+        return
+    idle = min(program.step(now), LONGEST_MS)
+    if idle > 0:
+        port = program.port
+        if not hasattr(port, "is_open"):
+            time.sleep_ms(min(idle, POLL_MS))
+        elif port.is_open():
+            port.wait(idle)  # less when the host sends something
+        else:
+            time.sleep_ms(min(idle, POLL_MS))
+
+
+def main() -> None:
+    start()
+    while True:
+        step()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,22 @@
+"""The serial port towards the host."""
+
+try:
+    from typing import Any, Final
+except ImportError:
+    pass
+
+# Where MicroPython has no USB devices of the program's making: a UART that is not its console.
+_UART: Final = 7
+_BAUD: Final = 115200
+
+
+def open_port(vendor: int, product: int, manufacturer: str, name: str, serial: str) -> "Any":
+    """USB with these identifiers, or UART 7. ``read(n)`` and ``write(b)`` do not wait."""
+    try:
+        from .usb_cdc import UsbSerial
+
+        return UsbSerial(vendor, product, manufacturer, name, serial)
+    except (ImportError, AttributeError):  # no usb-device-cdc, or no machine.USBDevice
+        from machine import UART  # type: ignore[import-not-found]
+
+        return UART(_UART, _BAUD, timeout=0, rxbuf=2048)

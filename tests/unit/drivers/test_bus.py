@@ -1,0 +1,99 @@
+"""The bus that is freed when it got stuck."""
+
+import errno
+
+import pytest
+from unit.firmware.loader import load
+
+
+@pytest.fixture
+def program():
+    with load("ra6m5_usb_text") as program:
+        yield program
+
+
+@pytest.fixture
+def bus(program):
+    return program.main.Bus(2, "P415")
+
+
+def sht3x(program):
+    return program.board.i2c[2].devices[0x44]
+
+
+def test_it_opens_the_channel_at_100_khz_with_a_time_limit(program, bus):
+    assert program.machine.opened == [{"channel": 2, "freq": 100_000, "timeout": 100_000}]
+
+
+def test_a_port_without_a_time_limit_is_taken_as_it_is(program):
+    program.machine.timeout_argument = False
+    program.main.Bus(2, "P415", frequency=400_000)
+    assert program.machine.opened == [{"channel": 2, "freq": 400_000}]
+
+
+def test_a_channel_that_is_not_there(program):
+    with pytest.raises(ValueError, match="channel"):
+        program.main.Bus(1, "P415")
+
+
+def test_transfers(program, bus):
+    bus.writeto(0x44, b"\xf3\x2d")  # the status register
+    data = bytearray(3)
+    bus.readfrom_into(0x44, data)
+    assert data[:2] == b"\x80\x10"
+    assert bus.recovered == 0
+
+
+def test_no_answer_is_no_reason_to_recover(program, bus):
+    for call in (lambda: bus.writeto(0x20, b"\0"), lambda: bus.readfrom_into(0x20, bytearray(1))):
+        with pytest.raises(OSError) as raised:
+            call()
+        assert raised.value.args[0] == errno.ENODEV
+    assert bus.recovered == 0
+    assert len(program.machine.opened) == 1
+
+
+def test_a_held_bus_is_free_for_the_next_transfer(program, bus):
+    """The sensor that holds it fails each time, and nobody else does."""
+    sht3x(program).faults.add("stuck")
+    for count in (1, 2, 3):
+        with pytest.raises(OSError) as raised:
+            bus.writeto(0x44, b"\x2c\x06")
+        assert raised.value.args[0] == errno.ETIMEDOUT
+        assert bus.recovered == count
+        assert program.board.i2c[2].sda == 1
+        bus.writeto(0x67, b"\0")
+        bus.readfrom_into(0x67, bytearray(2))
+    assert program.machine.opened[-1] == {"channel": 2, "freq": 100_000, "timeout": 100_000}
+
+
+def test_a_bus_held_since_before_the_start_is_freed(program):
+    wires = program.board.i2c[2]
+    sht3x(program).faults.add("stuck")
+    with pytest.raises(OSError):
+        wires.transfer(0x44, b"\x2c\x06", 0)
+    assert wires.sda == 0
+    program.main.Bus(2, "P415")
+    assert wires.sda == 1
+
+
+def test_eperm_may_mean_anything(program, bus):
+    """All that renesas-ra says."""
+
+    def fails(*_):
+        raise OSError(errno.EPERM)
+
+    bus._i2c.writeto = fails
+    with pytest.raises(OSError):
+        bus.writeto(0x44, b"")
+    assert bus.recovered == 1
+    bus.writeto(0x44, b"\x2c\x06")
+
+
+def test_shorted_wires_are_an_error_again_and_again(program, bus):
+    program.board.fault("bus:stuck")
+    for _ in range(3):
+        with pytest.raises(OSError):
+            bus.writeto(0x44, b"\x2c\x06")
+    program.board.fault("bus:off")
+    bus.writeto(0x44, b"\x2c\x06")
