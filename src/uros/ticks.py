@@ -30,11 +30,13 @@ else:
 
     def ticks_ms() -> int:
         """Milliseconds modulo 2^30."""
-        return time.monotonic_ns() // 1000000 & _MASK
+        ms: int = time.monotonic_ns() // 1000000 & _MASK
+        return ms
 
     def ticks_us() -> int:
         """Microseconds modulo 2^30."""
-        return time.monotonic_ns() // 1000 & _MASK
+        us: int = time.monotonic_ns() // 1000 & _MASK
+        return us
 
     def sleep_ms(ms: int) -> None:
         """Do nothing for so long."""

@@ -11,10 +11,11 @@ runs them on CPython where they are, and test_portable.py runs the same function
 """
 
 import ast
+import base64
 import json
 import subprocess
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,7 +26,16 @@ MODULE = INSTALLED / "node_modules/@micropython/micropython-webassembly-pyscript
 # What boards get of src/uros: whole folders, or single files of those that hosts share.
 PORTABLE = (
     "wire",
+    # The drivers that need no machine of their own: tests give them a bus.
+    "drivers/__init__.py",
+    "drivers/mcp9600.py",
+    "drivers/sht3x.py",
+    "drivers/vcnl4010.py",
+    "ticks.py",
     "qos.py",
+    "transport/__init__.py",
+    "transport/stream.py",
+    "client",
     "interfaces/__init__.py",
     "interfaces/codec.py",
     "interfaces/errors.py",
@@ -33,7 +43,12 @@ PORTABLE = (
 )
 
 # What tests on both sides share, in tests/: it is imported by the same name here and there.
-SHARED = ("support/__init__.py", "support/conversation.py", "support/portable.py")
+SHARED = (
+    "support/__init__.py",
+    "support/board.py",
+    "support/conversation.py",
+    "support/portable.py",
+)
 
 # A test that takes longer is stuck: MicroPython has no time limit of its own.
 ANSWER_SECONDS = 30
@@ -82,14 +97,15 @@ class MicroPython:
             raise MicroPythonError(f"MicroPython ended without an answer (exit status {status})")
         return json.loads(line)
 
-    def write(self, path: str, text: str) -> None:
+    def write(self, path: str, content: str | bytes) -> None:
         """Puts a file into MicroPython's file system; /lib is on its sys.path."""
-        self._ask(do="write", path=path, text=text)
+        data = content.encode() if isinstance(content, str) else content
+        self._ask(do="write", path=path, base64=base64.b64encode(data).decode())
 
-    def install(self, sources: dict[str, str]) -> None:
-        """Puts modules into /lib, from a mapping of relative path to text."""
-        for path, text in sources.items():
-            self.write("/lib/" + path, text)
+    def install(self, sources: Mapping[str, str | bytes]) -> None:
+        """Puts modules into /lib, from a mapping of relative path to text or .mpy bytes."""
+        for path, content in sources.items():
+            self.write("/lib/" + path, content)
 
     def run(self, source: str) -> str:
         """Runs source in __main__ and returns what it printed. Names stay for the next run."""
@@ -118,6 +134,12 @@ def portable_sources(
             path = file.relative_to(ROOT / "src").as_posix()
             sources[path] = change(file.read_text(encoding="utf-8"))
     return sources
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """The files of a folder, a built file system, by their paths below it."""
+    files = [file for file in sorted(folder.rglob("*")) if file.is_file()]
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
 
 
 def shared_sources() -> dict[str, str]:

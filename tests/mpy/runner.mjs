@@ -1,7 +1,7 @@
 // Runs MicroPython as WebAssembly for harness.py: one JSON request a line on stdin, one JSON
 // answer a line on stdout.
 //
-//   {"do": "write", "path": P, "text": T}    a file in MicroPython's file system
+//   {"do": "write", "path": P, "base64": B}  a file in MicroPython's file system
 //   {"do": "run", "source": S}               a piece of Python, in __main__
 //   {"do": "heap"}                           bytes that are alive on its heap
 //
@@ -16,9 +16,9 @@ const printed = [];
 const keep = (bytes) => printed.push(Buffer.from(bytes));
 const python = await loadMicroPython({ stdout: keep, stderr: keep, linebuffer: false });
 
-function write({ path, text }) {
+function write({ path, base64 }) {
   python.FS.mkdirTree(path.slice(0, path.lastIndexOf("/")) || "/");
-  python.FS.writeFile(path, text);
+  python.FS.writeFile(path, Buffer.from(base64, "base64"));
   return {};
 }
 

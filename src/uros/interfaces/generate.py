@@ -12,7 +12,7 @@ the right values will do. Host only.
 from __future__ import annotations
 
 import keyword
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from . import registry
@@ -41,24 +41,49 @@ def generate(definition: Message | Service, prefix: str = "") -> str:
     ``prefix`` stands before the package names it imports (``"uros.interfaces."`` on a host, nothing
     on a board). A service's module has ``Name_Request``, ``Name_Response`` and ``Name``.
     """
-    messages = [definition]
-    if isinstance(definition, Service):
-        messages = [definition.request, definition.response]
     aliases = Aliases()
-    classes = [_message_class(m, aliases) for m in messages if isinstance(m, Message)]
-    if isinstance(definition, Service):
-        classes.append(_service_class(definition))
-    body = "\n\n\n".join(classes)
-    lines = [f'"""{definition.type_name}, generated from its definition."""', ""]
+    body = "\n\n\n".join(_classes(definition, aliases))
+    nested = []
+    for name, alias in sorted(aliases.names.items()):
+        package, kind, plain = name.split("/")
+        nested.append(
+            f"from {prefix}{package}.{kind}.{module_name(plain)} import {plain} as {alias}"
+        )
+    return _module(definition.type_name, nested, body)
+
+
+def generate_together(definitions: Sequence[Message | Service]) -> str:
+    """The source of one board module, ``std_msgs.msg``, with the classes of many of its types.
+
+    It costs a board less than a module for each. Types come after those of the same module that
+    they nest; the others are imported from modules of this kind.
+    """
+    package, kind, _ = definitions[0].type_name.split("/")
+    aliases = Aliases({d.type_name: d.name for d in definitions})
+    classes: list[str] = []
+    for definition in definitions:
+        classes += _classes(definition, aliases)
+    nested = []
+    for name, alias in sorted(aliases.names.items()):
+        other, other_kind, plain = name.split("/")
+        if (other, other_kind) != (package, kind):
+            nested.append(f"from {other}.{other_kind} import {plain} as {alias}")
+    return _module(f"{package}/{kind}", nested, "\n\n\n".join(classes))
+
+
+def _classes(definition: Message | Service, aliases: Aliases) -> list[str]:
+    if isinstance(definition, Message):
+        return [_message_class(definition, aliases)]
+    parts = (definition.request, definition.response)
+    return [*(_message_class(part, aliases) for part in parts), _service_class(definition)]
+
+
+def _module(name: str, nested: list[str], body: str) -> str:
+    lines = [f'"""{name}, generated from its definition."""', ""]
     lines.append("from struct import pack_into, unpack_from")
     if "_array(" in body:
         lines.append("from array import array as _array")
-    lines.append("")
-    for name, alias in sorted(aliases.names.items()):
-        package, kind, plain = name.split("/")
-        lines.append(
-            f"from {prefix}{package}.{kind}.{module_name(plain)} import {plain} as {alias}"
-        )
+    lines += ["", *nested]
     helpers = sorted(name for name in _HELPERS if f"_{name}(" in body)
     imported = ["Message as _Message", *(f"{name} as _{name}" for name in helpers)]
     lines.append("from uros.interfaces.runtime import (")

@@ -127,10 +127,13 @@ class Alignment:
 
 
 class Aliases:
-    """The names under which a generated module imports the classes it nests."""
+    """The names under which a generated module knows the classes it nests.
 
-    def __init__(self) -> None:
-        self.names: dict[str, str] = {}
+    ``local`` are those that it defines itself; the others are imported.
+    """
+
+    def __init__(self, local: dict[str, str] | None = None) -> None:
+        self.names: dict[str, str] = dict(local or {})
 
     def __getitem__(self, type_name: str) -> str:
         if type_name not in self.names:

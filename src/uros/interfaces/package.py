@@ -9,7 +9,7 @@ from typing import Final
 
 from . import registry
 from .errors import InterfaceError
-from .generate import generate, module_name
+from .generate import generate, generate_together, module_name
 from .parse import Action, Message, Service
 
 _INIT: Final = '''\
@@ -49,6 +49,41 @@ def write_package(names: Iterable[str], out_dir: str | os.PathLike[str]) -> list
     return sorted(texts)
 
 
+def modules(names: Iterable[str]) -> dict[str, str]:
+    """The sources of one module for each ``package.msg`` and ``package.srv``, by its full name.
+
+    They hold the named types and all that these nest, and nothing else. A board's file system gets
+    them this way (`uros.boards.build`): all types that its program needs are known there.
+    """
+    together: dict[str, dict[str, Message | Service]] = {}
+    for definition in _wanted(names):
+        package, kind, _ = definition.type_name.split("/")
+        together.setdefault(f"{package}.{kind}", {})[definition.type_name] = definition
+    return {name: generate_together(_inner_first(types)) for name, types in together.items()}
+
+
+def _inner_first(types: dict[str, Message | Service]) -> list[Message | Service]:
+    """The types of one module, each behind those that it nests."""
+    ordered: dict[str, Message | Service] = {}
+
+    def place(definition: Message | Service) -> None:
+        for part in _parts(definition):
+            for name in part.nested:
+                if name in types:
+                    place(types[name])
+        ordered.setdefault(definition.type_name, definition)
+
+    for name in sorted(types):
+        place(types[name])
+    return list(ordered.values())
+
+
+def _parts(definition: Message | Service) -> list[Message]:
+    if isinstance(definition, Message):
+        return [definition]
+    return [definition.request, definition.response]
+
+
 def _wanted(names: Iterable[str]) -> list[Message | Service]:
     wanted: dict[str, Message | Service] = {}
     for name in names:
@@ -58,9 +93,6 @@ def _wanted(names: Iterable[str]) -> list[Message | Service]:
         if isinstance(definition, Action) or "/action/" in definition.type_name:
             raise InterfaceError(f"{name} is an action; only messages and services are written")
         wanted[definition.type_name] = definition
-        parts = [definition] if isinstance(definition, Message) else []
-        if isinstance(definition, Service):
-            parts = [definition.request, definition.response]
-        for part in parts:
+        for part in _parts(definition):
             wanted.update(registry.closure(part))
     return list(wanted.values())

@@ -4,17 +4,20 @@ Runs on MicroPython. ``put_*`` write at ``buf[o:]`` and return the end offset; `
 every length against ``end`` before they allocate, and raise `InterfaceError` only.
 """
 
-import struct
 import sys
 from array import array
+from struct import calcsize, pack, pack_into, unpack_from
 
 from .errors import InterfaceError
 
 try:
-    from typing import Any
+    from typing import Any, Final
 except ImportError:
     pass
 
+# Whether an error names the field. A board's build says False: there it is 3 kB for what can be
+# tried on a host.
+NAMES_FIELDS: Final = True
 _LITTLE_HOST = sys.byteorder == "little"
 _CPYTHON = sys.implementation.name != "micropython"
 
@@ -108,11 +111,16 @@ def fault(message: "Any", error: Exception, room: int = -1) -> int:
 
     ``room`` is the number of octets the buffer had for the payload, -1 where there is none.
     """
-    check(message, message._TYPE)
-    if room >= 0 and not isinstance(error, MemoryError) and message.cdr_size() > room:
-        raise InterfaceError(
-            "%s needs %d octets, the buffer has %d" % (message._TYPE, message.cdr_size(), room)
-        )
+    if NAMES_FIELDS:
+        check(message, message._TYPE)
+        if room >= 0 and not isinstance(error, MemoryError) and message.cdr_size() > room:
+            raise InterfaceError(
+                "%s needs %d octets, the buffer has %d" % (message._TYPE, message.cdr_size(), room)
+            )
+    elif not isinstance(error, MemoryError):
+        wrong = isinstance(error, (TypeError, AttributeError))
+        kind = TypeError if wrong else InterfaceError  # type: type[Exception]
+        raise kind("%s: a field or the buffer does not fit" % message._TYPE)
     raise error
 
 
@@ -144,7 +152,7 @@ def _check(value: "Any", kind: str, where: str) -> None:
             return
         try:
             fits = low <= value <= high
-            struct.pack("<q" if value < 0 else "<Q", value if fits else 0)
+            pack("<q" if value < 0 else "<Q", value if fits else 0)
             if isinstance(value, float):
                 raise TypeError
         except Exception:
@@ -153,7 +161,7 @@ def _check(value: "Any", kind: str, where: str) -> None:
             raise InterfaceError("%s: %r is out of range %d to %d" % (where, value, low, high))
     elif kind == "float" or kind == "double":
         try:
-            struct.pack("<f" if kind == "float" else "<d", value)
+            pack("<f" if kind == "float" else "<d", value)
         except OverflowError:
             raise InterfaceError("%s: %r is out of range of a %s" % (where, value, kind))
         except Exception:
@@ -227,9 +235,9 @@ def wide(text: str) -> bytes:
             raise ValueError
         if code > 0xFFFF:
             code -= 0x10000
-            out.extend(struct.pack("<II", 0xD800 | code >> 10, 0xDC00 | code & 0x3FF))
+            out.extend(pack("<II", 0xD800 | code >> 10, 0xDC00 | code & 0x3FF))
         else:
-            out.extend(struct.pack("<I", code))
+            out.extend(pack("<I", code))
     return bytes(out)
 
 
@@ -293,8 +301,8 @@ def put_array(buf: "Any", o: int, values: "Any", code: str, low: int = 0, high: 
         raise TypeError
     if (low or high) and not (low <= min(values) and max(values) <= high):
         raise ValueError
-    struct.pack_into("<%d%s" % (n, code), buf, o, *values)
-    return o + n * struct.calcsize("<" + code)
+    pack_into("<%d%s" % (n, code), buf, o, *values)
+    return o + n * calcsize("<" + code)
 
 
 def put_texts(buf: "Any", o: int, start: int, values: "Any", bound: int, is_wide: bool) -> int:
@@ -309,7 +317,7 @@ def put_texts(buf: "Any", o: int, start: int, values: "Any", bound: int, is_wide
         while (o - start) & 3:
             buf[o] = 0
             o += 1
-        struct.pack_into("<I", buf, o, n if is_wide else n + 1)
+        pack_into("<I", buf, o, n if is_wide else n + 1)
         o = put_bytes(buf, o + 4, data) if is_wide else put_text(buf, o + 4, data)
     return o
 
@@ -363,7 +371,7 @@ def get_wide(buf: "Any", o: int, n: int, end: int, little: bool, bound: int = 0)
         raise long(n, bound)
     out = []
     lead = 0
-    for code in struct.unpack_from(("<%dI" if little else ">%dI") % n, buf, o):
+    for code in unpack_from(("<%dI" if little else ">%dI") % n, buf, o):
         if lead and 0xDC00 <= code < 0xE000:
             out.append(chr(0x10000 + ((lead & 0x3FF) << 10 | code & 0x3FF)))
             lead = 0
@@ -387,7 +395,7 @@ def get_array(
     if little == _LITTLE_HOST:
         return array(code, bytes(buf[o : o + n * size]))
     order = "<" if little else ">"
-    return array(code, struct.unpack_from("%s%d%s" % (order, n, code), buf, o))
+    return array(code, unpack_from("%s%d%s" % (order, n, code), buf, o))
 
 
 def get_bools(buf: "Any", o: int, n: int, end: int) -> "list[bool]":
@@ -406,7 +414,7 @@ def get_texts(
         o += (start - o) & 3
         if o + 4 > end:
             raise short(4, o, end)
-        length = struct.unpack_from("<I" if little else ">I", buf, o)[0]
+        length = unpack_from("<I" if little else ">I", buf, o)[0]
         o += 4
         if is_wide:
             out.append(get_wide(buf, o, length, end, little, bound))

@@ -53,6 +53,13 @@ _ROOT: Final = Group(
                 "info": Verb("show what a node publishes, subscribes to and serves", "node_info"),
             },
         ),
+        "board": Group(
+            "run virtual boards",
+            {
+                "list": Verb("list the virtual boards", "board_list"),
+                "run": Verb("run a virtual board with its firmware", "board_run"),
+            },
+        ),
     },
 )
 

@@ -180,7 +180,7 @@ def run(args: argparse.Namespace) -> int:
 
     args.interfaces = []
     reads = _Reads()
-    topics = [_Topic(*it, reads) for it in TOPICS]
+    topics = [_Topic(name, type_name, device, reads) for name, type_name, device in TOPICS]
     with join(args) as network:
         # The readers first: what is published by event is said once.
         for topic in topics:

@@ -35,8 +35,9 @@ _CHUNK: Final = 256
 class StreamTransport:
     """One board on a line. ``address`` is its own, 1 to 255, on a line that boards share.
 
-    What the line does not take at once is kept and goes out first; messages that come meanwhile
-    are lost and counted in ``dropped``: reliable ones are sent again.
+    What the line takes only in part is kept and goes out first; messages that come meanwhile, and
+    those of which it takes nothing, are lost and counted in ``dropped``: reliable ones are sent
+    again.
     """
 
     def __init__(self, port: "Any", address: int = 1, mtu: int = 512) -> None:
@@ -44,20 +45,15 @@ class StreamTransport:
         self.mtu = mtu
         self.dropped = 0
         self._address = address
-        self._deframer = Deframer(address)
+        self.deframer = Deframer(address)  # its counters tell how good the line is
         self._out = bytearray(frame_size(bytes(mtu)))
         self._from = 0  # _out[_from:_to] is not sent yet
         self._to = 0
         self._messages: "list[bytes]" = []
 
-    @property
-    def crc_errors(self) -> int:
-        """Frames that came with a wrong CRC, on this line and since it was opened."""
-        return self._deframer.crc_errors
-
     def open(self) -> None:
         """Raises OSError where the port has an ``open`` that does."""
-        self._deframer = Deframer(self._address)
+        self.deframer = Deframer(self._address)
         self._from = self._to = 0
         self._messages.clear()
         if hasattr(self.port, "open"):
@@ -81,7 +77,11 @@ class StreamTransport:
     def _push(self) -> None:
         if self._from < self._to:
             sent = self.port.write(memoryview(self._out)[self._from : self._to])
-            self._from += sent or 0
+            if sent:
+                self._from += sent
+            elif not self._from:  # nobody listens: what was to be said then is old when they do
+                self._to = 0
+                self.dropped += 1
 
     def receive(self, timeout_ms: int) -> "bytes | None":
         """See :class:`uros.client.connection.Transport`."""
@@ -92,7 +92,7 @@ class StreamTransport:
             self._push()
             data = self.port.read(_CHUNK)
             if data:
-                self._messages = self._deframer.feed(data)
+                self._messages = self.deframer.feed(data)
                 if self._messages:
                     return self._messages.pop(0)
                 continue

@@ -5,7 +5,7 @@ A :class:`Reader` walks over bytes from a peer and never past their end; a
 counted from where they start (XRCE 8.3.4: the start of the payload).
 """
 
-import struct
+from struct import pack_into, unpack_from
 
 from .errors import DecodeError, EncodeError, LimitError
 
@@ -72,12 +72,12 @@ class Reader:
 
     def u32(self) -> int:
         at = self._next(4, 4)
-        value: int = struct.unpack_from("<I" if self.little else ">I", self.buf, at)[0]
+        value: int = unpack_from("<I" if self.little else ">I", self.buf, at)[0]
         return value
 
     def i32(self) -> int:
         at = self._next(4, 4)
-        value: int = struct.unpack_from("<i" if self.little else ">i", self.buf, at)[0]
+        value: int = unpack_from("<i" if self.little else ">i", self.buf, at)[0]
         return value
 
     def octets(self, size: int) -> bytes:
@@ -156,12 +156,12 @@ class Writer:
     def u32(self, value: int) -> None:
         if not 0 <= value <= 0xFFFFFFFF:
             raise EncodeError("%d does not fit 32 bits" % value)
-        struct.pack_into("<I", self.buf, self._next(4, 4), value)
+        pack_into("<I", self.buf, self._next(4, 4), value)
 
     def i32(self, value: int) -> None:
         if not -0x80000000 <= value <= 0x7FFFFFFF:
             raise EncodeError("%d does not fit 32 signed bits" % value)
-        struct.pack_into("<i", self.buf, self._next(4, 4), value)
+        pack_into("<i", self.buf, self._next(4, 4), value)
 
     def octets(self, value: "Buffer") -> None:
         """Octets as they are, with no alignment and no length."""

@@ -11,6 +11,8 @@ frames, such as a board's ``printf``, is skipped.
 TCP: a 16-bit little-endian length before each message.
 """
 
+from array import array
+
 from .errors import EncodeError
 
 try:
@@ -29,16 +31,13 @@ _HEADER: Final = 4
 _OVERHEAD: Final = 6
 
 
-def _table() -> "list[int]":
-    out = []
-    for crc in range(256):
-        for _ in range(8):
-            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
-        out.append(crc)
-    return out
-
-
-_CRC = _table()
+# A quarter of what a list takes on a board.
+_CRC = array("H", bytes(512))
+for _i in range(256):
+    _crc = _i
+    for _ in range(8):
+        _crc = _crc >> 1 ^ (0xA001 if _crc & 1 else 0)
+    _CRC[_i] = _crc
 
 
 def crc16(data: "Buffer", start: int, stop: int, crc: int = 0) -> int:

@@ -107,25 +107,20 @@ QOS_PERSISTENT: Final = 0x20
 MAX_SAMPLES_UNLIMITED: Final = 0xFFFF
 
 
+# From STATUS_ERR_DDS_ERROR on. One text takes less of a board's heap than eight.
+_ERRORS: Final = (
+    "DDS_ERROR MISMATCH ALREADY_EXISTS DENIED UNKNOWN_REFERENCE INVALID_DATA INCOMPATIBLE RESOURCES"
+)
+
+
 def status_name(status: int) -> str:
     """The specification's name of a status value, or its number in hex."""
     if status == STATUS_OK:
         return "OK"
     if status == STATUS_OK_MATCHED:
         return "OK_MATCHED"
+    errors = _ERRORS.split()
     index = status - STATUS_ERR_DDS_ERROR
-    if 0 <= index < len(_ERRORS):
-        return "ERR_" + _ERRORS[index]
+    if 0 <= index < len(errors):
+        return "ERR_" + errors[index]
     return "0x%02X" % status
-
-
-_ERRORS = (
-    "DDS_ERROR",
-    "MISMATCH",
-    "ALREADY_EXISTS",
-    "DENIED",
-    "UNKNOWN_REFERENCE",
-    "INVALID_DATA",
-    "INCOMPATIBLE",
-    "RESOURCES",
-)

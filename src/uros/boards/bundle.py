@@ -1,0 +1,291 @@
+"""Puts the modules of uros and of interfaces into one.
+
+A module by itself costs a board some 300 bytes: its object, its table of names, and one entry more
+for each name that another module imports. The modules that the program itself imports stay, each
+as a line that takes its names from the one; so do those that are imported late, by a function.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from .rename import rename
+from .shrink import FUNCTIONS, Module, Scopes, absolute, bound, imports, parameters
+
+BUNDLE: Final = "uros._all"
+"""The module that holds all others."""
+
+
+class NotBundled(Exception):
+    """The modules cannot become one; the text says where and why."""
+
+
+def bundle(modules: dict[str, Module]) -> dict[str, Module]:
+    """The program's modules, one that holds all others, and those the program needs by name.
+
+    Raises `NotBundled` where a module is used as a value, other than to take its names.
+    """
+    ordered = _in_order(modules)
+    parts = {module.name: module for module in ordered if not module.own}
+    if not parts:
+        return modules
+    names = _Names(modules, parts)
+    fronts = _fronts([m for m in modules.values() if m.name not in parts], parts, names)
+    body: list[ast.stmt] = []
+    for part in parts.values():
+        body += _Rename(part, names).visit(part.tree).body
+    whole = Module(BUNDLE, False, "uros", "", ast.Module(_without_doubles(body), []))
+    ast.fix_missing_locations(whole.tree)
+    left = {name: module for name, module in modules.items() if name not in parts}
+    rename(whole, left.values())
+    return {**left, BUNDLE: whole, **fronts}
+
+
+def _in_order(modules: dict[str, Module]) -> list[Module]:
+    """What runs when the program starts, in that order: what a module imports comes before it.
+
+    Not what is imported later, by a function, or may fail: that waits for its time.
+    """
+    ordered: dict[str, Module] = {}
+    seen: set[str] = set()
+
+    def place(name: str) -> None:
+        if name not in modules or name in seen:
+            return
+        seen.add(name)
+        place(name.rpartition(".")[0])
+        for wanted in imports(modules[name]):
+            if not wanted.late and not wanted.optional:
+                place(wanted.module)
+                for there, _ in wanted.names or ():
+                    place(f"{wanted.module}.{there}")
+        ordered[name] = modules[name]
+
+    own = [name for name, module in modules.items() if module.own]
+    for name in [name for name in ("boot", "main") if name in own] or own:
+        place(name)
+    return list(ordered.values())
+
+
+class _Names:
+    """What each module's names are called in the bundle."""
+
+    def __init__(self, modules: dict[str, Module], parts: dict[str, Module]) -> None:
+        self.modules = modules
+        self.parts = parts
+        self.new: dict[tuple[str, str], str] = {}  # (module, its name) -> name in the bundle
+        self.brought: dict[tuple[str, str], tuple[str, str]] = {}  # the same -> whence imported
+        # Name in the bundle -> what it stands for. What one module calls like a builtin must not
+        # hide that from the others.
+        owners: dict[str, object] = {name: "a builtin" for name in dir(builtins)}
+        # A module that has another spelling for a name may have a local variable of its real one.
+        for name in _respelled(parts.values()) & _locals(parts.values()):
+            owners[name] = "a local variable"
+        self.everywhere = _identifiers(parts.values())
+        for module in parts.values():
+            for node in module.tree.body:
+                self.imported(module, node, owners)
+        for module in parts.values():
+            for name in dict.fromkeys(_top_level(module)):
+                if (module.name, name) not in self.brought and (module.name, name) not in self.new:
+                    self.take(module, name, (module.name, name), owners)
+
+    def imported(self, module: Module, node: ast.stmt, owners: dict[str, object]) -> None:
+        if isinstance(node, ast.ImportFrom):
+            base = absolute(node, module)
+            for alias in node.names:
+                here = (module.name, alias.asname or alias.name)
+                if base in self.parts or f"{base}.{alias.name}" in self.parts:
+                    self.brought[here] = (base, alias.name)
+                else:
+                    self.take(module, here[1], (base, alias.name), owners)
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name in self.parts:
+                    raise NotBundled(f"{module.source}:{node.lineno}: import {alias.name}")
+                self.take(module, alias.asname or alias.name, alias.name, owners)
+
+    def take(self, module: Module, name: str, what: object, owners: dict[str, object]) -> None:
+        new, count = name, 1
+        while owners.setdefault(new, what) != what or (count > 1 and new in self.everywhere):
+            count += 1
+            new = f"{name}_{count}"
+        self.new[module.name, name] = new
+
+    def find(self, module: str, name: str) -> str | None:
+        """What ``module.name`` is called; None where it is a module, or nothing."""
+        while (module, name) in self.brought:
+            module, name = self.brought[module, name]
+        return self.new.get((module, name))
+
+    def module(self, module: str, name: str) -> str:
+        """The module of the bundle that ``module.name`` is, "" where it is none."""
+        while (module, name) in self.brought:
+            module, name = self.brought[module, name]
+            if f"{module}.{name}" in self.parts and (module, name) not in self.new:
+                return f"{module}.{name}"
+        return ""
+
+
+def _respelled(modules: Iterable[Module]) -> set[str]:
+    """Names that are reached in another way than by themselves: as attributes, or by an alias."""
+    names: set[str] = set()
+    for module in modules:
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.Attribute):
+                names.add(node.attr)
+            elif isinstance(node, ast.ImportFrom):
+                names.update(alias.name for alias in node.names if alias.asname)
+    return names
+
+
+def _locals(modules: Iterable[Module]) -> set[str]:
+    """The names of all local variables and parameters."""
+    names: set[str] = set()
+    for module in modules:
+        for node in ast.walk(module.tree):
+            if isinstance(node, (*FUNCTIONS, ast.Lambda)):
+                names.update(parameters(node.args))
+                names.update(bound([node.body] if isinstance(node, ast.Lambda) else node.body))
+            elif isinstance(node, ast.comprehension):
+                names.update(bound([node.target]))
+    return names
+
+
+def _identifiers(modules: Iterable[Module]) -> set[str]:
+    return {n.id for m in modules for n in ast.walk(m.tree) if isinstance(n, ast.Name)}
+
+
+def _top_level(module: Module) -> Iterator[str]:
+    yield from bound(module.tree.body)
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Global):
+            yield from node.names
+
+
+class _Rename(Scopes):
+    """Gives a module's names their new ones, and takes its imports of other parts out."""
+
+    def __init__(self, module: Module, names: _Names) -> None:
+        super().__init__()
+        self.module = module
+        self.names = names
+
+    def name(self, name: str) -> str:
+        if self.hidden(name):
+            return name
+        if self.names.module(self.module.name, name):
+            raise NotBundled(f"{self.module.source}: the module {name} is used as a value")
+        return self.names.find(self.module.name, name) or name
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        node.id = self.name(node.id)
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        base = node.value
+        if isinstance(base, ast.Name) and not self.hidden(base.id):
+            part = self.names.module(self.module.name, base.id)
+            if part:
+                found = self.names.find(part, node.attr)
+                if found is None:
+                    raise NotBundled(f"{self.module.source}: no name {base.id}.{node.attr}")
+                return ast.copy_location(ast.Name(found, node.ctx), node)
+        return self.generic_visit(node)
+
+    def visit_Global(self, node: ast.Global) -> ast.AST:
+        node.names = [self.names.find(self.module.name, n) or n for n in node.names]
+        return node
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        node.name = self.name(node.name)
+        return super().visit_FunctionDef(node)
+
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
+        node.name = self.name(node.name)
+        return super().visit_AsyncFunctionDef(node)
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        node.name = self.name(node.name)
+        return super().visit_ClassDef(node)
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
+        if node.name:
+            node.name = self.name(node.name)
+        return self.generic_visit(node)
+
+    def visit_Import(self, node: ast.Import) -> ast.AST:
+        for alias in node.names:
+            here = alias.asname or alias.name.partition(".")[0]
+            new = self.name(here)
+            if new != here:
+                alias.asname = new
+        return node
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> list[ast.ImportFrom]:
+        base = absolute(node, self.module)
+        aliases: dict[str, list[ast.alias]] = {}  # by the module that they come from now
+        for alias in node.names:
+            here = alias.asname or alias.name
+            if not self.scopes and (self.module.name, here) in self.names.brought:
+                continue
+            origin, there, full = base, alias.name, f"{base}.{alias.name}"
+            if full in self.names.parts:
+                raise NotBundled(f"{self.module.source}:{node.lineno}: a module in a function")
+            if base in self.names.parts and full not in self.names.modules:
+                origin, there = BUNDLE, self.names.find(base, alias.name) or ""
+                if not there:
+                    raise NotBundled(f"{self.module.source}:{node.lineno}: no name {alias.name}")
+            new = here if self.scopes else self.name(here)
+            taken = ast.alias(there, new if new != there else None)
+            aliases.setdefault(origin, []).append(taken)
+        return [ast.ImportFrom(origin, taken, 0) for origin, taken in aliases.items()]
+
+
+def _without_doubles(body: list[ast.stmt]) -> list[ast.stmt]:
+    """Imports that several modules made stand once."""
+    seen: set[str] = set()
+    kept: list[ast.stmt] = []
+    for node in body:
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            base = node.module if isinstance(node, ast.ImportFrom) else ""
+            fresh = {f"{base}:{a.name}:{a.asname}": a for a in node.names}
+            node.names = [alias for key, alias in fresh.items() if key not in seen]
+            seen.update(fresh)
+            if not node.names:
+                continue
+        kept.append(node)
+    return kept
+
+
+def _fronts(others: list[Module], parts: dict[str, Module], names: _Names) -> dict[str, Module]:
+    """The modules that other modules name, each with what these may take from them."""
+    wanted: dict[str, dict[str, None]] = {}
+
+    def hold(name: str) -> None:
+        module = parts[name]
+        wanted.setdefault(name, {}).update(dict.fromkeys(_top_level(module)))
+
+    for module in others:
+        for want in imports(module):
+            base = want.module
+            for there, _ in want.names or ():
+                if f"{base}.{there}" in parts:
+                    hold(f"{base}.{there}")
+                elif there == "*":
+                    hold(base)
+                elif base in parts:
+                    wanted.setdefault(base, {})[there] = None
+            if want.names is None and base in parts:
+                hold(base)
+    fronts: dict[str, Module] = {}
+    for name, taken in wanted.items():
+        pairs = [(names.find(name, n), n) for n in taken]
+        aliases = [ast.alias(new, n if n != new else None) for new, n in pairs if new]
+        body: list[ast.stmt] = [ast.ImportFrom(BUNDLE, aliases, 0)] if aliases else []
+        part = parts[name]
+        fronts[name] = Module(name, part.package, part.source, "", ast.Module(body, []))
+    return fronts

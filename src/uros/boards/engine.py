@@ -1,0 +1,238 @@
+"""A virtual board as a process: hardware, firmware and the hand that plants faults.
+
+``python -m uros.boards.engine OPTIONS`` is what `uros.boards.running` starts; OPTIONS is a JSON
+object with the fields of `Options`. Commands come in as JSON lines::
+
+    {"do": "fault", "spec": "sht3x:nack"}    answered by an event "fault"
+    {"do": "reset"}                          the board's reset button
+    {"do": "heap"}                           answered by an event "heap" (engine micropython)
+
+and events go out the same way::
+
+    {"event": "ready", "path": …}            the line has its name; the program starts
+    {"event": "usb", "state": …, "error": …} what became of it
+    {"event": "console", "line": …}          what the program printed
+    {"event": "read", "address": …, "ns": …} an I2C read has ended, by the monotonic clock
+    {"event": "fault", "spec": …, "error": …}
+    {"event": "heap", "used": …, "peak": …, "base": …}
+    {"event": "reset"}                       the program starts anew
+    {"event": "ended", "traceback": …}       the program is over; the board stays
+    {"event": "failed", "error": …}          nothing runs; the process ends with status 1
+
+The end of the commands is the end of the process: a parent that ends, however it does, leaves
+nothing behind.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import tempfile
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final
+
+from ..interfaces import InterfaceError
+from . import engine_cpython
+from .board import BoardError, FaultError, VirtualBoard
+from .build import BuildError, build
+from .engine_host import BoardHost, Reset
+from .engine_micropython import MicroPythonEngine, NoMicroPython, find
+
+ENGINES: Final = ("cpython", "micropython")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to run, and how. ``program`` is the firmware's folder; ``form`` the one of `build`;
+    ``reads`` whether events tell of I2C reads; ``measure`` whether the peak of the heap is."""
+
+    program: str
+    board: str
+    engine: str = "cpython"
+    form: str = "py"
+    link: str | None = None
+    seed: int = 0
+    faults: list[str] = field(default_factory=list)
+    reads: bool = False
+    measure: bool = False
+
+
+class BoardProcess:
+    """The process, without its beginning: see the module."""
+
+    def __init__(self, options: Options, commands: int, events: int) -> None:
+        self._options = options
+        self._commands = commands
+        self._events = events
+        self._lock = threading.Lock()  # of the events
+        self._ending = threading.Lock()  # of _micropython, and of the end
+        self._ended_by: int | None = None  # the exit status
+        self._folder = tempfile.TemporaryDirectory(prefix="uros-board-")
+        self._unfinished = ""  # a line being printed
+        self._micropython: MicroPythonEngine | None = None
+        self._base: int | None = None  # the heap before the program
+        try:
+            link = None if options.link is None else Path(options.link)
+            self._board = VirtualBoard(options.board, path=link, seed=options.seed)
+        except BaseException:
+            self._folder.cleanup()
+            raise
+
+    def run(self) -> None:
+        """Until the end of the commands. Raises what keeps a board from starting."""
+        options, board = self._options, self._board
+        for spec in options.faults:
+            board.fault(spec)
+        if options.engine == "micropython":
+            find()
+        root = Path(self._folder.name) / "flash"
+        build(Path(options.program), root, options.form)
+        if options.reads:
+            for bus in board.i2c.values():
+                bus.on_read = self._read
+        host = self._host = BoardHost(board, self._print, self._ended, self._heap, self._usb)
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+            signal.signal(number, self._on_signal)
+        signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset())
+        self._send("ready", path=str(board.usb.path))
+        threading.Thread(target=self._obey, name="commands", daemon=True).start()
+        while True:
+            try:
+                self._run_program(root, host)
+                while True:
+                    signal.pause()
+            except Reset:
+                self._flush()
+                host.reset()
+                self._send("reset")
+
+    def _run_program(self, root: Path, host: BoardHost) -> None:
+        if self._options.engine == "cpython":
+            os.chdir(root)
+            engine_cpython.run(root, host)
+            return
+        with self._ending:
+            self._base = None
+            engine = self._micropython = MicroPythonEngine(root, host, self._options.measure)
+        try:
+            engine.run()
+        finally:
+            with self._ending:
+                self._micropython = None
+                engine.close()
+        self._ended("MicroPython has ended\n")
+
+    # --- events -----------------------------------------------------------------------
+
+    def _send(self, event: str, **fields: Any) -> None:
+        data = json.dumps({"event": event, **fields}).encode() + b"\n"
+        with self._lock:
+            if self._ended_by is not None:
+                return  # what follows is the noise of taking a board apart
+            try:
+                while data:
+                    data = data[os.write(self._events, data) :]
+            except BrokenPipeError:
+                pass  # the commands end, too
+
+    def _print(self, text: str) -> None:
+        *lines, self._unfinished = (self._unfinished + text).split("\n")
+        for line in lines:
+            self._send("console", line=line.rstrip("\r"))
+
+    def _flush(self) -> None:
+        if self._unfinished:
+            self._print("\n")
+
+    def _ended(self, traceback: str) -> None:
+        if traceback:
+            self._flush()
+            self._print(traceback)
+        self._flush()
+        self._send("ended", traceback=traceback)
+
+    def _read(self, address: int, ns: int) -> None:
+        self._send("read", address=address, ns=ns)
+
+    def _usb(self, state: str) -> None:
+        self._send("usb", state=state, error=self._board.usb.error)
+
+    def _heap(self, used: int, peak: int) -> None:
+        if self._base is None:
+            self._base = used
+            return
+        self._send("heap", used=used, peak=peak, base=self._base)
+
+    # --- commands ---------------------------------------------------------------------
+
+    def _obey(self) -> None:
+        with open(self._commands, encoding="utf-8", closefd=False) as lines:
+            for line in lines:
+                command = json.loads(line)
+                if command["do"] == "fault":
+                    self._fault(command["spec"])
+                elif command["do"] == "reset":
+                    os.kill(os.getpid(), signal.SIGUSR1)  # the program's thread is to hear of it
+                elif command["do"] == "heap":
+                    with self._ending:
+                        if self._micropython is not None:
+                            self._micropython.ask_heap()
+        self.end(0)
+
+    def _fault(self, spec: str) -> None:
+        error = ""
+        try:
+            self._board.fault(spec)
+        except FaultError as refused:
+            error = str(refused)
+        self._send("fault", spec=spec, error=error)
+        self._host.usb_state()
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        # Not from here: the interrupted program may hold what the end has to wait for.
+        threading.Thread(target=self.end, args=(128 + number,)).start()
+
+    def close(self) -> None:
+        """Take a board apart that did not start."""
+        self._board.close()
+        self._folder.cleanup()
+
+    def end(self, status: int) -> None:
+        """Take it apart and end the process, in the middle of whatever it does."""
+        with self._lock:
+            if self._ended_by is not None:
+                return
+            self._ended_by = status
+        with self._ending:
+            if self._micropython is not None:
+                self._micropython.stop()
+        self._board.close()
+        self._folder.cleanup()
+        os._exit(status)
+
+
+def main() -> None:
+    """See the module."""
+    options = Options(**json.loads(sys.argv[1]))
+    events = os.dup(1)
+    os.dup2(2, 1)  # nobody else is to write between the events
+    try:
+        process = BoardProcess(options, 0, events)
+        try:
+            process.run()
+        except BaseException:
+            process.close()
+            raise
+    except (BuildError, BoardError, FaultError, NoMicroPython, InterfaceError, OSError) as error:
+        text = json.dumps({"event": "failed", "error": str(error)})
+        os.write(events, text.encode() + b"\n")
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,227 @@
+"""What the firmware asks for, done on the virtual board: the host's side of ``shims/_board.py``."""
+
+from __future__ import annotations
+
+import errno
+import struct
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from .board import IN, OUT
+from .shims import _ops as ops
+from .usb import CONFIGURED, SUSPENDED
+
+if TYPE_CHECKING:
+    from .board import Pin, VirtualBoard
+    from .i2c import I2CBus
+
+_TICKS: Final = (1 << 30) - 1  # MicroPython's counters are as wide as its small integers
+_RTC_EPOCH_NS: Final = 946_684_800 * 10**9
+_CORE_HZ: Final = 200_000_000
+_TRANSFER: Final = struct.Struct("<BBBH")
+_CONFIGURED: Final = (CONFIGURED, SUSPENDED)
+# machine.Pin's IN, OUT and OPEN_DRAIN.
+_MODES: Final = {0: IN, 1: OUT, 2: OUT}
+# How often a wait looks for what does not wake it.
+_LOOK_NS: Final = 5_000_000
+
+
+class Reset(BaseException):
+    """The board starts anew. No handler of the firmware is to stop that."""
+
+
+class BoardHost:
+    """Carries out operations, from one thread.
+
+    ``console`` takes what the firmware prints, ``ended`` the traceback (or "") of a program that
+    is over, ``heap`` the octets in use and their peak, ``usb`` the state of the line when it has
+    changed.
+    """
+
+    def __init__(
+        self,
+        board: VirtualBoard,
+        console: Callable[[str], None],
+        ended: Callable[[str], None],
+        heap: Callable[[int, int], None],
+        usb: Callable[[str], None],
+    ) -> None:
+        self._board = board
+        self._heap = heap
+        self._usb = usb
+        self._last_usb = board.usb.state
+        self._reset_asked = False
+        self._within = False  # an operation that is not to be cut short
+        self.print = console
+        self.ended = ended
+        self._operations: dict[int, Callable[[bytes], bytes | int]] = {
+            ops.CONSOLE: self._printed,
+            ops.TICKS_MS: lambda _: board.clock.ticks_us() // 1000 & _TICKS,
+            ops.TICKS_US: lambda _: board.clock.ticks_us() & _TICKS,
+            ops.EPOCH: lambda _: struct.pack("<q", board.clock.epoch_ns() - _RTC_EPOCH_NS),
+            ops.SLEEP: self._sleep,
+            ops.I2C_INIT: self._i2c_init,
+            ops.I2C_TRANSFER: self._i2c_transfer,
+            ops.I2C_SCAN: lambda data: bytes(self._bus(data[0]).scan()),
+            ops.PIN_MODE: self._pin_mode,
+            ops.PIN_SET: self._pin_set,
+            ops.PIN_GET: lambda data: self._pin(data).value(),
+            ops.USB_ENABLE: self._usb_enable,
+            ops.USB_DISABLE: self._usb_disable,
+            ops.USB_STATE: lambda _: self._usb_flags(),
+            ops.USB_WRITE: lambda data: board.usb.write(data),
+            ops.USB_READ: lambda data: board.usb.read(int.from_bytes(data, "little")),
+            ops.USB_ANY: lambda _: board.usb.any(),
+            ops.USB_WAIT: self._usb_wait,
+            ops.RESET: self._reset,
+            ops.UNIQUE_ID: lambda _: board.unique_id,
+            ops.FREQUENCY: lambda _: _CORE_HZ,
+            ops.ENDED: self._end,
+            ops.HEAP: self._measured,
+        }
+
+    def call(self, op: int, data: bytes = b"") -> bytes | int:
+        """The answer to one operation: octets, or a number where ``_ops`` says so.
+
+        Raises OSError with what the firmware is to see, and Reset.
+        """
+        self._within = True
+        try:
+            answer = self._operations[op](data)
+        except (ValueError, KeyError, struct.error) as error:
+            raise OSError(errno.EINVAL, str(error)) from error
+        finally:
+            self._within = False
+        if self._reset_asked:
+            raise Reset
+        return answer
+
+    def ask_reset(self) -> None:
+        """The reset button: raises Reset, at once or at the end of an operation. To be called in
+        the program's thread, by a signal."""
+        self._reset_asked = True
+        if not self._within:
+            raise Reset
+
+    def reset(self) -> None:
+        """What a reset does to the board around the processor: the host loses its USB device."""
+        self._reset_asked = False
+        self._board.reset()
+        self.usb_state()
+
+    def usb_state(self) -> str:
+        """The state of the line, told as a change where it is one."""
+        state = self._board.usb.state
+        if state != self._last_usb:
+            self._last_usb = state
+            self._usb(state)
+        return state
+
+    # --- time -------------------------------------------------------------------------
+
+    def _sleep(self, data: bytes) -> bytes:
+        self._within = False
+        self._board.clock.sleep_us(int.from_bytes(data, "little"))
+        return b""
+
+    # --- buses and pins ---------------------------------------------------------------
+
+    def _bus(self, channel: int) -> I2CBus:
+        return self._board.i2c[channel]
+
+    def _i2c_init(self, data: bytes) -> bytes:
+        channel, frequency, timeout = struct.unpack("<BII", data)
+        bus = self._bus(channel)
+        bus.frequency = frequency
+        bus.timeout_us = timeout
+        return b""
+
+    def _i2c_transfer(self, data: bytes) -> bytes:
+        channel, address, stop, count = _TRANSFER.unpack_from(data)
+        return self._bus(channel).transfer(address, data[_TRANSFER.size :], count, bool(stop))
+
+    def _pin(self, name: bytes) -> Pin:
+        return self._board.pins[name.decode()]
+
+    def _pin_mode(self, data: bytes) -> bytes:
+        pin = self._pin(data[1:])
+        mode = _MODES.get(data[0])
+        if mode is not None:
+            pin.mode = mode
+        return b""
+
+    def _pin_set(self, data: bytes) -> bytes:
+        self._pin(data[1:]).value(data[0])
+        return b""
+
+    # --- USB --------------------------------------------------------------------------
+
+    def _usb_enable(self, data: bytes) -> bytes:
+        device, at = _counted(data, 0)
+        configuration, at = _counted(data, at)
+        strings = [it.decode() for it in data[at:].split(b"\0")]
+        self._board.usb.enable(device, configuration, strings)
+        self.usb_state()
+        return b""
+
+    def _usb_disable(self, data: bytes) -> bytes:
+        self._board.usb.disable()
+        self.usb_state()
+        return b""
+
+    def _usb_flags(self) -> int:
+        usb = self._board.usb
+        state = self.usb_state()
+        if state not in _CONFIGURED:
+            return ops.USB_CLOSED
+        flags = ops.USB_OPEN
+        if usb.any():
+            flags |= ops.USB_READABLE
+        if usb.is_open():
+            flags |= ops.USB_DTR
+            if state == CONFIGURED:
+                flags |= ops.USB_WRITABLE
+        return flags
+
+    def _usb_wait(self, data: bytes) -> int:
+        us, wanted = struct.unpack("<IB", data)
+        self._within = False
+        clock, usb = self._board.clock, self._board.usb
+        end = clock.host_ns() + us * 1000
+        while True:
+            flags = self._usb_flags()
+            left = end - clock.host_ns()
+            if flags & wanted or left <= 0:
+                return flags
+            # What there is to read, and what happens to the cable, ends a wait. A program that
+            # opens the port is noticed by looking again.
+            if wanted & ~(ops.USB_READABLE | ops.USB_CLOSED):
+                left = min(left, _LOOK_NS)
+            if flags & ops.USB_READABLE:
+                clock.sleep_world_us(left // 1000 + 1)
+            else:
+                usb.wait(left / 1e9)
+
+    # --- the program ------------------------------------------------------------------
+
+    def _printed(self, data: bytes) -> bytes:
+        self.print(data.decode(errors="replace"))
+        return b""
+
+    def _reset(self, data: bytes) -> bytes:
+        raise Reset
+
+    def _end(self, data: bytes) -> bytes:
+        self.ended(data.decode(errors="replace"))
+        return b""
+
+    def _measured(self, data: bytes) -> bytes:
+        in_use, peak = map(int, data.split())
+        self._heap(in_use, peak)
+        return b""
+
+
+def _counted(data: bytes, at: int) -> tuple[bytes, int]:
+    """What follows its own length, and where it ends."""
+    end = at + 2 + int.from_bytes(data[at : at + 2], "little")
+    return data[at + 2 : end], end

@@ -1,0 +1,151 @@
+"""Runs a board's program on MicroPython, as WebAssembly in a Node process of its own.
+
+What the program asks for comes through a pipe and is answered through another;
+``engine_micropython.mjs`` is the other end and says how they look. The process ends with this one,
+however that ends.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+from typing import Final
+
+from .engine_host import BoardHost, Reset
+from .shims import _ops as ops
+
+_HERE: Final = Path(__file__).parent
+RUNNER: Final = _HERE / "engine_micropython.mjs"
+PACKAGE: Final = "@micropython/micropython-webassembly-pyscript"
+_MODULE: Final = Path("node_modules", *PACKAGE.split("/"), "micropython.mjs")
+_SILENT: Final = (ops.CONSOLE, ops.HEAP)
+
+# MicroPython numbers errors the same on every machine, namely as Linux does.
+_ERRORS: Final = {
+    "ENOENT": 2, "EIO": 5, "ENODEV": 19, "EINVAL": 22, "ENOTCONN": 107, "ETIMEDOUT": 110,
+}  # fmt: skip
+
+
+class NoMicroPython(RuntimeError):
+    """Node or MicroPython's npm package is not here. The text has the remedy."""
+
+
+def find() -> tuple[Path, Path]:
+    """``(node, micropython.mjs)``. Raises NoMicroPython.
+
+    Looked for in ``$UROS_MICROPYTHON``, a folder with node_modules, then in the clone's
+    ``build/micropython``, then in the current folder; node beside them, or on the PATH.
+    """
+    named = os.environ.get("UROS_MICROPYTHON")
+    clone = _HERE.parents[2] / "build" / "micropython"
+    folders = [Path(named)] if named else [clone, Path.cwd()]
+    for folder in folders:
+        module = folder / _MODULE
+        if not module.exists():
+            continue
+        beside = folder / "node"
+        node = str(beside) if os.access(beside, os.X_OK) else shutil.which("node")
+        if node is None:
+            raise NoMicroPython("the engine micropython needs Node 18 or newer: install node")
+        return Path(node), module
+    places = " and ".join(str(folder / "node_modules") for folder in folders)
+    raise NoMicroPython(
+        f"there is no MicroPython in {places}: npm install {PACKAGE}, and name the folder that has"
+        " node_modules in UROS_MICROPYTHON"
+    )
+
+
+class MicroPythonEngine:
+    """One run of a program. :meth:`stop` and :meth:`ask_heap` may come from another thread."""
+
+    def __init__(self, root: Path, host: BoardHost, measure: bool = False) -> None:
+        node, module = find()
+        self._host = host
+        requests, theirs = os.pipe()
+        answers, ours = os.pipe()
+        self._requests = requests
+        self._answers = ours
+        shims = _HERE / "shims"
+        try:
+            self._process = subprocess.Popen(
+                [node, "--no-warnings", RUNNER, module, root, shims, str(theirs), str(answers),
+                 str(int(measure))],
+                stdin=subprocess.PIPE, stdout=2, pass_fds=(theirs, answers),
+            )  # fmt: skip
+        finally:
+            os.close(theirs)
+            os.close(answers)
+
+    def run(self) -> None:
+        """Serve the program until it ends, however. Raises Reset when it asks for one."""
+        while True:
+            head = self._receive(4)
+            data = self._receive(int.from_bytes(head, "little"))
+            if not data:
+                return
+            operation = data[0]
+            status, number, out = 0, 0, b""
+            try:
+                answer = self._host.call(operation, data[1:])
+            except OSError as error:
+                status = _ERRORS.get(errno.errorcode.get(error.errno or 0, ""), _ERRORS["EIO"])
+            else:
+                if operation in _SILENT:
+                    continue
+                if isinstance(answer, int):
+                    number = answer
+                else:
+                    number, out = len(answer), answer
+            try:
+                os.write(self._answers, struct.pack("<IBI", len(out) + 5, status, number) + out)
+            except BrokenPipeError:
+                return
+
+    def _receive(self, length: int) -> bytes:
+        """So many octets, or none when the process is gone."""
+        data = b""
+        while len(data) < length:
+            some = os.read(self._requests, length - len(data))
+            if not some:
+                return b""
+            data += some
+        return data
+
+    def ask_heap(self) -> None:
+        """The host is told after the slice that runs."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(b"heap\n")
+            self._process.stdin.flush()
+        except OSError:
+            pass  # it has just ended
+
+    def stop(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+
+    def close(self) -> None:
+        """End the process and free what was held. Not while :meth:`run` runs."""
+        self.stop()
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.close()
+        except OSError:
+            pass
+        os.close(self._requests)
+        os.close(self._answers)
+
+
+def run(engine: MicroPythonEngine) -> None:
+    """Run to the end; Reset is passed on."""
+    try:
+        engine.run()
+    except Reset:
+        raise
+    finally:
+        engine.close()

@@ -1,0 +1,34 @@
+# mypy: disable-error-code="no-any-return"
+"""The carrier on MicroPython: a device file of the engine (``engine_micropython.mjs``).
+
+What is written is the operation's octet and its data; the first read carries them out. The answer
+is an error number or 0, u32 number or length, octets.
+"""
+
+_line = open("/dev/board", "r+b", 0)
+_head = bytearray(5)
+_op = bytearray(1)
+
+
+def _ask(op: int, data: bytes) -> int:
+    _op[0] = op
+    _line.write(_op)
+    if len(data):
+        _line.write(data)
+    _line.readinto(_head)
+    if _head[0]:
+        raise OSError(_head[0])
+    return _head[1] | _head[2] << 8 | _head[3] << 16 | _head[4] << 24
+
+
+def call(op: int, data: bytes = b"") -> bytes:
+    """See ``_board``."""
+    length = _ask(op, data)
+    if not length:
+        return b""
+    return _line.read(length)
+
+
+def number(op: int, data: bytes = b"") -> int:
+    """See ``_board``: the number stands where else the length is."""
+    return _ask(op, data)

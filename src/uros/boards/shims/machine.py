@@ -1,0 +1,186 @@
+# mypy: disable-error-code="no-any-return"
+"""MicroPython's ``machine``, as far as the virtual boards have what it drives."""
+
+import struct
+
+import _board  # type: ignore[import-not-found]
+
+PWRON_RESET = 1
+HARD_RESET = 2
+WDT_RESET = 3
+DEEPSLEEP_RESET = 4
+SOFT_RESET = 5
+
+_IDLE_US = 1000  # a board's tick is what wakes it at the latest
+
+
+def unique_id() -> bytes:
+    return _board.call(_board.UNIQUE_ID)
+
+
+def freq() -> int:
+    """The core's clock in Hz. It cannot be changed here."""
+    return _board.number(_board.FREQUENCY)
+
+
+def reset() -> None:
+    """Start the board anew. Does not return."""
+    _board.call(_board.RESET, b"\1")
+
+
+def soft_reset() -> None:
+    """Start the program anew. Does not return."""
+    _board.call(_board.RESET, b"\0")
+
+
+def idle() -> None:
+    """Wait for an interrupt: USB, or the next tick a millisecond from now at the latest."""
+    if _board.number(_board.USB_STATE) & _board.USB_READABLE:
+        _board.call(_board.SLEEP, struct.pack("<Q", _IDLE_US))
+    else:
+        _board.number(_board.USB_WAIT, struct.pack("<IB", _IDLE_US, _board.USB_READABLE))
+
+
+def lightsleep(ms: int) -> None:
+    _board.call(_board.SLEEP, struct.pack("<Q", ms * 1000))
+
+
+def disable_irq() -> int:
+    """Nothing interrupts the firmware here."""
+    return 1
+
+
+def enable_irq(state: int = 1) -> None:
+    pass
+
+
+class Pin:
+    """A pin by its name on the board, such as "P414"."""
+
+    IN = 0
+    OUT = 1
+    OPEN_DRAIN = 2
+    PULL_UP = 1
+    PULL_DOWN = 2
+
+    def __init__(
+        self, id: "str | Pin", mode: int = -1, pull: int = -1, *, value: int | None = None
+    ) -> None:
+        self._name: str = id._name if isinstance(id, Pin) else str(id)
+        self._octets = self._name.encode()
+        self.init(mode, pull, value=value)
+
+    def init(self, mode: int = -1, pull: int = -1, *, value: int | None = None) -> None:
+        """-1: leave it as it is."""
+        try:
+            if value is not None:
+                self.value(value)
+            # Also without a mode: a name that the board does not have is refused here.
+            _board.call(_board.PIN_MODE, bytes((mode & 255,)) + self._octets)
+        except OSError:
+            raise ValueError("invalid pin")  # noqa: B904
+
+    def value(self, level: int | None = None) -> int | None:
+        if level is None:
+            return _board.number(_board.PIN_GET, self._octets)
+        _board.call(_board.PIN_SET, bytes((1 if level else 0,)) + self._octets)
+        return None
+
+    def __call__(self, level: int | None = None) -> int | None:
+        return self.value(level)
+
+    def on(self) -> None:
+        self.value(1)
+
+    def off(self) -> None:
+        self.value(0)
+
+    high = on
+    low = off
+
+    def toggle(self) -> None:
+        self.value(not self.value())
+
+    def name(self) -> str:
+        return self._name
+
+    def __repr__(self) -> str:
+        return "Pin(" + self._name + ")"
+
+
+class I2C:
+    """A controller of the chip by its channel. Its pins are fixed; ``scl`` and ``sda`` say which.
+
+    Raises OSError: ENODEV nobody acknowledges the address, EIO data is not acknowledged,
+    ETIMEDOUT the bus is held longer than ``timeout`` microseconds.
+    """
+
+    def __init__(
+        self,
+        id: int,
+        *,
+        scl: Pin | None = None,
+        sda: Pin | None = None,
+        freq: int = 400000,
+        timeout: int = 50000,
+    ) -> None:
+        self._id = id
+        self.init(scl=scl, sda=sda, freq=freq, timeout=timeout)
+
+    def init(
+        self,
+        *,
+        scl: Pin | None = None,
+        sda: Pin | None = None,
+        freq: int = 400000,
+        timeout: int = 50000,
+    ) -> None:
+        try:
+            _board.call(_board.I2C_INIT, struct.pack("<BII", self._id, freq, timeout))
+        except OSError:
+            raise ValueError("I2C(" + str(self._id) + ") doesn't exist")  # noqa: B904
+        self._freq = freq
+
+    def __repr__(self) -> str:
+        return "I2C(" + str(self._id) + ", freq=" + str(self._freq) + ")"
+
+    def _transfer(self, addr: int, write: bytes, read: int, stop: bool) -> bytes:
+        if not 0 <= addr < 128:
+            addr = 255  # refused as any that does not exist; MicroPython would pack others, cut
+        head = struct.pack("<BBBH", self._id, addr, 1 if stop else 0, read)
+        return _board.call(_board.I2C_TRANSFER, head + write)
+
+    def scan(self) -> "list[int]":
+        return list(_board.call(_board.I2C_SCAN, bytes((self._id,))))
+
+    def readfrom(self, addr: int, nbytes: int, stop: bool = True) -> bytes:
+        return self._transfer(addr, b"", nbytes, stop)
+
+    def readfrom_into(self, addr: int, buf: bytearray, stop: bool = True) -> None:
+        buf[:] = self._transfer(addr, b"", len(buf), stop)
+
+    def writeto(self, addr: int, buf: bytes, stop: bool = True) -> int:
+        """How many octets were acknowledged."""
+        self._transfer(addr, bytes(buf), 0, stop)
+        return len(buf)
+
+    def writevto(self, addr: int, vector: "list[bytes]", stop: bool = True) -> int:
+        octets = b"".join([bytes(buf) for buf in vector])
+        self._transfer(addr, octets, 0, stop)
+        return len(octets)
+
+    def readfrom_mem(self, addr: int, memaddr: int, nbytes: int, *, addrsize: int = 8) -> bytes:
+        return self._transfer(addr, _register(memaddr, addrsize), nbytes, True)
+
+    def readfrom_mem_into(
+        self, addr: int, memaddr: int, buf: bytearray, *, addrsize: int = 8
+    ) -> None:
+        buf[:] = self._transfer(addr, _register(memaddr, addrsize), len(buf), True)
+
+    def writeto_mem(self, addr: int, memaddr: int, buf: bytes, *, addrsize: int = 8) -> None:
+        self._transfer(addr, _register(memaddr, addrsize) + bytes(buf), 0, True)
+
+
+def _register(memaddr: int, addrsize: int) -> bytes:
+    """A register's number as it goes over the bus: big-endian, whole octets."""
+    return memaddr.to_bytes((addrsize + 7) // 8, "big")

@@ -1,0 +1,1 @@
+"""USB devices defined by the firmware."""

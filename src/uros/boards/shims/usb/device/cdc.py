@@ -1,0 +1,191 @@
+# mypy: disable-error-code="no-any-return"
+"""A serial port over USB (CDC 1.20, PSTN 1.20), with ``machine.UART``'s way of reading."""
+
+import io
+import struct
+
+import _board  # type: ignore[import-not-found]
+
+from .core import Interface
+
+try:
+    from typing import Any
+except ImportError:
+    pass
+
+_STREAM_FLUSH = 1
+_STREAM_POLL = 3
+_POLLIN = 1
+_POLLOUT = 4
+_POLLHUP = 16
+_EINVAL = -22
+
+_PARITIES = "NOEMS"
+_STOPS = ("1", "1.5", "2")
+
+
+class CDCInterface(io.IOBase, Interface):
+    """Reads and writes wait up to ``timeout`` milliseconds for all that was asked for.
+
+    ``read`` and ``readinto`` give None when nothing has come, ``write`` the number of octets that
+    were taken. The attributes ``ep_c_in``, ``ep_d_in`` and ``ep_d_out`` are the endpoints; a
+    subclass may write other descriptors in ``desc_cfg``.
+    """
+
+    def __init__(self, **kwargs: object) -> None:
+        Interface.__init__(self)
+        self.break_cb: Any = None
+        self.line_state_cb: Any = None
+        self.line_coding_cb: Any = None
+        self.ep_c_in: int | None = None
+        self.ep_d_in: int | None = None
+        self.ep_d_out: int | None = None
+        self._c_itf: int | None = None
+        self._line_coding = bytearray(7)
+        self.init(**kwargs)  # type: ignore[arg-type]
+
+    def init(
+        self,
+        baudrate: int = 9600,
+        bits: int = 8,
+        parity: str = "N",
+        stop: "int | str" = 1,
+        timeout: int = 1000,
+        txbuf: int = 256,
+        rxbuf: int = 256,
+        flow: int = 0,
+    ) -> None:
+        """What concerns the line is only told to the host: USB has its own pace."""
+        struct.pack_into(
+            "<LBBB",
+            self._line_coding,
+            0,
+            baudrate,
+            _STOPS.index(str(stop)),
+            _PARITIES.index(parity),
+            bits,
+        )
+        if flow != 0:
+            raise NotImplementedError
+        if not (txbuf and rxbuf >= 64):
+            raise ValueError
+        self._timeout = timeout
+
+    @property
+    def rts(self) -> bool:
+        return self.dtr
+
+    @property
+    def dtr(self) -> bool:
+        """Whether a program on the host has opened the port."""
+        return bool(_board.number(_board.USB_STATE) & _board.USB_DTR)
+
+    @property
+    def baudrate(self) -> int:
+        return struct.unpack("<LBBB", self._line_coding)[0]
+
+    @property
+    def stop_bits(self) -> str:
+        return _STOPS[self._line_coding[4]]
+
+    @property
+    def parity(self) -> str:
+        return _PARITIES[self._line_coding[5]]
+
+    @property
+    def data_bits(self) -> int:
+        return self._line_coding[6]
+
+    def set_break_cb(self, cb: "Any") -> None:
+        self.break_cb = cb
+
+    def set_line_state_cb(self, cb: "Any") -> None:
+        self.line_state_cb = cb
+
+    def set_line_coding_cb(self, cb: "Any") -> None:
+        self.line_coding_cb = cb
+
+    # --- descriptors -------------------------------------------------------------------
+
+    def desc_cfg(self, desc: "Any", itf_num: int, ep_num: int, strs: "Any") -> None:
+        desc.interface_assoc(itf_num, 2, 2, 2)
+        self._c_itf = itf_num
+        desc.interface(itf_num, 1, 2, 2)
+        for fmt, values in (
+            ("<BBBH", (5, 0x24, 0, 0x0120)),  # header: CDC 1.20
+            ("<BBBBB", (5, 0x24, 1, 0, itf_num + 1)),  # call management: none
+            ("<BBBB", (4, 0x24, 2, 6)),  # abstract control: line coding and state, break
+            ("<BBBBB", (5, 0x24, 6, itf_num, itf_num + 1)),  # union
+        ):
+            desc.pack(fmt, *values)
+        self.ep_c_in = ep_num | 0x80
+        desc.endpoint(self.ep_c_in, "interrupt", 8, 16)
+        desc.interface(itf_num + 1, 2, 10, 0, 0)
+        self.ep_d_out = ep_num + 1
+        self.ep_d_in = (ep_num + 1) | 0x80
+        desc.endpoint(self.ep_d_out, "bulk", 64, 0)
+        desc.endpoint(self.ep_d_in, "bulk", 64, 0)
+
+    def num_itfs(self) -> int:
+        return 2
+
+    def num_eps(self) -> int:
+        return 2
+
+    # --- the stream --------------------------------------------------------------------
+
+    def write(self, buf: bytes) -> int:
+        done: int = _board.number(_board.USB_WRITE, buf)
+        if done < len(buf) and self._timeout > 0:
+            view = memoryview(buf)
+            start = _board.number(_board.TICKS_US)
+            while done < len(buf):
+                past = (_board.number(_board.TICKS_US) - start) & 0x3FFFFFFF
+                if past >= self._timeout * 1000:
+                    break
+                # The board is not told when the host has fetched something: try again.
+                _board.call(_board.SLEEP, struct.pack("<Q", 1000))
+                done += _board.number(_board.USB_WRITE, view[done:])
+        return done
+
+    def read(self, size: int = -1) -> "bytes | None":
+        if size < 0:
+            size = _board.number(_board.USB_ANY)
+        data: bytes = _board.call(_board.USB_READ, struct.pack("<H", min(size, 65535)))
+        if len(data) < size and self._timeout > 0:
+            start = _board.number(_board.TICKS_US)
+            while len(data) < size:
+                past = (_board.number(_board.TICKS_US) - start) & 0x3FFFFFFF
+                left = self._timeout * 1000 - past
+                if left <= 0:
+                    break
+                wait = struct.pack("<IB", min(left, 1000000), _board.USB_READABLE)
+                _board.number(_board.USB_WAIT, wait)
+                want = struct.pack("<H", min(size - len(data), 65535))
+                data += _board.call(_board.USB_READ, want)
+        return data or None
+
+    def readinto(self, b: bytearray) -> "int | None":
+        data = self.read(len(b))
+        if data is None:
+            return None if len(b) else 0
+        b[: len(data)] = data
+        return len(data)
+
+    def ioctl(self, req: int, arg: int) -> int:
+        if req == _STREAM_POLL:
+            state = _board.number(_board.USB_STATE)
+            found = 0
+            if state & _board.USB_READABLE:
+                found |= _POLLIN
+            if state & _board.USB_WRITABLE:
+                found |= _POLLOUT
+            if state & _board.USB_CLOSED:
+                found |= _POLLHUP
+            return found & arg
+        if req == _STREAM_FLUSH:
+            return 0  # what was taken is on the line
+        return _EINVAL
+
+    def flush(self) -> None:
+        """Nothing waits: what was taken is on the line."""

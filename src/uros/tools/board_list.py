@@ -1,0 +1,67 @@
+"""``uros board list``"""
+
+from __future__ import annotations
+
+import argparse
+
+from .errors import ToolError, did_you_mean
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "board", metavar="NAME", nargs="?",
+        help="only this board, with all that can be made to go wrong with it",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print a table, or all about one board. Raises ToolError."""
+    from ..boards.board import BOARDS
+
+    if args.board is None:
+        width = max(map(len, BOARDS))
+        mcu = max(len(it.mcu) for it in BOARDS.values())
+        print(f"{'NAME':{width}}  {'MCU':{mcu}}  WHAT IT DOES")
+        for spec in BOARDS.values():
+            print(f"{spec.name:{width}}  {spec.mcu:{mcu}}  {spec.text}")
+        print("\n'uros board run NAME' runs one; 'uros board list NAME' tells more about it.")
+        return 0
+    check_name(args.board)
+    _describe(args.board)
+    return 0
+
+
+def check_name(name: str) -> None:
+    """Raises ToolError where there is no such board."""
+    from ..boards.board import BOARDS
+
+    if name not in BOARDS:
+        close = did_you_mean(name, BOARDS) or f" (there are {', '.join(BOARDS)})"
+        raise ToolError(f"there is no board {name!r}{close}")
+
+
+def _describe(name: str) -> None:
+    from ..boards.board import BoardError, VirtualBoard
+    from ..boards.running import firmware_folder
+
+    board = VirtualBoard(name)
+    try:
+        spec = board.spec
+        try:
+            folder = str(firmware_folder(spec))
+        except BoardError:
+            folder = f"{spec.firmware} (not installed)"
+        print(f"{spec.name}: {spec.text}\n")
+        print(f"MCU       {spec.mcu}")
+        print(f"firmware  {folder}")
+        print(f"ports     MicroPython for {', '.join(spec.ports)}")
+        pins = [f"{pin.name} {pin.function}".rstrip() for pin in board.pins.values()]
+        print(f"pins      {', '.join(pins)}")
+        print("\nFaults, for 'uros board run --fault':")
+        faults = board.faults()
+        width = max(len(it.spec) for it in faults)
+        for fault in faults:
+            print(f"  {fault.spec:{width}}  {fault.text}")
+        print("Device:off heals a device, all:off everything.")
+    finally:
+        board.close()

