@@ -6,6 +6,14 @@ milliseconds, None meaning unlimited. Runs on MicroPython.
 
 from .wire import ids
 
+try:
+    from typing import Final
+except ImportError:  # MicroPython
+    pass
+
+# Whether profiles compare by their fields and print them. A board's build says False.
+COMPARABLE: Final = True
+
 
 class HistoryPolicy:
     SYSTEM_DEFAULT = 0
@@ -99,18 +107,20 @@ class QoSProfile:
             DurabilityPolicy.SYSTEM_DEFAULT,
         )
 
-    def _key(self) -> "tuple[object, ...]":
-        return tuple([getattr(self, name) for name in _FIELDS])
+    if COMPARABLE:
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, QoSProfile) and self._key() == other._key()
+        def _key(self) -> "tuple[object, ...]":
+            return tuple([getattr(self, name) for name in _FIELDS])
 
-    def __hash__(self) -> int:
-        return hash(self._key())
+        def __eq__(self, other: object) -> bool:
+            return isinstance(other, QoSProfile) and self._key() == other._key()
 
-    def __repr__(self) -> str:
-        fields = [name + "=" + repr(getattr(self, name)) for name in _FIELDS]
-        return "QoSProfile(" + ", ".join(fields) + ")"
+        def __hash__(self) -> int:
+            return hash(self._key())
+
+        def __repr__(self) -> str:
+            fields = [name + "=" + repr(getattr(self, name)) for name in _FIELDS]
+            return "QoSProfile(" + ", ".join(fields) + ")"
 
 
 _FIELDS = (

@@ -3,6 +3,7 @@
 Ticks count modulo 2^30, as everywhere in uros.
 """
 
+import sys
 import time as _time
 
 try:
@@ -13,7 +14,7 @@ except ImportError:  # MicroPython
 _MASK: Final = 0x3FFFFFFF
 time: "Any" = _time
 
-if hasattr(time, "ticks_ms"):  # MicroPython
+if sys.implementation.name == "micropython":
 
     def ticks_ms() -> int:
         ms: int = time.ticks_ms() & _MASK
@@ -23,9 +24,7 @@ if hasattr(time, "ticks_ms"):  # MicroPython
         us: int = time.ticks_us() & _MASK
         return us
 
-    def sleep_ms(ms: int) -> None:
-        time.sleep_ms(ms)
-
+    sleep_ms = time.sleep_ms
 else:
 
     def ticks_ms() -> int:

@@ -1,8 +1,9 @@
 """Drops what a board's program does not reach, by names.
 
 Kept is, in modules of uros and of interfaces: what the program imports or names, what that names in
-turn, and so on. An attribute may belong to anything, so a method is kept when anything that is kept
-has an attribute, or a string (for getattr), of its name; so is what a module binds, if the module
+turn, and so on. An attribute may belong to anything, but for those of ``self`` and of annotated
+parameters, so a method is kept when anything that is kept has an attribute, or a string (for
+getattr), of its name; so is what a module binds, if the module
 itself is at hand as an object; all methods, where a class has a base that is not ours. What such a
 reading cannot see is a name that is put together at run time: keep that by ``roots``. Imports and
 plain assignments are taken to do nothing but bind.
@@ -15,7 +16,7 @@ import builtins
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from .shrink import Module, absolute, bound
+from .shrink import Module, absolute, bound, receiver
 
 _DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 
@@ -60,6 +61,8 @@ class _Shaker:
         self.loaded: set[str] = set()
         self.objects: set[str] = set()  # modules that something holds as an object
         self.used: set[str] = set()  # attributes, and strings that may be names of some
+        self.families = _families(m.tree for m in modules.values())
+        self.typed: set[tuple[str, str]] = set()  # (family, attribute): those of a known class
         self.classes: list[tuple[Module, _Unit]] = []  # the live ones
         self.changed = False
 
@@ -155,7 +158,11 @@ class _Shaker:
             if isinstance(node, ast.Name):
                 self.use(module.name, node.id)
             elif isinstance(node, ast.Attribute):
-                self.note(node.attr)
+                family = self.families.get(receiver(node), "")
+                if family:
+                    self.note_typed(family, node.attr)
+                else:
+                    self.note(node.attr)
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                 if node.value.isidentifier():
                     self.note(node.value)
@@ -167,6 +174,19 @@ class _Shaker:
         if attribute not in self.used:
             self.used.add(attribute)
             self.changed = True
+
+    def note_typed(self, family: str, attribute: str) -> None:
+        if (family, attribute) not in self.typed:
+            self.typed.add((family, attribute))
+            self.changed = True
+
+    def is_used(self, unit: _Unit, member: _Unit) -> bool:
+        """Whether anything may ask for the member of the class."""
+        assert isinstance(unit.node, ast.ClassDef)
+        family = self.families.get(unit.node.name, "")
+        return any(
+            name in self.used or (family, name) in self.typed for name in member.names
+        )
 
     def run(self) -> None:
         """Go on until nothing new is reached."""
@@ -182,7 +202,7 @@ class _Shaker:
                         self.hold(child)
             for module, unit in list(self.classes):
                 for member in unit.members:
-                    if unit.whole or member.effect or not member.names.isdisjoint(self.used):
+                    if unit.whole or member.effect or self.is_used(unit, member):
                         if not member.live:
                             self.revive(module, member)
                             for name in _class_scope(member.node):
@@ -202,6 +222,46 @@ class _Shaker:
                     continue  # MicroPython takes a folder without __init__ for a package
             kept[name] = module
         return kept
+
+
+def _families(trees: Iterable[ast.Module]) -> dict[str, str]:
+    """Each class's name, and one for all that it has bases or heirs in common with.
+
+    Only those whose bases are all known, and that have a name for themselves.
+    """
+    bases: dict[str, list[str]] = {}
+    open_: set[str] = set()
+    for tree in trees:
+        other = {
+            alias.asname: alias.name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+            if alias.asname
+        }
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.ClassDef):
+                continue
+            if node.name in bases:
+                open_.add(node.name)
+            names = [other.get(it, it) for it in map(ast.unparse, node.bases)]
+            bases.setdefault(node.name, []).extend(names)
+    family = {name: name for name in bases}
+
+    def join(a: str, b: str) -> None:
+        old, new = family[a], family[b]
+        for name, its in family.items():
+            if its == old:
+                family[name] = new
+
+    for name, its in bases.items():
+        for base in its:
+            if base in family:
+                join(name, base)
+            elif not isinstance(getattr(builtins, base, None), type):
+                open_.add(name)
+    unknown = {family[name] for name in open_}
+    return {name: its for name, its in family.items() if its not in unknown}
 
 
 def _units(body: list[ast.stmt]) -> list[_Unit]:
@@ -230,7 +290,12 @@ def _class_scope(node: ast.stmt) -> set[str]:
     parts: list[ast.AST] = [node]
     if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
         parts = [*node.decorator_list, node.args]
-    return {n.id for part in parts for n in ast.walk(part) if isinstance(n, ast.Name)}
+    return {
+        n.id
+        for part in parts
+        for n in ast.walk(part)
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
+    }
 
 
 def _is_dunder(name: str) -> bool:

@@ -123,9 +123,15 @@ def strip(module: Module) -> None:
 
 
 class _Strip(ast.NodeTransformer):
+    def __init__(self) -> None:
+        self._class = ""
+
     def _function(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> ast.AST:
+        _mark_receivers(node, self._class)
         node.returns = None
+        outer, self._class = self._class, ""
         self.generic_visit(node)
+        self._class = outer
         node.body = node.body or [ast.Pass()]
         return node
 
@@ -133,7 +139,9 @@ class _Strip(ast.NodeTransformer):
     visit_AsyncFunctionDef = _function
 
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        outer, self._class = self._class, node.name
         self.generic_visit(node)
+        self._class = outer
         node.body = node.body or [ast.Pass()]
         return node
 
@@ -213,6 +221,37 @@ class _Strip(ast.NodeTransformer):
         return text
 
 
+_RECEIVER: Final = "uros_receiver"
+
+
+def _mark_receivers(node: ast.FunctionDef | ast.AsyncFunctionDef, owner: str) -> None:
+    """Note at attributes of ``self`` and of annotated parameters which class they are of."""
+    arguments = [*node.args.posonlyargs, *node.args.args]
+    types = {
+        arg.arg: ast.unparse(arg.annotation).strip("'\"") for arg in arguments if arg.annotation
+    }
+    if owner and arguments and not node.decorator_list:
+        types[arguments[0].arg] = owner
+    elif owner and arguments:
+        types.pop(arguments[0].arg, None)
+    for inner in ast.walk(node):
+        if inner is not node and isinstance(inner, (*FUNCTIONS, ast.Lambda)):
+            for name in parameters(inner.args):
+                types.pop(name, None)
+    for name in bound(node.body):
+        types.pop(name, None)
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.Attribute) and isinstance(inner.value, ast.Name):
+            kind = types.get(inner.value.id, "")
+            if kind.isidentifier() and not hasattr(inner, _RECEIVER):
+                setattr(inner, _RECEIVER, kind)
+
+
+def receiver(node: ast.Attribute) -> str:
+    """The class that an attribute is asked of, as the source's annotations say; "" if unknown."""
+    return str(getattr(node, _RECEIVER, ""))
+
+
 def _is_absent(node: ast.stmt) -> bool:
     if isinstance(node, ast.Import):
         return any(alias.name in ABSENT for alias in node.names)
@@ -222,7 +261,10 @@ def _is_absent(node: ast.stmt) -> bool:
 # --- lean ------------------------------------------------------------------------------------------
 
 # Final constants with which a module says more than a board has room for, and what they are there.
-_LEAN: Final = {("uros.interfaces.runtime", "NAMES_FIELDS"): False}
+_LEAN: Final = {
+    ("uros.interfaces.runtime", "NAMES_FIELDS"): False,
+    ("uros.qos", "COMPARABLE"): False,
+}
 # A board's session catches and counts a peer's faults, and says itself what cannot be sent.
 _UNTOLD: Final = {"DecodeError", "LimitError", "EncodeError"}
 _WIRE: Final = "uros.wire."

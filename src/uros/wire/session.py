@@ -6,8 +6,6 @@ whose first octet on the wire is the high one. A result is a pair of octets,
 status and implementation status.
 """
 
-import struct
-
 from . import ids
 from .errors import DecodeError, LimitError
 
@@ -216,19 +214,24 @@ def acknack_message(
     session_id: int, key: int, first_unacked: int, missing: int, stream_id: int
 ) -> bytes:
     """A whole ACKNACK message, header included: one goes out for every burst received."""
-    body = struct.pack(
-        "<BBHHBBB",
-        ids.ACKNACK,
-        ids.FLAG_LITTLE_ENDIAN,
-        5,
-        first_unacked,
-        missing >> 8 & 0xFF,
-        missing & 0xFF,
-        stream_id,
+    # Octet by octet: a struct's format each would take more of a board's heap.
+    body = bytes(
+        (
+            ids.ACKNACK,
+            ids.FLAG_LITTLE_ENDIAN,
+            5,
+            0,
+            first_unacked & 0xFF,
+            first_unacked >> 8,
+            missing >> 8,
+            missing & 0xFF,
+            stream_id,
+        )
     )
     if session_id & 0x80:
         return bytes((session_id, 0, 0, 0)) + body
-    return struct.pack(">BBHI", session_id, 0, 0, key) + body
+    octets = (key >> 24, key >> 16 & 0xFF, key >> 8 & 0xFF, key & 0xFF)
+    return bytes((session_id, 0, 0, 0) + octets) + body
 
 
 def pull_acknack(r: "Reader") -> "tuple[int, int, int]":
