@@ -81,7 +81,10 @@ def test_a_host_hears_what_rclpy_publishes(peer, domain, type, reliability):
 
     def publish(*messages):
         cdr = [to_cdr(message).hex() for message in messages]
-        assert peer.do("publish", topic=topic, type=type._TYPE, cdr=cdr)["subscribers"] == 1
+        answer = peer.do(
+            "publish", topic=topic, type=type._TYPE, cdr=cdr, reliability=reliability
+        )
+        assert answer["subscribers"] == 1
 
     with spinning(node):
         # rclpy knows the reader before that knows rclpy: what is published meanwhile is lost.

@@ -41,6 +41,10 @@ class RunningAgent:
             from uros.transport.tcp import TcpServer
 
             return TcpServer(0, "127.0.0.1")
+        if kind == "memory":  # its lines are transport.connect(), for boards of ours
+            from uros.transport.memory import MemoryServer
+
+            return MemoryServer()
         from uros.transport.serial import PseudoTerminalServer, SerialServer
 
         if kind == "pseudoterminal":

@@ -58,7 +58,7 @@ class Number:
         return type(other) is type(self) and other.value == self.value
 
     def __repr__(self):
-        return "Number(%r)" % self.value
+        return f"Number({self.value!r})"
 
 
 class Blob:

@@ -289,8 +289,8 @@ class Session:
         if incoming is None:
             raise DecodeError("a fragment outside of a reliable stream")
         if len(self._in) > 1:  # all streams together hold no more than one may
-            kept = sum(it.fragments.size for it in self._in.values())
-            incoming.fragments.limit = MAX_MESSAGE - kept + incoming.fragments.size
+            kept = sum(it.fragments.pending for it in self._in.values())
+            incoming.fragments.limit = MAX_MESSAGE - kept + incoming.fragments.pending
         whole = incoming.fragments.add(part, bool(flags & ids.FLAG_LAST_FRAGMENT))
         if whole is None:
             return True

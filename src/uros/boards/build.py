@@ -102,8 +102,9 @@ def build(
     files are where the search for imports starts. Types of interfaces are known as `add_folder` and
     the search path of ROS have them, and imported as ``from sensor_msgs.msg import Temperature``.
 
-    ``lean`` leaves out words: an error of packing names the type and not the field, and errors of
-    ``uros.wire`` have no text; QoS profiles are equal only to themselves. ``form`` is ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
+    ``form`` is ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
+    ``lean`` leaves out words: an error of packing names the type and not the field, errors of
+    ``uros.wire`` have no text, QoS profiles are equal only to themselves.
     ``shake`` drops what the program does not reach; ``roots`` keeps more: modules
     (``uros.wire.session``), names in them (``uros.wire.session:push_info``) and types
     (``std_msgs.msg:Int32``). ``bundle`` puts all modules but the program's into one and shortens

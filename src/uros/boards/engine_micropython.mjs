@@ -156,6 +156,9 @@ gc.threshold(${THRESHOLD})
     report();
   };
   answerHeap(); // before the program: what the shims and MicroPython itself take
+  if (measure && sliced) {
+    for (const line of source.match(/^(import|from) .*$/gm) ?? []) boot.imported(line);
+  }
   let more = begin(sliced, measure);
   while (more) {
     more = step();

@@ -258,7 +258,7 @@ def _is_absent(node: ast.stmt) -> bool:
     return isinstance(node, ast.ImportFrom) and not node.level and node.module in ABSENT
 
 
-# --- lean ------------------------------------------------------------------------------------------
+# --- lean ----------------------------------------------------------------------------------------
 
 # Final constants with which a module says more than a board has room for, and what they are there.
 _LEAN: Final = {

@@ -65,9 +65,11 @@ class Clock:
         time.nanosec = self._us * 1000
 
     def set(self, seconds: int, nanoseconds: int) -> None:
-        """This is the time now."""
+        """This is the time now; the nanoseconds may be more than a second."""
         self._update()
         us = nanoseconds // 1000
+        seconds += us // 1000000
+        us %= 1000000
         behind = (seconds - self.seconds) * 1000000 + us - self._us
         if self.synchronized and -STEP_US < behind < 0:
             self._ahead = -behind

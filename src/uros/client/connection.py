@@ -57,11 +57,13 @@ AGENT_DISCONNECTED: Final = 3
 _BURST: Final = 16
 # The first time is the best of so many answers; later ones count when they are as quick.
 _FIRST_TIMES: Final = 3
-_TIME_RETRY_MS: Final = 100
-_TIME_AGAIN_MS: Final = 1000
+_TIME_RETRY_MS: Final = 100  # twice as long each time: a line may be slower than that
+_TIME_AGAIN_MS: Final = 2000
 _TIME_PERIOD_MS: Final = 30000
-# An answer that took longer tells the time too badly once a better one is known.
+# An answer that took so much longer than the last good one tells the time too badly. Each that
+# does makes us a little less choosy: the line may have become slower for good.
 _QUICK_US: Final = 3000
+_LESS_CHOOSY_US: Final = 300
 _CREATE_FLAGS: Final = ids.FLAG_LITTLE_ENDIAN | ids.FLAG_REUSE | ids.FLAG_REPLACE
 
 
@@ -99,16 +101,19 @@ class Connection:
         self._entities: "list[Any]" = []
         self._by_id: "dict[int, Any]" = {}
         self._numbers: "dict[int, int]" = {}
-        self._scratch = Writer(bytearray(transport.mtu))
+        self._scratch: "Writer | None" = None  # while entities are created
         self._todo: "list[Any]" = []  # not created yet in this session
-        self._steps: "Iterator[None] | None" = None  # of the one that is being created
-        self._awaited: "dict[int, Any]" = {}  # by request: entities that the agent is creating
+        self._making: "Any" = None  # the one that is being created
+        self._steps: "Iterator[None] | None" = None  # of it
+        # By request: the entity that the agent is creating, None for what it is deleting.
+        self._awaited: "dict[int, Any]" = {}
         self._open = False  # the transport
         self._known = False  # the session, to the agent
         self._lost = ""
         self._delivered = False  # whether a sample has come in this pump
-        self._next = self._heard = self._next_time = self.clock.ms()
+        self._next = self._heard = self._answered = self._next_time = self.clock.ms()
         self._times = 0  # answers about the time that the first one still needs
+        self._time_retry = _TIME_RETRY_MS
         self._asked_us = -1
         self._best_us = 0
 
@@ -133,12 +138,19 @@ class Connection:
         self._entities.remove(entity)
         if entity in self._todo:
             self._todo.remove(entity)
+            return
+        if entity is self._making:
+            self._making = self._steps = None
+        for request in self._awaited:
+            if self._awaited[request] is entity:
+                self._awaited[request] = None
         for object_id in reversed(object_ids):
             self._by_id.pop(object_id, None)
             if self._known:
-                self.session.request(
+                request = self.session.request(
                     ids.DELETE, ids.FLAG_LITTLE_ENDIAN, self.clock.ms(), push_request, object_id
                 )
+                self._awaited[request] = None
 
     def create(
         self, entity: "Any", object_id: int, parent: int, push: "Callable[..., None]",
@@ -146,6 +158,8 @@ class Connection:
     ) -> None:  # fmt: skip
         """CREATE an object from its binary representation."""
         w = self._scratch
+        if w is None:
+            w = self._scratch = Writer(bytearray(self.transport.mtu))
         w.offset = 0
         push(w, *values)
         request = self.session.request(
@@ -154,7 +168,7 @@ class Connection:
         )  # fmt: skip
         self._awaited[request] = entity
 
-    def listen(self, entity: "Any", object_id: int, reliable: bool) -> None:
+    def listen(self, entity: "Any", object_id: int, reliable: "bool | int") -> None:
         """READ_DATA without limits: the samples go to ``entity.on_data``."""
         self._by_id[object_id] = entity
         self.session.request(
@@ -163,7 +177,9 @@ class Connection:
             0, None, (ids.MAX_SAMPLES_UNLIMITED, 0, 0, 0),
         )  # fmt: skip
 
-    def write(self, object_id: int, message: "Any", prefix: bytes, reliable: bool) -> int:
+    def write(
+        self, object_id: int, message: "Any", prefix: bytes, reliable: "bool | int"
+    ) -> int:
         """Send a sample if there is a connection and room: the request id, else 0."""
         if self.state != AGENT_CONNECTED:
             return 0
@@ -172,6 +188,10 @@ class Connection:
     # --- what the session tells -------------------------------------------------------------
 
     def on_agent(self, status: int) -> None:
+        if self._known and self.session.begun():
+            # A second answer, and not to a hello from before the first: the agent's end of the
+            # streams starts from nothing.
+            self._lost = "the agent has begun the session anew"
         if self.state != AGENT_AVAILABLE or self._known:
             return
         if status != ids.STATUS_OK:
@@ -179,9 +199,9 @@ class Connection:
             return
         self._known = True
         self._todo = list(self._entities)
-        self._steps = None
         self._times = _FIRST_TIMES
-        self._next_time = self.clock.ms()
+        self._time_retry = _TIME_RETRY_MS
+        self._next_time = self._answered = self.clock.ms()
 
     def on_pong(self) -> None:
         if self.state == WAITING_AGENT:
@@ -195,9 +215,15 @@ class Connection:
         if request_id == GOODBYE:
             self._known = False
             return
-        entity = self._awaited.pop(request_id, None)
+        self._answered = self.clock.ms()
+        what = "request %d" % request_id
+        if request_id in self._awaited:
+            entity = self._awaited.pop(request_id)
+            if entity is None:  # what was not there needs no deletion
+                return
+            what = entity.name
         if status >= ids.STATUS_ERR_DDS_ERROR:
-            self._refused(entity.name if entity else "request %d" % request_id, status)
+            self._refused(what, status)
 
     def on_time(self, transmit: "tuple[int, int]", receive: "tuple[int, int]") -> None:
         if self._asked_us < 0:
@@ -208,15 +234,17 @@ class Connection:
         inside = (transmit[0] - receive[0]) * 1000000 + (transmit[1] - receive[1]) // 1000
         trip = max(0, away - inside)
         first = self._times == _FIRST_TIMES
-        if self._times:
-            self._times -= 1
         slack = 0 if self._times else _QUICK_US
         if first or trip <= self._best_us + slack:
             self._best_us = trip
-            self.clock.set(*_later(transmit, trip >> 1))
+            self.clock.set(transmit[0], transmit[1] + (trip >> 1) * 1000)
         elif not self._times:
+            self._best_us += _LESS_CHOOSY_US
             return  # too slow to be of use: asked again soon
-        self._next_time = self.clock.ms()
+        self._answered = self._next_time = self.clock.ms()
+        self._time_retry = _TIME_RETRY_MS
+        if self._times:
+            self._times -= 1
         if not self._times:
             self._next_time = ticks_add(self._next_time, _TIME_PERIOD_MS)
 
@@ -243,36 +271,36 @@ class Connection:
         self._delivered = False
         try:
             message = self.transport.receive(max(0, wait))
-            for _ in range(_BURST):
-                if message is None:
-                    break
+            count = 0
+            while message is not None:
                 now = self.clock.ms()
                 if self.session.receive(message, now):
                     self._heard = now
-                if self._delivered:
+                count += 1
+                if self._delivered or count == _BURST:
                     break
                 message = self.transport.receive(0)
-            else:
-                message = b""
             # Only now: a callback that took long is no fault of the agent, whose words may wait.
-            if message is None and self._silent():
-                self._lost = self._lost or "the agent is silent"
+            if message is None and self.state != WAITING_AGENT:
+                now = self.clock.ms()
+                if ticks_diff(now, self._heard) >= self.silence_ms:
+                    self._lost = self._lost or "the agent is silent"
+                elif (
+                    self.state == AGENT_AVAILABLE
+                    and self._known
+                    and ticks_diff(now, self._answered) >= self.silence_ms
+                ):
+                    self._lost = self._lost or "the agent leaves requests unanswered"
         except OSError as error:
             self._lost = "the line is gone: %s" % error
         self._step(self.clock.ms())
-
-    def _silent(self) -> bool:
-        return (
-            self.state != WAITING_AGENT
-            and ticks_diff(self.clock.ms(), self._heard) >= self.silence_ms
-        )
 
     def _wait(self, now: int) -> int:
         """Milliseconds until something is due."""
         wait = ticks_diff(self._next, now)
         if self._known:
             wait = min(wait, ticks_diff(self._next_time, now))
-            deadline = self.session.next_deadline()
+            deadline = self.session.out.deadline
             if deadline is not None:
                 wait = min(wait, ticks_diff(deadline, now))
         return wait
@@ -311,7 +339,10 @@ class Connection:
             return
         self._feed()
         if ticks_diff(now, self._next_time) >= 0:
-            self._next_time = ticks_add(now, _TIME_RETRY_MS if self._times else _TIME_AGAIN_MS)
+            self._next_time = ticks_add(now, _TIME_AGAIN_MS)
+            if self._times:
+                self._next_time = ticks_add(now, self._time_retry)
+                self._time_retry = min(2 * self._time_retry, _TIME_AGAIN_MS)
             seconds, nanoseconds = self.clock.now()
             self._asked_us = self.clock.us()
             session.ask_time(seconds, nanoseconds)
@@ -319,22 +350,26 @@ class Connection:
             self._todo or self._steps or self._awaited or self._times
         ):
             self.connections += 1
+            self._scratch = None
+            self._awaited = {}  # emptied, it would keep the room of all that was in it
             self._enter(AGENT_CONNECTED)
         session.tick(now)
 
     def _feed(self) -> None:
         """Create what is not created yet, as far as the window reaches."""
-        while self.session.room():
+        while self.session.out.room():
             if self._steps is None:
                 if not self._todo:
                     return
-                self._steps = self._todo.pop(0).create(self)
+                self._making = self._todo.pop(0)
+                self._steps = self._making.create(self)
             try:
                 next(self._steps)
             except StopIteration:
-                self._steps = None
+                self._making = self._steps = None
             except WireError as error:
-                self._lost = str(error)
+                self._lost = "%s cannot be created: %r" % (self._making.name, error)
+                self.log("uros: " + self._lost)
                 return
 
     def _enter(self, state: int) -> None:
@@ -357,7 +392,7 @@ class Connection:
         self.session.renew()
         self._known = False
         self._todo.clear()
-        self._steps = None
+        self._making = self._steps = None
         self._awaited.clear()
         self._by_id.clear()
         self._open = False
@@ -368,7 +403,8 @@ class Connection:
             self._enter(AGENT_DISCONNECTED)
         # Not at once again: an agent that refuses would be asked for ever without a pause.
         self._next = ticks_add(now, self.wait_ms)
-        self._enter(WAITING_AGENT)
+        if was != WAITING_AGENT:
+            self._enter(WAITING_AGENT)
 
     def close(self) -> None:
         """Take leave of the agent, waiting for its answer no longer than ``wait_ms``."""
@@ -391,9 +427,3 @@ class Connection:
                 self.transport.send(message)
             except OSError as error:
                 self._lost = "the line is gone: %s" % error
-
-
-def _later(time: "tuple[int, int]", us: int) -> "tuple[int, int]":
-    """A time in seconds and nanoseconds, and so many microseconds."""
-    nanoseconds = time[1] + us * 1000
-    return time[0] + nanoseconds // 1000000000, nanoseconds % 1000000000

@@ -48,7 +48,6 @@ class Entity:
 
             self.flags = to_flags(qos)
             self.depth = qos.depth
-        self.reliable = bool(self.flags & ids.QOS_RELIABLE)
         self.number: int = node.connection.add(self)
 
     def object_id(self, kind: int) -> int:
@@ -57,6 +56,7 @@ class Entity:
 
     def destroy(self) -> None:
         """Take it off the network, now and in sessions to come."""
+        self.created = False
         self.node.forget(self)
         self.node.connection.remove(self, tuple([self.object_id(kind) for kind in self.kinds]))
 
@@ -75,7 +75,7 @@ class Entity:
         topic = self.object_id(ids.KIND_TOPIC)
         connection.create(
             self, topic, self.node.object_id, push_binary_topic, "rt" + self.name,
-            self.type._DDS_TYPE,
+            _dds_name(self.type),
         )  # fmt: skip
         yield
         connection.create(
@@ -94,7 +94,7 @@ class Entity:
     def _create_service(self, connection: "Any", kind: int) -> "Iterator[None]":
         connection.create(
             self, self.object_id(kind), self.node.object_id, push_binary_service, self.name,
-            self.type.Request._DDS_TYPE, self.type.Response._DDS_TYPE,
+            _dds_name(self.type.Request), _dds_name(self.type.Response),
             "rq" + self.name + "Request", "rr" + self.name + "Reply",
         )  # fmt: skip
         yield
@@ -120,10 +120,11 @@ class Publisher(Entity):
         Raises TypeError for a message of another type, what packing raises for a field that does
         not fit, and EncodeError for a message that could never be sent.
         """
-        if message._TYPE != self.type._TYPE:
-            raise TypeError("%s takes %s, not %s" % (self.name, self.type._TYPE, message._TYPE))
+        given = getattr(message, "_TYPE", type(message).__name__)
+        if given != self.type._TYPE:
+            raise TypeError("%s takes %s, not %s" % (self.name, self.type._TYPE, given))
         if self.created and self.node.connection.write(
-            self.object_id(ids.KIND_DATAWRITER), message, b"", self.reliable
+            self.object_id(ids.KIND_DATAWRITER), message, b"", self.flags & ids.QOS_RELIABLE
         ):
             self.published += 1
             return True
@@ -182,7 +183,9 @@ class Subscription(_Receiver):
 
     def create(self, connection: "Any") -> "Iterator[None]":
         yield from self._create_endpoint(connection, ids.KIND_SUBSCRIBER, ids.KIND_DATAREADER)
-        connection.listen(self, self.object_id(ids.KIND_DATAREADER), self.reliable)
+        connection.listen(
+            self, self.object_id(ids.KIND_DATAREADER), self.flags & ids.QOS_RELIABLE
+        )
         self.created = True
 
     def on_data(self, buf: "Buffer", start: int, stop: int, little: bool) -> None:
@@ -228,17 +231,21 @@ class Service(_Receiver):
             self._keep((bytes(buf[start:body]), request))
 
     def is_ready(self, now: int) -> bool:
-        return bool(self._queue) or self._answer is not None
+        if self._answer is not None:
+            self._reply()  # there may be room now
+        return bool(self._queue) and self._answer is None
 
     def execute(self, new: bool) -> None:
-        if self._answer is None:
-            if not self._queue:  # ALWAYS means nothing without a request
-                return
-            identity, request = self._queue.pop(0)
-            response = self.callback(request, self.type.Response())
-            if response is None:
-                raise TypeError("the callback of %s returned no response" % self.name)
-            self._answer = (identity, response)
+        if not new:  # ALWAYS means nothing without a request
+            return
+        identity, request = self._queue.pop(0)
+        response = self.callback(request, self.type.Response())
+        if response is None:
+            raise TypeError("the callback of %s returned no response" % self.name)
+        self._answer = (identity, response)
+        self._reply()
+
+    def _reply(self) -> None:
         identity, response = self._answer
         self._answer = None
         if not self.node.connection.write(
@@ -319,6 +326,13 @@ class Client(_Receiver):
             if self._pending[number] is future:
                 del self._pending[number]
 
+    def destroy(self) -> None:
+        """As every entity's; requests that wait for an answer fail."""
+        super().destroy()
+        self.on_lost()
+        while self._queue:
+            self.execute(True)
+
     def on_lost(self) -> None:
         pending = self._pending
         self._pending = {}
@@ -342,3 +356,9 @@ class Client(_Receiver):
             if response is None:
                 error = OSError("%s: the agent was lost, or its answer malformed" % self.name)
             future.finish(response, error)
+
+
+def _dds_name(type: "Any") -> str:
+    """``std_msgs/msg/Int32`` as DDS knows it. Classes have it too, but a board keeps each text."""
+    package, kind, name = type._TYPE.split("/")
+    return "%s::%s::dds_::%s_" % (package, kind, name)

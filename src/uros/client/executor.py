@@ -4,14 +4,17 @@ As rclc's executor: one round looks at all handles, asks the trigger whether to 
 then calls each one that has something new, or whose ``invocation`` is ALWAYS, once.
 """
 
-import sys
-
 from ..wire.streams import ticks_add, ticks_diff
 
 try:
     from typing import Any, Callable, Final
 except ImportError:  # MicroPython
     pass
+
+try:
+    from sys import print_exception  # type: ignore[attr-defined]
+except ImportError:  # CPython
+    from traceback import print_exception
 
 ON_NEW_DATA: Final = 0
 ALWAYS: Final = 1
@@ -48,7 +51,8 @@ class Executor:
     """See the module. ``max_handles`` makes one more than so many an error, as rclc does.
 
     A handle has ``invocation``, ``is_ready(now)``, ``execute(new)`` and ``next_deadline()``.
-    ``failed`` counts callbacks that raised; what they raised is printed, and the rest goes on.
+    ``failed`` counts callbacks that raised; what they raised goes to ``report``, which prints it,
+    and the rest goes on.
     """
 
     def __init__(self, max_handles: "int | None" = None) -> None:
@@ -56,6 +60,8 @@ class Executor:
         self.handles: "list[Any]" = []
         self.trigger: "Callable[[list[Any], list[bool]], bool]" = trigger_any
         self.failed = 0
+        self.report: "Callable[[Exception], object]" = print_exception
+        self._held: "list[Any]" = []  # what was ready in a round that the trigger let not begin
 
     def add(self, handle: "Any") -> None:
         """Add a handle behind the others. Raises ValueError when there are enough."""
@@ -70,11 +76,13 @@ class Executor:
 
     def execute(self, now: int) -> int:
         """One round at ``now`` (milliseconds modulo 2^30); how many callbacks ran."""
+        self._held = []
         ready = [handle.is_ready(now) for handle in self.handles]
         if True not in ready and self.trigger is trigger_any:
             return 0
         handles = list(self.handles)  # callbacks may add and remove
         if not self.trigger(handles, ready):
+            self._held = [handles[i] for i in range(len(handles)) if ready[i]]
             return 0
         count = 0
         for i in range(len(handles)):
@@ -85,12 +93,19 @@ class Executor:
                     handle.execute(ready[i])
                 except Exception as error:
                     self.failed += 1
-                    print_exception(error)
+                    self.report(error)
         return count
 
     def wait(self, now: int, longest: int = _LONGEST_MS) -> int:
-        """Milliseconds until the next timer, at most ``longest``."""
+        """Milliseconds until something is ready, as far as time tells: at most ``longest``.
+
+        What was ready already when the trigger said no waits for news of others.
+        """
         for handle in self.handles:
+            if handle in self._held:
+                continue
+            if handle.is_ready(now):
+                return 0
             deadline = handle.next_deadline()
             if deadline is not None:
                 longest = min(longest, ticks_diff(deadline, now))
@@ -142,17 +157,11 @@ class Timer:
 
     def execute(self, new: bool) -> None:
         if new:
-            late = ticks_diff(self._clock.ms(), self._due) * 1000 // self._us
+            past = ticks_diff(self._clock.ms(), self._due)
+            if self._canceled or past < 0:  # reset: both may happen in this same round
+                return
+            late = past * 1000 // self._us
             self.missed += late
             self._advance(late + 1)
         self.callback()
 
-
-def print_exception(error: BaseException) -> None:
-    """The traceback on standard error, or where a board has its console."""
-    if hasattr(sys, "print_exception"):  # MicroPython
-        sys.print_exception(error)
-    else:
-        import traceback
-
-        traceback.print_exception(error)

@@ -1,9 +1,10 @@
 """The node: what a program on a board holds in its hand."""
 
+from ..ticks import ticks_us
 from ..wire import ids
 from ..wire.entities import push_binary_participant
 from ..wire.streams import ticks_add, ticks_diff
-from .connection import Connection
+from .connection import AGENT_AVAILABLE, Connection
 from .entities import Client, Publisher, Service, Subscription
 from .executor import Executor, Timer
 
@@ -39,16 +40,20 @@ class Node:
         key: "int | None" = None,
         **options: "Any",
     ) -> None:
-        self._name = check_name(name, "a node's name", 0)
+        self.name = check_name(name, "a node's name", 0)
         space = namespace.strip("/")
-        self._namespace = "/" + (check_name(space, "a namespace") if space else "")
+        self.namespace = "/" + (check_name(space, "a namespace") if space else "")
         self.domain_id = domain_id
         self.executor = Executor()
         self.connection: "Any" = transport
+        self._owner = False
         if not hasattr(transport, "pump"):
+            self._owner = True
             self.connection = Connection(
                 transport, board_key(name) if key is None else key, **options
             )
+        # Ticks, and the time since 1970: ``node.clock.stamp(message.header.stamp)``.
+        self.clock: "Clock" = self.connection.clock
         self._entities: "list[Any]" = []
         self._more = False  # the last round had something to do
         self.object_id = self.connection.add(self) << 4 | ids.KIND_PARTICIPANT
@@ -58,7 +63,7 @@ class Node:
     # --- what a connection asks of its entities ---------------------------------------------
 
     def create(self, connection: "Any") -> "Iterator[None]":
-        name = self._name if self._namespace == "/" else self._namespace + "/" + self._name
+        name = self.name if self.namespace == "/" else self.namespace + "/" + self.name
         connection.create(
             self, self.object_id, self.domain_id, push_binary_participant, name, None
         )
@@ -67,21 +72,17 @@ class Node:
     def on_lost(self) -> None:
         """The session has ended: there is nothing to keep."""
 
-    @property
-    def name(self) -> str:
-        return self._name
-
     # --- as rclpy has it ----------------------------------------------------------------------
 
     def get_name(self) -> str:
-        return self._name
+        return self.name
 
     def get_namespace(self) -> str:
         """``"/"`` for the root."""
-        return self._namespace
+        return self.namespace
 
     def get_fully_qualified_name(self) -> str:
-        return self.resolve(self._name)
+        return self.resolve(self.name)
 
     def create_publisher(self, msg_type: "Any", topic: str, qos_profile: "Any" = 10) -> Publisher:
         """``qos_profile`` is a depth (reliable, volatile), or a QoSProfile."""
@@ -120,18 +121,18 @@ class Node:
         self.executor.remove(timer)
 
     def destroy_node(self) -> None:
-        """Take leave of the agent and close the transport."""
-        for entity in list(self._entities):
-            self.forget(entity)
-        self.connection.close()
+        """Take leave of the agent and close the transport; where those are another node's,
+        delete what is ours."""
+        if self._owner:
+            for entity in list(self._entities):
+                self.forget(entity)
+            self.connection.close()
+        else:
+            for entity in reversed(list(self._entities)):
+                entity.destroy()
+            self.connection.remove(self, (self.object_id,))
 
     # --- the rest ---------------------------------------------------------------------------
-
-    @property
-    def clock(self) -> "Clock":
-        """Ticks, and the time since 1970: ``node.clock.stamp(message.header.stamp)``."""
-        clock: "Clock" = self.connection.clock
-        return clock
 
     @property
     def state(self) -> int:
@@ -139,13 +140,22 @@ class Node:
         state: int = self.connection.state
         return state
 
+    @property
+    def on_state(self) -> "Callable[[int], object] | None":
+        """Called with each new state."""
+        return self.connection.on_state  # type: ignore[no-any-return]
+
+    @on_state.setter
+    def on_state(self, callback: "Callable[[int], object] | None") -> None:
+        self.connection.on_state = callback
+
     def resolve(self, name: str) -> str:
         """The full name of ``name``: absolute, relative to the namespace, or private (``~/x``)."""
         if name.startswith("/"):
             return name
-        space = "" if self._namespace == "/" else self._namespace
-        if name.startswith("~"):
-            return space + "/" + self._name + ("/" + name[1:].strip("/") if name[1:] else "")
+        space = "" if self.namespace == "/" else self.namespace
+        if name == "~" or name.startswith("~/"):
+            return space + "/" + self.name + name[1:]
         return space + "/" + name
 
     def _topic(self, name: str, type: "Any") -> str:
@@ -154,7 +164,11 @@ class Node:
         return full
 
     def _add(self, entity: "Any") -> None:
-        self.executor.add(entity)
+        try:
+            self.executor.add(entity)
+        except ValueError:
+            self.connection.remove(entity, ())  # not half of it
+            raise
         self._entities.append(entity)
 
     def forget(self, entity: "Any") -> None:
@@ -164,7 +178,8 @@ class Node:
 
     def spin_once(self, timeout_sec: "float | None" = None) -> bool:
         """Run one round of callbacks, waiting for something to do at most so long (None: for
-        ever); whether there was one."""
+        ever); whether there was one. While entities are created it returns every time that
+        something has come: what that leaves behind in memory can then be collected."""
         executor = self.executor
         end = None
         if timeout_sec is not None:
@@ -180,7 +195,11 @@ class Node:
                 self.connection.pump(max(0, wait))
                 now = self.clock.ms()
             self._more = executor.execute(now) > 0
-            if self._more or (end is not None and ticks_diff(now, end) >= 0):
+            if (
+                self._more
+                or self.connection.state == AGENT_AVAILABLE
+                or (end is not None and ticks_diff(now, end) >= 0)
+            ):
                 return self._more
 
     def _overfull(self) -> bool:
@@ -211,7 +230,9 @@ def check_name(name: str, what: str, slashes: int = 1) -> str:
             if not part or "0" <= part[0] <= "9" or "__" in part:
                 fault = "has parts that begin with a letter, without __, between single slashes"
             for char in part:
-                if not ("a" <= char.lower() <= "z" or "0" <= char <= "9" or char == "_"):
+                if not (
+                    "a" <= char <= "z" or "A" <= char <= "Z" or "0" <= char <= "9" or char == "_"
+                ):
                     fault = "is of letters, digits and _"
     if fault:
         raise ValueError("%r: %s %s" % (name, what, fault))
@@ -225,9 +246,12 @@ def board_key(name: str) -> int:
 
         seed = unique_id() + name.encode()
     except ImportError:
-        from os import urandom
+        try:
+            from os import urandom
 
-        seed = urandom(8)
+            seed = urandom(8)
+        except ImportError:
+            seed = name.encode() + ticks_us().to_bytes(4, "little")
     key = 0x811C9DC5  # FNV-1a
     for octet in seed:
         key = (key ^ octet) * 0x01000193 & 0xFFFFFFFF

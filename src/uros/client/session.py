@@ -8,7 +8,7 @@ milliseconds modulo 2^30 and come from the caller.
 from ..wire import ids
 from ..wire.cdr import Reader
 from ..wire.data import REQUEST_SIZE
-from ..wire.errors import EncodeError, WireError
+from ..wire.errors import DecodeError, EncodeError, WireError
 from ..wire.header import MessageWriter, pull_header, pull_subheader, push_header, push_subheader
 from ..wire.session import (
     acknack_message,
@@ -22,7 +22,15 @@ from ..wire.session import (
     push_request,
     push_timestamp,
 )
-from ..wire.streams import BestEffortIn, Fragments, ReliableIn, ReliableOut, split
+from ..wire.streams import (
+    BestEffortIn,
+    Fragments,
+    ReliableIn,
+    ReliableOut,
+    sequence_after,
+    split,
+    ticks_diff,
+)
 
 try:
     from typing import Any, Callable, Final, Protocol
@@ -66,6 +74,11 @@ GOODBYE: Final = 9
 _SUBHEADER: Final = 4
 _IDS: Final = 8
 _SAMPLE: Final = 12
+# So many heartbeats, one after the other and for so long, are not late.
+_BEHIND: Final = 8
+_BEHIND_MS: Final = 2000
+# Most messages that may wait behind each other: the rest of MAX_HELD is for requests.
+_MOST: Final = 0x7000
 
 
 class Session:
@@ -93,6 +106,7 @@ class Session:
         self._send = send
         self._buf = bytearray(mtu)
         self._fragments = Fragments(limit)
+        self._part = (mtu - _IDS) & ~3  # octets in a fragment
         self._acknowledge = False
         self._reset()
 
@@ -103,6 +117,13 @@ class Session:
         self._best_out = 0
         self._fragments.clear()
         self._acknowledge = False
+        self._asked: "tuple[int, int] | None" = None  # the time that the last TIMESTAMP told
+        self._behind = 0  # heartbeats one after the other that told of less than has come
+        self._behind_since = 0
+
+    def begun(self) -> bool:
+        """Whether anything of a reliable stream has come through, in either direction."""
+        return bool(self.out.acked or self._in.next)
 
     def renew(self) -> None:
         """Forget all of the session; the next one has another id, so that no late datagram of
@@ -110,10 +131,6 @@ class Session:
         self.id = FIRST_SESSION_ID if self.id >= LAST_SESSION_ID else self.id + 1
         self.request_id = FIRST_REQUEST
         self._reset()
-
-    def room(self) -> int:
-        """How many more requests would go out at once."""
-        return self.out.room()
 
     # --- outside of streams -----------------------------------------------------------
 
@@ -141,10 +158,9 @@ class Session:
         )  # fmt: skip
 
     def ask_time(self, seconds: int, nanoseconds: int) -> None:
-        """TIMESTAMP with our own time; the answer is ``on_time``."""
-        self._message(
-            self.id, ids.TIMESTAMP, push_timestamp, seconds & 0xFFFFFFFF, nanoseconds
-        )
+        """TIMESTAMP with our own time; the answer to the last one is ``on_time``."""
+        self._asked = (seconds & 0xFFFFFFFF, nanoseconds)
+        self._message(self.id, ids.TIMESTAMP, push_timestamp, *self._asked)
 
     def goodbye(self) -> None:
         """DELETE the client; the answer is ``on_status``, for request GOODBYE."""
@@ -174,7 +190,7 @@ class Session:
         return request
 
     def write(
-        self, object_id: int, message: "Any", prefix: bytes, reliable: bool, now: int
+        self, object_id: int, message: "Any", prefix: bytes, reliable: "bool | int", now: int
     ) -> int:
         """WRITE_DATA of a generated message behind ``prefix``; the request id.
 
@@ -183,15 +199,16 @@ class Session:
         """
         start = _SAMPLE + len(prefix)
         size = start + message.cdr_size()
-        if size > (self.limit if reliable else self.mtu):
+        limit = self.limit if reliable else self.mtu
+        if size > limit:
             raise EncodeError(
-                "%s takes %d bytes, over the limit of %d (%s)"
-                % (
-                    message._TYPE, size, self.limit if reliable else self.mtu,
-                    "buffer" if reliable else "a best-effort sample is one message: mtu",
-                )
-            )  # fmt: skip
-        if reliable and size + self.out.size > self.limit:
+                "%s takes %d bytes, the %s allows %d"
+                % (message._TYPE, size, "limit" if reliable else "mtu of best effort", limit)
+            )
+        if reliable and (
+            size + self.out.size > self.limit
+            or len(self.out) + size // self._part >= _MOST
+        ):
             return 0
         buf = bytearray(size)
         message.pack_into(buf, start, start)
@@ -228,7 +245,10 @@ class Session:
     # --- time ---------------------------------------------------------------------------
 
     def tick(self, now: int) -> None:
-        """Send what is due by time or owed to the agent: acknowledgements, heartbeats."""
+        """Send what is due by time or owed to the agent: acknowledgements, heartbeats.
+
+        ``out.deadline`` tells when the next is due, if nothing comes before.
+        """
         if self._acknowledge:
             self._acknowledge = False
             first, missing = self._in.acknack()
@@ -238,10 +258,6 @@ class Session:
             self._message(
                 self.id, ids.HEARTBEAT, push_heartbeat, beat[0], beat[1], ids.STREAM_RELIABLE
             )
-
-    def next_deadline(self) -> "int | None":
-        """When :meth:`tick` has something to do, if nothing comes before."""
-        return self.out.deadline
 
     # --- receiving ----------------------------------------------------------------------
 
@@ -296,6 +312,8 @@ class Session:
                     memoryview(buf)[start:stop], bool(flags & ids.FLAG_LAST_FRAGMENT)
                 )
                 if whole is not None:
+                    if whole and whole[0] == ids.FRAGMENT:  # and in it more, deeper than stacks
+                        raise DecodeError("fragments of fragments")
                     self._take(whole, 0, now)
             else:
                 self._control(kind, Reader(buf, start, stop, little), now)
@@ -311,6 +329,18 @@ class Session:
             first, last, stream = pull_heartbeat(r)
             if stream == ids.STREAM_RELIABLE:
                 self._acknowledge = True
+                # A late heartbeat does so too; but that many are an agent which has begun anew.
+                if not sequence_after(self._in.next, last + 1):
+                    self._behind = 0
+                else:
+                    if not self._behind:
+                        self._behind_since = now
+                    self._behind += 1
+                    if (
+                        self._behind >= _BEHIND
+                        and ticks_diff(now, self._behind_since) >= _BEHIND_MS
+                    ):
+                        self._owner.on_unknown()
                 if self._in.heartbeat(first, last):
                     self._fragments.lost()
                 self._catch_up(now)
@@ -324,5 +354,7 @@ class Session:
         elif kind == ids.STATUS_AGENT:
             self._owner.on_agent(r.u8())
         elif kind == ids.TIMESTAMP_REPLY:
-            transmit, receive, _ = pull_timestamp_reply(r)
-            self._owner.on_time(transmit, receive)
+            transmit, receive, originate = pull_timestamp_reply(r)
+            if originate == self._asked:  # not a late answer to the question before
+                self._asked = None
+                self._owner.on_time(transmit, receive)

@@ -61,6 +61,15 @@ def _range(name: str) -> tuple[int, int] | None:
     return (0, 1) if name == "bool" else INTEGERS.get(name)
 
 
+def _within(var: str, low: int, high: int) -> str:
+    """The condition that an integer is in range. Numbers that MicroPython does not keep in a word
+    would take 16 bytes for each place where they stand."""
+    bits = high.bit_length()
+    if bits < 30:
+        return f"{low} <= {var} <= {high}"
+    return f"-1 <= {var} >> {bits} <= 0" if low else f"{var} >> {bits} == 0"
+
+
 class _Sizer:
     """`cdr_size`: constants are summed here, only what varies is computed at run time."""
 
@@ -277,7 +286,7 @@ class _Packer:
         code, octets = CODES[type_.name]
         if limits := _range(type_.name):
             var = self.local("i", f"_octet({path})" if type_.name == "byte" else path)
-            self.checks.append(f"{limits[0]} <= {var} <= {limits[1]}")
+            self.checks.append(_within(var, *limits))
             path = var
         self.put(code, path, octets, octets)
 

@@ -1,6 +1,6 @@
 """``uros demo``: a virtual board, an agent and a ROS 2 listener, on this machine alone.
 
-The board is an EK-RA6M5 with three I2C sensors, its firmware that of ``firmware/ra6m5_sensor_node``.
+The board is an EK-RA6M5 with three I2C sensors and the firmware of ``firmware/ra6m5_sensor_node``.
 Its USB line is a pseudo-terminal, on which an agent listens in a process of its own; what is shown
 has come from there by DDS.
 """

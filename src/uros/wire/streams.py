@@ -263,7 +263,7 @@ class Fragments:
         self._skip = False
 
     @property
-    def size(self) -> int:
+    def pending(self) -> int:
         """Bytes kept of a submessage that is not whole yet."""
         return len(self._whole)
 

@@ -319,7 +319,7 @@ def test_a_fragment_that_never_ends_is_forgotten_at_the_limit(talk):
     part = fragment(bytes(60_000))
     for _ in range(MAX_MESSAGE // 60_000 + 2):
         talk.hear(part)
-    assert talk.session._in[0x80].fragments.size <= MAX_MESSAGE
+    assert talk.session._in[0x80].fragments.pending <= MAX_MESSAGE
     assert "over" in talk.handler.faults[0][1]
     assert len(talk.handler.faults) == 1
     talk.hear(fragment(b"", True))
@@ -332,7 +332,7 @@ def test_all_streams_together_keep_no_more_than_one_message(talk):
     for _ in range(MAX_MESSAGE // 60_000 // 4):
         for stream in range(0x80, 0x88):
             talk.hear(part, stream=stream)
-    assert sum(it.fragments.size for it in talk.session._in.values()) <= MAX_MESSAGE
+    assert sum(it.fragments.pending for it in talk.session._in.values()) <= MAX_MESSAGE
     assert any("over" in about for _, about in talk.handler.faults)
     for stream in range(0x80, 0x88):
         talk.hear(fragment(b"", True), stream=stream)

@@ -90,4 +90,4 @@ def test_any_numbers_into_the_streams() -> None:
             fragments.add(bytes(generator.below(300)), generator.below(9) == 0)
         except DecodeError:
             pass
-        assert fragments.size <= fragments.limit
+        assert fragments.pending <= fragments.limit

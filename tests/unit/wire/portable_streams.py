@@ -327,12 +327,12 @@ def test_never_more_messages_than_numbers_can_tell_apart() -> None:
 def test_fragments_make_a_whole() -> None:
     fragments = Fragments()
     assert fragments.add(memoryview(b"abc"), False) is None
-    assert fragments.size == 3
+    assert fragments.pending == 3
     assert fragments.add(b"", False) is None
     assert fragments.add(bytearray(b"def"), False) is None
     whole = fragments.add(b"g", True)
     assert whole == b"abcdefg" and isinstance(whole, bytearray)
-    assert fragments.size == 0
+    assert fragments.pending == 0
     assert fragments.add(b"alone", True) == b"alone"
     whole[0] = 0
     assert fragments.add(b"again", True) == b"again"
@@ -353,12 +353,12 @@ def test_fragments_without_end() -> None:
         fragments.add(bytes(600), False)
         fragments.add(bytes(400), False)
         refused(LimitError, fragments.add, b"!", last)
-        assert fragments.size == 0
+        assert fragments.pending == 0
         # What still comes of that submessage is no submessage of its own.
         if not last:
             assert fragments.add(bytes(999), False) is None
             assert fragments.add(b"tail", True) is None
-            assert fragments.size == 0
+            assert fragments.pending == 0
         assert fragments.add(b"sound", True) == b"sound"
 
 

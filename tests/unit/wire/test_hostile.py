@@ -168,7 +168,7 @@ def test_a_stream_of_fragments_weighs_no_more_than_its_bytes() -> None:
         for _ in range(50_000):
             fragments.add(b"", False)
             fragments.add(b"x", False)
-        assert fragments.size == 50_000
+        assert fragments.pending == 50_000
         assert tracemalloc.get_traced_memory()[1] < 200_000
     finally:
         tracemalloc.stop()
@@ -180,8 +180,8 @@ def test_fragments_end_at_the_limit() -> None:
     with pytest.raises(LimitError):
         while True:
             assert fragments.add(part, False) is None
-            assert fragments.size <= streams.MAX_MESSAGE
-    assert fragments.size == 0
+            assert fragments.pending <= streams.MAX_MESSAGE
+    assert fragments.pending == 0
 
 
 def test_early_messages_weigh_no_more_than_a_window() -> None:

@@ -178,7 +178,7 @@ def test_fragments_arrive_whole_over_a_bad_wire(
     fragments = Fragments()
     got = [fragments.add(memoryview(body)[1:], bool(body[0] & 2)) for body in link.arrived]
     assert [whole for whole in got if whole is not None] == sent
-    assert fragments.size == 0
+    assert fragments.pending == 0
 
 
 def test_without_loss_nothing_is_sent_twice() -> None:

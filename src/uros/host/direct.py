@@ -1,0 +1,337 @@
+"""What a host's nodes have in place of a session with an agent: a middleware of their own.
+
+To nodes and entities a :class:`Direct` looks like a :class:`uros.client.connection.Connection`
+that is always connected. It makes the endpoints itself as soon as entities are added, so nobody
+runs their ``create``, which would ask an agent for them.
+"""
+
+from __future__ import annotations
+
+import atexit
+import select
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from ..client.clock import Clock
+from ..client.connection import AGENT_CONNECTED, AGENT_DISCONNECTED
+from ..client.entities import Client, Publisher, Service, Subscription
+from ..client.node import Node
+from ..interfaces.codec import to_cdr
+from ..middleware import base
+from ..qos import QoSProfile, services_profile
+from . import names
+from .interrupt import Interrupt
+
+# Most samples taken before their callbacks have their turn.
+_BATCH: Final = 32
+# Request numbers as entities know them: two bytes, and 0 means that nothing was sent.
+_NUMBERS: Final = 0xFFFF
+# How soon an answer that found no room is tried again.
+_RETRY_MS: Final = 5
+_GUID: Final = 16
+
+
+class SystemClock(Clock):
+    """The host's own clock. There is nothing to learn from an agent."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.synchronized = True
+
+    def _update(self) -> None:
+        us = time.time_ns() // 1000
+        self.seconds, self._us = divmod(us, 1_000_000)
+
+
+class _End(Protocol):
+    """What an entity has at the middleware."""
+
+    def write(self, message: Any, prefix: bytes) -> int:
+        """The request's number, or 1; 0: no room now."""
+
+    def close(self) -> None: ...
+
+
+class _Out:
+    """A publisher's."""
+
+    def __init__(self, node: base.Node, entity: Publisher) -> None:
+        self._writer = node.create_writer(
+            names.topic_to_dds(entity.name), entity.type._DDS_TYPE, _profile(entity.qos)
+        )
+        self.close = self._writer.close
+
+    def write(self, message: Any, prefix: bytes) -> int:
+        return int(self._writer.write(to_cdr(message)))
+
+
+class _Receiving:
+    """An end that receives. It takes for its entity when that has nothing to do any more; what
+    comes before waits at the middleware, where QoS rules, and the end among the ``waiting``."""
+
+    def __init__(self, entity: Any, waiting: set[_Receiving]) -> None:
+        self._entity = entity
+        self._most = max(1, min(entity.depth, _BATCH))
+        self._waiting = waiting
+
+    def on_ready(self) -> None:
+        self._waiting.add(self)
+        self.fill()
+
+    def fill(self) -> bool:
+        """Take, where there is room; whether the entity has got something to do by that."""
+        if self._entity._queue:
+            return False
+        while not self._entity._queue:
+            samples = self.take(self._most)
+            if not samples:
+                self._waiting.discard(self)
+                return False
+            for prefix, sample in samples:
+                self._deliver(prefix, sample)
+        return True
+
+    def _deliver(self, prefix: bytes, sample: bytes) -> None:
+        if sample[0] or sample[1] > 1:  # no plain CDR
+            self._entity.malformed += 1
+        elif prefix:
+            data = prefix + sample[4:]
+            self._entity.on_data(data, 0, len(data), sample[1] == 1)
+        else:
+            self._entity.on_data(sample, 4, len(sample), sample[1] == 1)
+
+    def take(self, limit: int) -> list[tuple[bytes, bytes]]:
+        """Samples, each with what stands before it in the entity's eyes."""
+        raise NotImplementedError
+
+
+class _In(_Receiving):
+    """A subscription's."""
+
+    def __init__(self, node: base.Node, entity: Subscription, waiting: set[_Receiving]) -> None:
+        super().__init__(entity, waiting)
+        topic, type_name = names.topic_to_dds(entity.name), entity.type._DDS_TYPE
+        self._reader = node.create_reader(topic, type_name, _profile(entity.qos), self.on_ready)
+        self.close = self._reader.close
+
+    def write(self, message: Any, prefix: bytes) -> int:
+        raise TypeError("a subscription sends nothing")
+
+    def take(self, limit: int) -> list[tuple[bytes, bytes]]:
+        return [(b"", sample) for sample in self._reader.take(limit)]
+
+
+class _Server(_Receiving):
+    """A service's. The identity is the asker's GUID and the number of its request."""
+
+    def __init__(self, node: base.Node, entity: Service, waiting: set[_Receiving]) -> None:
+        super().__init__(entity, waiting)
+        self._replier = node.create_replier(_service(entity), services_profile(), self.on_ready)
+        self.close = self._replier.close
+
+    def write(self, message: Any, prefix: bytes) -> int:
+        sequence = int.from_bytes(prefix[_GUID:], "little", signed=True)
+        return int(self._replier.reply(prefix[:_GUID], sequence, to_cdr(message)))
+
+    def take(self, limit: int) -> list[tuple[bytes, bytes]]:
+        return [
+            (guid + sequence.to_bytes(8, "little", signed=True), sample)
+            for guid, sequence, sample in self._replier.take(limit)
+        ]
+
+
+class _Asker(_Receiving):
+    """A client's. It knows the sequence number behind each number that the entity waits for."""
+
+    def __init__(self, node: base.Node, entity: Client, waiting: set[_Receiving]) -> None:
+        super().__init__(entity, waiting)
+        self._asked: dict[int, int] = {}
+        self._requester = node.create_requester(_service(entity), services_profile(), self.on_ready)
+        self.close = self._requester.close
+
+    def write(self, message: Any, prefix: bytes) -> int:
+        sequence = self._requester.request(to_cdr(message))
+        if sequence is None:
+            return 0
+        number = sequence % _NUMBERS + 1
+        self._asked[number] = sequence
+        return number
+
+    def take(self, limit: int) -> list[tuple[bytes, bytes]]:
+        out: list[tuple[bytes, bytes]] = []
+        while not out:
+            replies = self._requester.take(limit)
+            if not replies:
+                break
+            for sequence, sample in replies:
+                number = sequence % _NUMBERS + 1
+                if self._asked.get(number) == sequence:
+                    del self._asked[number]
+                    out.append((number.to_bytes(2, "big") + bytes(2), sample))
+        return out
+
+
+def _profile(qos: Any) -> QoSProfile:
+    return QoSProfile(depth=qos) if isinstance(qos, int) else qos
+
+
+def _service(entity: Service | Client) -> base.Service:
+    request, response = entity.type.Request, entity.type.Response
+    return base.Service(
+        f"rq{entity.name}Request", request._DDS_TYPE, f"rr{entity.name}Reply", response._DDS_TYPE
+    )
+
+
+class Direct:
+    """One or more nodes' connection to the network of ``middleware``, which it owns.
+
+    Use it from one thread. It is closed with its last node, or when the program ends.
+    """
+
+    def __init__(self, middleware: base.Middleware, domain: int = 0) -> None:
+        self.middleware = middleware
+        self.domain = domain
+        self.clock = SystemClock()
+        self.state = AGENT_CONNECTED
+        self.on_state: Callable[[int], object] | None = None
+        self.reason = ""
+        self.interrupt = Interrupt()
+        self._told = False  # the state
+        self._count = 0
+        self._nodes: dict[Any, base.Node] = {}
+        self._ends: dict[int, _End] = {}  # by the entity's number
+        self._waiting: set[_Receiving] = set()  # those that may have left something
+        self._stalled = False  # an answer waits for room
+        self._conflicts: set[tuple[str, str, str]] = set()
+        middleware.on_type_conflict = self._type_conflict
+        atexit.register(self.close)
+
+    # --- what nodes and entities ask for -------------------------------------------------------
+
+    def add(self, entity: Any) -> int:
+        """Put a node into the graph, or an entity onto the network; its number.
+
+        Raises MiddlewareError where it cannot be done.
+        """
+        if self.state != AGENT_CONNECTED:
+            raise base.MiddlewareError(f"{entity.name}: the node has been destroyed")
+        number = self._count
+        self._count += 1
+        if isinstance(entity, Node):
+            self._nodes[entity] = self.middleware.create_node(
+                entity.domain_id, entity.get_namespace(), entity.name
+            )
+            return number
+        node = self._nodes[entity.node]
+        end: _End
+        if isinstance(entity, Publisher):
+            end = _Out(node, entity)
+        elif isinstance(entity, Subscription):
+            end = _In(node, entity, self._waiting)
+        elif isinstance(entity, Service):
+            end = _Server(node, entity, self._waiting)
+        else:
+            end = _Asker(node, entity, self._waiting)
+        self._ends[number] = end
+        entity.created = True
+        return number
+
+    def remove(self, entity: Any, object_ids: tuple[int, ...]) -> None:
+        """Take an entity off the network, or a node with all that is in it."""
+        if isinstance(entity, Node):
+            node = self._nodes.pop(entity, None)
+            if node is not None:
+                node.close()
+            if not self._nodes:
+                self.close()
+            return
+        end = self._ends.pop(entity.number, None)
+        if end is not None:
+            self._waiting.discard(end)
+            end.close()
+
+    def write(self, object_id: int, message: Any, prefix: bytes, reliable: bool) -> int:
+        """Send a message; never waits. 0: no room now."""
+        end = self._ends.get(object_id >> 4)
+        if end is None:
+            return 0
+        number = end.write(message, prefix)
+        if prefix and not number:
+            self._stalled = True
+        self.middleware.tick()  # a program that only publishes may never pump
+        return number
+
+    # --- the loop -------------------------------------------------------------------------------
+
+    def pump(self, timeout_ms: int) -> None:
+        """Take what has come for the nodes, waiting for it at most so long."""
+        if self.state != AGENT_CONNECTED:
+            raise base.MiddlewareError("the node has been destroyed")
+        if not self._told and self.on_state is not None:
+            self._told = True
+            try:
+                self.on_state(self.state)
+            except Exception as error:
+                traceback.print_exception(error)
+            timeout_ms = 0
+        if self._stalled:
+            self._stalled = False
+            timeout_ms = min(timeout_ms, _RETRY_MS)
+        self.interrupt.hold()
+        try:
+            self._work(timeout_ms / 1000)
+        finally:
+            self.interrupt.release()
+
+    def _work(self, seconds: float) -> None:
+        middleware = self.middleware
+        for end in list(self._waiting):
+            if end.fill():
+                seconds = 0.0
+        deadline = middleware.next_deadline()
+        if deadline is not None:
+            seconds = min(seconds, max(0.0, deadline - time.monotonic()))
+        samples, signals = middleware.fileno(), self.interrupt.filenos()
+        ready = select.select([samples, *signals], [], [], seconds)[0]
+        if samples in ready:
+            middleware.dispatch()
+        if signals and signals[0] in ready:
+            self.interrupt.clear()
+        middleware.tick()
+
+    def _type_conflict(self, topic: str, here: str, there: str) -> None:
+        conflict = topic, here, there
+        if conflict not in self._conflicts:
+            self._conflicts.add(conflict)
+            print(
+                f"uros: {topic[2:]} is {names.type_from_dds(here)} here, and"
+                f" {names.type_from_dds(there)} elsewhere on the network: samples of one do not"
+                " reach the other",
+                file=sys.stderr,
+            )
+
+    def close(self) -> None:
+        """Leave the network with all nodes. Twice is once."""
+        if self.state == AGENT_CONNECTED:
+            self.state = AGENT_DISCONNECTED
+            atexit.unregister(self.close)
+            self._ends.clear()
+            self._waiting.clear()
+            try:
+                self._take_leave()
+            finally:
+                self.middleware.close()
+
+    def _take_leave(self) -> None:
+        """Tell the graph that there is nothing here any more. Fast DDS does not understand the
+        farewell of Cyclone's participants, and would list our nodes for ten seconds more."""
+        for node in self._nodes.values():
+            node.close()
+        self._nodes.clear()
+        deadline = self.middleware.next_deadline()  # a tenth of a second away at the most
+        if deadline is not None:
+            time.sleep(max(0.0, deadline - time.monotonic()))
+            self.middleware.tick()

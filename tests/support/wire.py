@@ -1,0 +1,245 @@
+"""Boards of ours and our own agent on a bad network, all in one thread and in made-up time.
+
+    with Wire(seed, loss=0.3, twice=0.2, late_ms=50) as wire:
+        node = wire.node("talker")
+        wire.until(lambda: node.state == AGENT_CONNECTED)
+
+Nothing sleeps: time goes from one event to the next. The agent is the real one, on the memory
+middleware; its thread's loop is played here.
+"""
+
+import heapq
+import io
+import random
+from types import SimpleNamespace
+
+from support.board import FakeClock
+from uros.agent import client as agent_client
+from uros.agent.agent import Agent
+from uros.agent.log import Log
+from uros.client import AGENT_CONNECTED, Node
+from uros.middleware.memory import MemoryMiddleware
+from uros.transport.base import ServerTransport
+from uros.wire.streams import TIME_MASK, ticks_diff
+
+STEP_MS = 10
+
+
+class _Place(ServerTransport):
+    """The agent's end: peers are numbers."""
+
+    name = "WireAgent"
+    kind = "WIRE"
+
+    def __init__(self, wire):
+        super().__init__()
+        self._wire = wire
+
+    def open(self, host):
+        pass
+
+    def send(self, peer, datagram):
+        self._wire.carry(bytes(datagram), self._wire.boards[peer].hear)
+
+    def address(self, peer):
+        return f"board {peer}"
+
+    def close(self):
+        pass
+
+
+class BoardEnd:
+    """The board's transport."""
+
+    def __init__(self, wire, number, mtu):
+        self.mtu = mtu
+        self.inbox = []
+        self.is_open = False
+        self._wire = wire
+        self._number = number
+
+    def open(self):
+        self.is_open = True
+
+    def close(self):
+        self.is_open = False
+        self.inbox.clear()
+
+    def hear(self, datagram):
+        if self.is_open:
+            self.inbox.append(datagram)
+
+    def send(self, message):
+        number = self._number
+        self._wire.carry(bytes(message), lambda it: self._wire.agent_hears(number, it))
+
+    def receive(self, timeout_ms):
+        self._wire.advance(timeout_ms, lambda: bool(self.inbox))
+        return self.inbox.pop(0) if self.inbox else None
+
+
+class Wire:
+    """``loss`` and ``twice`` are probabilities. A datagram is ``way_ms`` under way, and up to
+    ``late_ms`` more, each for itself, so that they overtake each other."""
+
+    def __init__(self, seed=0, loss=0.0, twice=0.0, late_ms=0.0, way_ms=0.1):
+        self.clock = FakeClock(seed * 12345)
+        self.loss = loss
+        self.twice = twice
+        self.late_ms = late_ms
+        self.way_ms = way_ms
+        self.random = random.Random(seed)
+        self.boards = {}
+        self.nodes = []
+        self.carried = self.lost = self.doubled = 0
+        self._events = []
+        self._order = 0
+        self.start_agent()
+        self._time = agent_client.time
+        agent_client.time = SimpleNamespace(time_ns=self.epoch_ns)
+
+    def start_agent(self):
+        """An agent that knows nobody; the one before is gone without a word."""
+        self.said = io.StringIO()
+        self.middleware = MemoryMiddleware()
+        self.agent = Agent(self.middleware, Log(4, self.said))
+        self.agent.now = lambda: self.clock.t // 1000 & TIME_MASK
+        self.place = _Place(self)
+
+    def kill_agent(self):
+        """The agent ends as a killed process does; what is under way to it gets lost."""
+        self.middleware.close()
+        self.agent = None
+
+    def epoch_ns(self):
+        return (1700000000 * 1000000 + self.clock.t) * 1000
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        agent_client.time = self._time
+        if self.agent is not None:
+            self.agent.close()
+            self.middleware.close()
+            assert "internal error" not in self.said.getvalue(), self.said.getvalue()
+
+    def node(self, name, mtu=512, **options):
+        """A board with one node."""
+        number = len(self.boards) + 1
+        self.boards[number] = BoardEnd(self, number, mtu)
+        options.setdefault("silence_ms", 20000)
+        node = Node(name, self.boards[number], key=number, clock=self.clock, **options)
+        self.nodes.append(node)
+        return node
+
+    # --- the network ----------------------------------------------------------------------
+
+    def carry(self, datagram, arrive):
+        """Put a datagram on the wire."""
+        self.carried += 1
+        if self.random.random() < self.loss:
+            self.lost += 1
+            return
+        copies = 1
+        if self.random.random() < self.twice:
+            self.doubled += 1
+            copies = 2
+        for _ in range(copies):
+            self._order += 1
+            late = self.way_ms + self.random.random() * self.late_ms
+            at = self.clock.t + int(late * 1000)
+            heapq.heappush(self._events, (at, self._order, arrive, datagram))
+
+    def agent_hears(self, number, datagram):
+        if self.agent is not None:
+            buf = bytearray(datagram)
+            view = memoryview(buf)
+            self.place.deliver(self, number, buf, view, len(buf), self.agent.now())
+            self.settle()
+
+    # What a transport asks of its server.
+
+    def now(self):
+        return self.agent.now()
+
+    def received(self, transport, session, buf, view, length, now):
+        if session.receive(buf, view, length, now):
+            self.agent.attend(session)
+
+    def stray(self, transport, peer, buf, view, length):
+        self.agent.stray(transport, peer, buf, view, length)
+
+    def settle(self):
+        """What the agent's loop does after a burst."""
+        self.middleware.dispatch()
+        while self.agent.attended:
+            session = self.agent.attended.pop()
+            session.finish(self.agent.now())
+            self.agent.flush(session)
+
+    def _timers(self):
+        """Do what is due at the agent; microseconds until the next."""
+        soonest = STEP_MS * 1000
+        if self.agent is None:
+            return soonest
+        now = self.agent.now()
+        for client in list(self.agent.clients.values()):
+            deadline = client.next_deadline()
+            if deadline is not None and ticks_diff(deadline, now) <= 0:
+                client.poll(now)
+                self.agent.attend(client.session)
+                deadline = client.next_deadline()
+            if deadline is not None:
+                soonest = min(soonest, max(1, ticks_diff(deadline, now)) * 1000)
+        self.settle()
+        return soonest
+
+    # --- time -----------------------------------------------------------------------------
+
+    def advance(self, ms, done=lambda: False):
+        """Events for so long, or until it is done."""
+        end = self.clock.t + ms * 1000
+        while True:
+            while self._events and self._events[0][0] <= self.clock.t:
+                _, _, arrive, datagram = heapq.heappop(self._events)
+                arrive(datagram)
+            wait = self._timers()
+            if done() or self.clock.t >= end:
+                return
+            at = min(end, self.clock.t + wait)
+            if self._events:
+                at = min(at, self._events[0][0])
+            self.clock.t = max(at, self.clock.t + 1)
+
+    def run(self, ms):
+        """Spin all nodes for so long."""
+        self.until(lambda: False, ms, None)
+
+    def until(self, done, ms=30000, what="it takes too long"):
+        """Spin all nodes until it is done."""
+        end = self.clock.t + ms * 1000
+        while not done():
+            if self.clock.t >= end:
+                assert what is None, what
+                return
+            for node in self.nodes:
+                while node.spin_once(0):
+                    pass
+            self.advance(STEP_MS, lambda: any(it.inbox for it in self.boards.values()))
+
+    def connect(self):
+        """Until all nodes are connected, and nothing of before is under way any more."""
+
+        def connected():
+            return len(self.agent.clients) == len(self.nodes) and all(
+                it.state == AGENT_CONNECTED for it in self.nodes
+            )
+
+        for _ in range(20):
+            self.until(connected, what=[it.connection.reason for it in self.nodes])
+            before = [it.connection.connections for it in self.nodes]
+            self.run(2 * int(self.late_ms + self.way_ms) + 100)
+            if before == [it.connection.connections for it in self.nodes] and connected():
+                return
+        raise AssertionError("the nodes do not stay connected")

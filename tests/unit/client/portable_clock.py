@@ -1,0 +1,93 @@
+"""Ticks, and the time that is learnt. Also runs on MicroPython."""
+
+from support.board import FakeClock
+
+from uros import ticks
+from uros.client.clock import Clock
+from uros.wire.streams import TIME_MASK, ticks_diff
+
+
+class Stamp:
+    sec = nanosec = 0
+
+
+def test_ticks_are_of_thirty_bits_and_go_on() -> None:
+    for read, least in ((ticks.ticks_ms, 2), (ticks.ticks_us, 2000)):
+        before = read()
+        ticks.sleep_ms(2)
+        after = read()
+        assert 0 <= before <= TIME_MASK and 0 <= after <= TIME_MASK
+        assert least <= ticks_diff(after, before) < 1000 * least
+    clock = Clock()
+    assert ticks_diff(clock.ms(), ticks.ticks_ms()) <= 0
+    assert ticks_diff(clock.us(), ticks.ticks_us()) <= 0
+
+
+def test_time_counts_from_the_start_until_it_is_set() -> None:
+    clock = FakeClock()
+    assert not clock.synchronized and clock.now() == (0, 0)
+    clock.sleep(2500)
+    assert clock.now() == (2, 500000000)
+    clock.set(1700000000, 999999000)
+    assert clock.synchronized and clock.now() == (1700000000, 999999000)
+
+
+def test_stamps_across_seconds() -> None:
+    clock = FakeClock()
+    clock.set(1700000000, 999998999)  # to the microsecond
+    stamp = Stamp()
+    seen = []
+    for _ in range(4):
+        clock.stamp(stamp)
+        seen.append((stamp.sec, stamp.nanosec))
+        clock.t += 1
+    assert seen == [
+        (1700000000, 999998000), (1700000000, 999999000), (1700000001, 0), (1700000001, 1000),
+    ]  # fmt: skip
+    clock.t += 3999999
+    clock.stamp(stamp)
+    assert (stamp.sec, stamp.nanosec) == (1700000005, 1000)
+
+
+def test_ticks_that_come_round_lose_no_time() -> None:
+    clock = FakeClock((1 << 30) // 1000 - 500)
+    clock.set(100, 0)
+    for i in range(50):
+        clock.sleep(60000)
+        assert clock.now() == (100 + 60 * (i + 1), 0)
+
+
+def test_small_steps_back_are_made_at_half_speed() -> None:
+    clock = FakeClock()
+    clock.set(100, 0)
+    clock.set(99, 999000000)  # a millisecond less
+    last = (100, 0)
+    for i in range(4):
+        clock.t += 500
+        now = clock.now()
+        assert now == (100, 250000 * (i + 1)), now
+        assert now > last
+        last = now
+    clock.t += 500
+    assert clock.now() == (100, 1500000)
+
+
+def test_a_correction_while_one_is_being_made() -> None:
+    clock = FakeClock()
+    clock.set(100, 0)
+    clock.set(99, 500000000)
+    clock.t += 100000  # 50 ms of the half second are made good
+    clock.set(99, 600000000)  # the same again
+    clock.t += 1000000
+    assert clock.now() == (100, 600000000) and clock.t
+    clock.set(101, 0)  # forward at once, and the rest is forgotten
+    assert clock.now() == (101, 0)
+    clock.t += 1000
+    assert clock.now() == (101, 1000000)
+
+
+def test_large_steps_are_made_at_once() -> None:
+    clock = FakeClock()
+    for seconds in (1700000000, 900000000, 1700000001, 1699999999, 4000000000):
+        clock.set(seconds, 5000)
+        assert clock.now() == (seconds, 5000)

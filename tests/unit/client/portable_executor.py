@@ -1,0 +1,321 @@
+"""The executor and its timers. Also runs on MicroPython."""
+
+from support.board import FakeClock
+
+from uros.client.executor import (
+    ALWAYS,
+    ON_NEW_DATA,
+    Executor,
+    Timer,
+    trigger_all,
+    trigger_always,
+    trigger_any,
+    trigger_one,
+)
+
+
+class Handle:
+    """Ready when told so; it writes down that it ran."""
+
+    def __init__(self, name, log, ready=False, invocation=ON_NEW_DATA, then=None):
+        self.name = name
+        self.log = log
+        self.ready = ready
+        self.invocation = invocation
+        self.then = then
+
+    def is_ready(self, now):
+        return self.ready
+
+    def next_deadline(self):
+        return None
+
+    def execute(self, new):
+        self.log.append(self.name if new else self.name + "-")
+        if self.then:
+            self.then()
+
+
+def quiet(executor, call):
+    """call() with what its callbacks raise put into a list: (result, errors)."""
+    errors = []
+    executor.report = errors.append
+    return call(), errors
+
+
+def bench(*names, **more):
+    made = Executor(**more)
+    log = []
+    handles = [Handle(name, log) for name in names]
+    for handle in handles:
+        made.add(handle)
+    return made, handles, log
+
+
+def test_what_is_ready_runs_in_the_order_added() -> None:
+    executor, handles, log = bench("a", "b", "c", "d")
+    assert executor.execute(0) == 0 and log == []
+    for i in (3, 0, 2):
+        handles[i].ready = True
+    assert executor.execute(0) == 3
+    assert log == ["a", "c", "d"]
+
+
+def test_always_runs_in_every_round_that_begins() -> None:
+    executor, handles, log = bench("a", "b", "c")
+    handles[2].invocation = ALWAYS
+    assert executor.execute(0) == 0
+    handles[1].ready = True
+    assert executor.execute(0) == 2
+    assert log == ["b", "c-"]
+    handles[2].ready = True
+    executor.execute(0)
+    assert log == ["b", "c-", "b", "c"]
+
+
+def test_triggers() -> None:
+    cases = (
+        (trigger_any, ("", "a", "b", "ab"), (0, 1, 1, 2)),
+        (trigger_all, ("", "a", "b", "ab"), (0, 0, 0, 2)),
+        (trigger_always, ("", "a", "b", "ab"), (0, 1, 1, 2)),
+    )
+    for trigger, rounds, counts in cases:
+        for names, count in zip(rounds, counts):
+            executor, handles, _ = bench("a", "b")
+            executor.trigger = trigger
+            for handle in handles:
+                handle.ready = handle.name in names
+            assert executor.execute(0) == count, (trigger, names)
+
+
+def test_trigger_one_begins_with_its_handle_alone() -> None:
+    executor, handles, log = bench("a", "b")
+    executor.trigger = trigger_one(handles[1])
+    handles[0].ready = True
+    assert executor.execute(0) == 0
+    handles[1].ready = True
+    assert executor.execute(0) == 2 and log == ["a", "b"]
+    executor.remove(handles[1])
+    assert executor.execute(0) == 0
+
+
+def test_trigger_always_runs_what_is_always_invoked() -> None:
+    executor, handles, log = bench("a", "b")
+    executor.trigger = trigger_always
+    handles[1].invocation = ALWAYS
+    assert executor.execute(0) == 1 and log == ["b-"]
+
+
+def test_a_trigger_of_ones_own() -> None:
+    executor, handles, log = bench("a", "b")
+    asked = []
+
+    def trigger(handles, ready):
+        asked.append(([it.name for it in handles], ready))
+        return len(asked) > 1
+
+    executor.trigger = trigger
+    handles[0].ready = True
+    assert executor.execute(0) == 0 and executor.execute(0) == 1
+    assert asked == [(["a", "b"], [True, False])] * 2
+
+
+def test_a_callback_that_raises_is_printed_and_counted_and_the_rest_goes_on() -> None:
+    executor, handles, log = bench("a", "b")
+
+    def fail():
+        raise KeyError("mine")
+
+    handles[0].then = fail
+    for handle in handles:
+        handle.ready = True
+    count, errors = quiet(executor, lambda: executor.execute(0))
+    assert count == 2 and executor.failed == 1 and log == ["a", "b"]
+    assert len(errors) == 1 and isinstance(errors[0], KeyError)
+
+
+def test_only_so_many_handles() -> None:
+    executor, handles, log = bench("a", "b", max_handles=2)
+    try:
+        executor.add(Handle("c", log))
+    except ValueError as error:
+        assert "2 handles" in str(error)
+    else:
+        raise AssertionError("not refused")
+    assert executor.handles == handles
+    executor.remove(handles[0])
+    executor.remove(handles[0])
+    executor.add(handles[0])
+
+
+def test_callbacks_may_add_and_remove() -> None:
+    executor, handles, log = bench("a", "b", "c")
+    extra = Handle("d", log, True)
+
+    def change():
+        executor.remove(handles[1])
+        executor.add(extra)
+
+    handles[0].then = change
+    for handle in handles:
+        handle.ready = True
+    assert executor.execute(0) == 2 and log == ["a", "c"]
+    handles[0].then = None
+    assert executor.execute(0) == 3 and log == ["a", "c", "a", "c", "d"]
+
+
+# --- timers -----------------------------------------------------------------------------------
+
+
+class Ticking:
+    """An executor with one timer, and when it was called in microseconds since the start."""
+
+    def __init__(self, period, start_ms=1000, takes_ms=0):
+        self.clock = FakeClock(start_ms)
+        self.start = self.clock.t
+        self.takes_ms = takes_ms
+        self.times = []
+        self.executor = Executor()
+        self.timer = Timer(period, self.called, self.clock)
+        self.executor.add(self.timer)
+
+    def called(self):
+        self.times.append(self.clock.t - self.start)
+        self.clock.sleep(self.takes_ms)
+
+    def run(self, ms):
+        end = self.clock.t + ms * 1000
+        while self.clock.t < end:
+            wait = self.executor.wait(self.clock.ms(), (end - self.clock.t) // 1000)
+            self.clock.sleep(wait)
+            if not self.executor.execute(self.clock.ms()) and not wait:
+                break
+
+
+def test_the_nth_call_is_at_the_start_and_n_periods() -> None:
+    for start in (1000, (1 << 30) - 5000):
+        for period, count in ((0.001, 9999), (0.02, 500), (1.0, 10), (0.0333333, 300)):
+            ticking = Ticking(period, start)
+            ticking.run(10000)
+            times = ticking.times
+            assert len(times) >= count, (period, len(times))
+            for n in range(len(times)):
+                off = times[n] - (n + 1) * period * 1000000
+                assert -1000 <= off <= 1000, (period, n, off)
+            assert ticking.timer.missed == 0
+
+
+def test_a_callback_that_takes_time_does_not_make_it_drift() -> None:
+    ticking = Ticking(0.1, takes_ms=60)
+    ticking.run(10050)
+    assert ticking.times == [(n + 1) * 100000 for n in range(100)]
+
+
+def test_times_that_have_passed_are_left_out_and_counted() -> None:
+    ticking = Ticking(0.1)
+    ticking.run(250)
+    ticking.clock.sleep(1000)
+    ticking.run(500)
+    assert ticking.times == [100000, 200000, 1250000] + [
+        1300000 + 100000 * n for n in range(5)
+    ]
+    assert ticking.timer.missed == 9
+    ticking = Ticking(0.1, takes_ms=250)  # longer than its period
+    ticking.run(2000)
+    assert ticking.times == [100000 + 300000 * n for n in range(len(ticking.times))] or [
+        b - a for a, b in zip(ticking.times, ticking.times[1:])
+    ] == [250000] * (len(ticking.times) - 1)
+    assert ticking.timer.missed >= len(ticking.times)
+
+
+def test_a_canceled_timer_is_silent_until_it_is_reset() -> None:
+    ticking = Ticking(0.1)
+    ticking.run(250)
+    ticking.timer.cancel()
+    assert ticking.timer.is_canceled() and ticking.timer.next_deadline() is None
+    ticking.run(1000)
+    assert len(ticking.times) == 2
+    ticking.timer.reset()
+    assert not ticking.timer.is_canceled()
+    ticking.run(310)
+    assert len(ticking.times) == 5 and ticking.timer.missed == 0
+
+
+def test_reset_begins_a_period_anew() -> None:
+    ticking = Ticking(0.1)
+    ticking.run(90)
+    ticking.timer.reset()
+    ticking.run(90)
+    assert ticking.times == []
+    ticking.run(30)
+    assert ticking.times == [190000]
+
+
+def test_a_timer_canceled_or_reset_in_the_same_round_is_not_called() -> None:
+    for name in ("cancel", "reset"):
+        clock = FakeClock()
+        executor = Executor()
+        calls = []
+        first = Timer(0.1, lambda: getattr(second, name)(), clock)  # noqa: B023
+        second = Timer(0.1, lambda: calls.append(1), clock)  # noqa: B023
+        executor.add(first)
+        executor.add(second)
+        clock.sleep(100)
+        executor.execute(clock.ms())
+        assert calls == [] and second.missed == 0, name
+
+
+def test_a_timer_that_cancels_itself() -> None:
+    ticking = Ticking(0.1)
+    ticking.timer.callback = lambda: (ticking.times.append(0), ticking.timer.cancel())
+    ticking.run(1000)
+    assert ticking.times == [0]
+
+
+def test_a_timer_whose_callback_raises_goes_on() -> None:
+    ticking = Ticking(0.1)
+    ticking.timer.callback = lambda: ticking.times.append(0) or 1 // 0
+    _, errors = quiet(ticking.executor, lambda: ticking.run(550))
+    assert len(ticking.times) == 5 == ticking.executor.failed == len(errors)
+
+
+def test_periods_that_make_no_sense() -> None:
+    for period in (0, -1, 0.0004, 500001):
+        try:
+            Timer(period, print, FakeClock())
+        except ValueError as error:
+            assert str(period) in str(error)
+        else:
+            raise AssertionError(period)
+
+
+def test_waiting_is_until_the_next_timer() -> None:
+    clock = FakeClock()
+    executor = Executor()
+    assert executor.wait(clock.ms()) == 60000
+    assert executor.wait(clock.ms(), 7) == 7
+    timers = [Timer(period, print, clock) for period in (0.3, 0.1, 0.2)]
+    for timer in timers:
+        executor.add(timer)
+    assert executor.wait(clock.ms()) == 100
+    timers[1].cancel()
+    assert executor.wait(clock.ms()) == 200
+    clock.sleep(250)
+    assert executor.wait(clock.ms()) == 0
+
+
+def test_a_due_timer_whose_trigger_says_no_is_no_reason_to_hurry() -> None:
+    clock = FakeClock()
+    executor, handles, log = bench("a")
+    calls = []
+    executor.add(Timer(0.1, lambda: calls.append(1), clock))
+    executor.trigger = trigger_all
+    clock.sleep(100)
+    assert executor.wait(clock.ms()) == 0
+    assert executor.execute(clock.ms()) == 0
+    assert executor.wait(clock.ms()) > 100  # only something new changes that
+    handles[0].ready = True
+    assert executor.wait(clock.ms()) == 0
+    assert executor.execute(clock.ms()) == 2 and calls == [1]
+    handles[0].ready = False
+    assert executor.wait(clock.ms()) == 100

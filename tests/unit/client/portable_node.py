@@ -1,0 +1,725 @@
+"""The node and its entities, with a scripted agent. Also runs on MicroPython."""
+
+from support.board import KEY, Ask, Blob, FakeAgent, FakeClock, Number, number_bytes, pattern
+
+from uros import qos
+from uros.client import (
+    AGENT_AVAILABLE,
+    AGENT_CONNECTED,
+    AGENT_DISCONNECTED,
+    WAITING_AGENT,
+    Node,
+)
+from uros.client.executor import ALWAYS
+from uros.client.node import board_key
+from uros.wire import ids
+from uros.wire.cdr import Reader
+from uros.wire.entities import (
+    pull_binary_endpoint,
+    pull_binary_participant,
+    pull_binary_service,
+    pull_binary_topic,
+    pull_create,
+)
+
+
+class Bench:
+    """A node, and the scripted agent it talks to."""
+
+    def __init__(self, name="node", namespace="", domain_id=0, connect=True, **options):
+        self.clock = FakeClock()
+        self.agent = FakeAgent(self.clock)
+        self.node = Node(
+            name, self.agent, namespace, domain_id, KEY, clock=self.clock, **options
+        )
+        self.states = []
+        self.node.on_state = self.states.append
+        self.node.connection.log = self.no_word
+        if connect:
+            self.until(AGENT_CONNECTED)
+
+    def no_word(self, text):
+        raise AssertionError(text)
+
+    def run(self, ms=10):
+        end = self.clock.t + ms * 1000
+        while self.clock.t < end:
+            self.node.spin_once((end - self.clock.t) / 1000000)
+
+    def until(self, state):
+        for _ in range(1000):
+            if self.node.state == state:
+                return
+            self.node.spin_once(0.01)
+        raise AssertionError((state, self.states))
+
+    def lose(self):
+        """The agent is gone, and another one comes."""
+        self.agent.silent = True
+        self.until(WAITING_AGENT)
+        self.agent.silent = False
+        self.agent.forget()
+
+    def created(self):
+        """(object id, parent, values) of all CREATE."""
+        out = []
+        for _, payload in self.agent.creations:
+            values = pull_create(Reader(payload, 0, len(payload), True))
+            _, object_id, kind, form, content, parent = values
+            assert form == ids.IN_BINARY
+            r = Reader(content, 0, len(content), True)
+            if kind == ids.KIND_PARTICIPANT:
+                content = pull_binary_participant(r)
+            elif kind == ids.KIND_TOPIC:
+                content = pull_binary_topic(r)
+            elif kind in (ids.KIND_DATAWRITER, ids.KIND_DATAREADER):
+                content = pull_binary_endpoint(r, kind == ids.KIND_DATAREADER)
+            elif kind in (ids.KIND_REQUESTER, ids.KIND_REPLIER):
+                content = pull_binary_service(r)
+            else:
+                content = ()
+            out.append((object_id, parent, content))
+        return out
+
+
+def raised(error, call, *arguments):
+    """The text of the error that call must raise."""
+    try:
+        call(*arguments)
+    except error as it:
+        return str(it)
+    raise AssertionError("nothing raised: %r" % (arguments,))
+
+
+def quiet(bench, call):
+    """call() with what callbacks raise put into a list."""
+    errors = []
+    bench.node.executor.report = errors.append
+    call()
+    return errors
+
+
+# --- names ------------------------------------------------------------------------------------
+
+
+def test_names_are_resolved() -> None:
+    for namespace, given, full in (
+        ("", "topic", "/topic"),
+        ("", "a/b", "/a/b"),
+        ("", "/a/b", "/a/b"),
+        ("", "~/topic", "/node/topic"),
+        ("", "~", "/node"),
+        ("ns", "topic", "/ns/topic"),
+        ("/ns", "topic", "/ns/topic"),
+        ("/ns/", "topic", "/ns/topic"),
+        ("/a/b", "c", "/a/b/c"),
+        ("/a/b", "/c", "/c"),
+        ("/a/b", "~/c", "/a/b/node/c"),
+    ):
+        bench = Bench("node", namespace, connect=False)
+        assert bench.node.resolve(given) == full, (namespace, given)
+        assert bench.node.create_publisher(Number, given).name == full
+    assert Bench(connect=False).node.get_namespace() == "/"
+    node = Bench("node", "/a/b/", connect=False).node
+    assert (node.get_name(), node.get_namespace()) == ("node", "/a/b")
+    assert node.get_fully_qualified_name() == "/a/b/node"
+
+
+def test_bad_names_are_refused_with_the_rule() -> None:
+    node = Bench(connect=False).node
+    for name, rule in (
+        ("", "1 to 200"),
+        ("x" * 201, "1 to 200"),
+        ("a//b", "parts that begin"),
+        ("a/", "parts that begin"),
+        ("//a", "parts that begin"),
+        ("/", "1 to 200"),
+        ("1a", "parts that begin"),
+        ("a/1b", "parts that begin"),
+        ("a__b", "parts that begin"),
+        ("a-b", "letters, digits and _"),
+        ("a b", "letters, digits and _"),
+        ("käfer", "letters, digits and _"),
+        ("a~", "letters, digits and _"),
+        ("~a", ""),
+        ("~//a", ""),
+        ("~/a/", ""),
+        ("\u212a", "letters, digits and _"),  # KELVIN SIGN, whose small letter is k
+        ("\u0130", "letters, digits and _"),
+        ("\u0660", "letters, digits and _"),  # a digit somewhere else
+    ):
+        for create in (
+            lambda name: node.create_publisher(Number, name),
+            lambda name: node.create_subscription(Number, name, print),
+            lambda name: node.create_service(Ask, name, print),
+            lambda name: node.create_client(Ask, name),
+        ):
+            said = raised(ValueError, create, name)
+            assert rule in said and "topic" in said, (name, said)
+    assert len(node.executor.handles) == 0
+    for name in ("", "a/b", "1", "a-b", "\u212a"):
+        assert "node" in raised(ValueError, lambda it: Bench(it, connect=False), name)
+    for name in ("a//b", "1", "a-b"):
+        assert "namespace" in raised(ValueError, lambda it: Bench("n", it, connect=False), name)
+    for name in ("a", "_a", "a_b", "A9", "_hidden/x", "a/b/c/d"):
+        node.create_publisher(Number, name)
+
+
+def test_the_name_on_the_wire_is_as_micro_ros_has_it() -> None:
+    for namespace, name in (  # recorded: rclc_int32_publisher, rclc_temperature_humidity
+        ("", "weather"), ("/", "weather"), ("garden", "/garden/weather"),
+        ("/garden/back", "/garden/back/weather"),
+    ):  # fmt: skip
+        bench = Bench("weather", namespace, 42)
+        assert bench.created() == [(0x01, 42, (name, None))]
+
+
+def test_a_key_is_made_of_the_name_and_the_board() -> None:
+    assert 0 < board_key("a") <= 0xFFFFFFFF
+    clock = FakeClock()
+    node = Node("node", FakeAgent(clock), clock=clock)
+    assert 0 < node.connection.session.key <= 0xFFFFFFFF
+
+
+# --- publishers -------------------------------------------------------------------------------
+
+
+def test_a_publishers_objects_and_samples() -> None:
+    bench = Bench("node", "ns", connect=False)
+    one = bench.node.create_publisher(Number, "one", 5)
+    two = bench.node.create_publisher(Number, "/two")
+    assert not one.publish(Number(1)) and one.dropped == 1
+    bench.until(AGENT_CONNECTED)
+    number = "test_msgs::msg::dds_::Number_"
+    none = (None, None, None, None)
+    assert bench.created() == [
+        (0x01, 0, ("/ns/node", None)),
+        (0x02, 0x01, ("rt/ns/one", number)),
+        (0x03, 0x01, ()),
+        (0x05, 0x03, (0x02, (3, 5, None) + none)),
+        (0x12, 0x01, ("rt/two", number)),
+        (0x13, 0x01, ()),
+        (0x15, 0x13, (0x12, (3, 10, None) + none)),
+    ]
+    assert one.publish(Number(1)) and two.publish(Number(2)) and one.publish(Number(3))
+    assert bench.agent.samples == [
+        (0x05, number_bytes(1)), (0x15, number_bytes(2)), (0x05, number_bytes(3)),
+    ]  # fmt: skip
+    assert (one.published, one.dropped, two.published) == (2, 1, 1)
+
+
+def test_a_profile_says_how_a_publisher_sends() -> None:
+    bench = Bench(connect=False)
+    profile = qos.sensor_data_profile()
+    profile.deadline_ms = 100
+    profile.lifespan_ms = 200
+    quick = bench.node.create_publisher(Number, "quick", profile)
+    latched = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
+    bench.node.create_publisher(Number, "latched", latched)
+    bench.until(AGENT_CONNECTED)
+    endpoints = [it[2][1][:4] for it in bench.created() if it[0] & 15 == ids.KIND_DATAWRITER]
+    assert endpoints == [
+        (ids.QOS_KEEP_LAST, 5, 100, 200),
+        (ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL, 1, None, None),
+    ]
+    before = len(bench.agent.sent)
+    assert quick.publish(Number(1))
+    assert bench.agent.sent[before][1] == ids.STREAM_BEST_EFFORT
+    assert len(bench.node.connection.session.out) == 0
+
+
+def test_publishing_without_room_is_counted() -> None:
+    bench = Bench(connect=False, limit=2000)
+    publisher = bench.node.create_publisher(Blob, "topic")
+    bench.until(AGENT_CONNECTED)
+    bench.agent.silent = True
+    results = [publisher.publish(Blob(bytes(88))) for _ in range(30)]
+    assert results == [True] * 20 + [False] * 10
+    assert (publisher.published, publisher.dropped) == (20, 10)
+    bench.until(WAITING_AGENT)
+    assert bench.node.connection.unconfirmed == 20
+    assert not publisher.publish(Blob())
+
+
+def test_what_cannot_be_published_is_an_error() -> None:
+    bench = Bench(connect=False)
+    publisher = bench.node.create_publisher(Blob, "topic")
+    for connected in (False, True):
+        if connected:
+            bench.until(AGENT_CONNECTED)
+        for other in (Number(1), 5, None, "text"):
+            said = raised(TypeError, publisher.publish, other)
+            assert "/topic" in said and "Blob" in said, said
+    assert "40012" in raised(ValueError, publisher.publish, Blob(bytes(40000)))
+    assert bench.agent.samples == [] and publisher.published == 0
+
+
+def test_a_large_sample_arrives_whole() -> None:
+    bench = Bench(connect=False, limit=100000)
+    publisher = bench.node.create_publisher(Blob, "image")
+    bench.until(AGENT_CONNECTED)
+    del bench.agent.sent[:]
+    assert publisher.publish(Blob(pattern(70000)))
+    bench.run(100)
+    got = b""
+    for it in bench.agent.sent:
+        if it[4] == ids.FRAGMENT:
+            got += it[8:]
+    assert got[8:] == pattern(70000) and len(bench.node.connection.session.out) == 0
+
+
+# --- subscriptions ----------------------------------------------------------------------------
+
+
+def subscribed(depth=10, **options):
+    bench = Bench(connect=False, **options)
+    heard = []
+    bench.subscription = bench.node.create_subscription(
+        Number, "topic", lambda it: heard.append(it.value), depth
+    )
+    bench.until(AGENT_CONNECTED)
+    return bench, heard
+
+
+def test_a_subscriptions_objects_and_samples() -> None:
+    bench, heard = subscribed()
+    assert bench.created()[1:] == [
+        (0x02, 0x01, ("rt/topic", "test_msgs::msg::dds_::Number_")),
+        (0x04, 0x01, ()),
+        (0x06, 0x04, (0x02, (3, 10, None, None, None, None, None))),
+    ]
+    assert bench.agent.requests[-1] == (ids.READ_DATA, 0x06)
+    for i in range(40):
+        bench.agent.sample(0x06, number_bytes(i))
+    bench.run()
+    assert heard == list(range(40)) and bench.subscription.lost == 0
+
+
+def test_a_best_effort_subscription_asks_for_that_stream() -> None:
+    for profile, stream in ((qos.sensor_data_profile(), 0x01), (10, 0x80)):
+        bench, _ = subscribed(profile)
+        reads = [it for it in bench.agent.sent if it[4] == ids.READ_DATA]
+        assert reads[0][10:13] == bytes((0x00, 0x06, stream))
+
+
+def test_big_endian_samples_are_read() -> None:
+    bench, heard = subscribed()
+    bench.agent.reliable(ids.DATA, b"\0\x0e\0\x06\0\0\0\x07", 0)
+    bench.run()
+    assert heard == [7]
+
+
+def test_malformed_samples_are_counted() -> None:
+    bench, heard = subscribed()
+    for octets in (b"", b"abc", number_bytes(5)):
+        bench.agent.sample(0x06, octets)
+    bench.agent.sample(0x26, number_bytes(6))  # of nobody
+    bench.run()
+    assert heard == [5] and bench.subscription.malformed == 2
+
+
+def test_a_queue_that_is_full_loses_the_oldest_and_counts() -> None:
+    """As after a callback that pumps for long; a spinning node stops to take before that."""
+    bench, heard = subscribed(3)
+    for i in range(50):
+        bench.agent.sample(0x06, number_bytes(i))
+        bench.node.connection.pump(0)
+    assert bench.subscription.overfull() and bench.subscription.lost == 15
+    bench.run()
+    assert heard == list(range(15, 50))
+    assert not bench.subscription.overfull()
+
+
+def test_slow_callbacks_lose_nothing_of_a_reliable_topic() -> None:
+    bench, heard = subscribed(3)
+    bench.subscription.callback = lambda it: (heard.append(it.value), bench.clock.sleep(5))
+    for i in range(100):
+        bench.agent.sample(0x06, number_bytes(i))
+    bench.run(2000)
+    assert heard == list(range(100)) and bench.subscription.lost == 0
+
+
+def test_callbacks_come_before_more_samples_when_many_wait() -> None:
+    """A datagram may bring more than one: nothing is taken while too many wait."""
+    bench, heard = subscribed(3)
+    for i in range(50):
+        datagram = b"\x81\0\0\0"
+        for j in range(5):
+            datagram += b"\x09\x01\x08\0\0\x0e\0\x06" + number_bytes(5 * i + j)
+        bench.agent.post(datagram)
+    bench.run()
+    assert heard == list(range(250)) and bench.subscription.lost == 0
+
+
+def test_a_subscription_that_is_always_called() -> None:
+    bench, heard = subscribed()
+    bench.subscription.callback = heard.append
+    bench.subscription.invocation = ALWAYS
+    bench.node.create_timer(0.01, lambda: None)
+    bench.run(25)
+    assert heard == [None, None]
+    bench.agent.sample(0x06, number_bytes(5))
+    bench.run(2)
+    assert heard == [None, None, Number(5)]
+
+
+def test_a_callback_that_raises_takes_nothing_along() -> None:
+    bench, heard = subscribed()
+
+    def callback(message):
+        heard.append(message.value)
+        raise RuntimeError("mine")
+
+    bench.subscription.callback = callback
+    for i in range(3):
+        bench.agent.sample(0x06, number_bytes(i))
+    errors = quiet(bench, lambda: bench.run())
+    assert heard == [0, 1, 2] and len(errors) == 3 == bench.node.executor.failed
+
+
+def test_a_destroyed_subscription_is_deleted_and_called_no_more() -> None:
+    bench, heard = subscribed()
+    bench.agent.sample(0x06, number_bytes(1))
+    bench.node.connection.pump(0)
+    bench.subscription.destroy()
+    bench.run()
+    assert heard == [] and bench.agent.requests[-3:] == [
+        (ids.DELETE, 0x06), (ids.DELETE, 0x04), (ids.DELETE, 0x02),
+    ]  # fmt: skip
+    bench.lose()
+    bench.until(AGENT_CONNECTED)
+    assert [it[0] for it in bench.created()] == [0x01]
+    again = bench.node.create_subscription(Number, "topic", print)
+    assert again.number == 1  # the number of one that lives is never given again
+
+
+# --- services ---------------------------------------------------------------------------------
+
+IDENTITY = bytes(range(24))
+
+
+def serving(callback, **options):
+    bench = Bench(connect=False, **options)
+    bench.service = bench.node.create_service(Ask, "ask", callback)
+    bench.until(AGENT_CONNECTED)
+    return bench
+
+
+def double(request, response):
+    response.value = 2 * request.value
+    return response
+
+
+def test_a_services_object_and_answers() -> None:
+    bench = serving(double)
+    assert bench.created()[1:] == [
+        (0x08, 0x01, (
+            "/ask", "test_msgs::srv::dds_::Ask_Request_", "test_msgs::srv::dds_::Ask_Response_",
+            "rq/askRequest", "rr/askReply",
+        ))
+    ]  # fmt: skip
+    for i in range(3):
+        bench.agent.sample(0x08, IDENTITY + number_bytes(i))
+    bench.run()
+    assert bench.agent.samples == [(0x08, IDENTITY + number_bytes(2 * i)) for i in range(3)]
+
+
+def test_malformed_requests_are_counted() -> None:
+    bench = serving(double)
+    for octets in (b"", IDENTITY[:23], IDENTITY, IDENTITY + b"abc"):
+        bench.agent.sample(0x08, octets)
+    bench.run()
+    assert bench.agent.samples == [] and bench.service.malformed == 4
+
+
+def test_an_answer_is_kept_while_there_is_no_room() -> None:
+    bench = serving(double, limit=1000)
+    publisher = bench.node.create_publisher(Blob, "blob")
+    bench.run()
+    asked = []
+    bench.service.callback = lambda request, response: (
+        asked.append(request.value), double(request, response),
+    )[1]  # fmt: skip
+    for i in range(3):
+        bench.agent.sample(0x08, IDENTITY + number_bytes(i))
+    acknowledge = bench.agent.acknowledge
+    bench.agent.acknowledge = lambda: None
+    while publisher.publish(Blob(bytes(8))):
+        pass
+    for _ in range(20):
+        bench.node.spin_once(0.001)
+    assert asked == [0] and len(bench.agent.samples) < 60
+    bench.agent.acknowledge = acknowledge
+    bench.run(500)
+    assert asked == [0, 1, 2]
+    answers = [it[1] for it in bench.agent.samples if it[0] == 0x08]
+    assert answers == [IDENTITY + number_bytes(2 * i) for i in range(3)]
+
+
+def test_an_answer_to_a_session_that_is_over_is_not_given_to_the_next() -> None:
+    bench = serving(double, limit=200)
+    publisher = bench.node.create_publisher(Blob, "blob")
+    bench.run()
+    bench.agent.sample(0x08, IDENTITY + number_bytes(1))
+    bench.agent.sample(0x08, IDENTITY + number_bytes(2))
+    bench.agent.acknowledge = lambda: None
+    while publisher.publish(Blob(bytes(8))):
+        pass
+    bench.run(50)
+    bench.lose()
+    del bench.agent.acknowledge
+    bench.until(AGENT_CONNECTED)
+    bench.run(100)
+    assert bench.agent.samples == []
+
+
+def test_a_service_without_an_answer_says_so() -> None:
+    bench = serving(lambda request, response: None)
+    bench.agent.sample(0x08, IDENTITY + number_bytes(1))
+    errors = quiet(bench, lambda: bench.run())
+    assert len(errors) == 1 and "/ask" in str(errors[0]) and bench.agent.samples == []
+    bench.service.callback = double
+    bench.agent.sample(0x08, IDENTITY + number_bytes(1))
+    bench.run()
+    assert len(bench.agent.samples) == 1
+
+
+# --- clients ----------------------------------------------------------------------------------
+
+
+def calling():
+    bench = Bench(connect=False)
+    bench.client = bench.node.create_client(Ask, "ask")
+    return bench
+
+
+def answer(bench, request, value):
+    bench.agent.sample(0x07, bytes((request >> 8, request & 0xFF, 0, 7)) + number_bytes(value))
+
+
+def last_request(bench):
+    """The request id of the last WRITE_DATA."""
+    sent = [it for it in bench.agent.sent if it[4] == ids.WRITE_DATA]
+    return sent[-1][8] << 8 | sent[-1][9]
+
+
+def test_a_call_and_its_answer() -> None:
+    bench = calling()
+    bench.until(AGENT_CONNECTED)
+    assert bench.created()[1][0] == 0x07
+    futures, requests = [], []
+    for i in range(3):
+        futures.append(bench.client.call_async(Ask.Request(i)))
+        requests.append(last_request(bench))
+    assert [it.done() for it in futures] == [False] * 3 and futures[0].result() is None
+    assert bench.agent.samples == [(0x07, number_bytes(i)) for i in range(3)]
+    told = []
+    for future in futures:
+        future.add_done_callback(lambda it: told.append(it.result().value))
+    for i in (1, 0, 2):
+        answer(bench, requests[i], 10 * i)
+    answer(bench, requests[1], 99)  # twice
+    answer(bench, 5, 99)  # to nobody
+    bench.run()
+    assert told == [10, 0, 20] and [it.done() for it in futures] == [True] * 3
+    futures[0].add_done_callback(lambda it: told.append("at once"))
+    assert told[-1] == "at once" and futures[0].exception() is None
+
+
+def test_a_call_without_an_agent_fails_at_once() -> None:
+    bench = calling()
+    future = bench.client.call_async(Ask.Request(1))
+    assert future.done() and isinstance(future.exception(), OSError)
+    assert "/ask" in raised(OSError, future.result)
+
+
+def test_calls_fail_when_the_session_is_lost() -> None:
+    bench = calling()
+    bench.until(AGENT_CONNECTED)
+    told = []
+    futures = [bench.client.call_async(Ask.Request(i)) for i in range(3)]
+    for future in futures:
+        future.add_done_callback(told.append)
+    bench.lose()
+    bench.run(100)
+    assert told == futures
+    for future in futures:
+        assert future.done() and "/ask" in raised(OSError, future.result)
+    bench.until(AGENT_CONNECTED)
+    future = bench.client.call_async(Ask.Request(1))
+    answer(bench, last_request(bench), 7)
+    bench.run()
+    assert future.result() == Ask.Response(7)
+
+
+def test_a_malformed_answer_fails_its_call() -> None:
+    bench = calling()
+    bench.until(AGENT_CONNECTED)
+    future = bench.client.call_async(Ask.Request(1))
+    request = last_request(bench)
+    bench.agent.sample(0x07, b"abc")
+    bench.agent.sample(0x07, bytes((request >> 8, request & 0xFF, 0, 7)) + b"ab")
+    bench.run()
+    assert bench.client.malformed == 2 and isinstance(future.exception(), OSError)
+
+
+def test_an_answer_nobody_waits_for_any_more() -> None:
+    bench = calling()
+    bench.until(AGENT_CONNECTED)
+    future = bench.client.call_async(Ask.Request(1))
+    bench.client.remove_pending_request(future)
+    answer(bench, last_request(bench), 7)
+    bench.run()
+    assert not future.done()
+
+
+def test_calls_fail_when_their_client_is_destroyed() -> None:
+    bench = calling()
+    bench.until(AGENT_CONNECTED)
+    future = bench.client.call_async(Ask.Request(1))
+    told = []
+    future.add_done_callback(told.append)
+    bench.client.destroy()
+    assert told == [future] and isinstance(future.exception(), OSError)
+
+
+def test_waiting_for_an_answer() -> None:
+    bench = calling()
+    bench.until(AGENT_CONNECTED)
+    future = bench.client.call_async(Ask.Request(1))
+    before = bench.clock.t
+    assert not bench.node.spin_until_future_complete(future, 0.5)
+    assert 500000 <= bench.clock.t - before < 510000
+    answer(bench, last_request(bench), 7)
+    assert bench.node.spin_until_future_complete(future, 0.5)
+    assert bench.clock.t - before < 520000
+
+
+def test_a_done_callback_that_raises_is_printed_and_others_are_called() -> None:
+    bench = calling()
+    bench.until(AGENT_CONNECTED)
+    futures = [bench.client.call_async(Ask.Request(i)) for i in range(2)]
+    told = []
+    futures[0].add_done_callback(lambda it: 1 // 0)
+    futures[1].add_done_callback(told.append)
+    errors = quiet(bench, lambda: (bench.lose(), bench.run(100)))
+    assert len(errors) == 1 and told == [futures[1]] and bench.node.executor.failed == 1
+
+
+# --- the node ---------------------------------------------------------------------------------
+
+
+def test_the_executors_limit_is_kept_whole() -> None:
+    bench = Bench(connect=False)
+    bench.node.executor.max_handles = 1
+    bench.node.create_subscription(Number, "one", print)
+    for create in (
+        lambda: bench.node.create_subscription(Number, "two", print),
+        lambda: bench.node.create_service(Ask, "two", print),
+        lambda: bench.node.create_client(Ask, "two"),
+        lambda: bench.node.create_timer(1.0, print),
+    ):
+        assert "1 handles" in raised(ValueError, create)
+    bench.node.create_publisher(Number, "three")  # is no handle
+    bench.until(AGENT_CONNECTED)
+    names = [it[2][0] for it in bench.created() if it[0] & 15 == ids.KIND_TOPIC]
+    assert names == ["rt/one", "rt/three"]
+    assert [it[0] & 15 for it in bench.created()].count(ids.KIND_REPLIER) == 0
+
+
+def test_spinning_once_waits_as_long_as_asked_and_no_longer() -> None:
+    bench = Bench()
+    for seconds in (0, 0.001, 0.5, 3):
+        before = bench.clock.t
+        assert bench.node.spin_once(seconds) is False
+        assert bench.clock.t - before == int(seconds * 1000000)
+    calls = []
+    bench.node.create_timer(0.05, lambda: calls.append(bench.clock.t))
+    before = bench.clock.t
+    assert bench.node.spin_once() is True
+    assert calls == [before + 50000] and bench.clock.t == before + 50000
+
+
+def test_a_timer_runs_whatever_the_agent_does() -> None:
+    bench = Bench(connect=False)
+    bench.agent.silent = True
+    times = []
+    start = bench.clock.t
+    timer = bench.node.create_timer(0.25, lambda: times.append(bench.clock.t - start))
+    bench.run(3000)
+    bench.agent.silent = False
+    bench.run(3000)
+    bench.agent.silent = True
+    bench.run(4000)
+    bench.agent.fail_open = OSError(2, "no line")
+    bench.run(2000)
+    assert times == [250000 * (n + 1) for n in range(48)]
+    assert bench.states == [
+        AGENT_AVAILABLE, AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT,
+    ]  # fmt: skip
+    bench.node.destroy_timer(timer)
+    bench.run(1000)
+    assert len(times) == 48
+
+
+def test_stamps_are_the_agents_time() -> None:
+    class Stamp:
+        sec = nanosec = 0
+
+    bench = Bench()
+    stamp = Stamp()
+    last = 0
+    for _ in range(300):
+        bench.run(33)
+        bench.node.clock.stamp(stamp)
+        assert 0 <= stamp.nanosec < 1000000000
+        now = stamp.sec * 1000000 + stamp.nanosec // 1000
+        assert abs(now - bench.clock.t - bench.agent.epoch_us) <= 1
+        assert now > last
+        last = now
+
+
+def test_two_nodes_share_a_session() -> None:
+    bench = Bench("one", connect=False)
+    other = Node("two", bench.node.connection, "ns")
+    heard = []
+    other.create_subscription(Number, "topic", lambda it: heard.append(it.value))
+    publisher = bench.node.create_publisher(Number, "topic")
+    bench.until(AGENT_CONNECTED)
+    created = bench.created()
+    assert [(it[0], it[1]) for it in created] == [
+        (0x01, 0), (0x11, 0), (0x02, 0x11), (0x04, 0x11), (0x06, 0x04),
+        (0x12, 0x01), (0x13, 0x01), (0x15, 0x13),
+    ]  # fmt: skip
+    assert created[1][2] == ("/ns/two", None) and len(bench.agent.hellos) == 1
+    assert publisher.publish(Number(1))
+    bench.agent.sample(0x06, number_bytes(5))
+    bench.run(10)
+    before = bench.clock.t
+    other.spin_once()  # it came while the other one was spinning: nothing to wait for
+    assert heard == [5] and bench.clock.t == before
+
+
+def test_a_destroyed_node_takes_its_leave() -> None:
+    bench = Bench(connect=False)
+    bench.node.create_publisher(Number, "topic")
+    bench.node.create_subscription(Number, "topic", print)
+    bench.until(AGENT_CONNECTED)
+    bench.node.destroy_node()
+    assert bench.agent.session_id == 0 and not bench.agent.is_open
+    assert bench.states[-2:] == [AGENT_DISCONNECTED, WAITING_AGENT]
+    assert bench.node.executor.handles == []
+
+
+def test_a_node_destroyed_beside_another_leaves_that_one_alone() -> None:
+    bench = Bench("one", connect=False)
+    publisher = bench.node.create_publisher(Number, "topic")
+    other = Node("two", bench.node.connection)
+    other.create_publisher(Number, "other")
+    bench.until(AGENT_CONNECTED)
+    other.destroy_node()
+    bench.run(10)
+    assert bench.node.state == AGENT_CONNECTED and publisher.publish(Number(1))
+    assert [it for it in bench.agent.requests if it[0] == ids.DELETE] == [
+        (ids.DELETE, 0x15), (ids.DELETE, 0x13), (ids.DELETE, 0x12), (ids.DELETE, 0x11),
+    ]  # fmt: skip

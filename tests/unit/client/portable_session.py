@@ -1,0 +1,553 @@
+"""The client's session: datagrams in, datagrams out. Also runs on MicroPython."""
+
+from support.board import KEY, Blob, Number, Recorder, built, message, pattern
+from support.conversation import unpack
+
+from uros.client.session import FIRST_REQUEST, GOODBYE, Session
+from uros.wire import ids, session
+from uros.wire.entities import push_create
+from uros.wire.errors import EncodeError
+from uros.wire.streams import HEARTBEAT_MS, Fragments
+
+WRITER = 0x15
+
+
+class Bench:
+    """A session with what it sends and tells."""
+
+    def __init__(self, mtu=512, limit=32768):
+        self.sent = []
+        self.owner = Recorder()
+        self.session = Session(self.owner, self.sent.append, KEY, mtu, limit)
+
+    def take(self):
+        """What was sent since the last time."""
+        out = [bytes(it) for it in self.sent]
+        self.sent.clear()
+        return out
+
+    def hear(self, kind, payload, stream=0, sequence=0, now=0, flags=1):
+        it = message(kind, payload, stream, sequence, self.session.id, flags)
+        return self.session.receive(it, now)
+
+    def acknack(self, first, missing=0, now=0):
+        self.hear(ids.ACKNACK, built(session.push_acknack, first, missing, 0x80), now=now)
+
+    def heartbeat(self, first, last, now=0):
+        self.hear(ids.HEARTBEAT, built(session.push_heartbeat, first, last, 0x80), now=now)
+
+    def sample(self, sequence, octets, stream=0x80, now=0):
+        return self.hear(ids.DATA, b"\0\x0e\0\x16" + octets, stream, sequence, now)
+
+    def request(self, now=0):
+        return self.session.request(ids.DELETE, 1, now, session.push_request, 0x25)
+
+    def write(self, octets, reliable=True, prefix=b"", now=0):
+        return self.session.write(WRITER, Blob(octets), prefix, reliable, now)
+
+
+def sequences(messages):
+    """The numbers of those on the reliable stream."""
+    return [it[2] | it[3] << 8 for it in messages if it[1] == ids.STREAM_RELIABLE]
+
+
+def reassembled(messages):
+    """The submessages that reliable messages carry, fragments put together."""
+    fragments = Fragments(1 << 20)
+    out = []
+    for it in messages:
+        for kind, flags, payload in unpack(it)[1]:
+            if kind != ids.FRAGMENT:
+                out.append((kind, payload))
+                continue
+            whole = fragments.add(payload, bool(flags & ids.FLAG_LAST_FRAGMENT))
+            if whole is not None:
+                out.append((whole[0], bytes(whole[4:])))
+    return out
+
+
+# --- outside of streams -----------------------------------------------------------------------
+
+
+def test_hello_is_the_one_of_the_c_client() -> None:
+    # recorded: publish_reliable, with our key and MTU
+    bench = Bench(508)
+    bench.session.key = 0xAAAABBBB
+    bench.session.hello()
+    assert bench.take() == [
+        bytes.fromhex("80000000 00011000 58524345 0100 010f aaaabbbb 81 00 fc01")
+    ]
+
+
+def test_pings_and_goodbye() -> None:
+    bench = Bench()
+    bench.session.ping(False)
+    bench.session.ping(True)
+    bench.session.goodbye()
+    assert bench.take() == [  # recorded: ping; by hand: goodbye
+        bytes.fromhex("80000000 02010800 000a fffd 02000000"),
+        bytes.fromhex("81000000 02010800 000a fffd 02000000"),
+        bytes.fromhex("81000000 03010400 0009 fffe"),
+    ]
+
+
+def test_asking_for_the_time() -> None:
+    bench = Bench()
+    bench.session.ask_time(0x01020304, 5)
+    bench.session.ask_time(-1, 999999999)
+    assert bench.take() == [
+        bytes.fromhex("81000000 0e010800 04030201 05000000"),
+        bytes.fromhex("81000000 0e010800 ffffffff ffc99a3b"),
+    ]
+
+
+def test_an_answer_about_the_time_counts_once_and_only_to_the_last_question() -> None:
+    bench = Bench()
+    bench.session.ask_time(5, 6)
+    bench.session.ask_time(7, 8)
+    transmit, receive = (100, 1), (99, 2)
+
+    def answer(originate):
+        bench.hear(
+            ids.TIMESTAMP_REPLY,
+            built(session.push_timestamp_reply, transmit, receive, originate),
+        )
+
+    answer((5, 6))
+    assert bench.owner.told == []
+    answer((7, 8))
+    answer((7, 8))
+    assert bench.owner.told == [("time", transmit, receive)]
+
+
+# --- requests and their numbers ---------------------------------------------------------------
+
+
+def test_request_ids_begin_at_ten_and_come_round_to_it() -> None:
+    bench = Bench()
+    assert bench.request() == FIRST_REQUEST == 10
+    assert bench.write(b"abcd") == 11
+    assert bench.write(b"abcd", False) == 12
+    bench.session.request_id = 0xFFFF
+    assert bench.request() == 0xFFFF
+    assert bench.write(b"abcd") == 10
+    for it, request in zip(bench.take(), (10, 11, 12, 0xFFFF, 10)):
+        assert it[8:10] == bytes((request >> 8, request & 0xFF))
+
+
+def test_a_requests_bytes() -> None:
+    bench = Bench()
+    bench.session.request(ids.CREATE, 7, 0, push_create, 0x0001, ids.IN_BINARY, b"abcd", 0)
+    bench.request()
+    assert bench.take() == [
+        bytes.fromhex("81800000 01071200 000a 0001 01 03 0000 04000000 61626364 0000"),
+        bytes.fromhex("81800100 03010400 000b 0025"),
+    ]
+
+
+def test_a_samples_bytes() -> None:
+    bench = Bench()
+    assert bench.session.write(WRITER, Number(1), b"", True, 0) == 10
+    assert bench.session.write(WRITER, Number(-2), b"", False, 0) == 11
+    assert bench.session.write(0x18, Number(3), bytes(range(24)), True, 0) == 12
+    assert bench.take() == [
+        bytes.fromhex("81800000 07010800 000a 0015 01000000"),
+        bytes.fromhex("81010000 07010800 000b 0015 feffffff"),
+        bytes.fromhex("81800100 07012000 000c 0018") + bytes(range(24)) + b"\3\0\0\0",
+    ]
+
+
+def test_a_request_longer_than_a_message_is_refused_and_leaves_nothing() -> None:
+    bench = Bench(mtu=64)
+    try:
+        bench.session.request(ids.CREATE, 7, 0, push_create, 1, ids.IN_BINARY, bytes(64), 0)
+    except EncodeError:
+        pass
+    else:
+        raise AssertionError("not refused")
+    assert bench.take() == [] and len(bench.session.out) == 0
+    bench.request()
+    assert sequences(bench.take()) == [0]
+
+
+# --- the window -------------------------------------------------------------------------------
+
+
+def test_a_window_of_requests_goes_out_without_waiting() -> None:
+    bench = Bench()
+    for room in range(16, 0, -1):
+        assert bench.session.out.room() == room
+        bench.request()
+    assert bench.session.out.room() == 0
+    for _ in range(4):
+        bench.request()
+    assert sequences(bench.take()) == list(range(16))
+    bench.acknack(3)
+    assert sequences(bench.take()) == [16, 17, 18]
+    bench.acknack(3)
+    assert bench.take() == []
+    bench.acknack(20)  # never sent
+    assert bench.take() == [] and len(bench.session.out) == 17
+    bench.acknack(19)
+    assert sequences(bench.take()) == [19]
+    bench.acknack(20)
+    assert len(bench.session.out) == 0 and bench.session.out.deadline is None
+
+
+def test_numbers_go_round() -> None:
+    bench = Bench()
+    for i in range(65536 + 40):
+        bench.request()
+        bench.acknack((i + 1) & 0xFFFF)
+        assert len(bench.session.out) == 0
+        if i & 0xFFF == 0:
+            bench.take()
+    assert sequences(bench.take())[-1] == 39
+
+
+def test_what_is_missing_is_sent_again_and_heartbeats_ask() -> None:
+    bench = Bench()
+    for _ in range(5):
+        bench.request(now=100)
+    first = bench.take()
+    assert bench.session.out.deadline == 100 + HEARTBEAT_MS
+    bench.session.tick(100 + HEARTBEAT_MS - 1)
+    assert bench.take() == []
+    bench.session.tick(100 + HEARTBEAT_MS)
+    assert bench.take() == [bytes.fromhex("81000000 0b010500 0000 0400 80")]
+    bench.acknack(1, 0b101, now=350)
+    assert bench.take() == [first[1], first[3]]
+    bench.acknack(1, 0b101, now=351)  # at once again: that is the same loss
+    assert bench.take() == []
+    bench.acknack(1, 0b1000, now=400)
+    assert bench.take() == [first[4]]
+
+
+def test_publishing_never_waits_and_stops_at_the_limit() -> None:
+    bench = Bench(limit=1000)
+    sent = 0
+    while bench.write(pattern(88)):  # 100 octets of message
+        sent += 1
+    assert sent == 10
+    assert sequences(bench.take()) == list(range(10))
+    before = bench.session.request_id, bench.session.out.next, bench.session.out.size
+    assert bench.write(pattern(88)) == 0
+    assert before == (
+        bench.session.request_id, bench.session.out.next, bench.session.out.size
+    )  # fmt: skip
+    assert bench.take() == []
+    assert bench.write(b"abcd", False)  # best effort waits for nobody
+    bench.acknack(1)
+    assert bench.write(pattern(88)) and not bench.write(pattern(88))
+
+
+def test_very_many_small_samples_find_no_room_before_numbers_are_used_up() -> None:
+    bench = Bench(limit=1 << 20)
+    count = 0
+    while bench.write(b""):
+        count += 1
+    assert 1000 < count < 0x8000, count
+    before = bench.session.out.next
+    assert bench.write(pattern(6000)) == 0  # fragments: none of them either
+    assert bench.session.out.next == before
+
+
+def test_a_value_that_does_not_fit_leaves_nothing_half_sent() -> None:
+    class Bad(Blob):
+        def pack_into(self, buf, offset, start):
+            raise TypeError("a field")
+
+    for size in (4, 2000):
+        for reliable in (True, False):
+            bench = Bench(2048)
+            try:
+                bench.session.write(WRITER, Bad(bytes(size)), b"", reliable, 0)
+            except TypeError:
+                pass
+            else:
+                raise AssertionError("not raised")
+            assert bench.take() == [] and bench.session.request_id == 10
+            assert bench.write(b"abcd", reliable) == 10
+            assert unpack(bench.take()[0])[0][2] == 0
+
+
+# --- fragments --------------------------------------------------------------------------------
+
+
+def test_samples_around_the_size_of_a_message() -> None:
+    for mtu in (64, 67, 512):
+        for size in (mtu - 13, mtu - 12, mtu - 11, 2 * mtu - 24, 2 * mtu):
+            bench = Bench(mtu)
+            octets = pattern(size)
+            assert bench.write(octets) == 10
+            out = bench.take()
+            assert all([len(it) <= mtu for it in out])
+            assert (len(out) == 1) == (size <= mtu - 12)
+            assert sequences(out) == list(range(len(out)))
+            assert reassembled(out) == [(ids.WRITE_DATA, b"\0\x0a\0\x15" + octets)]
+            for it in out[:-1]:
+                assert len(it) % 4 == 0  # the next header of a C agent is aligned
+
+
+def test_fragments_of_large_samples_and_over_64_kb() -> None:
+    for size in (15000, 65523, 65532, 70000):
+        bench = Bench(limit=80000)
+        octets = pattern(size)
+        assert bench.write(octets) == 10
+        out = bench.take()
+        assert len(out) == 16
+        for _ in range(1000):
+            bench.acknack(bench.session.out.sent)
+            more = bench.take()
+            if not more:
+                break
+            out += more
+        assert sequences(out) == list(range(len(out)))
+        got = reassembled(out)
+        assert len(got) == 1 and got[0][1][4:] == octets
+        assert bench.write(b"next") == 11
+        assert bench.session.out.size == 16
+
+
+def test_a_sample_too_large_for_ever_is_an_error() -> None:
+    bench = Bench(limit=1000)
+    for size, reliable, said in ((989, True, "1001"), (501, False, "513")):
+        try:
+            bench.write(bytes(size), reliable)
+        except EncodeError as error:
+            assert said in str(error) and "Blob" in str(error), error
+        else:
+            raise AssertionError("not refused")
+    assert bench.take() == []
+    assert bench.write(bytes(988)) == 10 and len(bench.take()) == 2
+    assert bench.write(bytes(500), False) == 11 and len(bench.take()[0]) == 512
+
+
+def test_fragments_that_come() -> None:
+    bench = Bench()
+    whole = bytes((ids.DATA, 1, 0, 0)) + b"\0\x0e\0\x16" + pattern(2000)
+    parts = [whole[i : i + 500] for i in range(0, len(whole), 500)]
+    for i in range(len(parts)):
+        flags = 3 if i == len(parts) - 1 else 1
+        assert bench.hear(ids.FRAGMENT, parts[i], 0x80, i, flags=flags)
+    # The length of one is 16 bits; a stored one of 0 is a fault of the peer.
+    assert bench.owner.samples() == [b""] or bench.session.dropped == 1
+    bench = Bench()
+    whole = bytes((ids.DATA, 1, 2004 & 0xFF, 2004 >> 8)) + whole[4:]
+    for i in (1, 0, 2, 4, 3):
+        flags = 3 if i == 4 else 1
+        bench.hear(ids.FRAGMENT, whole[i * 500 : i * 500 + 500], 0x80, i, flags=flags)
+    assert bench.owner.samples() == [pattern(2000)]
+    assert bench.session.dropped == 0
+
+
+def test_more_fragments_than_the_limit_are_dropped_and_the_next_sample_is_whole() -> None:
+    bench = Bench(limit=1000)
+    for i in range(5):
+        bench.hear(ids.FRAGMENT, bytes(400), 0x80, i, flags=3 if i == 4 else 1)
+    assert bench.session.dropped == 1 and bench.owner.told == []
+    whole = bytes((ids.DATA, 1, 8, 0)) + b"\0\x0e\0\x16abcd"
+    bench.hear(ids.FRAGMENT, whole[:8], 0x80, 5)
+    bench.hear(ids.FRAGMENT, whole[8:], 0x80, 6, flags=3)
+    assert bench.owner.samples() == [b"abcd"]
+
+
+def test_a_fragment_that_never_comes_takes_only_its_sample_along() -> None:
+    bench = Bench()
+    whole = bytes((ids.DATA, 1, 8, 0)) + b"\0\x0e\0\x16abcd"
+    bench.hear(ids.FRAGMENT, whole[:4], 0x80, 0)
+    bench.hear(ids.FRAGMENT, whole[8:], 0x80, 2, flags=3)
+    bench.sample(3, b"after")
+    assert bench.owner.told == []
+    bench.heartbeat(2, 3)
+    assert bench.owner.samples() == [b"after"] and bench.session.dropped == 0
+
+
+# --- receiving --------------------------------------------------------------------------------
+
+
+def test_samples_come_in_order_and_once() -> None:
+    bench = Bench()
+    for sequence in (2, 0, 0, 3, 2, 1, 1, 4, 0):
+        bench.sample(sequence, bytes((sequence,)))
+    assert bench.owner.samples() == [bytes((i,)) for i in range(5)]
+    assert bench.owner.told[0] == ("data", 0x16, b"\0", True)
+
+
+def test_what_came_is_acknowledged_once_a_tick() -> None:
+    bench = Bench()
+    bench.session.tick(0)
+    assert bench.take() == []
+    for sequence in (0, 1, 4):
+        bench.sample(sequence, b"x")
+    assert bench.take() == []
+    bench.session.tick(0)
+    # 2 and 3 are missing
+    assert bench.take() == [bytes.fromhex("81000000 0a010500 0200 0003 80")]
+    bench.session.tick(0)
+    assert bench.take() == []
+    bench.sample(0, b"x")  # what is acknowledged already is acknowledged again
+    bench.session.tick(0)
+    assert bench.take() == [bytes.fromhex("81000000 0a010500 0200 0003 80")]
+
+
+def test_heartbeats_are_answered_and_tell_what_never_comes() -> None:
+    bench = Bench()
+    bench.heartbeat(0, 2)
+    bench.session.tick(0)
+    assert bench.take() == [bytes.fromhex("81000000 0a010500 0000 0007 80")]
+    bench.sample(6, b"6")
+    bench.sample(4, b"4")
+    bench.heartbeat(4, 6)  # 0 to 3 are lost for good
+    assert bench.owner.samples() == [b"4"]
+    bench.session.tick(0)
+    assert bench.take() == [bytes.fromhex("81000000 0a010500 0500 0001 80")]
+    bench.sample(5, b"5")
+    assert bench.owner.samples() == [b"4", b"5", b"6"]
+
+
+def test_best_effort_samples_come_in_order_and_gaps_are_gaps() -> None:
+    bench = Bench()
+    for sequence in (0, 1, 1, 5, 3, 6, 65535):
+        bench.sample(sequence, bytes((sequence & 0xFF,)), ids.STREAM_BEST_EFFORT)
+    assert bench.owner.samples() == [b"\0", b"\1", b"\5", b"\6"]
+    bench.session.tick(0)
+    assert bench.take() == []
+
+
+def test_several_submessages_in_a_message() -> None:
+    bench = Bench()
+    status = bytes((ids.STATUS, 1, 6, 0)) + built(session.push_status, 10, 0x11, 0) + b"\0\0"
+    acknack = bytes((ids.ACKNACK, 1, 5, 0)) + built(session.push_acknack, 0, 0, 0x80)
+    whole = message(ids.DATA, b"\0\x0e\0\x16abcd", 0x80, 0) + status + acknack
+    assert bench.session.receive(whole, 0)
+    assert bench.owner.told == [("data", 0x16, b"abcd", True), ("status", 10, ids.STATUS_OK)]
+
+
+def test_big_endian_samples_are_told_as_such() -> None:
+    bench = Bench()
+    bench.hear(ids.DATA, b"\0\x0e\0\x16abcd", 0x80, 0, flags=0)
+    assert bench.owner.told == [("data", 0x16, b"abcd", False)]
+
+
+def test_what_the_agent_says() -> None:
+    bench = Bench()
+    bench.hear(ids.STATUS_AGENT, built(session.push_status_agent, ids.STATUS_ERR_DENIED))
+    info = built(session.push_info, 10, ids.OBJECT_AGENT, 0, 0, [])
+    bench.hear(ids.INFO, info)
+    bench.hear(ids.INFO, built(session.push_info, 10, ids.OBJECT_AGENT, 0, 1, []))
+    bench.hear(ids.STATUS, built(session.push_status, GOODBYE, ids.OBJECT_CLIENT, 0))
+    assert not bench.session.receive(message(ids.INFO, info, session_id=0x80), 0)
+    assert bench.owner.told == [
+        ("agent", ids.STATUS_ERR_DENIED), ("unknown",), ("status", GOODBYE, 0), ("pong",),
+    ]  # fmt: skip
+    assert bench.session.dropped == 0
+
+
+def test_strays_and_nonsense_are_counted_and_change_nothing() -> None:
+    bench = Bench()
+    bench.sample(0, b"0")
+    bench.write(b"abcd")
+    bench.take()
+    nonsense = (
+        b"",
+        b"\x81",
+        b"\x81\x80\x01\x00",
+        b"\x81\0\0\0\x0a\x01\x05",
+        b"\x81\0\0\0\x0a\x01\x05\0\x01",  # an ACKNACK cut short
+        b"\x81\0\0\0\x0b\x01\x05\0\x01",
+        b"\x81\0\0\0\x09\x01\xff\0\x01",  # announces more than there is
+        message(ids.STATUS, b"\0\x0a"),
+        message(ids.STATUS_AGENT, b""),
+        message(ids.INFO, b"\0"),
+        message(ids.TIMESTAMP_REPLY, bytes(23)),
+    )
+    for i in range(len(nonsense)):
+        bench.session.receive(nonsense[i], 0)
+        assert bench.session.dropped == i + 1, nonsense[i]
+    for session_id in (0x00, 0x01, 0x7F, 0x80, 0x82, 0xFF):
+        assert not bench.session.receive(
+            message(ids.DATA, b"\0\x0e\0\x16" + bytes(8), 0x80, 1, session_id), 0
+        )
+    assert bench.session.dropped == len(nonsense) + 6
+    # Streams and submessages that are none of ours mean nothing, but the agent is there.
+    for kind, stream in ((ids.DATA, 0x81), (ids.DATA, 0x02), (99, 0), (ids.CREATE, 0)):
+        assert bench.hear(kind, b"\0\x0e\0\x16abcd", stream, 0)
+    bench.hear(ids.DATA, b"\0\x0e", 0x80, 1)  # too short to be a sample
+    bench.hear(ids.ACKNACK, built(session.push_acknack, 1, 0, 0x81))  # not our stream
+    bench.hear(ids.HEARTBEAT, built(session.push_heartbeat, 9, 9, 0x01))
+    assert bench.owner.samples() == [b"0"] and len(bench.session.out) == 1
+    bench.sample(2, b"2")
+    bench.acknack(1)
+    assert bench.owner.samples() == [b"0", b"2"] and len(bench.session.out) == 0
+
+
+def test_nonsense_on_the_reliable_stream_does_not_stop_it() -> None:
+    bench = Bench()
+    bench.sample(2, b"2")
+    bench.sample(1, b"1")
+    # The next one, of two submessages: the first is sound, the second is not.
+    whole = message(ids.DATA, b"\0\x0e\0\x16abcd", 0x80, 0) + b"\x05\x01\xff\0\0\0"
+    assert bench.session.receive(whole, 0)
+    assert bench.owner.samples() == [b"abcd", b"1", b"2"]
+    assert bench.session.dropped == 1
+
+
+def test_fragments_of_fragments_are_nonsense() -> None:
+    bench = Bench()
+    inner = b"abc"
+    for _ in range(200):  # deeper than any stack of a board
+        inner = bytes((ids.FRAGMENT, 3, len(inner) & 0xFF, len(inner) >> 8)) + inner
+    bench.hear(ids.FRAGMENT, inner, 0x80, 0, flags=3)
+    assert bench.session.dropped == 1 and bench.owner.told == []
+    bench.sample(1, b"after")
+    assert bench.owner.samples() == [b"after"]
+
+
+def test_an_agent_whose_heartbeats_stay_behind_has_begun_anew() -> None:
+    bench = Bench()
+    for sequence in range(20):
+        bench.sample(sequence, b"x")
+    for now in range(0, 6000, 400):
+        bench.heartbeat(3, 4 if now % 800 else 19, now)  # late ones between others
+    for now in range(10):
+        bench.heartbeat(3, 4, now)  # and many late ones at once
+    bench.heartbeat(19, 19, 10)
+    assert bench.owner.samples() == [b"x"] * 20 and len(bench.owner.told) == 20
+    for now in range(0, 2000, 200):
+        bench.heartbeat(0, 2, now)
+        assert len(bench.owner.told) == 20
+    bench.heartbeat(0, 2, 2000)
+    assert bench.owner.told[20:] == [("unknown",)]
+
+
+# --- one session after the other --------------------------------------------------------------
+
+
+def test_every_session_has_another_id_and_starts_from_nothing() -> None:
+    bench = Bench()
+    seen = []
+    for _ in range(130):
+        seen.append(bench.session.id)
+        bench.write(pattern(3000))
+        bench.sample(0, b"x")
+        bench.hear(ids.FRAGMENT, bytes(100), 0x80, 1)
+        bench.sample(7, b"x", ids.STREAM_BEST_EFFORT)
+        bench.write(b"abcd", False)
+        old = message(ids.DATA, b"\0\x0e\0\x16late", 0x80, 0, bench.session.id)
+        bench.session.renew()
+        bench.take()
+        dropped = bench.session.dropped
+        assert not bench.session.receive(old, 0) and bench.session.dropped == dropped + 1
+        assert bench.session.out.room() == 16 and bench.session.out.deadline is None
+        bench.session.tick(0)
+        assert bench.take() == []
+    assert seen == list(range(0x81, 0xFF)) + [0x81, 0x82, 0x83, 0x84]
+    told = len(bench.owner.told)
+    assert bench.request() == 10
+    bench.write(b"abcd", False)
+    out = bench.take()
+    assert [it[2] for it in out] == [0, 0]
+    bench.sample(0, b"fresh")
+    bench.sample(0, b"fresh too", ids.STREAM_BEST_EFFORT)
+    assert len(bench.owner.told) == told + 2

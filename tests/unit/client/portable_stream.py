@@ -1,0 +1,223 @@
+"""A board's end of a serial line, over ports of every kind. Also runs on MicroPython."""
+
+from support.board import pattern
+from support.portable import framed
+
+from uros.ticks import ticks_ms
+from uros.transport.stream import StreamTransport
+from uros.wire.framing import Deframer
+from uros.wire.streams import ticks_diff
+
+
+class Port:
+    """A line: ``incoming`` comes at most ``chunk`` octets at a time, ``room`` octets go out."""
+
+    def __init__(self, incoming=b"", chunk=1000, room=1 << 20):
+        self.incoming = incoming
+        self.chunk = chunk
+        self.room = room
+        self.written = b""
+        self.reads = 0
+
+    def read(self, size):
+        self.reads += 1
+        size = min(size, self.chunk)
+        out, self.incoming = self.incoming[:size], self.incoming[size:]
+        return out or None
+
+    def write(self, octets):
+        count = min(len(octets), self.room)
+        self.room -= count
+        self.written += bytes(octets[:count])
+        return count or None
+
+
+def received(transport):
+    """All that comes, however small the pieces."""
+    out = []
+    while True:
+        message = transport.receive(5000 if transport.port.incoming else 0)
+        if message is None:
+            return out
+        out.append(message)
+
+
+def test_messages_become_frames_and_frames_messages() -> None:
+    messages = [pattern(size, size) for size in (8, 100, 256, 512)] + [b"\x7e\x7d\x7e" * 30]
+    line = b"".join([framed(it, 0, 3) for it in messages])
+    for chunk in (1, 7, 1000):
+        port = Port(line, chunk)
+        transport = StreamTransport(port, 3)
+        transport.open()
+        assert received(transport) == messages
+        for it in messages:
+            transport.send(it)
+        assert port.written == b"".join([framed(it, 3, 0) for it in messages])
+        assert transport.dropped == 0 and transport.deframer.crc_errors == 0
+
+
+def test_frames_for_others_noise_and_broken_frames_are_passed_over() -> None:
+    good, other = framed(b"goodgood", 0, 1), framed(b"otherone", 0, 2)
+    broken = bytearray(good)
+    broken[-1] ^= 1
+    port = Port(b"Booting~\x7e" + other + bytes(broken) + good + b"\x7e\x7e" + good[:9])
+    transport = StreamTransport(port)
+    transport.open()
+    assert received(transport) == [b"goodgood"]
+    assert transport.deframer.crc_errors == 1
+
+
+def test_what_a_line_does_not_take_goes_out_first_and_what_comes_meanwhile_is_lost() -> None:
+    port = Port(room=10)
+    transport = StreamTransport(port)
+    transport.open()
+    transport.send(pattern(40))
+    assert len(port.written) == 10
+    transport.send(pattern(50))
+    transport.send(pattern(60))
+    assert transport.dropped == 2
+    for _ in range(9):
+        port.room = 5
+        assert transport.receive(0) is None
+    transport.send(pattern(70, 1))
+    port.room = 1000
+    transport.receive(0)
+    assert Deframer(0).feed(port.written) == [pattern(40), pattern(70, 1)]
+    assert transport.dropped == 2
+
+
+def test_a_line_that_takes_nothing_loses_the_message() -> None:
+    """Nobody listens: what was to be said is old when they do."""
+    port = Port(room=0)
+    transport = StreamTransport(port)
+    transport.open()
+    for _ in range(3):
+        transport.send(pattern(40))
+    assert transport.dropped == 3
+    port.room = 1000
+    transport.receive(0)
+    transport.send(pattern(50))
+    assert Deframer(0).feed(port.written) == [pattern(50)]
+
+
+def test_what_waits_in_the_line_is_taken_without_waiting() -> None:
+    """A frame of many chunks, and no time left."""
+    line = framed(b"\x7e" * 512, 0, 1)
+    transport = StreamTransport(Port(line, 100))
+    transport.open()
+    assert transport.receive(0) == b"\x7e" * 512
+
+
+def test_a_message_over_the_mtu_is_not_sent() -> None:
+    port = Port()
+    transport = StreamTransport(port, mtu=64)
+    transport.send(bytes(65))
+    assert port.written == b"" and transport.dropped == 1
+    transport.send(b"\x7e" * 64)
+    assert len(Deframer(0).feed(port.written)) == 1
+
+
+def test_opening_forgets_what_was_before() -> None:
+    frame = framed(pattern(30), 0, 1)
+    port = Port(frame + frame + frame[:20])
+    transport = StreamTransport(port)
+    transport.open()
+    assert transport.receive(0) == pattern(30)
+    port.room = 7
+    transport.send(pattern(30))
+    transport.close()
+    port.incoming = frame[20:] + framed(b"freshone", 0, 1)
+    port.room = 1000
+    written = len(port.written)
+    transport.open()
+    assert received(transport) == [b"freshone"]
+    transport.send(b"freshtoo")
+    assert port.written[written:] == framed(b"freshtoo", 1, 0)
+
+
+def test_open_and_close_are_the_ports_where_it_has_them() -> None:
+    calls = []
+
+    class Opening(Port):
+        def open(self):
+            calls.append("open")
+            if len(calls) == 1:
+                raise OSError(2, "not there")
+
+        def close(self):
+            calls.append("close")
+
+    transport = StreamTransport(Opening())
+    try:
+        transport.open()
+    except OSError as error:
+        assert "not there" in str(error)
+    else:
+        raise AssertionError("not raised")
+    transport.open()
+    transport.close()
+    assert calls == ["open", "open", "close"]
+
+
+def took(transport, timeout_ms):
+    """How many milliseconds a receive without a message takes."""
+    before = ticks_ms()
+    assert transport.receive(timeout_ms) is None
+    return ticks_diff(ticks_ms(), before)
+
+
+def test_waiting_ends_in_time() -> None:
+    transport = StreamTransport(Port())
+    transport.open()
+    for timeout in (0, 1, 7, 30):
+        assert timeout <= took(transport, timeout) < timeout + 1000
+
+
+def test_waiting_ends_in_time_though_there_is_noise_all_the_time() -> None:
+    """A program that prints without end at the other end of the line."""
+
+    class Noisy(Port):
+        def read(self, size):
+            return b"printf"
+
+    transport = StreamTransport(Noisy())
+    transport.open()
+    assert 20 <= took(transport, 20) < 1020
+    assert took(transport, 0) < 1000
+
+
+def test_a_port_that_can_wait_is_let_wait() -> None:
+    waits = []
+
+    class Waiting(Port):
+        def wait(self, timeout_ms):
+            waits.append(timeout_ms)
+            if len(waits) == 2:
+                self.incoming = framed(b"whatever", 0, 1)
+
+    port = Waiting()
+    transport = StreamTransport(port)
+    transport.open()
+    assert transport.receive(5000) == b"whatever"
+    assert len(waits) == 2 and waits[0] == 5000 and 4000 < waits[1] <= 5000
+    # What is not sent yet cannot be waited for: looked at every millisecond.
+    port.room = 3
+    transport.send(pattern(20))
+    assert transport.receive(10) is None
+    assert waits[2:] and set(waits[2:]) == {1}
+
+
+def test_a_line_that_is_gone_is_an_error() -> None:
+    class Gone(Port):
+        def read(self, size):
+            raise OSError(5, "gone")
+
+        write = read
+
+    transport = StreamTransport(Gone())
+    for call in (lambda: transport.receive(0), lambda: transport.send(b"12345678")):
+        try:
+            call()
+        except OSError:
+            continue
+        raise AssertionError("not raised")

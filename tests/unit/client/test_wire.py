@@ -1,0 +1,154 @@
+"""The client and our agent with a network between them that loses, doubles and reorders."""
+
+import pytest
+from support.wire import Wire
+from uros.interfaces.std_msgs.msg import Int32, UInt8MultiArray
+from uros.interfaces.std_srvs.srv import Trigger
+
+from uros.client import AGENT_CONNECTED
+from uros.qos import HistoryPolicy, QoSProfile
+
+KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+BAD = {"loss": 0.3, "twice": 0.2, "late_ms": 30.0}
+
+
+def blob(number, size):
+    return bytes((number * 31 + i * 7 + (i >> 8)) & 0xFF for i in range(size))
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_reliable_samples_arrive_complete_and_in_order(seed):
+    with Wire(seed, **BAD) as wire:
+        talker, listener = wire.node("talker"), wire.node("listener")
+        numbers = talker.create_publisher(Int32, "numbers", 10)
+        blobs = talker.create_publisher(UInt8MultiArray, "blobs", 10)
+        heard, images = [], []
+        listener.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), KEEP_ALL)
+        listener.create_subscription(
+            UInt8MultiArray, "blobs", lambda it: images.append(bytes(it.data)), KEEP_ALL
+        )
+        wire.connect()
+        strays = [it.connection.session.dropped for it in wire.nodes]
+        sizes = (10, 480, 492, 500, 3000, 15000)
+        sent = [0, 0]
+
+        def publish():
+            if sent[0] < 150 and numbers.publish(Int32(data=sent[0])):
+                sent[0] += 1
+            size = sizes[sent[1] % len(sizes)]
+            message = UInt8MultiArray(data=blob(sent[1], size))
+            if sent[1] < 12 and blobs.publish(message):
+                sent[1] += 1
+
+        talker.create_timer(0.02, publish)
+        wire.until(lambda: len(heard) >= 150 and len(images) >= 12, 120000, (heard, len(images)))
+        wire.run(2000)
+        assert heard == list(range(150))
+        assert images == [blob(i, sizes[i % len(sizes)]) for i in range(12)]
+        for node in (talker, listener):
+            assert node.state == AGENT_CONNECTED
+        assert strays == [it.connection.session.dropped for it in wire.nodes]
+        assert wire.lost > 50 and wire.doubled > 30
+        assert len(talker.connection.session.out) == 0
+        assert talker.connection.session.out.size == 0
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_every_call_of_a_service_is_answered_once_and_with_its_own_answer(seed):
+    with Wire(seed, **BAD) as wire:
+        server, caller = wire.node("server"), wire.node("caller")
+        asked, answers = [0], []
+
+        def trigger(request, response):
+            asked[0] += 1
+            response.success = True
+            response.message = str(asked[0])
+            return response
+
+        server.create_service(Trigger, "trigger", trigger)
+        client = caller.create_client(Trigger, "trigger")
+        wire.connect()
+        for i in range(30):
+            # No more at once than the depth of the service's QoS.
+            wire.until(lambda i=i: i - len(answers) < 8, what=answers)
+            future = client.call_async(Trigger.Request())
+            future.add_done_callback(lambda it: answers.append(it.result().message))
+            wire.run(40)
+        wire.until(lambda: len(answers) >= 30, what=answers)
+        wire.run(2000)
+        assert asked[0] == 30
+        assert answers == [str(i + 1) for i in range(30)]
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_best_effort_samples_arrive_in_order_and_once_if_at_all(seed):
+    with Wire(seed, **BAD) as wire:
+        profile = QoSProfile(depth=100, reliability=2)
+        talker, listener = wire.node("talker"), wire.node("listener")
+        publisher = talker.create_publisher(Int32, "numbers", profile)
+        heard = []
+        listener.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), profile)
+        wire.connect()
+        for i in range(300):
+            assert publisher.publish(Int32(data=i))
+            wire.run(20)
+        assert 50 < len(heard) < 250
+        assert heard == sorted(set(heard))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_everything_comes_up_on_a_bad_network_and_again_after_an_agent(seed):
+    """Also while entities are being created, at an instant that the seed chooses."""
+    with Wire(seed, **BAD) as wire:
+        node = wire.node("node", silence_ms=1500)
+        heard = []
+        publishers = [node.create_publisher(Int32, f"topic{i}", 10) for i in range(7)]
+        for i in range(7):
+            node.create_subscription(
+                Int32, f"topic{i}", lambda it, i=i: heard.append((i, it.data)), 10
+            )
+        for turn in range(6):
+            if turn % 2:
+                wire.connect()
+            else:
+                wire.run(wire.random.randrange(2500))
+            wire.kill_agent()
+            wire.run(wire.random.randrange(3000))
+            wire.start_agent()
+        wire.connect()
+        assert [len(it.objects) for it in wire.agent.clients.values()] == [43]
+        del heard[:]
+        for i, publisher in enumerate(publishers):
+            assert publisher.publish(Int32(data=i))
+        # An agent lost on the way takes its samples along, but with 1.5 s that is rare.
+        wire.until(lambda: len(set(heard)) >= 7, what=(heard, node.connection.reason))
+        assert sorted(heard) == [(i, i) for i in range(7)]
+
+
+@pytest.mark.parametrize("way_ms", [0.2, 100.0, 120.0, 600.0])
+def test_a_line_that_is_only_slow(way_ms):
+    with Wire(1, way_ms=way_ms) as wire:
+        node = wire.node("node")
+        heard = []
+        publisher = node.create_publisher(Int32, "numbers", 10)
+        node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), KEEP_ALL)
+        wire.connect()
+        for i in range(100):
+            assert publisher.publish(Int32(data=i))
+        wire.until(lambda: len(heard) >= 100, what=heard)
+        assert heard == list(range(100)) and node.connection.connections == 1
+
+
+def test_the_time_on_a_bad_network():
+    for seed in range(10):
+        with Wire(seed, **BAD) as wire:
+            node = wire.node("node")
+            wire.connect()
+            last = node.clock.now()
+            for _ in range(500):
+                wire.run(97)
+                now = node.clock.now()
+                assert now >= last
+                last = now
+            off = now[0] * 10**9 + now[1] - wire.epoch_ns()
+            assert abs(off) < 15_000_000, off  # at most half of what a way can take

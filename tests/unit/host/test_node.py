@@ -1,0 +1,698 @@
+"""The host's node: how it joins, what it takes and when, and how it goes."""
+
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+import uros
+from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT
+from uros.client.executor import trigger_all
+from uros.host import direct
+from uros.host.direct import Direct
+from uros.host.network import Network
+from uros.host.node import Node, environment_domain
+from uros.interfaces import load
+from uros.interfaces.codec import from_cdr, to_cdr
+from uros.middleware import open_middleware
+from uros.middleware.base import MiddlewareError, Service
+from uros.middleware.memory import Bus, MemoryMiddleware, MemoryWriter
+from uros.qos import HistoryPolicy, QoSProfile, services_profile
+from uros.transport.datagram import UdpTransport
+
+Int32 = load("std_msgs/msg/Int32")
+String = load("std_msgs/msg/String")
+Time = load("builtin_interfaces/msg/Time")
+Temperature = load("sensor_msgs/msg/Temperature")
+Trigger = load("std_srvs/srv/Trigger")
+INT32 = Int32._DDS_TYPE
+TRIGGER = Service(
+    "rq/goRequest", Trigger.Request._DDS_TYPE, "rr/goReply", Trigger.Response._DDS_TYPE
+)
+
+
+@pytest.fixture
+def bus():
+    return Bus()
+
+
+@pytest.fixture
+def join(bus):
+    """Nodes on the bus."""
+    made = []
+
+    def join(name="node", **options):
+        made.append(Node(name, Direct(MemoryMiddleware(bus)), **options))
+        return made[-1]
+
+    yield join
+    for node in made:
+        node.destroy_node()
+
+
+@pytest.fixture
+def node(join):
+    return join()
+
+
+@pytest.fixture
+def other(bus):
+    """A node of the bus that is not ours: middleware only."""
+    middleware = MemoryMiddleware(bus)
+    yield middleware.create_node(0, "/", "other")
+    middleware.close()
+
+
+def int32(value):
+    return to_cdr(Int32(data=value))
+
+
+def work(node):
+    """Do what there is to do."""
+    while node.spin_once(0):
+        pass
+
+
+# --- joining ------------------------------------------------------------------------------
+
+
+def test_uros_offers_it():
+    assert uros.Node is Node
+    with pytest.raises(AttributeError, match="Nod"):
+        uros.Nod  # noqa: B018
+    assert not hasattr(uros, "__wrapped__")
+
+
+def test_on_a_board_uros_offers_the_boards():
+    program = (
+        "import sys\n"
+        "sys.modules['uros.host'] = None\n"  # importing it is an ImportError
+        "import uros\n"
+        "print(uros.Node)\n"
+        "uros.qos\n"  # as MicroPython does for: from uros import qos
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("<class 'uros.client.node.Node'>\n", "")
+
+
+def test_a_node_and_its_endpoints_are_in_the_graph_until_destroyed(join, bus):
+    node = join("weather", namespace="garden")
+    node.create_publisher(Int32, "/x")
+    node.create_subscription(Int32, "y", print)
+    node.create_service(Trigger, "/go", print)
+    assert [it.full_name for it in bus.nodes] == ["/garden/weather"]
+    assert list(bus.writers) == [(0, "rt/x"), (0, "rr/goReply")]
+    assert list(bus.readers) == [(0, "rt/garden/y"), (0, "rq/goRequest")]
+    node.destroy_node()
+    assert not (bus.nodes or bus.writers or bus.readers)
+
+
+def test_a_destroyed_entity_leaves_the_graph(node, bus):
+    made = [
+        node.create_publisher(Int32, "/x"),
+        node.create_subscription(Int32, "/y", print),
+        node.create_service(Trigger, "/go", print),
+        node.create_client(Trigger, "/come"),
+    ]
+    assert len(bus.writers) == len(bus.readers) == 3
+    for entity in made:
+        entity.destroy()
+    assert not (bus.writers or bus.readers) and len(bus.nodes) == 1
+
+
+def test_it_is_connected_from_the_start_and_not_when_destroyed(node):
+    states = []
+    node.on_state = states.append
+    assert node.state == AGENT_CONNECTED
+    node.spin_once(0)
+    node.spin_once(0)
+    assert states == [AGENT_CONNECTED]
+    node.destroy_node()
+    assert node.state == AGENT_DISCONNECTED
+    with pytest.raises(MiddlewareError, match="destroyed"):
+        node.spin_once(0)
+    with pytest.raises(MiddlewareError, match="destroyed"):
+        node.create_publisher(Int32, "/x")
+
+
+def test_a_callback_for_the_state_may_start_timers(node, monkeypatch):
+    selects = Selects()
+    monkeypatch.setattr(direct, "select", selects)
+    ran = []
+    node.on_state = lambda state: node.create_timer(0.001, lambda: ran.append(state))
+    assert node.spin_once(20.0)
+    assert ran == [AGENT_CONNECTED] and max(selects.times) < 1
+
+
+def test_a_callback_for_the_state_that_raises_is_printed(node, capsys):
+    def fail(state):
+        raise ValueError("no good")
+
+    node.on_state = fail
+    node.spin_once(0)
+    assert "no good" in capsys.readouterr().err
+
+
+def test_the_clock_is_the_hosts(node):
+    stamp = Time()
+    before = time.time_ns() - 1000  # it tells microseconds
+    seconds, nanoseconds = node.clock.now()
+    node.clock.stamp(stamp)
+    after = time.time_ns()
+    assert before <= seconds * 10**9 + nanoseconds <= after
+    assert before <= stamp.sec * 10**9 + stamp.nanosec <= after
+    assert node.clock.synchronized
+
+
+@pytest.mark.parametrize(
+    ("text", "domain"), [(None, 0), ("", 0), ("7", 7), (" 42 ", 42), ("232", 232)]
+)
+def test_the_domain_of_the_environment(monkeypatch, text, domain):
+    monkeypatch.delenv("ROS_DOMAIN_ID")
+    if text is not None:
+        monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    assert environment_domain() == domain
+
+
+@pytest.mark.parametrize("text", ["seven", "-1", "1.5"])
+def test_a_domain_that_is_no_number(monkeypatch, text):
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    with pytest.raises(MiddlewareError, match="ROS_DOMAIN_ID"):
+        uros.Node("node")
+    monkeypatch.setattr("uros.host.node.open_middleware", lambda name: MemoryMiddleware())
+    uros.Node("node", domain_id=3).destroy_node()
+
+
+@pytest.mark.parametrize(("given", "joined"), [(None, 7), (0, 0), (9, 9)])
+def test_it_joins_by_dds_in_the_domain_given_or_the_environments(monkeypatch, given, joined):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    opened = []
+
+    def open_it(name):
+        opened.append(MemoryMiddleware())
+        opened.append(name)
+        return opened[0]
+
+    monkeypatch.setattr("uros.host.node.open_middleware", open_it)
+    node = uros.Node("node", domain_id=given)
+    assert opened[1:] == ["dds"]
+    assert [it.domain for it in opened[0].bus.nodes] == [node.domain_id] == [joined]
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "error"),
+    [("a/b", {}, ValueError), ("a", {"namespace": "1"}, ValueError),
+     ("a", {"domain_id": 233}, MiddlewareError)],
+)  # fmt: skip
+def test_what_cannot_be_leaves_nothing_open(monkeypatch, name, options, error):
+    opened = []
+
+    class Closing(MemoryMiddleware):
+        def close(self):
+            opened.remove(self)
+            super().close()
+
+    def open_it(name):
+        opened.append(Closing())
+        return opened[-1]
+
+    monkeypatch.setattr("uros.host.node.open_middleware", open_it)
+    with pytest.raises(error):
+        uros.Node(name, **options)
+    assert opened == []
+
+
+def test_with_a_transport_it_is_the_boards():
+    line = UdpTransport("127.0.0.1", 8888)
+    node = uros.Node("node", line, key=7)
+    assert (node.state, node.domain_id) == (WAITING_AGENT, 0)
+    assert node.connection.transport is line and node.connection.session.key == 7
+    node.destroy_node()
+
+
+def test_nodes_share_a_connection(join, bus):
+    first = join("first")
+    second = Node("second", first.connection)
+    came = []
+    first.create_subscription(Int32, "/x", came.append)
+    assert second.create_publisher(Int32, "/x").publish(Int32(data=1))
+    work(first)
+    assert came == [Int32(data=1)]
+    publisher = first.create_publisher(Int32, "/x")
+    first.destroy_node()
+    assert publisher.publish(Int32(data=1)) is False
+    assert [it.full_name for it in bus.nodes] == ["/second"]
+    assert second.create_publisher(Int32, "/y").publish(Int32(data=2))
+    second.destroy_node()
+    assert bus.nodes == []
+
+
+def test_a_second_node_stands_in_the_domain_of_the_first(bus):
+    first = Node("first", Direct(MemoryMiddleware(bus), 5))
+    second = Node("second", first.connection)
+    third = Node("third", first.connection, domain_id=6)
+    assert [it.domain for it in bus.nodes] == [5, 5, 6]
+    for node in (first, second, third):
+        node.destroy_node()
+
+
+def test_a_depth_and_a_profile(node, bus):
+    profile = QoSProfile(history=HistoryPolicy.KEEP_ALL, deadline_ms=20)
+    node.create_publisher(Int32, "/x", 3)
+    node.create_publisher(Int32, "/y", profile)
+    assert bus.writers[0, "rt/x"][0].qos == QoSProfile(3)
+    assert bus.writers[0, "rt/y"][0].qos is profile
+
+
+# --- samples --------------------------------------------------------------------------------
+
+
+def test_a_publisher_without_room_drops_and_counts(node, monkeypatch):
+    publisher = node.create_publisher(Int32, "/x")
+    monkeypatch.setattr(MemoryWriter, "write", lambda self, cdr: False)
+    assert publisher.publish(Int32(data=1)) is False
+    assert (publisher.published, publisher.dropped) == (0, 1)
+    monkeypatch.undo()
+    assert publisher.publish(Int32(data=1)) is True
+    assert (publisher.published, publisher.dropped) == (1, 1)
+
+
+def test_slow_callbacks_leave_samples_to_the_middleware(node, other):
+    """The last depth of them are kept there, beside those that were taken already."""
+    came = []
+    subscription = node.create_subscription(Int32, "/x", came.append, 3)
+    writer = other.create_writer("rt/x", INT32, QoSProfile(100))
+    writer.write(int32(0))
+    node.connection.pump(0)
+    for i in range(1, 100):
+        writer.write(int32(i))
+        node.connection.pump(0)
+    work(node)
+    assert [message.data for message in came] == [0, 97, 98, 99]
+    assert subscription.lost == 0
+    writer.write(int32(100))
+    work(node)
+    assert came[-1].data == 100
+
+
+def test_everything_arrives_of_what_all_is_kept(node, other):
+    came = []
+    node.create_subscription(
+        Int32, "/x", came.append, QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    )
+    writer = other.create_writer("rt/x", INT32, QoSProfile(10))
+    for i in range(1000):
+        writer.write(int32(i))
+    work(node)
+    assert [message.data for message in came] == list(range(1000))
+
+
+def test_a_depth_of_nothing_is_one(own_domain_id):
+    node = Node("node", Direct(open_middleware("dds"), own_domain_id))
+    came = []
+    node.create_subscription(Int32, "/x", came.append, 0)
+    assert node.create_publisher(Int32, "/x").publish(Int32(data=1))
+    work(node)
+    assert came == [Int32(data=1)]
+    node.destroy_node()
+
+
+def test_deep_histories_are_taken_in_portions(node, other, bus):
+    came = []
+    node.create_subscription(Int32, "/x", came.append, 100)
+    writer = other.create_writer("rt/x", INT32, QoSProfile())
+    for i in range(50):
+        writer.write(int32(i))
+    node.connection.pump(0)
+    ((reader,),) = [bus.readers[0, "rt/x"]]
+    assert len(reader.take(100)) == 18
+    work(node)
+    assert [message.data for message in came] == list(range(32))
+
+
+@pytest.mark.parametrize(
+    "sample",
+    [
+        b"\0\1\0\0\1\0\0",  # short
+        b"\0\7\0\0\1\0\0\0",  # XCDR2
+        b"\1\1\0\0\1\0\0\0",
+    ],
+)
+def test_what_cannot_be_read_is_counted_and_passed_over(node, other, sample):
+    came = []
+    subscription = node.create_subscription(Int32, "/x", came.append)
+    writer = other.create_writer("rt/x", INT32, QoSProfile())
+    writer.write(sample)
+    writer.write(int32(1))
+    work(node)
+    assert came == [Int32(data=1)] and subscription.malformed == 1
+
+
+def test_big_endian_samples(node, other):
+    came = []
+    node.create_subscription(Int32, "/x", came.append)
+    other.create_writer("rt/x", INT32, QoSProfile()).write(b"\0\0\0\0\0\0\1\2")
+    work(node)
+    assert came == [Int32(data=258)]
+
+
+def test_another_type_on_the_topic_is_told_once(node, other, capsys):
+    node.create_subscription(Int32, "/x", print)
+    other.create_writer("rt/x", String._DDS_TYPE, QoSProfile())
+    node.create_publisher(Int32, "/x")
+    node.create_publisher(Int32, "/x")
+    said = capsys.readouterr().err
+    assert said.count("/x is std_msgs/msg/Int32 here, and std_msgs/msg/String elsewhere") == 1
+    assert said.count("\n") == 1
+
+
+# --- waiting --------------------------------------------------------------------------------
+
+
+class Selects:
+    """Stands for the module select: keeps the times, and says when it is waited in."""
+
+    def __init__(self):
+        self.times = []
+        self.waiting = threading.Event()
+
+    def select(self, *arguments):
+        self.times.append(arguments[3])
+        self.waiting.set()
+        return select.select(*arguments)
+
+
+@pytest.mark.parametrize("kind", ["memory", "dds"])
+def test_a_sample_wakes_the_node_which_does_not_poll(monkeypatch, own_domain_id, bus, kind):
+    def middleware():
+        return MemoryMiddleware(bus) if kind == "memory" else open_middleware("dds")
+
+    node = Node("node", Direct(middleware(), own_domain_id))
+    other = Node("other", Direct(middleware(), own_domain_id))
+    came = []
+    node.create_subscription(Int32, "/x", came.append)
+    publisher = other.create_publisher(Int32, "/x")
+    other.spin_once(0.2)
+    node.spin_once(0.2)  # what it has to announce is announced
+    selects = Selects()
+    monkeypatch.setattr(direct, "select", selects)
+
+    def publish():
+        selects.waiting.wait(10)
+        publisher.publish(Int32(data=1))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    start = time.monotonic()
+    assert node.spin_once(20.0)
+    assert time.monotonic() - start < 10
+    thread.join()
+    assert came == [Int32(data=1)] and len(selects.times) <= 3
+    node.destroy_node()
+    other.destroy_node()
+
+
+def test_it_works_in_any_thread(bus):
+    came = []
+
+    def run():
+        node = Node("node", Direct(MemoryMiddleware(bus)))
+        node.create_subscription(Int32, "/x", came.append)
+        node.create_publisher(Int32, "/x").publish(Int32(data=1))
+        node.spin_once(10.0)
+        node.destroy_node()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert came == [Int32(data=1)]
+
+
+def test_samples_that_no_callback_may_take_yet_do_not_keep_it_awake(monkeypatch, node, other):
+    came = []
+    node.create_subscription(Int32, "/x", came.append, 1)
+    node.create_subscription(Int32, "/y", came.append, 1)
+    node.executor.trigger = trigger_all
+    writer = other.create_writer("rt/x", INT32, QoSProfile())
+    selects = Selects()
+    monkeypatch.setattr(direct, "select", selects)
+    for i in range(2):
+        writer.write(int32(i))
+        assert not node.spin_once(0.02)
+    assert len(selects.times) <= 6
+    other.create_writer("rt/y", INT32, QoSProfile()).write(int32(5))
+    work(node)
+    assert [message.data for message in came] == [0, 5]
+
+
+def test_an_answer_without_room_is_tried_again_soon(monkeypatch, node, other):
+    def go(request, response):
+        asked.append(request)
+        response.message = str(len(asked))
+        return response
+
+    asked = []
+    node.create_service(Trigger, "/go", go)
+    requester = other.create_requester(TRIGGER, services_profile(), lambda: None)
+    numbers = [requester.request(to_cdr(Trigger.Request())) for _ in range(3)]
+    selects = Selects()
+    monkeypatch.setattr(direct, "select", selects)
+    with monkeypatch.context() as full:
+        full.setattr(MemoryWriter, "write", lambda self, cdr: False)
+        node.spin_once(0.1)
+        assert not node.spin_once(0.03)
+        assert len(asked) == 1
+        assert selects.times.count(0.005) >= 2
+    work(node)
+    answers = requester.take(9)
+    assert [number for number, _ in answers] == numbers
+    assert [from_cdr(Trigger.Response, answer).message for _, answer in answers] == ["1", "2", "3"]
+
+
+# --- services -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def asking(node, other):
+    """A client of ours, and the replier that it asks."""
+    client = node.create_client(Trigger, "/go")
+    return client, other.create_replier(TRIGGER, services_profile(), lambda: None)
+
+
+def requester_of(client):
+    """The middleware's."""
+    return client.node.connection._ends[client.number]._requester
+
+
+def reply(text):
+    return to_cdr(Trigger.Response(message=text))
+
+
+def test_answers_may_come_in_any_order(node, asking):
+    client, replier = asking
+    futures = [client.call_async(Trigger.Request()) for _ in range(3)]
+    requests = replier.take(9)
+    for guid, sequence, _ in reversed(requests):
+        replier.reply(guid, sequence, reply(str(sequence)))
+    work(node)
+    assert [future.result().message for future in futures] == ["1", "2", "3"]
+    assert not node.connection._ends[client.number]._asked
+
+
+def test_answers_that_nobody_waits_for_are_passed_over(node, asking):
+    client, replier = asking
+    future = client.call_async(Trigger.Request())
+    ((guid, sequence, _),) = replier.take(9)
+    for number in (0, sequence + 1, sequence + 0xFFFF, 2**62):
+        replier.reply(guid, number, reply("wrong"))
+    replier.reply(bytes(16), sequence, reply("another's"))
+    replier.reply(guid, sequence, reply("right"))
+    replier.reply(guid, sequence, reply("again"))
+    work(node)
+    assert future.result().message == "right"
+
+
+def test_a_big_endian_answer(node, asking):
+    client, replier = asking
+    future = client.call_async(Trigger.Request())
+    ((guid, sequence, _),) = replier.take(9)
+    replier.reply(guid, sequence, b"\0\0\0\0" + b"\1\0\0\0" + b"\0\0\0\3" + b"ok\0")
+    work(node)
+    assert future.result() == Trigger.Response(success=True, message="ok")
+
+
+def test_request_numbers_go_round(node, asking):
+    client, replier = asking
+    requester = requester_of(client)
+    for sequence in (0xFFFD, 0xFFFE, 0xFFFF, 0x10000, 0x1FFFE, 2**40):
+        requester._sequence = sequence - 1
+        future = client.call_async(Trigger.Request())
+        ((guid, number, _),) = replier.take(9)
+        assert number == sequence
+        replier.reply(guid, number, reply(str(sequence)))
+        work(node)
+        assert future.result().message == str(sequence)
+
+
+def test_a_request_without_room_fails_at_once(node, asking, monkeypatch):
+    client, _ = asking
+    monkeypatch.setattr(requester_of(client), "request", lambda cdr: None)
+    future = client.call_async(Trigger.Request())
+    with pytest.raises(OSError, match="/go"):
+        future.result()
+
+
+def test_a_malformed_answer_fails_the_future(node, asking):
+    client, replier = asking
+    future = client.call_async(Trigger.Request())
+    ((guid, sequence, _),) = replier.take(9)
+    replier.reply(guid, sequence, b"\0\1\0\0\1")
+    work(node)
+    with pytest.raises(OSError, match="malformed"):
+        future.result()
+
+
+# --- the end --------------------------------------------------------------------------------
+
+PROGRAM = """
+import uros
+from uros.interfaces.sensor_msgs.msg import Temperature
+node = uros.Node("listener")
+node.create_subscription(Temperature, "/sensors/room_temp", print)
+node.spin()
+"""
+
+
+def test_a_closed_connection_drops_what_is_published(node):
+    publisher = node.create_publisher(Int32, "/x")
+    client = node.create_client(Trigger, "/go")
+    node.connection.close()
+    node.connection.close()
+    assert publisher.publish(Int32()) is False
+    with pytest.raises(OSError):
+        client.call_async(Trigger.Request()).result()
+
+
+def test_ctrl_c_waits_until_samples_are_taken(node, other, monkeypatch):
+    """Within Cyclone's binding it would become another error."""
+    came = []
+    node.create_subscription(Int32, "/x", came.append)
+    dispatch = node.connection.middleware.dispatch
+
+    def pressed_meanwhile():
+        signal.raise_signal(signal.SIGINT)
+        dispatch()
+
+    monkeypatch.setattr(node.connection.middleware, "dispatch", pressed_meanwhile)
+    writer = other.create_writer("rt/x", INT32, QoSProfile())
+    writer.write(int32(1))
+    with pytest.raises(KeyboardInterrupt):
+        node.spin_once(0)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    writer.write(int32(2))
+    node.spin()
+    monkeypatch.undo()
+    work(node)
+    assert came == [Int32(data=1), Int32(data=2)]
+
+
+def test_ctrl_c_just_before_the_wait_ends_it(node, monkeypatch):
+    """Python itself would only hear of it when the wait is over."""
+
+    class Late(Selects):
+        def select(self, *arguments):
+            signal.raise_signal(signal.SIGINT)
+            return super().select(*arguments)
+
+    selects = Late()
+    monkeypatch.setattr(direct, "select", selects)
+    start = time.monotonic()
+    node.spin()
+    assert time.monotonic() - start < 20 and len(selects.times) == 1
+
+
+def test_other_signals_do_not_keep_it_awake(node, monkeypatch):
+    class Late(Selects):
+        def select(self, *arguments):
+            if not self.times:
+                signal.raise_signal(signal.SIGUSR1)
+            return super().select(*arguments)
+
+    selects = Late()
+    monkeypatch.setattr(direct, "select", selects)
+    before = signal.signal(signal.SIGUSR1, lambda number, frame: None)
+    try:
+        assert not node.spin_once(0.05)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert 2 <= len(selects.times) <= 3
+
+
+def test_ctrl_c_ends_a_callback(node):
+    node.create_timer(0.001, lambda: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt):
+        node.spin_once()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    node.spin()
+
+
+def test_a_program_with_its_own_handler_keeps_it(node, other, monkeypatch):
+    pressed = []
+    dispatch = node.connection.middleware.dispatch
+
+    def pressed_meanwhile():
+        signal.raise_signal(signal.SIGINT)
+        assert pressed
+        dispatch()
+
+    monkeypatch.setattr(node.connection.middleware, "dispatch", pressed_meanwhile)
+    node.create_subscription(Int32, "/x", print)
+    other.create_writer("rt/x", INT32, QoSProfile()).write(int32(1))
+    before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
+    try:
+        node.spin_once(0)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_three_lines_end_with_ctrl_c_and_leave_the_network(monkeypatch, own_domain_id):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain_id))
+    with Network(own_domain_id) as network:
+        process = subprocess.Popen(
+            [sys.executable, "-u", "-c", PROGRAM],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            assert network.spin(lambda: "/listener" in network.graph.nodes(), 20)
+            publisher = Node("talker", domain_id=own_domain_id)
+            sending = publisher.create_publisher(Temperature, "/sensors/room_temp")
+            timer = publisher.create_timer(
+                0.02, lambda: sending.publish(Temperature(temperature=21.5))
+            )
+            heard = []
+            reading = threading.Thread(
+                target=lambda: heard.append(process.stdout.readline()), daemon=True
+            )
+            reading.start()
+            deadline = time.monotonic() + 20
+            while not heard:
+                assert time.monotonic() < deadline, "it hears nothing"
+                publisher.spin_once(0.1)
+            timer.cancel()
+            publisher.destroy_node()
+            assert "temperature=21.5" in heard[0]
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=20)
+            assert errors == "" and process.returncode == 0, errors
+            # Who does not say goodbye is missed after ten seconds.
+            assert network.spin(lambda: "/listener" not in network.graph.nodes(), 5)
+        finally:
+            process.kill()
+            process.communicate()
