@@ -168,15 +168,8 @@ class SerialServer(LineServer):
             return
         try:
             path = self._path()
-            fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        except OSError as error:
-            self._wait(error)
-            return
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._configure(fd)
+            fd = open_device(path, self._speed)
         except (OSError, termios.error) as error:
-            os.close(fd)
             self._wait(error)
             return
         self._said = ""
@@ -185,15 +178,6 @@ class SerialServer(LineServer):
         host.note(
             INFO, self.name, "init", "running...", f"dev: {path}, baudrate: {self._baud}"
         )
-
-    def _configure(self, fd: int) -> None:
-        tty.setraw(fd)
-        attributes: list[Any] = termios.tcgetattr(fd)
-        attributes[2] |= termios.CREAD | termios.CLOCAL | termios.CS8
-        attributes[2] &= ~(termios.PARENB | termios.CSTOPB | getattr(termios, "CRTSCTS", 0))
-        attributes[4] = attributes[5] = self._speed
-        termios.tcsetattr(fd, termios.TCSANOW, attributes)
-        termios.tcflush(fd, termios.TCIOFLUSH)
 
     def _wait(self, error: Exception) -> None:
         """Say once what is the matter, and try again until it is mended."""
@@ -228,6 +212,27 @@ class SerialServer(LineServer):
     def close(self) -> None:
         self._closed = True
         super().close()
+
+
+def open_device(path: str, speed: int) -> int:
+    """Open a serial device for us alone, raw and not blocking; the descriptor.
+
+    ``speed`` is what check_baud_rate gave. Raises OSError or termios.error.
+    """
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        tty.setraw(fd)
+        attributes: list[Any] = termios.tcgetattr(fd)
+        attributes[2] |= termios.CREAD | termios.CLOCAL | termios.CS8
+        attributes[2] &= ~(termios.PARENB | termios.CSTOPB | getattr(termios, "CRTSCTS", 0))
+        attributes[4] = attributes[5] = speed
+        termios.tcsetattr(fd, termios.TCSANOW, attributes)
+        termios.tcflush(fd, termios.TCIOFLUSH)
+    except BaseException:
+        os.close(fd)
+        raise
+    return fd
 
 
 def trouble(device: str, number: int) -> str:

@@ -30,6 +30,8 @@ except ImportError:  # MicroPython
 
 AGENT_ADDRESS: Final = 0
 _CHUNK: Final = 256
+# What waits in the line is not late, but a line that is never quiet must not hold a program up.
+_CHUNKS: Final = 16
 
 
 class StreamTransport:
@@ -88,6 +90,7 @@ class StreamTransport:
         if self._messages:
             return self._messages.pop(0)
         end = ticks_add(ticks_ms(), timeout_ms)
+        chunks = 0
         while True:
             self._push()
             data = self.port.read(_CHUNK)
@@ -95,10 +98,14 @@ class StreamTransport:
                 self._messages = self.deframer.feed(data)
                 if self._messages:
                     return self._messages.pop(0)
-                continue
+                chunks += 1
+                if chunks < _CHUNKS:
+                    continue
             left = ticks_diff(end, ticks_ms())
             if left <= 0:
                 return None
+            if data:
+                continue
             if hasattr(self.port, "wait"):
                 self.port.wait(left if self._from == self._to else 1)
             else:

@@ -1,0 +1,325 @@
+"""What a node of ours can do over every transport that a board's program has on a host."""
+
+import os
+import select
+import time
+import tty
+from contextlib import ExitStack, contextmanager
+
+import pytest
+from support.agent import RunningAgent
+from support.lines import SECONDS
+from uros.interfaces.std_msgs.msg import Int32, UInt8MultiArray
+from uros.interfaces.std_srvs.srv import Trigger
+
+from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
+from uros.transport.base import TransportError
+from uros.transport.datagram import UdpTransport
+from uros.transport.device import DevicePort
+from uros.transport.stream import StreamTransport
+
+QUICK = {"ping_ms": 20, "silence_ms": 200, "wait_ms": 20, "limit": 300_000}
+
+
+class Surroundings:
+    """A place for an agent that comes and goes, and boards that stay."""
+
+    def __init__(self, kind):
+        self.kind = kind
+        self.agent = None
+        self.port = 0
+        self.nodes = []
+        self.ends = []
+
+    def start(self):
+        self.agent = RunningAgent(self.kind, "memory", 0, 4)
+        if self.kind == "udp" and self.port:
+            from uros.agent.server import Server
+            from uros.transport.udp import UdpServer
+
+            self.agent.transport = UdpServer(self.port, "127.0.0.1")
+            self.agent.server = Server(self.agent.agent, [self.agent.transport])
+        self.agent.thread.start()
+        assert self.agent.server.ready.wait(SECONDS)
+        if self.kind == "udp":
+            self.port = self.agent.transport.port
+
+    def stop(self):
+        agent, self.agent = self.agent, None
+        agent.close()
+        assert agent.error is None and not agent.thread.is_alive()
+        assert "internal error" not in agent.said.getvalue(), agent.said.getvalue()
+
+
+class Udp(Surroundings):
+    count = 2
+
+    def __init__(self):
+        super().__init__("udp")
+        self.start()
+
+    def transport(self):
+        return UdpTransport("127.0.0.1", self.port)
+
+
+class Serial(Surroundings):
+    """Agent and board at the two ends of a line: two pseudo-terminals with a wire between."""
+
+    count = 1
+
+    def __init__(self):
+        super().__init__("pseudoterminal")
+        self.start()
+        self.link = f"/tmp/uros-test-{os.getpid()}"
+
+    def start(self):
+        super().start()
+        if getattr(self, "link", None):
+            self.relink()
+
+    def relink(self):
+        """The device's name stays; what it stands for is the new agent's line."""
+        if os.path.lexists(self.link):
+            os.unlink(self.link)
+        os.symlink(self.agent.transport.device, self.link)
+
+    def transport(self):
+        self.relink()
+        return StreamTransport(DevicePort(self.link))
+
+    def close(self):
+        if os.path.lexists(self.link):
+            os.unlink(self.link)
+
+
+class Memory(Surroundings):
+    count = 2
+
+    def __init__(self):
+        super().__init__("memory")
+        self.agent = RunningAgent("memory", "memory", 0, 4)
+
+    def start(self):
+        pass
+
+    def transport(self):
+        end = self.agent.transport.connect()
+        self.ends.append(end)
+        return end
+
+    def begin(self):
+        self.agent.thread.start()
+        assert self.agent.server.ready.wait(SECONDS)
+
+
+@contextmanager
+def place(kind):
+    with ExitStack() as stack:
+        made = {"udp": Udp, "serial": Serial, "memory": Memory}[kind]()
+        stack.callback(getattr(made, "close", lambda: None))
+        stack.callback(lambda: made.agent and made.stop())
+        yield made
+        for node in made.nodes:
+            node.connection.transport.close()
+        for end in made.ends:
+            end._socket.close()
+
+
+@pytest.fixture(params=["udp", "serial", "memory"])
+def made(request):
+    with place(request.param) as it:
+        yield it
+
+
+def boards(made, *names):
+    """Nodes, each with a line of its own; the agent runs from now on at the latest."""
+    for name in names:
+        key = len(made.nodes) + 1
+        made.nodes.append(Node(name, made.transport(), key=key, **QUICK))
+    if made.kind == "memory":
+        made.begin()
+    return made.nodes
+
+
+def until(made, done, what="it takes too long"):
+    deadline = time.monotonic() + SECONDS
+    while not done():
+        assert time.monotonic() < deadline, what
+        for node in made.nodes:
+            node.spin_once(0.005)
+
+
+def connected(made):
+    until(made, lambda: all(it.state == AGENT_CONNECTED for it in made.nodes))
+
+
+def test_samples_there_and_back(made):
+    node = boards(made, "node")[0]
+    heard, images = [], []
+    numbers = node.create_publisher(Int32, "numbers")
+    blobs = node.create_publisher(UInt8MultiArray, "blobs")
+    node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), 1000)
+    node.create_subscription(UInt8MultiArray, "blobs", lambda it: images.append(bytes(it.data)))
+    connected(made)
+    for i in range(200):
+        assert numbers.publish(Int32(data=i))
+    blob = bytes(i * 7 & 0xFF for i in range(20_000))
+    assert blobs.publish(UInt8MultiArray(data=blob))
+    until(made, lambda: len(heard) >= 200 and images, (len(heard), len(images)))
+    assert heard == list(range(200)) and images == [blob]
+    assert node.connection.connections == 1 and node.connection.session.dropped == 0
+
+
+def test_a_service(made):
+    nodes = boards(made, *["server", "caller"][: made.count])
+    asked = []
+
+    def trigger(request, response):
+        asked.append(1)
+        response.success, response.message = True, f"no. {len(asked)}"
+        return response
+
+    nodes[0].create_service(Trigger, "trigger", trigger)
+    client = nodes[-1].create_client(Trigger, "trigger")
+    connected(made)
+    answers = []
+    for _ in range(5):
+        client.call_async(Trigger.Request()).add_done_callback(
+            lambda it: answers.append(it.result().message)
+        )
+    until(made, lambda: len(answers) == 5)
+    assert answers == [f"no. {i + 1}" for i in range(5)]
+
+
+def test_a_node_takes_its_leave(made):
+    node = boards(made, "node")[0]
+    node.create_publisher(Int32, "numbers")
+    connected(made)
+    assert len(made.agent.agent.clients) == 1
+    node.destroy_node()
+    assert made.agent.agent.clients == {} and node.state == WAITING_AGENT
+
+
+@pytest.mark.parametrize("kind", ["udp", "serial"])
+def test_everything_is_there_again_after_another_agent(kind):
+    with place(kind) as made:
+        node = boards(made, "node")[0]
+        heard, states = [], []
+        node.on_state = states.append
+        publisher = node.create_publisher(Int32, "numbers")
+        node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data))
+        for turn in range(3):
+            connected(made)
+            assert publisher.publish(Int32(data=turn))
+            until(made, lambda turn=turn: turn in heard)
+            made.stop()
+            until(made, lambda: node.state == WAITING_AGENT)
+            made.start()
+        connected(made)
+        assert heard == [0, 1, 2] and node.connection.connections == 4
+        assert states.count(AGENT_DISCONNECTED) == 3
+        assert len(made.agent.agent.clients) == 1
+
+
+def test_an_agent_that_is_gone_with_its_line(made):
+    node = boards(made, "node")[0]
+    publisher = node.create_publisher(Int32, "numbers")
+    connected(made)
+    made.stop()
+    for i in range(20):
+        publisher.publish(Int32(data=i))
+    until(made, lambda: node.state == WAITING_AGENT)
+    assert node.connection.reason
+    until(made, lambda: not publisher.publish(Int32()))
+    calls = []
+    node.create_timer(0.01, lambda: calls.append(1))
+    until(made, lambda: len(calls) >= 10)  # and the program goes on
+
+
+def test_an_agent_that_comes_later():
+    with place("udp") as made:
+        made.stop()
+        node = boards(made, "node")[0]
+        calls = []
+        node.create_timer(0.01, lambda: calls.append(1))
+        until(made, lambda: len(calls) >= 10)
+        assert node.state == WAITING_AGENT
+        made.start()
+        connected(made)
+
+
+# --- the device -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def terminal():
+    """(master, path of the slave) of a pseudo-terminal."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield master, os.ttyname(slave)
+    for fd in (master, slave):
+        try:
+            os.close(fd)
+        except OSError:  # a test has closed it
+            pass
+
+
+def refused(port):
+    with pytest.raises(OSError) as caught:
+        port.open()
+    return caught.value
+
+
+def test_a_device_reads_and_writes_and_never_waits(terminal):
+    master, path = terminal
+    port = DevicePort(path, 57600)
+    port.open()
+    assert port.read(100) is None
+    os.write(master, b"abcdef")
+    port.wait(1000)
+    assert port.read(4) == b"abcd" and port.read(100) == b"ef"
+    assert port.write(b"ghi") == 3 and os.read(master, 100) == b"ghi"
+    total = 0
+    while (taken := port.write(bytes(4096))) > 0:
+        total += taken
+    assert total > 0  # full, and it did not wait
+    port.close()
+    port.close()
+
+
+def test_a_device_opens_again(terminal):
+    master, path = terminal
+    port = DevicePort(path)
+    for _ in range(3):
+        port.open()
+        assert os.write(master, b"x") and select.select([port.fd], [], [], SECONDS)[0]
+        assert port.read(10) == b"x"
+    port.close()
+
+
+def test_a_device_that_is_unplugged_is_an_error(terminal):
+    master, path = terminal
+    port = DevicePort(path)
+    port.open()
+    os.close(master)
+    with pytest.raises(OSError):
+        while True:
+            port.read(100)
+            port.write(b"x")
+    port.close()
+
+
+def test_why_a_device_does_not_open(terminal, tmp_path):
+    error = refused(DevicePort("/dev/ttyNONE0"))
+    assert error.errno == 2 and "plug the board in" in str(error)
+    error = refused(DevicePort(str(tmp_path)))
+    assert "not a serial device" in str(error)
+    plain = tmp_path / "file"
+    plain.write_text("")
+    assert "not a serial device" in str(refused(DevicePort(str(plain))))
+    first = DevicePort(terminal[1])
+    first.open()
+    assert "in use by another program" in str(refused(DevicePort(terminal[1])))
+    first.close()
+    with pytest.raises(TransportError, match="baud rate 12345"):
+        DevicePort(terminal[1], 12345)
