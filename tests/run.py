@@ -25,7 +25,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import env  # noqa: E402  (scripts/env.py, found by the line above)
 
 GROUPS = ("unit", "contract", "replay", "interop", "mpy")
-PREPARE = {"interop": env.ros, "mpy": env.micropython}
+PREPARE = {"interop": (env.micropython, env.ros), "mpy": (env.micropython,)}
 EXCUSE = "not on this platform:"
 
 # pytest-timeout ends a test that hangs, but not one that hangs in C with the interpreter's lock.
@@ -93,7 +93,8 @@ def run_group(group: str, full: bool) -> Result:
         result.trouble = f"no tests: there is no folder tests/{group}"
         return result
     try:
-        PREPARE.get(group, lambda: None)()
+        for prepare in PREPARE.get(group, ()):
+            prepare()
     except env.Unavailable as error:
         print(f"{group}: {error}", flush=True)
         result.not_run = str(error)

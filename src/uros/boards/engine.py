@@ -12,7 +12,8 @@ and events go out the same way::
     {"event": "ready", "path": …}            the line has its name; the program starts
     {"event": "usb", "state": …, "error": …} what became of it
     {"event": "console", "line": …}          what the program printed
-    {"event": "read", "address": …, "ns": …} an I2C read has ended, by the monotonic clock
+    {"event": "read", "address": …, "ns": …} an I2C read has ended, by the monotonic clock; told
+                                             when the program next waits
     {"event": "fault", "spec": …, "error": …}
     {"event": "heap", "used": …, "peak": …, "base": …}
     {"event": "reset"}                       the program starts anew
@@ -44,6 +45,7 @@ from .engine_host import BoardHost, Reset
 from .engine_micropython import MicroPythonEngine, NoMicroPython, find
 
 ENGINES: Final = ("cpython", "micropython")
+_MOST_READS: Final = 64
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class BoardProcess:
         self._ended_by: int | None = None  # the exit status
         self._folder = tempfile.TemporaryDirectory(prefix="uros-board-")
         self._unfinished = ""  # a line being printed
+        self._reads: list[tuple[int, int]] = []  # not told yet
         self._micropython: MicroPythonEngine | None = None
         self._base: int | None = None  # the heap before the program
         try:
@@ -95,7 +98,9 @@ class BoardProcess:
         if options.reads:
             for bus in board.i2c.values():
                 bus.on_read = self._read
-        host = self._host = BoardHost(board, self._print, self._ended, self._heap, self._usb)
+        host = self._host = BoardHost(
+            board, self._print, self._ended, self._heap, self._usb, self._tell_reads
+        )
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset())
@@ -150,6 +155,7 @@ class BoardProcess:
             self._print("\n")
 
     def _ended(self, traceback: str) -> None:
+        self._tell_reads()
         if traceback:
             self._flush()
             self._print(traceback)
@@ -157,7 +163,15 @@ class BoardProcess:
         self._send("ended", traceback=traceback)
 
     def _read(self, address: int, ns: int) -> None:
-        self._send("read", address=address, ns=ns)
+        # Told later: whoever measures the way of a reading must not lie in that way.
+        self._reads.append((address, ns))
+        if len(self._reads) >= _MOST_READS:
+            self._tell_reads()
+
+    def _tell_reads(self) -> None:
+        for address, ns in self._reads:
+            self._send("read", address=address, ns=ns)
+        self._reads.clear()
 
     def _usb(self, state: str) -> None:
         self._send("usb", state=state, error=self._board.usb.error)

@@ -35,7 +35,8 @@ class BoardHost:
 
     ``console`` takes what the firmware prints, ``ended`` the traceback (or "") of a program that
     is over, ``heap`` the octets in use and their peak, ``usb`` the state of the line when it has
-    changed.
+    changed. ``idle`` is called when the firmware is about to wait: the time for what need not be
+    done at once.
     """
 
     def __init__(
@@ -45,8 +46,10 @@ class BoardHost:
         ended: Callable[[str], None],
         heap: Callable[[int, int], None],
         usb: Callable[[str], None],
+        idle: Callable[[], None] = lambda: None,
     ) -> None:
         self._board = board
+        self._idle = idle
         self._heap = heap
         self._usb = usb
         self._last_usb = board.usb.state
@@ -121,6 +124,7 @@ class BoardHost:
 
     def _sleep(self, data: bytes) -> bytes:
         self._within = False
+        self._idle()
         self._board.clock.sleep_us(int.from_bytes(data, "little"))
         return b""
 
@@ -193,6 +197,7 @@ class BoardHost:
             left = end - clock.host_ns()
             if flags & wanted or left <= 0:
                 return flags
+            self._idle()
             # What there is to read, and what happens to the cable, ends a wait. A program that
             # opens the port is noticed by looking again.
             if wanted & ~(ops.USB_READABLE | ops.USB_CLOSED):
