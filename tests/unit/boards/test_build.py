@@ -512,8 +512,9 @@ def run_bundled(tmp_path: Path, **modules: str) -> str:
         file = tmp_path / (name.replace(".", "/") + ".py")
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
+    # -S: where uros is installed, that is not the one which is to be found.
     done = subprocess.run(
-        [sys.executable, "-c", "import main"], cwd=tmp_path, capture_output=True, text=True
+        [sys.executable, "-S", "-c", "import main"], cwd=tmp_path, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -34,7 +34,7 @@ def check(one):
     assert one.out.size == sum(map(len, one.out._held.values()))
     assert (one.out.sent - one.out.acked) & 0xFFFF <= 16
     assert len(one._in.waiting) < 16
-    assert one._fragments.size <= one.limit
+    assert one._fragments.pending <= one.limit
 
 
 @EXAMPLES

@@ -157,7 +157,7 @@ def test_a_fragment_that_never_ends(villain, agent):
             assert villain.client.ping() == 1
     assert villain.client.ping() == 1
     session = agent.agent.clients[KEY].session
-    assert session._in[0x80].fragments.size <= MAX_MESSAGE
+    assert session._in[0x80].fragments.pending <= MAX_MESSAGE
 
 
 def test_half_a_fragment_left_by_a_reset(villain):
