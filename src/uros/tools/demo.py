@@ -119,16 +119,12 @@ class _Topic:
             return None
         return (self.count - 1) * 1e9 / (self._heard[-1] - self._heard[0])
 
-    def delay_ms(self, last: int | None = None) -> float | None:
-        """Median from the end of the sensor's read to here, of the last so many samples."""
+    def delays_ms(self, last: int = 0) -> list[float]:
+        """From the end of the sensor's read to here, of the last so many samples (0: all)."""
         if self._device is None:
-            return None
-        delays = []
-        for ns in self._heard[-last:] if last else self._heard:
-            end = self._reads.before(self._device, ns)
-            if end is not None:
-                delays.append((ns - end) / 1e6)
-        return statistics.median(delays) if delays else None
+            return []
+        pairs = [(ns, self._reads.before(self._device, ns)) for ns in self._heard[-last:]]
+        return [(ns - end) / 1e6 for ns, end in pairs if end is not None]
 
 
 class _Agent:
@@ -242,8 +238,8 @@ def _draw(topics: list[_Topic], live: bool = False) -> int:
     rows = [("TOPIC", "COUNT", "RATE", "DELAY", "VALUE", "TYPE")]
     for it in topics:
         rate = "-" if it.rate is None else f"{it.rate:.1f} Hz"
-        delay = it.delay_ms(_RECENT if live else None)
-        shown = "-" if delay is None else f"{delay:.2f} ms"
+        delays = it.delays_ms(_RECENT if live else 0)
+        shown = f"{statistics.median(delays):.2f} ms" if delays else "-"
         rows.append((it.name, str(it.count), rate, shown, it.value, it.type_name))
     widths = [max(len(row[i]) for row in rows) for i in range(5)]
     room = shutil.get_terminal_size().columns - 1
@@ -259,7 +255,12 @@ def _draw(topics: list[_Topic], live: bool = False) -> int:
 def _summary(topics: list[_Topic], timed: bool) -> int:
     print("\nSummary:\n")
     _draw(topics)
-    print("\nDELAY: median from the end of a sensor's I2C read to the DDS reader in this process.")
+    delays = [delay for topic in topics for delay in topic.delays_ms()]
+    if delays:
+        print(
+            "\nDELAY: median from the end of a sensor's I2C read to the DDS reader in this process;"
+            f" of all {len(delays)} samples: {statistics.median(delays):.2f} ms"
+        )
     missing = [topic.name for topic in topics if not topic.count]
     if missing:
         print(f"\nNot heard: {', '.join(missing)}", file=sys.stderr)

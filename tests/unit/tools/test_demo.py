@@ -60,10 +60,10 @@ def test_delays_are_from_the_devices_last_read_before():
         reads.ended(0x44, ns)
     reads.ended(0x67, 6_900_000)
     topic = demo._Topic("/t", "std_msgs/msg/UInt16", 0x44, reads)
-    assert topic.delay_ms() is None
-    topic._heard = [2_000_000, 7_000_000, 9_500_000]
-    assert topic.delay_ms() == 1.0
-    assert topic.delay_ms(last=1) == 0.5
+    assert topic.delays_ms() == []
+    topic._heard = [500_000, 2_000_000, 7_000_000, 9_500_000]
+    assert topic.delays_ms() == [1.0, 2.0, 0.5]
+    assert topic.delays_ms(last=1) == [0.5]
 
 
 @pytest.mark.parametrize("arguments", [["--seconds", "0"], ["--seconds", "x"], ["--domain", "233"]])
