@@ -47,9 +47,14 @@ def peer(ros_python, domain):
         yield running
 
 
-@pytest.fixture
-def board(tmp_path, peer):
-    with RunningBoard(NODE, link=tmp_path / "ttyACM0") as running:
+@pytest.fixture(params=["cpython", "micropython"])
+def board(request, tmp_path, peer):
+    for topic in TYPES:
+        forget(peer, topic)
+    link = tmp_path / "ttyACM0"
+    # As text on one, as bytecode on the other.
+    form = "mpy" if request.param == "micropython" else "py"
+    with RunningBoard(NODE, engine=request.param, form=form, link=link) as running:
         yield running
 
 
