@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from ..client import node
 from ..middleware import open_middleware
-from ..middleware.base import MiddlewareError
+from ..middleware.base import environment_domain
 from .direct import Direct
 
 
@@ -72,11 +71,3 @@ class Node(node.Node):
         if isinstance(self.connection, Direct):
             return self.connection.interrupt.watched()
         return nullcontext()
-
-
-def environment_domain() -> int:
-    """The domain that ROS_DOMAIN_ID names, or 0. Raises MiddlewareError for what is no number."""
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip()
-    if text and not text.isdecimal():
-        raise MiddlewareError(f"ROS_DOMAIN_ID={text!r} is no domain; set it to 0 to 232")
-    return int(text or 0)

@@ -11,6 +11,7 @@ says "since you last took"; what was left in the reader is not announced again.
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
@@ -33,6 +34,15 @@ def check_domain(domain: int) -> None:
     """Raises MiddlewareError for a domain that RTPS has no ports for."""
     if not 0 <= domain <= MAX_DOMAIN:
         raise MiddlewareError(f"domain {domain} is not within 0 to {MAX_DOMAIN}")
+
+
+def environment_domain() -> int:
+    """The domain that ROS_DOMAIN_ID names, or 0. Raises MiddlewareError for what is no domain."""
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip()
+    if text and not (text.isdecimal() and int(text) <= MAX_DOMAIN):
+        raise MiddlewareError(f"ROS_DOMAIN_ID: {text!r} is no domain; give 0 to {MAX_DOMAIN}")
+    return int(text or 0)
+
 
 
 class Writer(ABC):

@@ -6,13 +6,13 @@ import argparse
 import os
 import queue
 import shlex
-import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from .agent_process import AgentProcess
 from .board_list import check_name
 from .common import positive_float
 from .errors import ToolError
@@ -106,7 +106,7 @@ class _Session:
         self._board = board
         self._args = args
         self._events = events
-        self._agent: subprocess.Popen[bytes] | None = None
+        self._agent: AgentProcess | None = None
         self._failed = False
 
     def run(self) -> int:
@@ -123,7 +123,8 @@ class _Session:
                 except queue.Empty:
                     break
         finally:
-            self._stop_agent()
+            if self._agent is not None:
+                self._agent.close()
         return int(self._failed)
 
     def _say(self, text: str) -> None:
@@ -145,7 +146,10 @@ class _Session:
             error = f" ({event['error']})" if event["error"] else ""
             self._say(f"USB {event['state']}{error}")
             if event["state"] == "configured" and self._args.agent:
-                self._start_agent()
+                from ..middleware.base import environment_domain
+
+                if self._agent is None or self._agent.ended:
+                    self._agent = AgentProcess(self._board.path, environment_domain())
         elif kind == "reset":
             self._failed = False
             self._say("reset: the program starts anew")
@@ -171,30 +175,6 @@ class _Session:
                 self._board.press("heap")
         elif line:
             self._board.press("fault", spec=line)
-
-    # --- the agent ----------------------------------------------------------------------
-
-    def _start_agent(self) -> None:
-        if self._agent is not None and self._agent.poll() is None:
-            return
-        domain = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-        self._agent = subprocess.Popen(
-            [sys.executable, "-m", "uros", "agent", "serial", "--dev", str(self._board.path),
-             "--domain", domain, "--stop-at-eof"],
-            stdin=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for us
-        )  # fmt: skip
-
-    def _stop_agent(self) -> None:
-        if self._agent is None:
-            return
-        assert self._agent.stdin is not None
-        self._agent.stdin.close()
-        try:
-            self._agent.wait(5)
-        except subprocess.TimeoutExpired:
-            self._agent.kill()
-            self._agent.wait()
 
 
 def _talks_to_agent(args: argparse.Namespace) -> bool:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
-from .errors import ToolError, did_you_mean
+from .errors import did_you_mean
 
 if TYPE_CHECKING:
     from ..host.network import Network
@@ -100,8 +99,9 @@ def topic_name(text: str) -> str:
 def join(args: argparse.Namespace) -> Network:
     """Make the ``--interfaces`` known and join the domain; nothing is discovered yet."""
     from ..host.network import Network
+    from ..middleware.base import environment_domain
 
-    number = args.domain if args.domain is not None else _environment_domain()
+    number = args.domain if args.domain is not None else environment_domain()
     if args.interfaces:
         from ..interfaces import add_folder
 
@@ -116,16 +116,6 @@ def discover(network: Network, args: argparse.Namespace) -> None:
         network.settle()
     else:
         network.spin(lambda: False, args.spin_time)
-
-
-def _environment_domain() -> int:
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip()
-    if not text:
-        return 0
-    try:
-        return domain(text)
-    except argparse.ArgumentTypeError as error:
-        raise ToolError(f"ROS_DOMAIN_ID: {error}") from None
 
 
 def remedy(network: Network, name: str, known: Iterable[str]) -> str:

@@ -19,6 +19,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, Final
 
+from .agent_process import AgentProcess
 from .common import domain, positive_float
 from .errors import ToolError
 
@@ -127,44 +128,21 @@ class _Topic:
         return [(ns - end) / 1e6 for ns, end in pairs if end is not None]
 
 
-class _Agent:
-    """The agent as a child process, its log as lines."""
+class _Agent(AgentProcess):
+    """The agent, with its log for when there is time to show it."""
 
     def __init__(self, device: Path, domain_id: int) -> None:
-        self._lines: queue.Queue[str] = queue.Queue()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "uros", "agent", "serial", "--dev", str(device),
-             "--domain", str(domain_id), "--stop-at-eof"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True, encoding="utf-8",
-            start_new_session=True,  # Ctrl-C is for us: the board goes first
-        )  # fmt: skip
+        super().__init__(device, domain_id, subprocess.PIPE)
+        self._news: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._lines.put(line.rstrip())
+        for line in self.lines:
+            self._news.put(line.rstrip())
 
     def print_news(self) -> None:
-        while not self._lines.empty():
-            print(self._lines.get())
-
-    @property
-    def ended(self) -> bool:
-        return self._process.poll() is not None
-
-    def close(self) -> None:
-        """End it, kindly at first."""
-        if self._process.stdin is not None:
-            self._process.stdin.close()
-        try:
-            self._process.wait(5)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        while not self._news.empty():
+            print(self._news.get())
 
 
 def run(args: argparse.Namespace) -> int:
