@@ -109,6 +109,18 @@ class Peer:
         )
         return {"gone": gone, **self.do_graph()}
 
+    def do_unused(self, topic, seconds=15):
+        """Wait until nobody publishes the topic, nor subscribes to it."""
+        node = self.node
+        unused = self.wait(
+            seconds,
+            lambda: not (
+                node.get_publishers_info_by_topic(topic)
+                or node.get_subscriptions_info_by_topic(topic)
+            ),
+        )
+        return {"unused": unused}
+
     def do_graph(self):
         return {
             "names": sorted(self.node.get_node_names()),

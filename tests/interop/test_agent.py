@@ -1,13 +1,18 @@
 """Boards through our agent to a real rclpy node, and back."""
 
+import signal
+import subprocess
+import sys
+
 import pytest
 from conftest import leased_domain
 from support.agent import running_agent
 from support.client import XrceClient
+from support.lines import UdpLine
 from support.peer import RosPeer
+from support.recorded import RecordedBoard, UdpBoard, submessages
 from support.replay import load, messages
 
-from uros.boards.recorded import RecordedBoard, UdpBoard, submessages
 from uros.interfaces import known_hash
 from uros.interfaces import load as load_type
 from uros.interfaces.codec import from_cdr, to_cdr
@@ -152,6 +157,59 @@ def test_nodes_of_several_boards_are_apart(agent, peer):
             assert own == {topic}, seen
     for name, _, _ in expected.values():
         assert peer.do("gone", namespace="/", name=name)["gone"]
+
+
+# What says no farewell, or one that is not understood, stays for ten seconds or for good.
+SOON = 5
+
+
+def probe(line, key):
+    """A client with a writer and a reader."""
+    client = XrceClient(line, key=key)
+    client.open()
+    client.writer("probe", "rt/probe/out", dds_name(INT32))
+    client.reader("probe", "rt/probe/in", dds_name(INT32))
+    return client
+
+
+def assert_there(peer):
+    topics = {"/probe/out": INT32}
+    assert peer.do("node", namespace="/", name="probe", publishers=topics)["publishers"]
+    assert peer.do("topic", topic="/probe/in", of="subscriptions")["infos"]
+
+
+def assert_gone(peer):
+    assert peer.do("gone", namespace="/", name="probe", seconds=SOON)["gone"]
+    for topic in ("/probe/out", "/probe/in"):
+        assert peer.do("unused", topic=topic, seconds=SOON)["unused"], topic
+
+
+def test_nothing_is_left_of_a_board_that_leaves(agent, peer):
+    client = probe(agent.line(), 0x51000011)
+    assert_there(peer)
+    client.close()
+    assert_gone(peer)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_nothing_is_left_of_an_agent_that_is_ended(domain, peer, number):
+    agent = subprocess.Popen(
+        [sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain)],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    try:
+        port = next(int(line.split()[-1]) for line in agent.stdout if "port: " in line)
+        line = UdpLine(port)
+        probe(line, 0x51000012)
+        assert_there(peer)
+        agent.send_signal(number)
+        agent.communicate(timeout=SOON)
+        assert agent.returncode == 0
+        assert_gone(peer)
+        line.close()
+    finally:
+        agent.kill()
+        agent.communicate()
 
 
 def test_endpoints_tell_their_type_hash_and_qos(agent, peer):

@@ -118,6 +118,8 @@ def test_rclpy_sees_the_node_with_its_endpoints_until_it_is_destroyed(peer, doma
         assert [(it["type"], it["reliability"]) for it in infos] == [(Int32._TYPE, "RELIABLE")]
     gone = peer.do("gone", namespace="/on_host", name="weather", seconds=5)
     assert gone["gone"], gone
+    for topic in (*topics, "/heard"):
+        assert peer.do("unused", topic=topic, seconds=5)["unused"], topic
 
 
 def test_a_node_that_never_spins_is_seen_and_heard(peer, domain):

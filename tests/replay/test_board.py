@@ -1,13 +1,11 @@
-"""The recorded board itself against our agent over UDP, as ``uros demo`` runs it."""
+"""The recorded board itself against our agent over UDP."""
 
 import pytest
 from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import SECONDS
+from support.recorded import RecordedBoard, UdpBoard
 from support.replay import load
-
-from uros.boards import recorded
-from uros.boards.recorded import RecordedBoard, UdpBoard
 
 TEMPERATURE = "sensor_msgs::msg::dds_::Temperature_"
 
@@ -23,7 +21,7 @@ def agent(own_domain_id):
 
 
 def test_an_endless_board_is_heard_beyond_its_recording_and_leaves_cleanly(agent):
-    records = recorded.load(recorded.packaged("rclc_temperature_humidity"))
+    records = load("rclc_temperature_humidity")
     listener = XrceClient(agent.line(), key=0x99)
     listener.open()
     reader = listener.reader("listener", "rt/garden/temperature", TEMPERATURE)

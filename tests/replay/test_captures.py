@@ -5,11 +5,11 @@ status, data. See support.replay for what is not compared and why.
 """
 
 import pytest
+from support import recorded
 from support.agent import running_agent
 from support.client import XrceClient
 from support.replay import CAPTURES, Mismatch, Replay, messages
 
-from uros.boards import recorded
 from uros.wire import ids
 
 NAMES = sorted(path.stem for path in CAPTURES.glob("*.jsonl"))

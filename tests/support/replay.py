@@ -12,8 +12,8 @@ from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
+from support import recorded
 from support.lines import SECONDS
-from uros.boards import recorded
 from uros.wire import data, ids, session
 from uros.wire.cdr import Reader
 from uros.wire.framing import Deframer, LengthDeframer

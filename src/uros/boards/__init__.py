@@ -1,1 +1,1 @@
-"""Virtual hardware, and boards that play what real ones once said."""
+"""Virtual boards: hardware, engines that run firmware on it, the build of a board's files."""

@@ -136,7 +136,7 @@ def build(
         try:
             modules = bundle_modules(modules)
         except NotBundled as error:
-            raise BuildError(f"{error}; build it with bundle=False") from error
+            raise BuildError(f"{error}; build it with bundle=False (--no-bundle)") from error
     files = dict(search.other)
     for module in modules.values():
         path, data = _file(module, form)
@@ -266,13 +266,12 @@ class _Search:
     # Modules of uros
 
     def uros(self, wanted: Wanted, by: Module) -> None:
-        names = [wanted.module]
-        for name, _ in wanted.names or ():
-            if self.uros_file(f"{wanted.module}.{name}"):
-                names.append(f"{wanted.module}.{name}")
+        inside = [f"{wanted.module}.{name}" for name, _ in wanted.names or ()]
+        if wanted.module == "uros" and inside:
+            names = inside  # boards get no __init__ of it: all it holds is for hosts
+        else:
+            names = [wanted.module, *filter(self.uros_file, inside)]
         for name in names:
-            if name == "uros":
-                continue  # boards get no __init__ of it: all it holds is for hosts
             file = self.uros_file(name)
             if file and _is_portable(name):
                 self.uros_module(name, file)
@@ -357,6 +356,8 @@ def _is_portable(name: str) -> bool:
 
 
 def _uros_advice(name: str, exists: bool) -> str:
+    if name in ("uros", "uros.Node"):
+        return "uros itself is for hosts; on a board, write from uros.client import Node"
     if exists:
         return f"{name} is for hosts, boards have {', '.join('uros.' + p for p in PORTABLE)}"
     parts = name.split(".")

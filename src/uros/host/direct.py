@@ -8,7 +8,6 @@ runs their ``create``, which would ask an agent for them.
 from __future__ import annotations
 
 import atexit
-import select
 import sys
 import time
 import traceback
@@ -294,12 +293,8 @@ class Direct:
         deadline = middleware.next_deadline()
         if deadline is not None:
             seconds = min(seconds, max(0.0, deadline - time.monotonic()))
-        samples, signals = middleware.fileno(), self.interrupt.filenos()
-        ready = select.select([samples, *signals], [], [], seconds)[0]
-        if samples in ready:
+        if self.interrupt.wait(middleware.fileno(), seconds):
             middleware.dispatch()
-        if signals and signals[0] in ready:
-            self.interrupt.clear()
         middleware.tick()
 
     def _type_conflict(self, topic: str, here: str, there: str) -> None:
@@ -320,18 +315,5 @@ class Direct:
             atexit.unregister(self.close)
             self._ends.clear()
             self._waiting.clear()
-            try:
-                self._take_leave()
-            finally:
-                self.middleware.close()
-
-    def _take_leave(self) -> None:
-        """Tell the graph that there is nothing here any more. Fast DDS does not understand the
-        farewell of Cyclone's participants, and would list our nodes for ten seconds more."""
-        for node in self._nodes.values():
-            node.close()
-        self._nodes.clear()
-        deadline = self.middleware.next_deadline()  # a tenth of a second away at the most
-        if deadline is not None:
-            time.sleep(max(0.0, deadline - time.monotonic()))
-            self.middleware.tick()
+            self._nodes.clear()
+            self.middleware.close()

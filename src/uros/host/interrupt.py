@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import signal
 import socket
 import threading
@@ -12,9 +13,9 @@ from contextlib import contextmanager
 class Interrupt:
     """Ctrl-C is a KeyboardInterrupt as ever, but not between :meth:`hold` and :meth:`release`.
 
-    There it wakes who waits for :meth:`filenos`, and is raised by :meth:`release`. Python's own
-    way would be too early, for Cyclone's binding calls Python while it takes samples and makes
-    another error of it, or too late: what comes just before ``select`` does not end that.
+    There it ends :meth:`wait`, and is raised by :meth:`release`. Python's own way would be too
+    early, for Cyclone's binding calls Python while it takes samples, and makes another error of it
+    or crashes, or too late: what comes just before ``select`` does not end that.
     """
 
     def __init__(self) -> None:
@@ -51,14 +52,15 @@ class Interrupt:
             raise KeyboardInterrupt
         self._pressed = True
 
-    def filenos(self) -> list[int]:
-        """What becomes readable by a signal."""
-        return [self._socket.fileno()] if self._socket is not None else []
-
-    def clear(self) -> None:
-        """Make it unreadable."""
-        if self._socket is not None:
-            self._socket.recv(64)
+    def wait(self, fileno: int, seconds: float | None) -> bool:
+        """Wait until there is something to read, for a signal, or so long (None: for ever);
+        whether there is something."""
+        ours = self._socket
+        signals = [] if ours is None else [ours.fileno()]
+        ready = select.select([fileno, *signals], [], [], seconds)[0]
+        if ours is not None and signals[0] in ready:
+            ours.recv(64)
+        return fileno in ready
 
     def hold(self) -> None:
         self._held = True

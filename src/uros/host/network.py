@@ -6,8 +6,8 @@ Everything happens in the calling thread, within :meth:`Network.spin` and what c
 from __future__ import annotations
 
 import os
-import select
 import time
+from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 from typing import Final, NamedTuple
@@ -16,6 +16,7 @@ from ..middleware import open_middleware
 from ..qos import QoSProfile
 from . import names
 from .graph import Graph
+from .interrupt import Interrupt
 
 DISCOVERY_SECONDS: Final = 4.0
 # Without news for so long, a graph has settled.
@@ -53,6 +54,8 @@ class Network:
             raise MiddlewareError("the graph can be read on the dds middleware only")
         self.domain = domain
         self._middleware = opened
+        self._interrupt = Interrupt()
+        self._taken: deque[tuple[Callable[[Received], None], Received]] = deque()
         try:
             self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
             self._news = time.monotonic()
@@ -75,23 +78,36 @@ class Network:
     ) -> Callable[[], None]:
         """Subscribe to a topic of a type (ROS names); the result ends it.
 
-        No definition of the type is needed. Raises MiddlewareError.
+        No definition of the type is needed. ``on_sample`` is called by :meth:`spin`. Raises
+        MiddlewareError.
         """
         from ..middleware.dds import cyclone
+
+        ended = False
 
         def on_ready() -> None:
             while True:
                 reader.taken = True
                 samples = cyclone.take(reader.entity, _BATCH)
                 for cdr, info in samples:
-                    on_sample(Received(cdr, info.source_timestamp, time.time_ns()))
+                    received = Received(cdr, info.source_timestamp, time.time_ns())
+                    self._taken.append((tell, received))
                 if len(samples) < _BATCH:
                     return
+
+        def tell(received: Received) -> None:
+            if not ended:
+                on_sample(received)
+
+        def end() -> None:
+            nonlocal ended
+            ended = True
+            reader.close()
 
         reader = self.node.create_reader(
             names.topic_to_dds(topic), names.type_to_dds(type_name), qos, on_ready
         )
-        return reader.close
+        return end
 
     def spin(self, done: Callable[[], bool], seconds: float | None = None) -> bool:
         """Serve the network until ``done()``, which is asked after every event.
@@ -99,16 +115,29 @@ class Network:
         False: ``seconds`` went by before. Without them it waits as long as it takes.
         """
         end = None if seconds is None else time.monotonic() + seconds
-        while not done():
-            now = time.monotonic()
-            if end is not None and now >= end:
-                return False
-            due = [at for at in (end, self._middleware.next_deadline()) if at is not None]
-            pause = max(0.0, min(due) - now) if due else None
-            if select.select([self._middleware.fileno()], [], [], pause)[0]:
+        with self._interrupt.watched():
+            while True:
+                # Not from where they are taken: it may wait, for a pipe, and Ctrl-C is to end that.
+                while self._taken:
+                    tell, received = self._taken.popleft()
+                    tell(received)
+                if done():
+                    return True
+                now = time.monotonic()
+                if end is not None and now >= end:
+                    return False
+                due = [at for at in (end, self._middleware.next_deadline()) if at is not None]
+                self._work(max(0.0, min(due) - now) if due else None)
+
+    def _work(self, seconds: float | None) -> None:
+        """Wait at most so long for something to happen, and take what came."""
+        self._interrupt.hold()
+        try:
+            if self._interrupt.wait(self._middleware.fileno(), seconds):
                 self._middleware.dispatch()
             self._middleware.tick()
-        return True
+        finally:
+            self._interrupt.release()
 
     def settle(self, seconds: float = DISCOVERY_SECONDS) -> None:
         """Discover until nothing new comes, every ROS participant told its nodes, and all their

@@ -36,7 +36,7 @@ _ROOT: Final = Group(
     "micro-ROS in Python: the agent and the tools.",
     {
         "agent": _AGENT,
-        "demo": Verb("play a recorded board through the agent", "demo"),
+        "demo": Verb("run a virtual board through the agent", "demo"),
         "topic": Group(
             "look at the topics of a ROS 2 network",
             {
@@ -54,10 +54,11 @@ _ROOT: Final = Group(
             },
         ),
         "board": Group(
-            "run virtual boards",
+            "run virtual boards, build programs for real ones",
             {
                 "list": Verb("list the virtual boards", "board_list"),
                 "run": Verb("run a virtual board with its firmware", "board_run"),
+                "build": Verb("write the files that a board's program needs", "board_build"),
             },
         ),
     },

@@ -771,6 +771,20 @@ def test_own_types(tmp_path: Path, built: Callable[..., dict[str, str]]) -> None
         ("import uros.agent.server", "uros.agent.server is for hosts, boards have uros.wire"),
         ("from uros.interfaces.std_msgs.msg import X", "types are imported from std_msgs.msg"),
         ("from uros.wire import cdr\nimport uros.no", "main.py:2: uros has no module uros.no"),
+        # Boards get no __init__ of uros.
+        ("\nfrom uros import Node", "main.py:2: uros itself .* from uros.client import Node$"),
+        ("import uros", "main.py:1: uros itself .* from uros.client import Node$"),
+        ("import uros as u, uros.client", "uros itself is for hosts"),
+        ("def f():\n    from uros import Node, qos", "main.py:2: uros itself is for hosts"),
+        ("from uros import qos, Nod", "uros has no module uros.Nod"),
+        ("from uros import host", "uros.host is for hosts"),
+        ("from uros import *", "uros has no module"),
+        (
+            "try:\n    from uros import Node\nexcept ImportError:\n"
+            "    from uros.client import Node",
+            None,
+        ),
+        ("from uros import client, qos\nclient.Node, qos.QoSProfile", None),
         ("import asyncio.no_such", None),
     ],
 )

@@ -1,7 +1,12 @@
 """A domain of one process: our node, its graph, and what it hears, through real DDS."""
 
+import select
+import signal
+import time
+
 import pytest
 
+from uros.host import interrupt
 from uros.host.network import Network
 from uros.middleware.base import MiddlewareError
 from uros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -90,6 +95,86 @@ def test_more_than_one_batch_is_taken_at_once(network):
 def test_time_limits_of_a_spin(network):
     assert network.spin(lambda: True)
     assert not network.spin(lambda: False, 0.01)
+
+
+def test_who_has_ended_listening_hears_nothing_more(network):
+    """Not even what had been taken already."""
+    heard = []
+
+    def once(got):
+        heard.append(got)
+        end()
+
+    end = network.listen("/x", STRING, QoSProfile(), once)
+    others = []
+    network.listen("/x", STRING, QoSProfile(), others.append)
+    writer = publisher(network, "/x")
+    for _ in range(3):
+        writer.write(HELLO)
+    assert network.spin(lambda: len(others) == 3, 10)
+    assert len(heard) == 1
+
+
+# --- Ctrl-C ---------------------------------------------------------------------------------
+
+
+def test_ctrl_c_waits_until_samples_are_taken(network, monkeypatch):
+    """Within Cyclone's binding it would become another error."""
+    heard = []
+    network.settle()
+    network.listen("/x", STRING, QoSProfile(), heard.append)
+    publisher(network, "/x").write(HELLO)
+    dispatch = network._middleware.dispatch
+    dispatched = []
+
+    def pressed_meanwhile():
+        signal.raise_signal(signal.SIGINT)
+        dispatch()
+        dispatched.append(len(heard))
+
+    with monkeypatch.context() as pressed:
+        pressed.setattr(network._middleware, "dispatch", pressed_meanwhile)
+        with pytest.raises(KeyboardInterrupt):
+            network.spin(lambda: False, 10)
+    assert dispatched == [0]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert network.spin(lambda: heard, 10)
+
+
+def test_ctrl_c_just_before_the_wait_ends_it(network, monkeypatch):
+    """Python itself would only hear of it when the wait is over."""
+
+    class Late:
+        times = []
+
+        def select(self, *arguments):
+            signal.raise_signal(signal.SIGINT)
+            self.times.append(arguments[3])
+            return select.select(*arguments)
+
+    network.settle()
+    assert network.spin(lambda: network._middleware.next_deadline() is None, 10)
+    monkeypatch.setattr(interrupt, "select", Late())
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        network.spin(lambda: False, 20)
+    assert time.monotonic() - start < 15
+    assert len(Late.times) == 1 and Late.times[0] > 15
+
+
+def test_ctrl_c_ends_what_a_listener_does(network):
+    """It may wait for a terminal or a pipe."""
+    after = []
+
+    def pressed_meanwhile(got):
+        signal.raise_signal(signal.SIGINT)
+        after.append(got)
+
+    network.listen("/x", STRING, QoSProfile(), pressed_meanwhile)
+    publisher(network, "/x").write(HELLO)
+    with pytest.raises(KeyboardInterrupt):
+        network.spin(lambda: False, 10)
+    assert after == []
 
 
 def test_a_domain_that_does_not_exist():

@@ -12,7 +12,7 @@ import pytest
 import uros
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT
 from uros.client.executor import trigger_all
-from uros.host import direct
+from uros.host import interrupt
 from uros.host.direct import Direct
 from uros.host.network import Network
 from uros.host.node import Node, environment_domain
@@ -141,7 +141,7 @@ def test_it_is_connected_from_the_start_and_not_when_destroyed(node):
 
 def test_a_callback_for_the_state_may_start_timers(node, monkeypatch):
     selects = Selects()
-    monkeypatch.setattr(direct, "select", selects)
+    monkeypatch.setattr(interrupt, "select", selects)
     ran = []
     node.on_state = lambda state: node.create_timer(0.001, lambda: ran.append(state))
     assert node.spin_once(20.0)
@@ -400,7 +400,7 @@ def test_a_sample_wakes_the_node_which_does_not_poll(monkeypatch, own_domain_id,
     other.spin_once(0.2)
     node.spin_once(0.2)  # what it has to announce is announced
     selects = Selects()
-    monkeypatch.setattr(direct, "select", selects)
+    monkeypatch.setattr(interrupt, "select", selects)
 
     def publish():
         selects.waiting.wait(10)
@@ -440,7 +440,7 @@ def test_samples_that_no_callback_may_take_yet_do_not_keep_it_awake(monkeypatch,
     node.executor.trigger = trigger_all
     writer = other.create_writer("rt/x", INT32, QoSProfile())
     selects = Selects()
-    monkeypatch.setattr(direct, "select", selects)
+    monkeypatch.setattr(interrupt, "select", selects)
     for i in range(2):
         writer.write(int32(i))
         assert not node.spin_once(0.02)
@@ -461,7 +461,7 @@ def test_an_answer_without_room_is_tried_again_soon(monkeypatch, node, other):
     requester = other.create_requester(TRIGGER, services_profile(), lambda: None)
     numbers = [requester.request(to_cdr(Trigger.Request())) for _ in range(3)]
     selects = Selects()
-    monkeypatch.setattr(direct, "select", selects)
+    monkeypatch.setattr(interrupt, "select", selects)
     with monkeypatch.context() as full:
         full.setattr(MemoryWriter, "write", lambda self, cdr: False)
         node.spin_once(0.1)
@@ -610,7 +610,7 @@ def test_ctrl_c_just_before_the_wait_ends_it(node, monkeypatch):
             return super().select(*arguments)
 
     selects = Late()
-    monkeypatch.setattr(direct, "select", selects)
+    monkeypatch.setattr(interrupt, "select", selects)
     start = time.monotonic()
     node.spin()
     assert time.monotonic() - start < 20 and len(selects.times) == 1
@@ -624,7 +624,7 @@ def test_other_signals_do_not_keep_it_awake(node, monkeypatch):
             return super().select(*arguments)
 
     selects = Late()
-    monkeypatch.setattr(direct, "select", selects)
+    monkeypatch.setattr(interrupt, "select", selects)
     before = signal.signal(signal.SIGUSR1, lambda number, frame: None)
     try:
         assert not node.spin_once(0.05)

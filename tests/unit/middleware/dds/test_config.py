@@ -60,6 +60,12 @@ def test_localhost_stays_on_loopback():
     assert peers({"ROS_LOCALHOST_ONLY": "1"}) == ["127.0.0.1"]
 
 
+@pytest.mark.parametrize("reach", config.RANGES)
+def test_farewells_name_what_goes_in_a_way_that_fast_dds_reads(reach):
+    ours = config.config_xml({"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}, PID)
+    assert ET.fromstring(ours).findtext("Domain/Internal/GenerateKeyhash") == "true"
+
+
 def test_off_meets_nobody():
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": "10.0.0.1"}
     general, discovery, _ = parts(environment)

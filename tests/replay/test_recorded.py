@@ -1,17 +1,15 @@
 """The player of a recorded board against the recorded agent, with a time of its own."""
 
-from pathlib import Path
-
 import pytest
+from support import recorded
+from support.recorded import RecordedBoard, RecordingError
+from support.replay import CAPTURES, load
 
-from uros.boards import recorded
-from uros.boards.recorded import RecordedBoard, RecordingError
 from uros.wire import ids
 from uros.wire.header import MessageWriter, pull_header
 from uros.wire.session import pull_acknack, push_acknack
 
-CAPTURES = Path(__file__).parent.parent.parent / "captures"
-WEATHER = recorded.load(recorded.packaged("rclc_temperature_humidity"))
+WEATHER = load("rclc_temperature_humidity")
 
 
 def stream_of(message):
@@ -92,7 +90,7 @@ UDP = sorted(
 
 @pytest.mark.parametrize("name", UDP)
 def test_a_board_says_what_was_recorded_byte_for_byte_and_not_sooner(name):
-    records = recorded.load(CAPTURES / f"{name}.jsonl")
+    records = load(name)
     for client in {record.client for record in records}:
         board = RecordedBoard(records, client)
         sent = play(board, RecordedAgent(records, client))
@@ -108,11 +106,6 @@ def test_a_board_says_what_was_recorded_byte_for_byte_and_not_sooner(name):
             abs((at - sent[0][0]) - (then - times[0])) <= 1
             for (at, _), then in zip(sent, times, strict=True)
         )
-
-
-def test_the_packaged_recording_is_the_capture():
-    capture = CAPTURES / "rclc_temperature_humidity.jsonl"
-    assert recorded.packaged("rclc_temperature_humidity").read_bytes() == capture.read_bytes()
 
 
 def test_an_endless_board_goes_on_in_its_rhythm_with_rising_numbers():
@@ -291,8 +284,8 @@ def test_a_missing_file_is_told(tmp_path):
 
 def test_a_recording_of_another_kind_is_refused():
     with pytest.raises(RecordingError, match="not a recording of datagrams"):
-        RecordedBoard(recorded.load(CAPTURES / "tcp_publish.jsonl"))
+        RecordedBoard(load("tcp_publish"))
     with pytest.raises(RecordingError, match="no client 3"):
         RecordedBoard(WEATHER, client=3)
     with pytest.raises(RecordingError, match="publishes nothing"):
-        RecordedBoard(recorded.load(CAPTURES / "ping.jsonl"), endless=True)
+        RecordedBoard(load("ping"), endless=True)

@@ -22,13 +22,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ..middleware.wake import Wake
-from ..wire import ids
-from ..wire.cdr import Reader
-from ..wire.errors import DecodeError
-from ..wire.header import MessageWriter, pull_header, pull_subheader
-from ..wire.session import pull_acknack, pull_heartbeat, push_acknack, push_heartbeat
-from ..wire.streams import TIME_MASK, ReliableIn, ReliableOut, ticks_add, ticks_diff
+from uros.middleware.wake import Wake
+from uros.wire import ids
+from uros.wire.cdr import Reader
+from uros.wire.errors import DecodeError
+from uros.wire.header import MessageWriter, pull_header, pull_subheader
+from uros.wire.session import pull_acknack, pull_heartbeat, push_acknack, push_heartbeat
+from uros.wire.streams import TIME_MASK, ReliableIn, ReliableOut, ticks_add, ticks_diff
 
 # A request without a stream is sent again after so long without its answer.
 RETRY_MS: Final = 500
@@ -76,11 +76,6 @@ def load(path: str | Path) -> list[Record]:
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{path}: {error}") from error
     return records
-
-
-def packaged(name: str) -> Path:
-    """The file of a recording that comes with uros."""
-    return Path(__file__).parent / "recordings" / f"{name}.jsonl"
 
 
 def submessages(message: bytes) -> list[tuple[int, int, bytes]]:
