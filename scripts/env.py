@@ -208,11 +208,11 @@ def uros(extra: str) -> None:
         stamp.start(base)
         create_venv(Path(sys.executable), VENV)
     extras.add(extra)
-    wanted = ",".join(sorted(extras - {"run"}))
+    # Programs for boards are built from every clone: the bytecode compiler is small.
+    wanted = ",".join(sorted(extras - {"run"} | {"board"}))
     # The build tools are installed first and not by pip's isolation, so that they are pinned too.
     pip(python, "-c", "constraints.txt", "hatchling", "editables")
-    target = f".[{wanted}]" if wanted else "."
-    pip(python, "-c", "constraints.txt", "--no-build-isolation", "-e", target)
+    pip(python, "-c", "constraints.txt", "--no-build-isolation", "-e", f".[{wanted}]")
     stamp.write(dict(base, pins=pins, extras=sorted(extras)))
 
 

@@ -53,10 +53,11 @@ def find() -> tuple[Path, Path]:
             raise NoMicroPython("the engine micropython needs Node 18 or newer: install node")
         return Path(node), module
     places = " and ".join(str(folder / "node_modules") for folder in folders)
-    raise NoMicroPython(
-        f"there is no MicroPython in {places}: npm install {PACKAGE}, and name the folder that has"
-        " node_modules in UROS_MICROPYTHON"
-    )
+    remedy = f"npm install {PACKAGE}, and name the folder that has node_modules in UROS_MICROPYTHON"
+    script = _HERE.parents[2] / "scripts" / "env.py"
+    if script.exists() and not named:
+        remedy = f"python3 {os.path.relpath(script)} micropython"
+    raise NoMicroPython(f"there is no MicroPython in {places}; install it with: {remedy}")
 
 
 class MicroPythonEngine:

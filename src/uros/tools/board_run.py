@@ -39,6 +39,12 @@ examples:
 """
 
 
+_COMMANDS: Final = (
+    "type what goes wrong, one a line: sht3x:nack, all:off, usb:unplug; or reset, heap"
+    " ('uros board list NAME' has all)"
+)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
@@ -114,6 +120,7 @@ class _Session:
         end = None if args.seconds is None else time.monotonic() + args.seconds
         self._say(f"{args.board} runs on {args.engine}; its USB line is {self._board.path}")
         self._say(self._next_step())
+        self._say(_COMMANDS)
         threading.Thread(target=_read_input, args=(self._events,), daemon=True).start()
         try:
             while end is None or time.monotonic() < end:
@@ -168,6 +175,8 @@ class _Session:
     def _obey(self, line: str) -> None:
         if line == "reset":
             self._board.press("reset")
+        elif line in ("help", "?"):
+            self._say(_COMMANDS)
         elif line == "heap":
             if self._args.engine != "micropython":
                 self._say("only the engine micropython knows its heap")

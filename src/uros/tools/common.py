@@ -125,4 +125,10 @@ def remedy(network: Network, name: str, known: Iterable[str]) -> str:
             f": nobody else was found in domain {network.domain}; check --domain, ROS_DOMAIN_ID"
             " and ROS_AUTOMATIC_DISCOVERY_RANGE"
         )
-    return f" in domain {network.domain}{did_you_mean(name, known)}"
+    close = did_you_mean(name, known)
+    if close:
+        return f" in domain {network.domain}{close}"
+    return (
+        f" in domain {network.domain}; a board chooses its domain itself, and its agent's log"
+        " says which"
+    )

@@ -181,7 +181,7 @@ def run(args: argparse.Namespace) -> int:
                 agent.close()
         finally:
             board.stop()
-    return _summary(topics, args.seconds is not None)
+    return _summary(topics)
 
 
 def _watch(
@@ -226,11 +226,12 @@ def _draw(topics: list[_Topic], live: bool = False) -> int:
         cells += [row[i].rjust(widths[i]) for i in (1, 2, 3)]
         line = "  ".join([*cells, row[4].ljust(widths[4]), row[5]])
         # A line that wraps would be two to the cursor that goes up again.
-        print(f"{line[:room]}\033[K" if live else line, flush=True)
+        cut = line[:room] if sys.stdout.isatty() else line
+        print(f"{cut}\033[K" if live else cut, flush=True)
     return len(rows)
 
 
-def _summary(topics: list[_Topic], timed: bool) -> int:
+def _summary(topics: list[_Topic]) -> int:
     print("\nSummary:\n")
     _draw(topics)
     delays = [delay for topic in topics for delay in topic.delays_ms()]
@@ -243,5 +244,5 @@ def _summary(topics: list[_Topic], timed: bool) -> int:
     if missing:
         print(f"\nNot heard: {', '.join(missing)}", file=sys.stderr)
         return 1
-    print("\nEvery topic was heard." if timed else "")
+    print("\nEvery topic was heard.")
     return 0
