@@ -197,6 +197,8 @@ def _watch(
             raise ToolError("the agent ended")
         if board.ended:
             raise ToolError("the board's program has ended")
+        if board.usb_error:
+            raise ToolError(f"the board's USB: {board.usb_error}")
         pause = _REDRAW_SECONDS if end is None else end - time.monotonic()
         network.spin(lambda: False, max(0.0, min(_REDRAW_SECONDS, pause)))
         if not drawn:

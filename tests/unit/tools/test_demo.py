@@ -6,10 +6,12 @@ import select
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from uros.tools import demo
+from uros.tools.errors import ToolError
 
 
 def run(domain, *arguments):
@@ -52,6 +54,13 @@ def test_an_unknown_fault_is_refused_with_those_there_are(own_domain_id):
     done = run(own_domain_id, "--seconds", "5", "--fault", "sht3x:nonsense")
     assert done.returncode == 1
     assert "nack" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_machine_without_pseudo_terminals_is_told():
+    agent = SimpleNamespace(ended=False, print_news=lambda: None)
+    board = SimpleNamespace(ended=False, usb_error="no line: out of pty devices")
+    with pytest.raises(ToolError, match="the board's USB: no line: out of pty devices"):
+        demo._watch(None, agent, board, [], None)
 
 
 def test_delays_are_from_the_devices_last_read_before():
