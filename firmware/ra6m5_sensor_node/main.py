@@ -3,12 +3,16 @@
 import errno
 import time
 
-from sensor_node import LOOKING, NAME, SensorNode, crumbs
-
-from uros.client import Node
-from uros.drivers.bus import Bus
-from uros.drivers.port import open_port
-from uros.transport.stream import StreamTransport
+from sensor_node import (
+    LOOKING,
+    NAME,
+    Bus,
+    Node,
+    SensorNode,
+    StreamTransport,
+    crumbs,
+    open_port,
+)
 
 try:
     from typing import Any

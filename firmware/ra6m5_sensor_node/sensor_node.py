@@ -1,4 +1,8 @@
-"""The node: when which sensor is asked, and what is published of it."""
+"""The node: when which sensor is asked, and what is published of it.
+
+main.py takes what it needs of uros from here: each module that its text names costs a board a
+quarter of a kilobyte.
+"""
 
 import time
 
@@ -6,11 +10,15 @@ from sensor_msgs.msg import RelativeHumidity, Temperature
 from std_msgs.msg import String, UInt16
 
 from uros.client import AGENT_AVAILABLE, AGENT_CONNECTED
+from uros.client import Node as Node
 from uros.drivers import SensorError, reason
+from uros.drivers.bus import Bus as Bus
 from uros.drivers.mcp9600 import MCP9600
+from uros.drivers.port import open_port as open_port
 from uros.drivers.sht3x import SHT3x
 from uros.drivers.vcnl4010 import VCNL4010
 from uros.qos import DurabilityPolicy, QoSProfile
+from uros.transport.stream import StreamTransport as StreamTransport
 
 try:
     from typing import Any
