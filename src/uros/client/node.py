@@ -31,6 +31,8 @@ class Node:
     :class:`~uros.client.connection.Connection`.
     """
 
+    kinds = (ids.KIND_PARTICIPANT,)
+
     def __init__(
         self,
         name: str,
@@ -57,8 +59,6 @@ class Node:
         self._entities: "list[Any]" = []
         self._more = False  # the last round had something to do
         self.object_id = self.connection.add(self) << 4 | ids.KIND_PARTICIPANT
-
-    kinds = (ids.KIND_PARTICIPANT,)
 
     # --- what a connection asks of its entities ---------------------------------------------
 
