@@ -44,7 +44,6 @@ from .build import BuildError, build
 from .engine_host import BoardHost, Reset
 from .engine_micropython import MicroPythonEngine, NoMicroPython, find
 
-ENGINES: Final = ("cpython", "micropython")
 _MOST_READS: Final = 64
 
 

@@ -164,4 +164,3 @@ class Timer:
             self.missed += late
             self._advance(late + 1)
         self.callback()
-

@@ -229,7 +229,7 @@ class Session:
             self.out.put(buf)
         else:
             view = memoryview(buf)
-            for first, stop, flags in split(size - _SUBHEADER, self.mtu - _IDS):
+            for first, stop, flags in split(size - _SUBHEADER, self._part):
                 part = bytearray(_IDS + stop - first)
                 push_header(part, self.id, ids.STREAM_RELIABLE, self.out.next)
                 push_subheader(part, _SUBHEADER, ids.FRAGMENT, flags, stop - first)

@@ -9,7 +9,6 @@ import sys
 import threading
 from typing import TYPE_CHECKING
 
-from .common import MAX_DOMAIN
 from .errors import ToolError
 
 if TYPE_CHECKING:
@@ -84,6 +83,8 @@ def _verbosity(text: str) -> int:
 
 
 def _domain(text: str) -> int:
+    from ..middleware.base import MAX_DOMAIN
+
     return _number(text, "a ROS domain", 0, MAX_DOMAIN)
 
 

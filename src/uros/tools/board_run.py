@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from .agent_process import AgentProcess
 from .board_list import check_name
-from .common import positive_float
+from .common import add_engine, positive_float
 from .errors import ToolError
 
 if TYPE_CHECKING:
@@ -49,10 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
     parser.add_argument("board", metavar="NAME", help="see 'uros board list'")
-    parser.add_argument(
-        "--engine", choices=("cpython", "micropython"), default="cpython",
-        help="what runs the firmware: cpython (default), or micropython, which needs Node",
-    )  # fmt: skip
+    add_engine(parser)
     parser.add_argument(
         "--firmware", metavar="DIR", help="another program for the board: a folder with a main.py"
     )

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from .errors import did_you_mean
 
 if TYPE_CHECKING:
     from ..host.network import Network
-
-MAX_DOMAIN: Final = 232
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +36,16 @@ def add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-daemon", action="store_true", help=argparse.SUPPRESS)
 
 
+def add_engine(parser: argparse.ArgumentParser) -> None:
+    """What a virtual board's firmware runs on."""
+    parser.add_argument(
+        "--engine",
+        choices=("cpython", "micropython"),
+        default="cpython",
+        help="what runs the firmware: cpython (default), or micropython, which needs Node",
+    )
+
+
 def add_topic(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
     """The positional argument ``topic``."""
     parser.add_argument(
@@ -53,6 +61,8 @@ def add_topic(parser: argparse.ArgumentParser, nargs: str | None = None) -> None
 
 
 def domain(text: str) -> int:
+    from ..middleware.base import MAX_DOMAIN
+
     if not text.isdecimal() or int(text) > MAX_DOMAIN:
         raise argparse.ArgumentTypeError(f"{text!r} is no domain; give 0 to {MAX_DOMAIN}")
     return int(text)

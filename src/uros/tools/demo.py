@@ -20,7 +20,7 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from .agent_process import AgentProcess
-from .common import domain, positive_float
+from .common import add_engine, domain, positive_float
 from .errors import ToolError
 
 if TYPE_CHECKING:
@@ -56,10 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--domain", type=domain, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, or 0)"
     )
-    parser.add_argument(
-        "--engine", choices=("cpython", "micropython"), default="cpython",
-        help="what runs the board's program (default: %(default)s)",
-    )  # fmt: skip
+    add_engine(parser)
     parser.add_argument(
         "--fault", action="append", default=[], metavar="SPEC",
         help="a fault of the hardware, as with 'uros board run'; may be repeated",
