@@ -9,25 +9,26 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parents[2] / "src" / "uros"
 
-# What each room may import besides itself. "qos" and "ticks" are single modules.
+# What each room may import besides itself. "qos", "ticks" and "names" are single modules.
 ALLOWED = {
     "wire": set(),
     "ticks": set(),
+    "names": set(),
     "drivers": set(),
     "qos": {"wire"},
     "interfaces": {"wire"},
     "transport": {"wire", "ticks"},
     "client": {"wire", "interfaces", "qos", "ticks"},
-    "middleware": {"interfaces", "qos"},
-    "agent": {"wire", "transport", "middleware", "qos"},
-    "host": {"client", "middleware", "interfaces", "qos"},
+    "middleware": {"interfaces", "qos", "names"},
+    "agent": {"wire", "transport", "middleware", "qos", "names"},
+    "host": {"client", "middleware", "interfaces", "qos", "names"},
     "boards": {
         "wire", "transport", "client", "drivers", "middleware", "interfaces", "agent", "host",
-        "qos", "ticks",
+        "qos", "ticks", "names",
     },
     "tools": {
         "wire", "transport", "client", "drivers", "middleware", "interfaces", "agent", "host",
-        "boards", "qos", "ticks",
+        "boards", "qos", "ticks", "names",
     },
 }  # fmt: skip
 
@@ -52,6 +53,7 @@ def modules() -> list[Path]:
     return sorted(path for path in SOURCE.rglob("*.py") if path.parent != SOURCE) + [
         SOURCE / "qos.py",
         SOURCE / "ticks.py",
+        SOURCE / "names.py",
     ]
 
 

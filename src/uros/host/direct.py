@@ -14,6 +14,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
+from .. import names
 from ..client.clock import Clock
 from ..client.connection import AGENT_CONNECTED, AGENT_DISCONNECTED
 from ..client.entities import Client, Publisher, Service, Subscription
@@ -21,7 +22,6 @@ from ..client.node import Node
 from ..interfaces.codec import to_cdr
 from ..middleware import base
 from ..qos import QoSProfile, services_profile
-from . import names
 from .interrupt import Interrupt
 
 # Most samples taken before their callbacks have their turn.

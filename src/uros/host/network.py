@@ -12,9 +12,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Final, NamedTuple
 
+from .. import names
 from ..middleware import open_middleware
 from ..qos import QoSProfile
-from . import names
 from .graph import Graph
 from .interrupt import Interrupt
 

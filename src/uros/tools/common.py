@@ -92,7 +92,7 @@ def unsigned_int(text: str) -> int:
 
 def topic_name(text: str) -> str:
     """The absolute name; the first slash may be left away."""
-    from ..host import names
+    from .. import names
 
     name = names.absolute(text)
     if not names.is_valid(name):

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..host import names
+    from .. import names
 
     name = names.absolute(args.node)
     with join(args) as network:

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..host.names import is_hidden
+    from ..names import is_hidden
 
     with join(args) as network:
         discover(network, args)

@@ -1,6 +1,6 @@
 import pytest
 
-from uros.host import names
+from uros import names
 
 
 @pytest.mark.parametrize(
