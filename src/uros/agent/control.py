@@ -1,0 +1,386 @@
+"""What the agent's owner decides for clients: names, domain, QoS, limits.
+
+Rules come from a TOML file and from the command line. A rule says which
+clients it is for (by key, address, name of the node; every client where it
+says nothing) and what happens to them. All that match apply in their order,
+and what comes later wins::
+
+    [[client]]
+    node = "/turtle_*"
+    namespace = "/hall"
+
+    [[client]]
+    key = "0x4B0CBE99"
+    remap = { "/cmd_vel" = "/turtle1/cmd_vel" }
+    max_rate = 100
+    qos."/odom" = { reliability = "best_effort", depth = 1 }
+
+Names are ROS names; topics that are none (no ``rt/``) stay as they are.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from ipaddress import ip_address, ip_network
+from pathlib import Path
+from typing import Any, Final
+
+from .. import names
+from ..middleware.base import MAX_DOMAIN, Service
+from ..qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+
+Write = Callable[[memoryview], bool]
+
+# Names that mean the same for every robot: a namespace leaves them alone, remapping does not.
+GLOBAL: Final = frozenset(
+    {
+        "/clock",
+        "/diagnostics",
+        "/parameter_events",
+        "/ros_to_microros_graph",
+        "/rosout",
+        "/tf",
+        "/tf_static",
+    }
+)
+# Attack, or a slip: a file that is none of rules.
+MAX_FILE: Final = 1024 * 1024
+# How much of a second's messages may come at once under max_rate.
+_BURST: Final = 0.25
+_MAX_MS: Final = 0x7FFFFFFF
+_MAX_DEPTH: Final = 1_000_000
+
+_POLICIES: Final[dict[str, dict[str, int]]] = {
+    "reliability": {
+        "reliable": ReliabilityPolicy.RELIABLE,
+        "best_effort": ReliabilityPolicy.BEST_EFFORT,
+    },
+    "durability": {
+        "volatile": DurabilityPolicy.VOLATILE,
+        "transient_local": DurabilityPolicy.TRANSIENT_LOCAL,
+    },
+    "history": {"keep_last": HistoryPolicy.KEEP_LAST, "keep_all": HistoryPolicy.KEEP_ALL},
+    "liveliness": {
+        "automatic": LivelinessPolicy.AUTOMATIC,
+        "manual_by_topic": LivelinessPolicy.MANUAL_BY_TOPIC,
+    },
+}
+_NUMBERS: Final = {
+    "depth": (1, _MAX_DEPTH),
+    "deadline_ms": (1, _MAX_MS),
+    "lifespan_ms": (1, _MAX_MS),
+    "liveliness_lease_ms": (1, _MAX_MS),
+}
+_SELECTORS: Final = ("key", "address", "node")
+_ACTIONS: Final = ("domain", "namespace", "remap", "qos", "max_rate", "max_size")
+
+
+class ControlError(ValueError):
+    """A rule that cannot be; the text says where, what, and what would be right."""
+
+
+@dataclass
+class Rule:
+    """One rule. None and empty: it says nothing about that."""
+
+    keys: frozenset[int] = frozenset()
+    addresses: tuple[str, ...] = ()
+    nodes: tuple[str, ...] = ()
+    domain: int | None = None
+    namespace: str | None = None
+    remap: dict[str, str] = field(default_factory=dict)
+    qos: dict[str, dict[str, int]] = field(default_factory=dict)  # by patterns of topics
+    max_rate: float | None = None
+    max_size: int | None = None
+
+    def matches(self, key: int, address: str, node: str) -> bool:
+        """``address`` as the log shows it, ``node`` as the board names it."""
+        if self.keys and key not in self.keys:
+            return False
+        if self.addresses and not any(_is_at(address, it) for it in self.addresses):
+            return False
+        return not self.nodes or any(fnmatchcase(node, it) for it in self.nodes)
+
+
+class Settings:
+    """What the rules come to for one node of one client."""
+
+    def __init__(self, rules: list[Rule], clock: Callable[[], float] = time.monotonic) -> None:
+        self.domain: int | None = None
+        self.namespace = ""
+        self._remap: dict[str, str] = {}
+        self._qos: list[tuple[str, dict[str, int]]] = []
+        self._clock = clock
+        self.max_size: int | None = None
+        self.max_rate: float | None = None
+        for rule in rules:
+            self.domain = self.domain if rule.domain is None else rule.domain
+            self.namespace = self.namespace if rule.namespace is None else rule.namespace
+            self._remap.update(rule.remap)
+            self._qos.extend(rule.qos.items())
+            self.max_size = self.max_size if rule.max_size is None else rule.max_size
+            self.max_rate = self.max_rate if rule.max_rate is None else rule.max_rate
+        self._tokens = self._room = max(1.0, (self.max_rate or 0) * _BURST)
+        self._at = clock()
+
+    # --- names ------------------------------------------------------------------
+
+    def node(self, namespace: str, name: str) -> tuple[str, str]:
+        """Where the node stands and what it is called."""
+        return (self.namespace + namespace).rstrip("/") or "/", name
+
+    def name(self, name: str) -> str:
+        """The name of a topic or service for the one that the board uses."""
+        to = self._remap.get(name)
+        if to is None:
+            to = name if name in GLOBAL else self.namespace + name
+        return to
+
+    def topic(self, dds_name: str) -> str:
+        """The same for a topic's DDS name; other than ROS's stay as they are."""
+        name = names.topic_from_dds(dds_name)
+        return dds_name if name is None else names.topic_to_dds(self.name(name))
+
+    def service(self, service: Service) -> Service:
+        """The same for a service's pair of topics."""
+        return Service(
+            self._half(names.service_from_request, service.request_topic, "rq", "Request"),
+            service.request_type,
+            self._half(names.service_from_reply, service.reply_topic, "rr", "Reply"),
+            service.reply_type,
+        )
+
+    def _half(
+        self, demangle: Callable[[str], str | None], topic: str, prefix: str, suffix: str
+    ) -> str:
+        name = demangle(topic)
+        return topic if name is None else f"{prefix}{self.name(name)}{suffix}"
+
+    # --- QoS and limits ------------------------------------------------------------
+
+    def apply(self, qos: QoSProfile, dds_name: str) -> None:
+        """Set what the rules say of the topic that the board calls ``dds_name``."""
+        given = names.topic_from_dds(dds_name) or dds_name
+        for pattern, fields in self._qos:
+            if fnmatchcase(given, pattern) or fnmatchcase(self.name(given), pattern):
+                for key, value in fields.items():
+                    setattr(qos, key, value)
+
+    @property
+    def limits(self) -> bool:
+        """Whether :meth:`admits` is to be asked at all."""
+        return self.max_rate is not None or self.max_size is not None
+
+    def too_large(self, size: int) -> bool:
+        """Whether a message of so many bytes may never pass."""
+        return self.max_size is not None and size > self.max_size
+
+    def admits(self) -> bool:
+        """Whether one more message may pass now; it counts as passed then."""
+        if self.max_rate is None:
+            return True
+        now = self._clock()
+        self._tokens = min(self._room, self._tokens + (now - self._at) * self.max_rate)
+        self._at = now
+        if self._tokens < 1.0:
+            return False
+        self._tokens -= 1.0
+        return True
+
+    def limited(self, write: Write, refused: Callable[[str], None]) -> Write:
+        """``write`` under the limits. What is too large is dropped, and ``refused`` says so;
+        what is too much finds no room now, as with a slow network."""
+        if not self.limits:
+            return write
+
+        def within_limits(sample: memoryview) -> bool:
+            if self.too_large(len(sample)):
+                refused(f"{len(sample)} bytes are over max_size {self.max_size}")
+                return True
+            if not self.admits():
+                return False
+            if write(sample):
+                return True
+            self._tokens += 1.0  # it comes again
+            return False
+
+        return within_limits
+
+
+class Control:
+    """All rules, in order."""
+
+    def __init__(self) -> None:
+        self._rules: list[Rule] = []
+        self._none = Settings([])
+
+    def load(self, path: str | Path) -> int:
+        """Add a file's rules; how many. Raises ControlError naming the file."""
+        if sys.version_info >= (3, 11):
+            import tomllib
+        else:
+            import tomli as tomllib
+        try:
+            raw = Path(path).read_bytes()
+        except OSError as error:
+            raise ControlError(f"{path}: {error.strerror}") from error
+        if len(raw) > MAX_FILE:
+            raise ControlError(f"{path}: over {MAX_FILE} bytes")
+        try:
+            document = tomllib.loads(raw.decode("utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise ControlError(f"{path}: no TOML: {error}") from error
+        try:
+            rules = _rules(document)
+        except ControlError as error:
+            raise ControlError(f"{path}: {error}") from error
+        self._rules.extend(rules)
+        return len(rules)
+
+    def add(self, table: Mapping[str, Any]) -> None:
+        """Add one rule, as a ``[[client]]`` table has it. Raises ControlError."""
+        self._rules.append(parse_rule(table))
+
+    def settings(self, key: int, address: str, node: str) -> Settings:
+        """What applies to a node of a client; see :meth:`Rule.matches`."""
+        rules = [rule for rule in self._rules if rule.matches(key, address, node)]
+        return Settings(rules) if rules else self._none
+
+
+def _is_at(address: str, pattern: str) -> bool:
+    host = re.sub(r":[0-9]+$| \([0-9]+\)$", "", address).strip("[]")
+    try:
+        return ip_address(host) in ip_network(pattern, strict=False)
+    except ValueError:
+        return fnmatchcase(address, pattern) or fnmatchcase(host, pattern)
+
+
+# --- from TOML ----------------------------------------------------------------------
+
+
+def _rules(document: Mapping[str, Any]) -> list[Rule]:
+    _only(document, ("client",), "the file")
+    tables = document.get("client", [])
+    if not isinstance(tables, list) or not all(isinstance(it, dict) for it in tables):
+        raise ControlError("rules are [[client]] tables, with two brackets")
+    if not tables:
+        raise ControlError("there is no [[client]] table in it")
+    rules = []
+    for number, table in enumerate(tables, 1):
+        try:
+            rules.append(parse_rule(table))
+        except ControlError as error:
+            raise ControlError(f"[[client]] number {number}: {error}") from error
+    return rules
+
+
+def parse_rule(table: Mapping[str, Any]) -> Rule:
+    """A rule from a ``[[client]]`` table. Raises ControlError."""
+    _only(table, _SELECTORS + _ACTIONS, "a rule")
+    if not any(key in table for key in _ACTIONS):
+        raise ControlError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
+    rule = Rule(
+        keys=frozenset(_key(it) for it in _listed(table.get("key", []))),
+        addresses=tuple(_pattern(it, "address") for it in _listed(table.get("address", []))),
+        nodes=tuple(
+            names.absolute(_pattern(it, "node")) for it in _listed(table.get("node", []))
+        ),
+    )
+    if "domain" in table:
+        rule.domain = _whole(table["domain"], "domain", 0, MAX_DOMAIN)
+    if "namespace" in table:
+        rule.namespace = _namespace(table["namespace"])
+    remap = _table(table.get("remap", {}), "remap")
+    rule.remap = {_name(old, "remap"): _name(new, "remap") for old, new in remap.items()}
+    for pattern, fields in _table(table.get("qos", {}), "qos").items():
+        about = f'qos."{pattern}"'
+        rule.qos[names.absolute(_pattern(pattern, "qos"))] = _qos(_table(fields, about), about)
+    if "max_rate" in table:
+        rule.max_rate = _rate(table["max_rate"])
+    if "max_size" in table:
+        rule.max_size = _whole(table["max_size"], "max_size", 1, _MAX_MS)
+    return rule
+
+
+def _only(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
+    for key in table:
+        if key not in known:
+            close = get_close_matches(key, known, 1, 0.6)
+            hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
+            raise ControlError(f"{what} has no {key!r}{hint}")
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _table(value: Any, what: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ControlError(f"{what} is {value!r}, not a table such as {{ … = … }}")
+    return value
+
+
+def _key(value: Any) -> int:
+    """A client's key, as the log writes it or as a number."""
+    if isinstance(value, str) and re.fullmatch(r"0[xX][0-9A-Fa-f]{1,8}", value):
+        return int(value, 16)
+    return _whole(value, "key", 0, 0xFFFFFFFF, ' or a text such as "0x4B0CBE99"')
+
+
+def _whole(value: Any, what: str, low: int, high: int, also: str = "") -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise ControlError(f"{what} is {value!r}, not a whole number from {low} to {high}{also}")
+    return value
+
+
+def _rate(value: Any) -> float:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not 0.0 < value < 1e9:
+        raise ControlError(f"max_rate is {value!r}, not a number of messages a second above 0")
+    return float(value)
+
+
+def _pattern(value: Any, what: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise ControlError(f"{what} is {value!r}, not a text")
+    return value
+
+
+def _name(value: Any, what: str) -> str:
+    name = names.absolute(value) if isinstance(value, str) else ""
+    if not names.is_valid(name):
+        raise ControlError(
+            f"{what}: {value!r} is no ROS name: letters, digits and _ between slashes, no part"
+            " beginning with a digit"
+        )
+    return name
+
+
+def _namespace(value: Any) -> str:
+    return "" if value == "/" else _name(value, "namespace")
+
+
+def _qos(fields: Mapping[str, Any], about: str) -> dict[str, int]:
+    _only(fields, (*_POLICIES, *_NUMBERS), about)
+    found = {}
+    for key, value in fields.items():
+        if key in _NUMBERS:
+            found[key] = _whole(value, f"{about}.{key}", *_NUMBERS[key])
+        elif isinstance(value, str) and value in _POLICIES[key]:
+            found[key] = _POLICIES[key][value]
+        else:
+            known = " or ".join(_POLICIES[key])
+            raise ControlError(f"{about}.{key} is {value!r}, not {known}")
+    return found
