@@ -1,9 +1,9 @@
 """Counts what arrives on a DDS topic, in a process of its own.
 
-    python bench/counter.py DOMAIN
+    python bench/counter.py DOMAIN [TOPICS] [reliable]
 
-Prints ``ready`` when its reader has found a writer; a line on standard input
-is answered with the number of samples since the last.
+Counts on one topic, or on so many boards' topics. Prints ``ready``; a line on
+standard input is answered with the number of samples since the last.
 """
 
 from __future__ import annotations
@@ -22,20 +22,26 @@ def main() -> None:
     domain = int(sys.argv[1])
     cyclone.open_domain(domain, os.environ["CYCLONEDDS_URI"])
     participant = cyclone.create_participant(domain, b"")
-    topic = cyclone.create_topic(participant, TOPIC, TYPE)
+    boards = int(sys.argv[2]) if len(sys.argv) > 2 else 0
     qos = QoSProfile(depth=100_000, reliability=ReliabilityPolicy.BEST_EFFORT)
-    reader = cyclone.create_reader(cyclone.create_group("subscriber", participant), topic, qos)
+    if "reliable" in sys.argv:
+        qos = QoSProfile(depth=10)
+    group = cyclone.create_group("subscriber", participant)
     waitset = cyclone.Waitset()
-    waitset.attach(reader, 1)
+    readers = []
+    for key, name in enumerate([f"rt/board_{i}" for i in range(boards)] or [TOPIC], 1):
+        topic = cyclone.create_topic(participant, name, TYPE)
+        readers.append(cyclone.create_reader(group, topic, qos))
+        waitset.attach(readers[-1], key)
     count = 0
 
     def wait() -> None:
         nonlocal count
         while True:
-            if waitset.wait():
+            for key in waitset.wait():
                 got = -1
                 while got:
-                    got = len(cyclone.take(reader, 256))
+                    got = len(cyclone.take(readers[key - 1], 256))
                     count += got
 
     threading.Thread(target=wait, daemon=True).start()

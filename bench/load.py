@@ -29,8 +29,17 @@ def text(size: int) -> bytes:
 class Board:
     """See the module."""
 
-    def __init__(self, port: int, key: int, topic: str = TOPIC, reading: bool = False) -> None:
+    def __init__(
+        self,
+        port: int,
+        key: int,
+        topic: str = TOPIC,
+        reading: bool = False,
+        reliable: bool = False,
+    ) -> None:
+        """``reliable``: its datawriter is, and keeps all."""
         self.key = key
+        self._qos = ids.QOS_RELIABLE if reliable else ids.QOS_KEEP_LAST
         self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.sock.connect(("127.0.0.1", port))
         self.sequence = 0  # reliable stream
@@ -64,8 +73,7 @@ class Board:
             (PARTICIPANT, binary(entities.push_binary_participant, f"board_{self.key}", None), 0),
             (TOPIC_ID, binary(entities.push_binary_topic, topic, TYPE), PARTICIPANT),
             (PUBLISHER, binary(entities.push_binary_group, None, None), PARTICIPANT),
-            (WRITER, binary(entities.push_binary_endpoint, TOPIC_ID, ids.QOS_KEEP_LAST, 64),
-             PUBLISHER),
+            (WRITER, binary(entities.push_binary_endpoint, TOPIC_ID, self._qos, 64), PUBLISHER),
         ]  # fmt: skip
         if reading:
             wanted += [
@@ -188,3 +196,61 @@ def round_trips(sock: socket.socket, datagram: bytearray, at: int, count: int) -
                 break
         out.append((time.perf_counter() - started) * 1e6)
     return sorted(out)
+
+
+class Pacer:
+    """Lets many boards send in turn, evenly spread over time."""
+
+    def __init__(self, boards: list[Board], payload: bytes) -> None:
+        self._boards = boards
+        self._datagrams = [board.sample(payload, False) for board in boards]
+        self._sent = 0
+
+    def _send(self) -> None:
+        index = self._sent % len(self._boards)
+        datagram = self._datagrams[index]
+        self._boards[index].sock.send(datagram)
+        _count_up(datagram, 2)
+        self._sent += 1
+
+    def round(self) -> None:
+        """One sample of every board, slowly enough for any reader."""
+        for _ in self._boards:
+            self._send()
+            if not self._sent % 50:
+                time.sleep(0.005)
+
+    def run(self, rate: float, seconds: float) -> int:
+        """``rate`` samples a second of every board; how many that were."""
+        before, started = self._sent, time.perf_counter()
+        total = int(rate * seconds) * len(self._boards)
+        for number in range(1, total + 1):
+            self._send()
+            ahead = started + number / (rate * len(self._boards)) - time.perf_counter()
+            if ahead > 0.0005:
+                time.sleep(ahead)
+        return self._sent - before
+
+    def hear(self, rate: float, seconds: float) -> tuple[int, list[float]]:
+        """The same for boards that read what they write: how many were sent, and the seconds
+        that those took that came back, sorted."""
+        poll = select.poll()
+        by_fd = {board.sock.fileno(): board.sock for board in self._boards}
+        for fd in by_fd:
+            poll.register(fd, select.POLLIN)
+        started, sent_at, took = time.perf_counter(), {}, []
+        before, total = self._sent, int(rate * seconds) * len(self._boards)
+        end = started + seconds + 1.0
+        while time.perf_counter() < end and len(took) < total:
+            now = time.perf_counter()
+            number = self._sent - before
+            if number < total and now >= started + number / (rate * len(self._boards)):
+                self._datagrams[self._sent % len(self._boards)][16:24] = b"%08d" % number
+                sent_at[number] = now
+                self._send()
+                continue
+            for fd, _ in poll.poll(1):
+                answer = by_fd[fd].recv(65536)
+                if answer[4] == ids.DATA:
+                    took.append(time.perf_counter() - sent_at.pop(int(answer[16:24])))
+        return total, sorted(took)

@@ -1,0 +1,141 @@
+"""Many boards on one agent, and one that does not care for the others.
+
+    python bench/fleet.py [--quick]
+
+Boards are UDP sockets of one process, each with a topic of its own, 64-byte
+strings, best effort; what arrives is counted by a DDS reader in another
+process. Visibility is asked of a real rclpy where ``.venv-ros`` is (``make
+test`` makes it). The goals are printed beside the figures and decide nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import select
+import signal
+import subprocess
+import sys
+import time
+
+from load import Board, Pacer, text
+from process import DOMAIN, HERE, PORT, Process, agent, settled, show
+
+SIZE = 64
+ROS_PYTHON = HERE.parent / ".venv-ros" / "bin" / "python"
+
+
+def visible(boards: int) -> Process | None:
+    """A node of rclpy that says when it sees all boards' nodes and topics."""
+    if not ROS_PYTHON.exists():
+        return None
+    return Process("visible.py", str(DOMAIN), str(boards), ready="ready", python=ROS_PYTHON)
+
+
+def bench_fleet(clients: int, rate: float, seconds: float, with_ros: bool) -> dict[str, float]:
+    """Memory in MB, CPU in cores, set-up in ms each, samples lost in %, seconds until seen."""
+    process = agent()
+    counter = Process("counter.py", str(DOMAIN), str(clients), ready="ready")
+    peer = visible(clients) if with_ros else None
+    found = {"idle MB": process.resident()}
+    try:
+        boards = [Board(PORT, 0x2000 + i, f"rt/board_{i}") for i in range(clients)]
+        set_up = time.perf_counter()
+        found["set-up ms"] = sum(board.set_up for board in boards) / clients * 1000
+        if peer is not None:
+            peer.line()
+            found["seen s"] = time.perf_counter() - set_up
+        pacer = Pacer(boards, text(SIZE))
+        deadline = time.monotonic() + 60
+        matched = 0
+        while matched < clients and time.monotonic() < deadline:  # until the counter hears all
+            counter.ask()
+            pacer.round()
+            select.select([], [], [], 0.3)
+            matched = counter.ask()
+        before, started = process.cpu(), time.perf_counter()
+        sent = pacer.run(rate, seconds)
+        found["cores"] = (process.cpu() - before) / (time.perf_counter() - started)
+        found["lost %"] = 100 * (sent - settled(counter)) / sent
+        found["MB"] = process.resident()
+        found["MB each"] = (found["MB"] - found["idle MB"]) / clients
+        if peer is not None:
+            peer.close()
+            started = time.perf_counter()
+            peer = visible(clients)
+            assert peer is not None
+            peer.line()
+            found["seen late s"] = time.perf_counter() - started
+        return found
+    finally:
+        if peer is not None:
+            peer.close()
+        counter.close()
+        process.close()
+
+
+def bench_beside(what: str, seconds: float) -> tuple[float, float, float]:
+    """Ten boards at 20 Hz hear themselves by DDS, beside one that floods the agent or one
+    whose reliable reader stands still: p50 and p99 in ms, lost in %."""
+    process = agent()
+    boards = [Board(PORT, 0x3000 + i, f"rt/board_{i}", reading=True) for i in range(10)]
+    counter = Process("counter.py", str(DOMAIN), *(["0", "reliable"] if what == "stop" else []),
+                      ready="ready")  # fmt: skip
+    noise = subprocess.Popen(
+        [sys.executable, "noise.py", str(PORT), what, str(seconds + 2)], cwd=HERE
+    )
+    try:
+        if what != "calm":
+            while not counter.ask():
+                select.select([], [], [], 0.05)
+        if what == "stop":
+            counter.signal(signal.SIGSTOP)
+        sent, times = Pacer(boards, text(SIZE)).hear(20, seconds)
+        return (
+            times[len(times) // 2] * 1e3,
+            times[len(times) * 99 // 100] * 1e3,
+            100 * (sent - len(times)) / sent,
+        )
+    finally:
+        counter.signal(signal.SIGCONT)
+        noise.kill()
+        noise.wait()
+        counter.close()
+        process.close()
+
+
+def figure(what: str, value: float, goal: str, digits: int = 1) -> None:
+    show(what, 0, value, goal, digits)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a fifth of the time, noisy")
+    seconds = 2.0 if parser.parse_args().quick else 10.0
+    resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
+    for clients, megabytes, cores in ((120, 60, 0.15), (1000, 150, 0.7)):
+        found = bench_fleet(clients, 10, seconds, with_ros=clients == 1000)
+        figure(f"{clients} boards at 10 Hz: memory, MB", found["MB"], f"≤ {megabytes}")
+        figure("  of which idle", found["idle MB"], "")
+        figure("  a board, MB", found["MB each"], "≤ 0.1", 3)
+        figure("  CPU, cores", found["cores"], f"≤ {cores}", 3)
+        figure("  set-up each, ms", found["set-up ms"], "≤ 3", 2)
+        figure("  lost, %", found["lost %"], "0", 2)
+        if "seen s" in found:
+            figure("  all seen by rclpy, s after the last", found["seen s"], "≤ 10")
+            figure("  all seen by an rclpy that starts then, s", found["seen late s"], "≤ 10")
+        elif clients == 1000:
+            print("  (no .venv-ros: what rclpy sees was not measured; 'make test' makes it)")
+    for what, title, goal in (
+        ("calm", "ten boards at 20 Hz alone", ""),
+        ("flood", "beside one that sends 50,000/s", "≤ 10"),
+        ("stop", "beside one whose reader is stopped", "≤ 20"),
+    ):
+        p50, p99, lost = bench_beside(what, seconds)
+        figure(f"{title}: p50, ms", p50, "", 2)
+        figure("  p99, ms", p99, goal, 2)
+        figure("  lost, %", lost, "≤ 1" if goal else "", 2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""A node of real rclpy that waits until it sees all boards.
+
+    .venv-ros/bin/python bench/visible.py DOMAIN BOARDS
+
+Prints ``ready``, and ``seen`` when every board's node and topic is in its graph.
+"""
+
+import os
+import sys
+import time
+
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = sys.argv[1]
+
+import rclpy  # noqa: E402  it reads the environment when it is imported
+
+
+def main() -> None:
+    boards = int(sys.argv[2])
+    rclpy.init()
+    node = rclpy.create_node("visible")
+    print("ready", flush=True)
+    while True:
+        names = [name for name in node.get_node_names() if name.startswith("board_")]
+        topics = [name for name, _ in node.get_topic_names_and_types() if "/board_" in name]
+        if len(set(names)) >= boards and len(set(topics)) >= boards:
+            break
+        time.sleep(0.05)
+    print("seen", len(names), len(topics), flush=True)
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()
