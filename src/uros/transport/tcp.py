@@ -1,4 +1,4 @@
-"""TCP over IPv4 at the agent's end: each message behind its 16-bit length."""
+"""TCP over IPv4 or IPv6 at the agent's end: each message behind its 16-bit length."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from typing import Final
 
 from ..wire.framing import LengthDeframer
 from .base import INFO, WARNING, Host, ServerTransport, TransportError
-from .udp import bind_trouble
+from .ip import (
+    Address,
+    bind_trouble,
+    family_of,
+    listening_socket,
+    text_of,
+    warn_without_ipv6,
+)
 
 # What is handled before it is another socket's turn.
 _CHUNK: Final = 16384
@@ -23,7 +30,7 @@ _TCP_QUICKACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)
 class _Connection:
     __slots__ = ("address", "deframer", "sock", "unsent")
 
-    def __init__(self, sock: socket.socket, address: tuple[str, int]) -> None:
+    def __init__(self, sock: socket.socket, address: Address) -> None:
         self.sock = sock
         self.address = address
         self.deframer = LengthDeframer()
@@ -41,33 +48,34 @@ def _acknowledge_at_once(sock: socket.socket) -> None:
 
 
 class TcpServer(ServerTransport):
-    """Accepts connections on one port; a session ends with its connection."""
+    """Accepts connections on one port; a session ends with its connection.
 
-    name = "TCPv4Agent"
+    Of all addresses of IPv4 ("0.0.0.0") or IPv6 ("::"), or of one.
+    """
+
     kind = "TCP"
 
     def __init__(self, port: int, host: str = "0.0.0.0") -> None:
         super().__init__()
+        self.name = "TCPv6Agent" if family_of(host) == socket.AF_INET6 else "TCPv4Agent"
         self.port = port
-        self._host_address = host
+        self.listens_on = host
         self._socket: socket.socket | None = None
         self._connections: set[_Connection] = set()
 
     def open(self, host: Host) -> None:
-        sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock = listening_socket("TCP", self.listens_on, self.port)
         try:
-            sock.bind((self._host_address, self.port))
             sock.listen(100)
         except OSError as error:
             sock.close()
             raise TransportError(error.errno, bind_trouble("TCP", self.port, error)) from error
-        self.port = sock.getsockname()[1]
+        self.listens_on, self.port = sock.getsockname()[:2]
         self._socket = sock
         self._host = host
         self._listen()
         host.note(INFO, self.name, "init", "running...", f"port: {self.port}")
+        warn_without_ipv6(host, self.name, self.listens_on)
 
     def _listen(self) -> None:
         if self._socket is not None:
@@ -100,10 +108,8 @@ class TcpServer(ServerTransport):
         self._connections.add(connection)
         self._host.watch(sock.fileno(), lambda: self._ready(connection))
 
-    def _note(self, what: str, about: str, address: tuple[str, int]) -> None:
-        self._host.note(
-            WARNING, self.name, "tcp", what, f"address: {address[0]}:{address[1]}, {about}"
-        )
+    def _note(self, what: str, about: str, address: Address) -> None:
+        self._host.note(WARNING, self.name, "tcp", what, f"address: {text_of(address)}, {about}")
 
     def _ready(self, connection: _Connection) -> None:
         if connection.unsent:
@@ -159,7 +165,7 @@ class TcpServer(ServerTransport):
             self._host.gone(self, connection)
 
     def address(self, peer: _Connection) -> str:
-        return f"{peer.address[0]}:{peer.address[1]}"
+        return text_of(peer.address)
 
     def close(self) -> None:
         for connection in list(self._connections):

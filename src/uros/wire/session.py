@@ -151,9 +151,9 @@ def push_info(
 ) -> None:
     """What the agent is: the pong.
 
-    ``locators`` are (4 bytes of IPv4 address, port). ``implementation`` is 1
-    where the asker has a session, 0 where not: eProsima's clients tell by it
-    whether they must reconnect.
+    ``locators`` are (address, port), the address of 4 bytes (IPv4) or of 16
+    (IPv6). ``implementation`` is 1 where the asker has a session, 0 where not:
+    eProsima's clients tell by it whether they must reconnect.
     """
     push_status(w, request_id, object_id, status, implementation)
     w.boolean(True)
@@ -164,15 +164,20 @@ def push_info(
     w.i16(1)  # available
     w.u32(len(locators))
     for address, port in locators:
-        w.u8(1)  # ADDRESS_FORMAT_MEDIUM: IPv4
-        w.array(address, 4)
-        w.u16(port)
+        if len(address) == 16:
+            w.u8(2)  # ADDRESS_FORMAT_LARGE: IPv6
+            w.octets(address)
+            w.u32(port)
+        else:
+            w.u8(1)  # ADDRESS_FORMAT_MEDIUM: IPv4
+            w.array(address, 4)
+            w.u16(port)
 
 
 def pull_info(r: "Reader") -> "tuple[int, int, int, int, list[tuple[bytes, int]]]":
     """``(request id, object id, status, implementation status, locators)``.
 
-    Locators of other formats than IPv4 are passed over.
+    Locators of other formats than IPv4 and IPv6 are passed over.
     """
     request_id, object_id, status, implementation = pull_status(r)
     locators: "list[tuple[bytes, int]]" = []
@@ -193,8 +198,8 @@ def pull_info(r: "Reader") -> "tuple[int, int, int, int, list[tuple[bytes, int]]
                 address = r.octets(4)
                 locators.append((address, r.u16()))
             elif form == 2:
-                r.octets(16)
-                r.u32()
+                address = r.octets(16)
+                locators.append((address, r.u32()))
             elif form == 3:
                 r.string()
             else:

@@ -143,6 +143,15 @@ def test_info_with_locators() -> None:
         session.pull_info,
         (1, 0xFFFD, 0, 0, [(b"\x7f\0\0\x01", 8888), (b"\xc0\xa8\0\x01", 8889)]),
     )
+    pair(  # by hand
+        "0001 fffd 00 00 01 0d 58524345 0100 010f 00 01 0d 00 0100 0000 02000000"
+        "02 20010db8000000000000000000000001 000000 b8220000 01 c0a80001 00 b922",
+        session.push_info,
+        session.pull_info,
+        (1, 0xFFFD, 0, 0, [
+            (b"\x20\x01\x0d\xb8" + bytes(11) + b"\x01", 8888), (b"\xc0\xa8\0\x01", 8889),
+        ]),
+    )  # fmt: skip
     w = Writer(bytearray(99))
     refused(EncodeError, session.push_info, w, 1, 0xFFFD, 0, 0, [(b"\x7f\0\x01", 8888)])
     w = Writer(bytearray(99))
@@ -157,7 +166,8 @@ def test_info_with_locators_of_every_format() -> None:
         "03 000000 03000000 616200"
     )
     r = reader(octets)
-    assert session.pull_info(r) == (1, 0xFFFD, 0, 0, [(b"\x7f\0\0\x01", 8888)])
+    locators = [(b"\x7f\0\0\x01", 8888), (b" " * 16, 8888)]
+    assert session.pull_info(r) == (1, 0xFFFD, 0, 0, locators)
     assert r.remaining() == 0
 
 

@@ -1,0 +1,319 @@
+"""How boards find the agent: they ask a multicast group, and are told where it listens.
+
+A client sends GET_INFO outside of any session, to the group or to an address that it was told;
+the INFO that answers carries the locators of the agent. Locators are an address and a port, and
+do not say whether UDP or TCP is spoken there, so those of UDP come first.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import sys
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from ..wire import ids, session
+from ..wire.cdr import Reader
+from ..wire.errors import DecodeError
+from ..wire.header import MessageWriter, pull_header, pull_subheader
+from . import addresses
+from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
+from .ip import Address, bind_trouble, family_of, text_of
+from .tcp import TcpServer
+from .udp import UdpServer
+
+DEFAULT_PORT: Final = 7400
+GROUP: Final = "239.255.0.2"
+# What eProsima's clients have room for; as many fit their 200 bytes.
+MAX_LOCATORS: Final = 4
+# Attack: questions in the name of another, who gets the answers, eight times as long. A second:
+MAX_ANSWERS: Final = 50
+# Attack: the same in the name of many; so many are remembered, too.
+MAX_ANSWERS_IN_ALL: Final = 500
+# Attack: a line in the log for each bad packet. Seconds from one line to the next.
+FAULT_PAUSE: Final = 10.0
+# Networks come and go: seconds from one look at the interfaces to the next.
+SCAN_PAUSE: Final = 10.0
+_LARGEST: Final = 2048
+_IP_MULTICAST_ALL: Final = 49  # of Linux; Python has no name for it
+
+
+def read_question(buf: bytearray | bytes, length: int) -> tuple[int, int, int, int]:
+    """``(session id, client key or 0, request id, object id)`` of a GET_INFO.
+
+    Raises DecodeError for anything else.
+    """
+    session_id, _, _, key, at = pull_header(buf, length)
+    kind, flags, start, stop = pull_subheader(buf, at, length)
+    outside = session_id in (ids.SESSION_NONE_WITH_KEY, ids.SESSION_NONE_WITHOUT_KEY)
+    if kind == ids.CREATE_CLIENT:
+        raise DecodeError("a board wants to begin its session at the port for discovery")
+    if kind != ids.GET_INFO or not outside:
+        raise DecodeError("submessage %d of session 0x%02X is no question" % (kind, session_id))
+    r = Reader(buf, start, stop, bool(flags & ids.FLAG_LITTLE_ENDIAN))
+    request_id, object_id, _ = session.pull_get_info(r)
+    return session_id, key or 0, request_id, object_id
+
+
+def write_answer(question: tuple[int, int, int, int], locators: list[tuple[bytes, int]]) -> bytes:
+    """The INFO for a question."""
+    session_id, key, request_id, object_id = question
+    w = MessageWriter(bytearray(256), session_id, ids.STREAM_NONE, 0, key)
+    w.begin(ids.INFO)
+    session.push_info(w, request_id, object_id, ids.STATUS_OK, 0, locators)
+    return bytes(w.finish())
+
+
+class AnswerLimit:
+    """So many answers a second to one address, and to all."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, int] = {}
+        self._in_all = 0
+        self._ends = 0.0
+
+    def admit(self, source: str, now: float) -> bool:
+        """Whether one more may go to ``source``; ``now`` is in seconds."""
+        if now >= self._ends:
+            self._counts.clear()
+            self._in_all = 0
+            self._ends = now + 1.0
+        count = self._counts.get(source, 0)
+        if count >= MAX_ANSWERS or self._in_all >= MAX_ANSWERS_IN_ALL:
+            return False
+        self._counts[source] = count + 1
+        self._in_all += 1
+        return True
+
+
+class DiscoveryServer(ServerTransport):
+    """Tells where ``transports`` listen, as far as they are UDP or TCP. It has no sessions.
+
+    On Linux it joins the group on every interface with an IPv4 address, those that come later
+    too; elsewhere on the one that the system chooses.
+    """
+
+    name = "DiscoveryServer"
+    kind = "UDP"
+
+    def __init__(self, transports: Sequence[ServerTransport], port: int = DEFAULT_PORT) -> None:
+        super().__init__()
+        self.port = port
+        self.faults = 0
+        found = [it for it in transports if isinstance(it, (UdpServer, TcpServer))]
+        # A client that looks at the first only is one that speaks UDP over IPv4.
+        self._servers = sorted(
+            found, key=lambda it: (it.kind != "UDP", family_of(it.listens_on) == socket.AF_INET6)
+        )
+        self._limit = AnswerLimit()
+        self._buf = bytearray(_LARGEST)
+        self._group: socket.socket | None = None
+        # What is sent to an address and not to the group, by interface; see _own_socket.
+        self._own: dict[str, tuple[str, socket.socket]] = {}
+        self._joined: dict[str, str] = {}
+        self._trouble: dict[str, str] = {}
+        self._next_line = 0.0
+
+    # --- sockets ------------------------------------------------------------------
+
+    def open(self, host: Host) -> None:
+        try:
+            sock = _reusing_socket("0.0.0.0", self.port)
+        except OSError as error:
+            said = bind_trouble("UDP", self.port, error, "--discovery")
+            raise TransportError(error.errno, said) from error
+        self.port = sock.getsockname()[1]
+        self._group = sock
+        self._host = host
+        host.watch(sock.fileno(), lambda: self._drain(sock))
+        self._scan_interfaces()
+        where = ", ".join(f"{name} ({ip})" for name, ip in self._joined.items())
+        host.note(
+            INFO, self.name, "init", "running...",
+            f"port: {self.port}, group: {GROUP}, interfaces: {where or 'none'}",
+        )  # fmt: skip
+        if not self._servers:
+            host.note(
+                WARNING, self.name, "init", "nothing to discover",
+                "the agent listens neither on UDP nor on TCP: add udp4, or leave --discovery out",
+            )  # fmt: skip
+        elif all(ip.startswith("127.") for ip in self._joined.values()):
+            host.note(
+                WARNING, self.name, "init", "only this machine can find the agent",
+                "no network has the multicast group: connect one (looked for again every"
+                f" {SCAN_PAUSE:.0f} s), or tell boards this machine's address",
+            )  # fmt: skip
+        self._look_again()
+
+    def _look_again(self) -> None:
+        if self._group is not None:
+            before = dict(self._joined)
+            self._scan_interfaces()
+            for name in self._joined.keys() - before.keys():
+                self._host.note(
+                    INFO, self.name, "scan", "interface found", f"{name} ({self._joined[name]})"
+                )
+            for name in before.keys() - self._joined.keys():
+                self._host.note(
+                    INFO, self.name, "scan", "interface lost", f"{name} ({before[name]})"
+                )
+            self._host.wake_at(SCAN_PAUSE, self._look_again)
+
+    def _scan_interfaces(self) -> None:
+        """Join the group on interfaces that are new, and forget those that are gone."""
+        found = addresses.ipv4_by_interface()
+        if sys.platform != "linux":
+            found = {"default": "0.0.0.0"}
+        for name in [name for name, ip in self._joined.items() if found.get(name) != ip]:
+            del self._joined[name]
+            if name in self._own:
+                sock = self._own.pop(name)[1]
+                self._host.unwatch(sock.fileno())
+                sock.close()
+        for name, ip in found.items():
+            # Those that are joined too: one that was away meanwhile is not a member any more.
+            trouble = self._join(ip)
+            if trouble is None:
+                self._trouble.pop(name, None)
+                if name not in self._joined:
+                    self._joined[name] = ip
+                    self._own_socket(name, ip)
+            elif self._trouble.get(name) != trouble:
+                self._trouble[name] = trouble
+                self._host.note(
+                    WARNING, self.name, "init", "no multicast",
+                    f"interface: {name} ({ip}), {trouble}: boards there must ask this address"
+                    " itself (is there a route, as by: ip route add 224.0.0.0/4 dev NAME?)",
+                )  # fmt: skip
+
+    def _join(self, ip: str) -> str | None:
+        """Why the group cannot be joined there; None: it is joined."""
+        if self._group is None:
+            return "closed"
+        both = socket.inet_aton(GROUP) + socket.inet_aton(ip)
+        try:
+            self._group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, both)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:  # it is in already, with another address
+                return error.strerror or str(error)
+        return None
+
+    def _own_socket(self, name: str, ip: str) -> None:
+        """Listen on one address, besides all.
+
+        Of the sockets on all addresses, the youngest gets what is sent to one of them. DDS opens
+        such a one in domain 0, whose port for multicast is 7400; one on the address comes first.
+        """
+        if sys.platform != "linux":
+            return
+        try:
+            sock = _reusing_socket(ip, self.port)
+        except OSError:
+            return  # the socket on all addresses does as well, where no DDS is
+        self._own[name] = ip, sock
+        self._host.watch(sock.fileno(), lambda: self._drain(sock))
+
+    def close(self) -> None:
+        if self._group is not None:
+            for sock in [self._group, *(sock for _, sock in self._own.values())]:
+                self._host.unwatch(sock.fileno())
+                sock.close()
+            self._group = None
+            self._own.clear()
+            self._joined.clear()
+
+    # --- questions and answers ------------------------------------------------------
+
+    def _drain(self, sock: socket.socket) -> None:
+        for _ in range(MAX_BURST):
+            if sock.fileno() < 0:
+                return
+            try:
+                length, peer = sock.recvfrom_into(self._buf)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self._host.note(ERROR, self.name, "receive", "socket error", str(error))
+                return
+            try:
+                question = read_question(self._buf, length)
+            except DecodeError as error:
+                self._fault(peer, str(error))
+                continue
+            if self._limit.admit(peer[0], time.monotonic()):
+                locators = self.locators(peer)
+                if locators:
+                    self._reply(sock, peer, write_answer(question, locators))
+
+    def _reply(self, sock: socket.socket, peer: Address, answer: bytes) -> None:
+        try:
+            sock.sendto(answer, peer)
+        except OSError:
+            pass  # no room, no route, nobody there: who still wants to know asks again
+
+    def _fault(self, peer: Address, about: str) -> None:
+        self.faults += 1
+        now = time.monotonic()
+        if now >= self._next_line:
+            self._next_line = now + FAULT_PAUSE
+            self._host.note(
+                WARNING, self.name, "receive", "not a question for agents",
+                f"address: {text_of(peer)}, {about} ({self.faults} so far;"
+                f" this port tells where the agent is, boards talk to it at {self._ports()})",
+            )  # fmt: skip
+
+    def _ports(self) -> str:
+        return ", ".join(f"{it.kind} {it.port}" for it in self._servers) or "no port"
+
+    def locators(self, asker: Address) -> list[tuple[bytes, int]]:
+        """Where the agent listens, in addresses that mean something to the asker."""
+        here = addresses.own_address((asker[0], asker[1]))
+        if here is None:
+            return []
+        local = here.startswith("127.") or asker[0] == here
+        found: list[tuple[bytes, int]] = []
+        for server in self._servers:
+            address = self._address_of(server.listens_on, here, local)
+            if address is not None and not addresses.is_link_local(address):
+                locator = socket.inet_pton(family_of(address), address), server.port
+                if locator not in found:
+                    found.append(locator)
+        return found[:MAX_LOCATORS]
+
+    def _address_of(self, listens_on: str, here: str, local: bool) -> str | None:
+        """What to tell an asker to whom this machine is ``here``; None: he cannot come there."""
+        if listens_on in ("0.0.0.0", ""):
+            return here
+        if listens_on != "::":
+            for_all = not listens_on.startswith("127.") and listens_on != "::1"
+            return listens_on if for_all or local else None
+        if here.startswith("127."):
+            return "::1"
+        names = [name for name, ip in addresses.ipv4_by_interface().items() if ip == here]
+        return addresses.ipv6_of(names[0] if names else None)
+
+    # --- the rest of a transport: there are no peers to send to -----------------------
+
+    def send(self, peer: Address, datagram: bytes) -> None:
+        """Nothing: what is asked here is answered at once."""
+
+    def address(self, peer: Address) -> str:
+        return text_of(peer)
+
+
+def _reusing_socket(address: str, port: int) -> socket.socket:
+    """A UDP socket that lets other agents, and DDS, listen on the port too."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if sys.platform == "linux":
+            # Else it hears every group that anybody on this machine has joined: that of DDS.
+            sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        sock.bind((address, port))
+    except OSError:
+        sock.close()
+        raise
+    return sock
