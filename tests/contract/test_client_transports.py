@@ -2,6 +2,7 @@
 
 import os
 import select
+import socket
 import time
 import tty
 from contextlib import ExitStack, contextmanager
@@ -14,6 +15,8 @@ from uros.interfaces.std_srvs.srv import Trigger
 
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
 from uros.transport.base import TransportError
+from uros.transport.canboard import CanTransport
+from uros.transport.canport import CanPort
 from uros.transport.datagram import UdpTransport
 from uros.transport.device import DevicePort
 from uros.transport.stream import StreamTransport
@@ -33,15 +36,15 @@ class Surroundings:
 
     def start(self):
         self.agent = RunningAgent(self.kind, "memory", 0, 4)
-        if self.kind == "udp" and self.port:
+        if self.kind in ("udp", "udp6") and self.port:
             from uros.agent.server import Server
             from uros.transport.udp import UdpServer
 
-            self.agent.transport = UdpServer(self.port, "127.0.0.1")
+            self.agent.transport = UdpServer(self.port, self.agent.transport.listens_on)
             self.agent.server = Server(self.agent.agent, [self.agent.transport])
         self.agent.thread.start()
         assert self.agent.server.ready.wait(SECONDS)
-        if self.kind == "udp":
+        if self.kind in ("udp", "udp6"):
             self.port = self.agent.transport.port
 
     def stop(self):
@@ -54,12 +57,18 @@ class Surroundings:
 class Udp(Surroundings):
     count = 2
 
-    def __init__(self):
-        super().__init__("udp")
+    def __init__(self, kind="udp", host="127.0.0.1"):
+        super().__init__(kind)
+        self.host = host
         self.start()
 
     def transport(self):
-        return UdpTransport("127.0.0.1", self.port)
+        return UdpTransport(self.host, self.port)
+
+
+class Udp6(Udp):
+    def __init__(self):
+        super().__init__("udp6", "::1")
 
 
 class Serial(Surroundings):
@@ -112,10 +121,35 @@ class Memory(Surroundings):
         assert self.agent.server.ready.wait(SECONDS)
 
 
+class Can(Surroundings):
+    """python-can's bus in memory; each board has an id of its own there."""
+
+    count = 2
+
+    def __init__(self):
+        super().__init__("can")
+        self.channel = f"uros-client-{os.getpid()}"
+        self.start()
+
+    def start(self):
+        from support.can import CanServer
+
+        from uros.agent.server import Server
+
+        self.agent = RunningAgent("can", "memory", 0, 4)
+        self.agent.transport = CanServer(self.channel, "virtual")
+        self.agent.server = Server(self.agent.agent, [self.agent.transport])
+        self.agent.thread.start()
+        assert self.agent.server.ready.wait(SECONDS)
+
+    def transport(self):
+        return CanTransport(CanPort(self.channel, "virtual"), 0x200 + len(self.nodes))
+
+
 @contextmanager
 def place(kind):
     with ExitStack() as stack:
-        made = {"udp": Udp, "serial": Serial, "memory": Memory}[kind]()
+        made = {"udp": Udp, "udp6": Udp6, "serial": Serial, "memory": Memory, "can": Can}[kind]()
         stack.callback(getattr(made, "close", lambda: None))
         stack.callback(lambda: made.agent and made.stop())
         yield made
@@ -125,7 +159,7 @@ def place(kind):
             end._socket.close()
 
 
-@pytest.fixture(params=["udp", "serial", "memory"])
+@pytest.fixture(params=["udp", "udp6", "serial", "memory", "can"])
 def made(request):
     with place(request.param) as it:
         yield it
@@ -200,7 +234,7 @@ def test_a_node_takes_its_leave(made):
     assert made.agent.agent.clients == {} and node.state == WAITING_AGENT
 
 
-@pytest.mark.parametrize("kind", ["udp", "serial"])
+@pytest.mark.parametrize("kind", ["udp", "serial", "can"])
 def test_everything_is_there_again_after_another_agent(kind):
     with place(kind) as made:
         node = boards(made, "node")[0]
@@ -246,6 +280,40 @@ def test_an_agent_that_comes_later():
         assert node.state == WAITING_AGENT
         made.start()
         connected(made)
+
+
+@pytest.mark.parametrize("kind", ["udp", "udp6"])
+def test_a_name_with_addresses_of_both_families(kind, monkeypatch):
+    """The agent listens on one of them, and no answer to the other comes but a refusal."""
+
+    def both(host, port, *_):
+        assert host == "robot.local"
+        return [
+            (socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("fe80::1", port, 0, 0)),  # no way
+            (socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("::1", port, 0, 0)),
+            (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.1", port)),
+        ]
+
+    with place(kind) as made:
+        monkeypatch.setattr("uros.transport.datagram.socket.getaddrinfo", both)
+        made.host = "robot.local"
+        node = boards(made, "node")[0]
+        connected(made)
+        made.stop()
+        until(made, lambda: node.state == WAITING_AGENT)
+        made.start()
+        connected(made)
+        assert node.connection.connections == 2
+
+
+def test_a_name_with_no_way_to_any_address(monkeypatch):
+    nowhere = [(socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("fe80::1", 9, 0, 0))]
+    monkeypatch.setattr("uros.transport.datagram.socket.getaddrinfo", lambda *_: nowhere)
+    transport = UdpTransport("robot.local", 9)
+    for _ in range(3):
+        with pytest.raises(OSError):
+            transport.open()
+    transport.close()
 
 
 # --- the device -------------------------------------------------------------------------------
@@ -321,5 +389,5 @@ def test_why_a_device_does_not_open(terminal, tmp_path):
     first.open()
     assert "in use by another program" in str(refused(DevicePort(terminal[1])))
     first.close()
-    with pytest.raises(TransportError, match="baud rate 12345"):
-        DevicePort(terminal[1], 12345)
+    with pytest.raises(TransportError, match="baud rate 0 does not exist"):
+        DevicePort(terminal[1], 0)

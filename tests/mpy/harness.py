@@ -34,6 +34,7 @@ PORTABLE = (
     "ticks.py",
     "qos.py",
     "transport/__init__.py",
+    "transport/canboard.py",
     "transport/stream.py",
     "client",
     "interfaces/__init__.py",

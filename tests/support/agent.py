@@ -3,16 +3,21 @@
 import io
 import os
 import threading
+import time
 import tty
 from contextlib import contextmanager
 
+from support import serials
 from support.lines import SECONDS, SerialLine, SharedTerminal, TcpLine, UdpLine
 from uros.agent.agent import Agent
 from uros.agent.log import Log
 from uros.agent.server import Server
 from uros.middleware import open_middleware
 
-TRANSPORTS = ("udp", "tcp", "serial", "pseudoterminal")
+TRANSPORTS = (
+    "udp", "tcp", "udp6", "tcp6", "serial", "pseudoterminal", *serials.KINDS,
+    "can", "socketcan", "custom", "custom-framed",
+)  # fmt: skip
 
 
 class RunningAgent:
@@ -25,26 +30,39 @@ class RunningAgent:
         self.agent = Agent(self.middleware, Log(level, self.said), domain_override=domain)
         self._master = self._slave = -1
         self._device = device
-        self.transport = self._make(transport)
-        self.server = Server(self.agent, [self.transport])
+        self._ends = serials.make(transport) if transport in serials.KINDS else None
+        transports = self._ends.transports if self._ends else [self._make(transport)]
+        self.transport = transports[0]
+        self.server = Server(self.agent, transports)
         self.error = None
         self.thread = threading.Thread(target=self._run, name="agent", daemon=True)
         self.lines = []
         self._terminal = None
 
     def _make(self, kind):
-        if kind == "udp":
+        loopback = "::1" if kind.endswith("6") else "127.0.0.1"
+        if kind in ("udp", "udp6"):
             from uros.transport.udp import UdpServer
 
-            return UdpServer(0, "127.0.0.1")
-        if kind == "tcp":
+            return UdpServer(0, loopback)
+        if kind in ("tcp", "tcp6"):
             from uros.transport.tcp import TcpServer
 
-            return TcpServer(0, "127.0.0.1")
+            return TcpServer(0, loopback)
         if kind == "memory":  # its lines are transport.connect(), for boards of ours
             from uros.transport.memory import MemoryServer
 
             return MemoryServer()
+        if kind in ("can", "socketcan"):
+            from support import can
+
+            return can.virtual() if kind == "can" else can.KernelCan()
+        if kind in ("custom", "custom-framed"):
+            from support import custom
+            from uros.transport.custom import CustomServer
+
+            self._custom = custom.Datagrams() if kind == "custom" else custom.Stream()
+            return CustomServer(self._custom)
         from uros.transport.serial import PseudoTerminalServer, SerialServer
 
         if kind == "pseudoterminal":
@@ -63,13 +81,27 @@ class RunningAgent:
 
     def line(self, number=0):
         """The line of the n-th client. On a serial line all share one, boards from 1 up."""
-        if self.kind == "udp":
-            line = UdpLine(self.transport.port)
-        elif self.kind == "tcp":
-            line = TcpLine(self.transport.port)
+        if self.kind in ("udp", "udp6"):
+            line = UdpLine(self.transport.port, self.transport.listens_on)
+        elif self.kind in ("tcp", "tcp6"):
+            line = TcpLine(self.transport.port, self.transport.listens_on)
+        elif self._ends is not None:
+            line = self._ends.line(number)
+        elif self.kind == "can":
+            from support.can import VirtualLine
+
+            line = VirtualLine(self.transport._device, 0x100 + number)
+        elif self.kind == "socketcan":
+            from support.can import KernelLine
+
+            line = KernelLine(self.transport, 0x100 + number, self.lines)
+        elif self.kind == "custom":
+            line = UdpLine(self._custom_port())
         else:
             if self._terminal is None:
                 fd = self._master
+                if self.kind == "custom-framed":
+                    fd = self._custom.theirs.fileno()
                 if self.kind == "pseudoterminal":
                     fd = os.open(self.transport.device, os.O_RDWR | os.O_NOCTTY)
                     self._slave = fd
@@ -77,6 +109,14 @@ class RunningAgent:
             line = self._terminal.line(number + 1)
         self.lines.append(line)
         return line
+
+    def _custom_port(self):
+        """The line is opened in a thread of its own."""
+        deadline = time.monotonic() + SECONDS
+        while not self._custom.port:
+            assert time.monotonic() < deadline
+            time.sleep(0.001)  # a poll with a deadline
+        return self._custom.port
 
     def stop(self):
         self.server.stop()
@@ -86,10 +126,14 @@ class RunningAgent:
         self.stop()
         for line in self.lines:
             line.close()
+        if self._ends is not None:
+            self._ends.close()
         for fd in (self._master, self._slave):
             if fd >= 0:
                 os.close(fd)
         self._master = self._slave = -1
+        if self.kind == "custom-framed":
+            self._custom.end()
 
 
 @contextmanager

@@ -35,7 +35,7 @@ class XrceClient:
         self.line = line
         self.key = key
         self.session_id = session_id
-        self.mtu = mtu
+        self.mtu = min(mtu, getattr(line, "mtu", mtu))
         self.samples = {}
         self.statuses = {}  # (request id, object id) → status
         self.infos = deque()

@@ -47,10 +47,11 @@ class Line:
 
 
 class UdpLine(Line):
-    def __init__(self, port):
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    def __init__(self, port, host="127.0.0.1"):
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
-        self._socket.connect(("127.0.0.1", port))
+        self._socket.connect((host, port))
         super().__init__(self._socket.fileno())
 
     def send_raw(self, data):
@@ -64,8 +65,8 @@ class UdpLine(Line):
 
 
 class TcpLine(Line):
-    def __init__(self, port):
-        self._socket = socket.create_connection(("127.0.0.1", port), SECONDS)
+    def __init__(self, port, host="127.0.0.1"):
+        self._socket = socket.create_connection((host, port), SECONDS)
         self._deframer = LengthDeframer()
         super().__init__(self._socket.fileno())
 

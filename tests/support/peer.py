@@ -19,12 +19,12 @@ class RosPeer:
     ``messages`` are CDR samples by topic, ``times`` when they came by rclpy's clock, in ns.
     """
 
-    def __init__(self, python, domain):
+    def __init__(self, python, domain, script=SCRIPT):
         environment = dict(os.environ, ROS_DOMAIN_ID=str(domain), PYTHONWARNINGS="default")
         for name in ("CYCLONEDDS_URI", "PYTHONPATH", "RMW_IMPLEMENTATION"):
             environment.pop(name, None)
         self._process = subprocess.Popen(
-            [str(python), str(SCRIPT)],
+            [str(python), str(script)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -21,6 +21,8 @@ from ..wire.errors import DecodeError
 from ..wire.header import MessageWriter, pull_header, pull_subheader
 from ..wire.streams import TIME_MASK
 from .client import Client
+from .control import Control
+from .graph import Graphs
 from .log import DEBUG, WARNING, Log, RateLimit
 from .profiles import References
 from .session import MIN_MTU, Session
@@ -41,6 +43,7 @@ class Agent:
         references: References | None = None,
         domain_of_agent: int = 0,
         domain_override: int | None = None,
+        control: Control | None = None,
     ) -> None:
         self.middleware = middleware
         self.log = log or Log()
@@ -49,6 +52,7 @@ class Agent:
         self.references = references or References()
         self.domain_of_agent = domain_of_agent
         self.domain_override = domain_override
+        self.control = control or Control()
         self.clients: dict[int, Client] = {}
         # Where each client talks from: its transport and address there.
         self._places: dict[int, tuple[ServerTransport, Any]] = {}
@@ -57,7 +61,14 @@ class Agent:
         # The place of the client that left last: its confirmation goes there.
         self._left: dict[int, tuple[ServerTransport, Any]] = {}
         self._conflicts: set[tuple[str, str, str]] = set()
+        self.graphs = Graphs(middleware, self.log)
         middleware.on_type_conflict = self._type_conflict
+        middleware.on_notice = self._notice
+
+    def address(self, key: int) -> str:
+        """Where a client talks from, as a person reads it."""
+        transport, peer = self._places[key]
+        return transport.address(peer)
 
     def now(self) -> int:
         return int(time.monotonic() * 1000) & TIME_MASK
@@ -76,6 +87,9 @@ class Agent:
                 f"topic: {topic}, type: {here}, elsewhere on the network: {there}"
                 " (samples of one do not reach the other)",
             )  # fmt: skip
+
+    def _notice(self, text: str) -> None:
+        self.log.warning("Middleware", "notice", "middleware", text)
 
     # --- datagrams --------------------------------------------------------------
 
@@ -106,7 +120,7 @@ class Agent:
             self._fault(transport, peer, str(error))
 
     def _fault(self, transport: ServerTransport, peer: Any, about: str) -> None:
-        times = self.faults.times(f"{transport.name} {peer}")
+        times = self.faults.times(f"{transport.name} {transport.address(peer)}")
         if times is not None:
             self.log(
                 WARNING, transport.name, "receive", "not an XRCE message",
@@ -115,7 +129,7 @@ class Agent:
 
     def _stranger(self, transport: ServerTransport, peer: Any, session_id: int) -> None:
         """Somebody goes on with a session of another agent, or of before our start."""
-        if self.strangers.admit(f"{transport.name} {peer}"):
+        if self.strangers.admit(f"{transport.name} {transport.address(peer)}"):
             self.log.warning(
                 "SessionManager", "receive", "unknown session",
                 f"address: {transport.address(peer)}, session_id: 0x{session_id:02X}"
@@ -136,7 +150,7 @@ class Agent:
         elif mtu < MIN_MTU:
             status, what = ids.STATUS_ERR_INVALID_DATA, f"MTU of {mtu} is under {MIN_MTU}"
         if status == ids.STATUS_OK:
-            self._admit(transport, peer, key, session_id, min(mtu, MAX_MTU))
+            self._admit(transport, peer, key, session_id, min(mtu, MAX_MTU, transport.mtu))
         else:
             self.log.warning("Root", "create_client", what, f"client_key: 0x{key:08X}")
         w = MessageWriter(self._scratch, session_id, ids.STREAM_NONE, 0, key)

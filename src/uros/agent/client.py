@@ -15,72 +15,68 @@ Equal means the same specification, in whichever format it came. An object
 outlives its parent as a number, as with the C++ agent, so that a client may
 delete in any order; its endpoint does not outlive the participant. An object
 that lost its endpoint so is made anew where it would be reused.
+
+Types and QoS profiles are only kept, for others to name; an application is
+made and deleted with all entities it lists.
 """
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
 from typing import Protocol
 
-from ..middleware.base import Middleware, MiddlewareError, Node, Writer
+from .. import names
+from ..middleware.base import Middleware, MiddlewareError, Node
 from ..wire import data, entities, ids
 from ..wire import session as messages
 from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.streams import ticks_diff
 from . import representation
+from .control import Control, Settings
 from .delivery import Delivery
-from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint
+from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
+from .graph import TOPIC as GRAPH_TOPIC
+from .graph import TYPE as GRAPH_TYPE
+from .graph import GraphEndpoint, Graphs
+from .info import send_info
 from .log import INFO, TRACE, WARNING, Log, RateLimit
+from .objects import (
+    KIND_NAMES,
+    UNNAMED,
+    Endpoint,
+    Known,
+    Taken,
+    TooMany,
+    XrceObject,
+    broken,
+    check_room,
+    node_name,
+    object_label,
+    parent_id,
+)
 from .profiles import ProfileError, References
 from .representation import (
+    ApplicationSpec,
     EndpointSpec,
     GroupSpec,
     ParticipantSpec,
-    Spec,
+    QosProfileSpec,
     TopicSpec,
+    TypeSpec,
     UnknownReference,
 )
 from .session import Session
 
-Endpoint = ReaderEndpoint | RequesterEndpoint | ReplierEndpoint | Writer
-
 # The domain that asks for the agent's own (XRCE_DOMAIN_ID_OVERRIDE).
 DOMAIN_FROM_AGENT = 255
-# Attack: a client that creates all 65536 objects its ids can name.
-MAX_OBJECTS = 4096
-# Attack: one client takes the places of all on the network, which holds some thousand
-# nodes at most, or starts all 233 domains.
-MAX_PARTICIPANTS = 32
+# Attack: as many objects, each with as much XML as it may have, all kept for GET_INFO.
+MAX_KEPT = 4 * 1024 * 1024
 
 # Topics, requests and replies of ROS 2 (design.ros2.org, "Topic and Service name mapping").
 _ROS_PREFIXES = ("rt/", "rq/", "rr/")
-
-_KIND_NAMES = {
-    ids.KIND_PARTICIPANT: "participant",
-    ids.KIND_TOPIC: "topic",
-    ids.KIND_PUBLISHER: "publisher",
-    ids.KIND_SUBSCRIBER: "subscriber",
-    ids.KIND_DATAWRITER: "datawriter",
-    ids.KIND_DATAREADER: "datareader",
-    ids.KIND_REQUESTER: "requester",
-    ids.KIND_REPLIER: "replier",
-}
-_WITH_NODE = (
-    ids.KIND_PARTICIPANT,
-    ids.KIND_DATAWRITER,
-    ids.KIND_DATAREADER,
-    ids.KIND_REQUESTER,
-    ids.KIND_REPLIER,
-)
-_PARENT_KINDS = {
-    ids.KIND_DATAWRITER: ids.KIND_PUBLISHER,
-    ids.KIND_DATAREADER: ids.KIND_SUBSCRIBER,
-}
 
 
 class Surroundings(Protocol):
@@ -90,8 +86,13 @@ class Surroundings(Protocol):
     faults: RateLimit
     middleware: Middleware
     references: References
+    graphs: Graphs
+    control: Control
     domain_of_agent: int
     domain_override: int | None
+
+    def address(self, key: int) -> str:
+        """Where a client talks from, as a person reads it."""
 
     def delete_client(self, key: int) -> bool:
         """Forget a client; whether there was one."""
@@ -103,36 +104,6 @@ class Surroundings(Protocol):
         """Milliseconds modulo 2^30."""
 
 
-@dataclass(eq=False)
-class XrceObject:
-    """An object of the client; ``node`` on participants and on what has an ``endpoint``."""
-
-    object_id: int
-    parent: int
-    spec: Spec
-    node: Node | None = None
-    endpoint: Endpoint | None = None
-    delivery: Delivery | None = None
-
-    @property
-    def kind(self) -> int:
-        return self.object_id & 0x0F
-
-    @property
-    def orphaned(self) -> bool:
-        """Whether its participant, and its endpoint with it, was deleted."""
-        return self.node is None and self.kind in _WITH_NODE
-
-
-class _TooMany(Exception):
-    """More objects than one client may have."""
-
-
-def object_label(object_id: int) -> str:
-    """As in the C++ agent's log: number and kind, ``0x000(5)``."""
-    return f"0x{object_id >> 4:03X}({object_id & 15})"
-
-
 class Client:
     """See the module."""
 
@@ -142,6 +113,9 @@ class Client:
         self.objects: dict[int, XrceObject] = {}
         self.closed = False
         self._agent = agent
+        self._known = Known(self.objects, agent.references)
+        self._kept = 0  # bytes of all representations
+        self._unnamed = UNNAMED
 
     # --- what the session reports ---------------------------------------------
 
@@ -151,7 +125,7 @@ class Client:
             return True  # it said goodbye in the same message: nothing may be made after
         r = Reader(payload, 0, len(payload), bool(flags & ids.FLAG_LITTLE_ENDIAN))
         if kind == ids.WRITE_DATA:
-            return self._write_data(flags, payload)
+            return self._write_data(flags, stream, payload)
         if kind == ids.READ_DATA:
             self._read_data(r)
         elif kind == ids.CREATE:
@@ -159,7 +133,7 @@ class Client:
         elif kind == ids.DELETE:
             self._delete(r, stream)
         elif kind == ids.GET_INFO:
-            self._get_info(r)
+            self._get_info(r, stream)
         elif kind == ids.TIMESTAMP:
             self._timestamp(r)
         elif kind == ids.INFO:
@@ -218,8 +192,11 @@ class Client:
         except (DecodeError, ProfileError) as error:
             status = ids.STATUS_ERR_INVALID_DATA
             self._refused(kind, object_id, str(error))
-        except _TooMany as error:
+        except TooMany as error:
             status = ids.STATUS_ERR_RESOURCES
+            self._refused(kind, object_id, str(error))
+        except Taken as error:
+            status = ids.STATUS_ERR_ALREADY_EXISTS
             self._refused(kind, object_id, str(error))
         except MiddlewareError as error:
             status = ids.STATUS_ERR_DDS_ERROR
@@ -227,7 +204,7 @@ class Client:
         self._status(request_id, object_id, status, stream)
 
     def _refused(self, kind: int, object_id: int, why: str) -> None:
-        name = _KIND_NAMES.get(kind, f"kind {kind}")
+        name = KIND_NAMES.get(kind, f"kind {kind}")
         self._log(
             WARNING, "ProxyClient", f"create_{name}", f"{name} refused",
             f"object_id: {object_label(object_id)}, {why}",
@@ -243,57 +220,52 @@ class Client:
         little: bool,
         flags: int,
     ) -> int:
-        if kind not in _KIND_NAMES:
+        if kind not in KIND_NAMES:
             raise DecodeError(f"objects of kind {kind} cannot be created")
-        spec = representation.parse(
-            kind, form, content, parent, little, self._agent.references
+        spec = representation.parse(kind, form, content, parent, little, self._known)
+        thing = XrceObject(
+            object_id, parent_id(kind, parent), spec, representation=(form, content, parent)
         )
         old = self.objects.get(object_id)
         if old is not None:
             reuse, replace = flags & ids.FLAG_REUSE, flags & ids.FLAG_REPLACE
             if not reuse and not replace:
                 return ids.STATUS_ERR_ALREADY_EXISTS
-            if reuse and not old.orphaned:
-                if old.spec == spec and old.parent == self._parent_id(kind, parent):
+            if reuse and not broken(old, self.objects):
+                if old.spec == spec and old.parent == thing.parent:
                     return ids.STATUS_OK_MATCHED
                 if not replace:
                     return ids.STATUS_ERR_MISMATCH
-            self._close_object(old)
-            del self.objects[object_id]
-        elif len(self.objects) >= MAX_OBJECTS:
-            raise _TooMany(f"over {MAX_OBJECTS} objects")
-        elif kind == ids.KIND_PARTICIPANT and MAX_PARTICIPANTS <= sum(
-            it.kind == kind for it in self.objects.values()
-        ):
-            raise _TooMany(f"over {MAX_PARTICIPANTS} participants")
-        thing = XrceObject(object_id, self._parent_id(kind, parent), spec)
+            self._forget(old)
+        check_room(self.objects, [kind])
+        if self._kept + thing.kept > MAX_KEPT:
+            raise TooMany(f"over {MAX_KEPT} bytes of representations")
         about = self._make(thing)
         self.objects[object_id] = thing
-        name = _KIND_NAMES[kind]
+        self._kept += thing.kept
+        name = KIND_NAMES[kind]
         self._log(
             INFO, "ProxyClient", f"create_{name}", f"{name} created",
             f"{name}_id: {object_label(object_id)}{about}",
         )  # fmt: skip
         return ids.STATUS_OK
 
-    def _parent_id(self, kind: int, parent: int) -> int:
-        if kind == ids.KIND_PARTICIPANT:
-            return 0
-        return (parent & 0xFFF0) | _PARENT_KINDS.get(kind, ids.KIND_PARTICIPANT)
-
     def _make(self, thing: XrceObject) -> str:
         """Bring the object to life; what the log says of it besides its id."""
         spec = thing.spec
         if isinstance(spec, ParticipantSpec):
-            domain = self._domain(spec)
-            thing.node = self._make_node(spec, domain)
-            return f", domain_id: {domain}"
+            return self._make_node(thing, spec)
+        if isinstance(spec, (TypeSpec, QosProfileSpec)):
+            return ""
+        if isinstance(spec, ApplicationSpec):
+            self._make_parts(thing, spec)
+            return f", entities: {len(thing.parts)}"
         parent = self.objects.get(thing.parent)
         if parent is None:
             raise UnknownReference(
-                f"its {_KIND_NAMES[thing.parent & 15]} {object_label(thing.parent)} does not exist"
+                f"its {KIND_NAMES[thing.parent & 15]} {object_label(thing.parent)} does not exist"
             )
-        about = f", {_KIND_NAMES[parent.kind]}_id: {object_label(parent.object_id)}"
+        about = f", {KIND_NAMES[parent.kind]}_id: {object_label(parent.object_id)}"
         if isinstance(spec, TopicSpec) and not spec.name.startswith(_ROS_PREFIXES):
             self._log(
                 INFO, "ProxyClient", "create_topic", "not a ROS topic",
@@ -301,28 +273,62 @@ class Client:
             )  # fmt: skip
         if isinstance(spec, (TopicSpec, GroupSpec)):
             return about
-        node = self._node_of(parent)
+        participant = self._participant_of(parent)
+        node, thing.settings = participant.node, participant.settings
+        assert node is not None
         if isinstance(spec, EndpointSpec):
             thing.endpoint = self._make_endpoint(thing, spec, parent, node)
-        elif thing.kind == ids.KIND_REQUESTER:
-            thing.endpoint = RequesterEndpoint(
-                node, spec, thing.object_id, self._on_ready(thing)
-            )
         else:
-            thing.endpoint = ReplierEndpoint(node, spec, self._on_ready(thing))
+            service = thing.settings.service(spec.service())
+            ready = self._on_ready(thing)
+            if thing.kind == ids.KIND_REQUESTER:
+                thing.endpoint = RequesterEndpoint(node, service, thing.object_id, ready)
+            else:
+                thing.endpoint = ReplierEndpoint(node, service, ready)
         thing.node = node
         return about
 
-    def _domain(self, spec: ParticipantSpec) -> int:
-        if self._agent.domain_override is not None:
-            return self._agent.domain_override
+    def _make_parts(self, thing: XrceObject, spec: ApplicationSpec) -> None:
+        """All entities of an application, or none."""
+        check_room(self.objects, [thing.kind, *(it.kind for it in spec.items)])
+        try:
+            for item in spec.items:
+                object_id = item.object_id
+                if object_id is None:
+                    object_id = self._unnamed << 4 | item.kind
+                    self._unnamed += 1
+                elif object_id in self.objects or object_id == thing.object_id:
+                    raise Taken(f"its {object_label(object_id)} exists already")
+                made = thing.parts
+                parent = made[item.parent].object_id if item.kind != ids.KIND_PARTICIPANT else 0
+                own = representation.from_profile(
+                    item.kind, item.profile, item.parent, self._known
+                )
+                part = XrceObject(object_id, parent, own)
+                self._make(part)
+                self.objects[object_id] = part
+                made.append(part)
+        except Exception:
+            self._close_object(thing)
+            raise
+
+    def _domain(self, spec: ParticipantSpec, settings: Settings) -> int:
+        for domain in (settings.domain, self._agent.domain_override):
+            if domain is not None:
+                return domain
         return self._agent.domain_of_agent if spec.domain == DOMAIN_FROM_AGENT else spec.domain
 
-    def _make_node(self, spec: ParticipantSpec, domain: int) -> Node:
-        namespace, name = node_name(spec.name)
-        return self._agent.middleware.create_node(domain, namespace, name, spec.localhost_only)
+    def _make_node(self, thing: XrceObject, spec: ParticipantSpec) -> str:
+        agent = self._agent
+        given = node_name(spec.name)
+        settings = agent.control.settings(self.key, agent.address(self.key), names.join(*given))
+        domain = self._domain(spec, settings)
+        namespace, name = settings.node(*given)
+        thing.settings = settings
+        thing.node = agent.middleware.create_node(domain, namespace, name, spec.localhost_only)
+        return f", domain_id: {domain}, node: {names.join(namespace, name)}"
 
-    def _node_of(self, thing: XrceObject) -> Node:
+    def _participant_of(self, thing: XrceObject) -> XrceObject:
         participant = thing
         if thing.kind != ids.KIND_PARTICIPANT:
             found = self.objects.get(thing.parent)
@@ -331,21 +337,38 @@ class Client:
                     f"its participant {object_label(thing.parent)} does not exist"
                 )
             participant = found
-        assert participant.node is not None
-        return participant.node
+        return participant
 
     def _make_endpoint(
         self, thing: XrceObject, spec: EndpointSpec, group: XrceObject, node: Node
     ) -> Endpoint:
-        topic = self._topic(spec)
+        topic, settings = self._topic(spec), thing.settings
+        name = settings.topic(topic.name)
         qos = copy(spec.qos)
         if isinstance(group.spec, GroupSpec) and group.spec.partitions and not qos.partitions:
             qos.partitions = group.spec.partitions
+        settings.apply(qos, topic.name)
         if thing.kind == ids.KIND_DATAREADER:
-            return ReaderEndpoint(node, topic.name, topic.type_name, qos, self._on_ready(thing))
-        writer = node.create_writer(topic.name, topic.type_name, qos)
-        self.session.writers[thing.object_id] = writer.write
+            if (topic.name, topic.type_name) == (GRAPH_TOPIC, GRAPH_TYPE):
+                participant = self.objects[group.parent].spec
+                assert isinstance(participant, ParticipantSpec)
+                graph = self._agent.graphs.reader(
+                    self._domain(participant, settings),
+                    lambda: self.session.mtu,
+                    self._on_ready(thing),
+                    self.key,
+                )
+                if graph is not None:
+                    return graph
+            return ReaderEndpoint(node, name, topic.type_name, qos, self._on_ready(thing))
+        writer = WriterEndpoint(node.create_writer(name, topic.type_name, qos))
+        self.session.writers[thing.object_id] = settings.limited(
+            writer.write, lambda why: self._limited(thing, why)
+        )
         return writer
+
+    def _limited(self, thing: XrceObject, why: str) -> None:
+        self.fault("message too large", f"{object_label(thing.object_id)}, {why}")
 
     def _topic(self, spec: EndpointSpec) -> TopicSpec:
         if spec.topic_id is not None:
@@ -380,19 +403,28 @@ class Client:
                 lambda w: messages.push_status(w, request_id, object_id, status),
             )  # fmt: skip
             return
-        thing = self.objects.pop(object_id, None)
+        thing = self.objects.get(object_id)
         if thing is None:
             status = ids.STATUS_ERR_UNKNOWN_REFERENCE
         else:
             status = ids.STATUS_OK
-            self._close_object(thing)
+            self._forget(thing)
             self._log(
                 INFO + 1, "ProxyClient", "delete_object", "object deleted",
                 f"object_id: 0x{object_id:04X}",
             )  # fmt: skip
         self._status(request_id, object_id, status, stream)
 
+    def _forget(self, thing: XrceObject) -> None:
+        self._close_object(thing)
+        self._kept -= thing.kept
+        del self.objects[thing.object_id]
+
     def _close_object(self, thing: XrceObject) -> None:
+        for part in reversed(thing.parts):
+            if self.objects.get(part.object_id) is part:
+                self._forget(part)
+        thing.parts = []
         thing.delivery = None
         self.session.writers.pop(thing.object_id, None)
         if thing.endpoint is not None:
@@ -407,17 +439,25 @@ class Client:
 
     # --- data ------------------------------------------------------------------
 
-    def _write_data(self, flags: int, payload: memoryview) -> bool:
+    def _write_data(self, flags: int, stream: int, payload: memoryview) -> bool:
         """Requests, replies, and what the session's hot path did not take."""
         if len(payload) < data.REQUEST_SIZE:
             raise DecodeError(f"WRITE_DATA of {len(payload)} bytes")
-        if flags & ids.FORMAT_MASK:
-            raise DecodeError(f"data format 0x{flags & ids.FORMAT_MASK:02X} is not supported")
         object_id = payload[2] << 8 | payload[3]
+        if flags & ids.FORMAT_MASK:
+            what = f"data format 0x{flags & ids.FORMAT_MASK:02X} is not supported: send FORMAT_DATA"
+            self.fault("unsupported WRITE_DATA", f"{object_label(object_id)}, {what}")
+            request_id = payload[0] << 8 | payload[1]
+            self._status(request_id, object_id, ids.STATUS_ERR_INVALID_DATA, stream)
+            return True
         thing = self.objects.get(object_id)
         if thing is not None and isinstance(thing.endpoint, (RequesterEndpoint, ReplierEndpoint)):
+            endpoint, limits = thing.endpoint, thing.settings
             try:
-                return thing.endpoint.write(flags, payload)
+                if limits.too_large(len(payload)):
+                    self._limited(thing, f"{len(payload)} bytes are over max_size")
+                    return True
+                return limits.admits() and endpoint.write(flags, payload)
             except MiddlewareError as error:
                 self.fault("middleware error", str(error))
                 return True
@@ -433,7 +473,7 @@ class Client:
         now = self._agent.now()
         thing = self.objects.get(object_id)
         status = ids.STATUS_OK
-        if thing is None or thing.endpoint is None or isinstance(thing.endpoint, Writer):
+        if thing is None or thing.endpoint is None or isinstance(thing.endpoint, WriterEndpoint):
             status = ids.STATUS_ERR_UNKNOWN_REFERENCE
         elif content_filter or data_format & ids.FORMAT_MASK:
             status = ids.STATUS_ERR_INVALID_DATA
@@ -445,13 +485,15 @@ class Client:
             self._status(request_id, object_id, status, ids.STREAM_RELIABLE)
             return
         assert thing is not None
-        assert thing.endpoint is not None and not isinstance(thing.endpoint, Writer)
+        assert thing.endpoint is not None and not isinstance(thing.endpoint, WriterEndpoint)
         if control is not None and control[0] == 0:
             thing.delivery = None
             # C clients wait a second for this and the C++ agent never sends it;
             # best effort, so that the numbers of the reliable stream stay as there.
             self._status(request_id, object_id, ids.STATUS_OK, ids.STREAM_BEST_EFFORT)
             return
+        if isinstance(thing.endpoint, GraphEndpoint):
+            thing.endpoint.anew()
         thing.delivery = Delivery(
             self.session, thing.endpoint, request_id, object_id, stream_id, control, now
         )
@@ -473,8 +515,15 @@ class Client:
 
     # --- the rest --------------------------------------------------------------
 
-    def _get_info(self, r: Reader) -> None:
-        request_id, object_id, _ = messages.pull_get_info(r)
+    def _get_info(self, r: Reader, stream: int) -> None:
+        request_id, object_id, mask = messages.pull_get_info(r)
+        if object_id != ids.OBJECT_AGENT:
+            send_info(
+                self.session, self.objects.get(object_id), request_id, object_id, mask, stream,
+                self._agent.now(),
+            )  # fmt: skip
+            return
+        # Whatever the mask, as the C++ agent: it is the ping of eProsima's clients.
         self.session.answer(
             ids.INFO, ids.STREAM_NONE, self._agent.now(),
             lambda w: messages.push_info(w, request_id, object_id, ids.STATUS_OK, 1, []),
@@ -504,20 +553,3 @@ class Client:
             self._agent.log(
                 level, part, function, what, f"client_key: 0x{self.key:08X}, {about}"
             )
-
-
-_BAD_IN_NAME = re.compile(r"[^A-Za-z0-9_]")
-
-
-def node_name(given: str | None) -> tuple[str, str]:
-    """``(namespace, name)`` of the ROS node a participant's name stands for.
-
-    micro-ROS gives ``namespace/name``; characters that ROS names cannot have
-    become underscores, and no name at all becomes ``xrce_client``.
-    """
-    parts = [part for part in (given or "").split("/") if part]
-    clean = []
-    for part in parts or ["xrce_client"]:
-        word = _BAD_IN_NAME.sub("_", part)
-        clean.append("_" + word if word[0].isdigit() else word)
-    return "/" + "/".join(clean[:-1]), clean[-1]

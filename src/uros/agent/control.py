@@ -219,12 +219,15 @@ class Settings:
         return within_limits
 
 
+# Where no rule says anything.
+NOTHING: Final = Settings([])
+
+
 class Control:
     """All rules, in order."""
 
     def __init__(self) -> None:
         self._rules: list[Rule] = []
-        self._none = Settings([])
 
     def load(self, path: str | Path) -> int:
         """Add a file's rules; how many. Raises ControlError naming the file."""
@@ -256,7 +259,7 @@ class Control:
     def settings(self, key: int, address: str, node: str) -> Settings:
         """What applies to a node of a client; see :meth:`Rule.matches`."""
         rules = [rule for rule in self._rules if rule.matches(key, address, node)]
-        return Settings(rules) if rules else self._none
+        return Settings(rules) if rules else NOTHING
 
 
 def _is_at(address: str, pattern: str) -> bool:

@@ -1,6 +1,6 @@
 """What stands behind an XRCE object at the middleware.
 
-A datawriter has no class here: the session calls its writer directly. The
+A datawriter's samples the session hands over directly; it only counts them. The
 others turn samples of the middleware into payloads of the client and back:
 plain CDR, for a replier behind the 24 bytes of a SampleIdentity, for a
 requester behind the 4 bytes of the request that is answered.
@@ -9,17 +9,40 @@ requester behind the 4 bytes of the request that is answered.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import Final
 
-from ..middleware.base import Node, Reader
-from ..qos import QoSProfile, services_profile
+from ..middleware.base import Node, Reader, Service, Writer
+from ..qos import HistoryPolicy, QoSProfile, services_profile
 from ..wire.data import SAMPLE_IDENTITY_SIZE, pull_sample_identity, push_sample_identity
 from ..wire.errors import DecodeError
-from .representation import ServiceSpec
 
 # Requests whose answers are still expected; a service that never answers must
 # not make the agent grow.
 MAX_PENDING: Final = 256
+# Attack: a reader that keeps all and is never asked. Fast DDS keeps so many, with the C++
+# agent; the oldest go then, so that no writer waits for a client that is slow.
+MAX_UNREAD: Final = 5000
+
+
+class WriterEndpoint:
+    """A datawriter."""
+
+    __slots__ = ("_write", "_writer", "written")
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self._write = writer.write
+        self.written = 0  # samples; the client may ask
+
+    def write(self, cdr: memoryview) -> bool:
+        """Hand over one sample. False: no room now."""
+        done = self._write(cdr)
+        self.written += done
+        return done
+
+    def close(self) -> None:
+        self._writer.close()
 
 
 class ReaderEndpoint:
@@ -35,6 +58,9 @@ class ReaderEndpoint:
         qos: QoSProfile,
         on_ready: Callable[[], None],
     ) -> None:
+        if qos.history == HistoryPolicy.KEEP_ALL:
+            qos = copy(qos)
+            qos.history, qos.depth = HistoryPolicy.KEEP_LAST, MAX_UNREAD
         self._reader: Reader = node.create_reader(topic, type_name, qos, on_ready)
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
@@ -50,11 +76,11 @@ class RequesterEndpoint:
     __slots__ = ("_object_id", "_pending", "_requester")
 
     def __init__(
-        self, node: Node, spec: ServiceSpec, object_id: int, on_ready: Callable[[], None]
+        self, node: Node, service: Service, object_id: int, on_ready: Callable[[], None]
     ) -> None:
         self._object_id = object_id.to_bytes(2, "big")
         self._pending: dict[int, bytes] = {}
-        self._requester = node.create_requester(spec.service(), services_profile(), on_ready)
+        self._requester = node.create_requester(service, services_profile(), on_ready)
 
     def write(self, flags: int, payload: memoryview) -> bool:
         """``payload``: request id, object id, body. False: no room now."""
@@ -88,8 +114,8 @@ class ReplierEndpoint:
 
     __slots__ = ("_replier",)
 
-    def __init__(self, node: Node, spec: ServiceSpec, on_ready: Callable[[], None]) -> None:
-        self._replier = node.create_replier(spec.service(), services_profile(), on_ready)
+    def __init__(self, node: Node, service: Service, on_ready: Callable[[], None]) -> None:
+        self._replier = node.create_replier(service, services_profile(), on_ready)
 
     def write(self, flags: int, payload: memoryview) -> bool:
         """``payload``: request id, object id, identity, body. False: no room now."""

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final, Protocol
 
 from ..middleware.base import Service
 from ..qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, from_flags
 from ..wire import entities, ids
 from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
-from . import profiles
+from . import application, profiles
+
+# Attack: a QoS profile that stands on itself.
+MAX_BASES: Final = 8
+
+NO_FILTERS: Final = "content filters are not supported: filter on the client"
 
 
 class UnknownReference(Exception):
     """A reference that no profile answers to, or an object that does not exist."""
+
+
+class Lookup(Protocol):
+    """Where references are looked up: what the client created, then the agent's files."""
+
+    def find(self, tag: str, name: str) -> profiles.Profile | None:
+        """The profile of that kind and name; a type's has its ``type_name`` only."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +73,37 @@ class ServiceSpec:
         return Service(self.request_topic, self.request_type, self.reply_topic, self.reply_type)
 
 
-Spec = ParticipantSpec | TopicSpec | GroupSpec | EndpointSpec | ServiceSpec
+@dataclass(frozen=True)
+class TypeSpec:
+    """Types that topics can name by reference."""
+
+    names: frozenset[str]
+
+
+@dataclass(frozen=True)
+class QosProfileSpec:
+    """QoS profiles that entities can stand on, by name."""
+
+    named: dict[str, profiles.Profile]
+
+
+@dataclass(frozen=True)
+class ApplicationSpec:
+    """Entities that come and go as one, parents first."""
+
+    items: tuple[application.Item, ...]
+
+
+Spec = (
+    ParticipantSpec
+    | TopicSpec
+    | GroupSpec
+    | EndpointSpec
+    | ServiceSpec
+    | TypeSpec
+    | QosProfileSpec
+    | ApplicationSpec
+)
 
 
 def default_writer_qos() -> QoSProfile:
@@ -79,7 +122,7 @@ def parse(
     content: str | bytes,
     parent: int,
     little: bool,
-    references: profiles.References,
+    references: Lookup,
 ) -> Spec:
     """The specification of one object.
 
@@ -88,7 +131,8 @@ def parse(
     """
     if form == ids.IN_BINARY:
         assert isinstance(content, bytes)
-        return _from_binary(kind, Reader(content, 0, len(content), little), parent)
+        r = Reader(content, 0, len(content), little)
+        return _from_binary(kind, r, parent, references)
     assert isinstance(content, str)
     if form == ids.BY_REFERENCE:
         found = references.find(_TAGS.get(kind, ""), content)
@@ -97,10 +141,19 @@ def parse(
                 f"no profile {content!r} of a {_TAGS.get(kind, 'kind')} is known:"
                 " give the agent a file that defines it (--refs FILE)"
             )
-        return _from_profile(kind, found, parent)
+        if kind == ids.KIND_TYPE:
+            return TypeSpec(frozenset((content,)))
+        if kind == ids.KIND_QOS_PROFILE:
+            return QosProfileSpec({content: found})
+        return from_profile(kind, found, parent, references)
+    if kind == ids.KIND_TYPE:
+        return TypeSpec(profiles.parse_types(content))
+    if kind == ids.KIND_QOS_PROFILE:
+        return QosProfileSpec(profiles.parse_qos_profiles(content))
     if not content.strip():
-        return _from_profile(kind, profiles.Profile(), parent)
-    return _from_profile(kind, profiles.parse_xml(_TAGS.get(kind, ""), content), parent)
+        return from_profile(kind, profiles.Profile(), parent, references)
+    profile = profiles.parse_xml(_TAGS.get(kind, ""), content)
+    return from_profile(kind, profile, parent, references)
 
 
 _TAGS = {
@@ -112,17 +165,22 @@ _TAGS = {
     ids.KIND_DATAREADER: "data_reader",
     ids.KIND_REQUESTER: "requester",
     ids.KIND_REPLIER: "replier",
+    ids.KIND_TYPE: "type",
+    ids.KIND_QOS_PROFILE: "qos_profile",
+    ids.KIND_APPLICATION: "application",
 }
 
 
-def _from_binary(kind: int, r: Reader, parent: int) -> Spec:
+def _from_binary(kind: int, r: Reader, parent: int, references: Lookup) -> Spec:
     if kind == ids.KIND_PARTICIPANT:
+        # By the specification a reference to a QoS profile, of which ours have nothing for
+        # participants; every client on record has the node's name there.
         name, _ = entities.pull_binary_participant(r)
         return ParticipantSpec(parent & 0xFFFF, name)
     if kind == ids.KIND_TOPIC:
         topic, type_name = entities.pull_binary_topic(r)
         if not type_name:
-            raise DecodeError(f"the topic {topic!r} has no type")
+            type_name = _referred_type(topic, r, references)
         return TopicSpec(topic, type_name)
     if kind in (ids.KIND_PUBLISHER, ids.KIND_SUBSCRIBER):
         return GroupSpec(tuple(entities.pull_binary_group(r)[1]))
@@ -134,7 +192,7 @@ def _from_binary(kind: int, r: Reader, parent: int) -> Spec:
             return EndpointSpec(topic_id, None, qos)
         flags, depth, deadline, lifespan, user_data, extra, content_filter = fields
         if content_filter:
-            raise DecodeError("content filters are not supported: filter on the client")
+            raise DecodeError(NO_FILTERS)
         qos = from_flags(flags, depth)
         qos.deadline_ms = deadline
         qos.lifespan_ms = lifespan
@@ -146,7 +204,26 @@ def _from_binary(kind: int, r: Reader, parent: int) -> Spec:
         return EndpointSpec(topic_id, None, qos)
     if kind in (ids.KIND_REQUESTER, ids.KIND_REPLIER):
         return _service(*entities.pull_binary_service(r))
+    if kind in _TAGS:
+        raise DecodeError(
+            f"a {_TAGS[kind]} has no binary format: describe it by XML or by reference"
+        )
     raise DecodeError(f"objects of kind {kind} cannot be created")
+
+
+def _referred_type(topic: str, r: Reader, references: Lookup) -> str:
+    """The type of a binary topic that names it by reference only."""
+    r.offset = r.start
+    r.string()
+    reference = r.string() if r.boolean() else ""
+    if not reference:
+        raise DecodeError(f"the topic {topic!r} has no type")
+    if references.find("type", reference) is None:
+        raise UnknownReference(
+            f"the type {reference!r} of topic {topic!r} is not known: create an object of kind"
+            " TYPE that defines it, or give the agent a file that does (--refs FILE)"
+        )
+    return reference
 
 
 def _service(
@@ -165,7 +242,34 @@ def _service(
     )
 
 
-def _from_profile(kind: int, profile: profiles.Profile, parent: int) -> Spec:
+def _apply(
+    tag: str, profile: profiles.Profile, qos: QoSProfile, references: Lookup, depth: int = 0
+) -> None:
+    """Set on ``qos`` what the profile says, after the QoS profiles that it stands on."""
+    if profile.base is not None:
+        if depth >= MAX_BASES:
+            raise profiles.ProfileError(f"QoS profiles stand on each other {MAX_BASES} deep")
+        base = references.find("qos_profile", profile.base)
+        if base is None:
+            raise UnknownReference(
+                f"the QoS profile {profile.base!r} is not known: create an object of kind"
+                " QOS_PROFILE that defines it, or give the agent a file that does (--refs FILE)"
+            )
+        _apply(tag, base, qos, references, depth + 1)
+    part = profile.parts.get(tag)
+    if part is not None:
+        _apply(tag, part, qos, references, depth + 1)
+    profile.apply(qos)
+
+
+def from_profile(
+    kind: int, profile: profiles.Profile, parent: int, references: Lookup
+) -> Spec:
+    """The specification of an object by its profile. See :func:`parse`."""
+    if kind == ids.KIND_APPLICATION:
+        if profile.element is None:
+            raise profiles.ProfileError("there is no <application> in it")
+        return ApplicationSpec(application.items(profile.element))
     if kind == ids.KIND_PARTICIPANT:
         return ParticipantSpec(parent & 0xFFFF, profile.name, profile.localhost_only)
     if kind == ids.KIND_TOPIC:
@@ -173,13 +277,17 @@ def _from_profile(kind: int, profile: profiles.Profile, parent: int) -> Spec:
             raise profiles.ProfileError("a topic needs <name> and <dataType>")
         return TopicSpec(profile.topic_name, profile.type_name)
     if kind in (ids.KIND_PUBLISHER, ids.KIND_SUBSCRIBER):
-        return GroupSpec(profile.partitions)
+        group = QoSProfile()
+        _apply(_TAGS[kind], profile, group, references)
+        return GroupSpec(profile.partitions or group.partitions)
     if kind in (ids.KIND_DATAWRITER, ids.KIND_DATAREADER):
         if not profile.topic_name:
             raise profiles.ProfileError("a data_writer or data_reader needs <topic> with <name>")
+        if profile.content_filter:
+            raise profiles.ProfileError(NO_FILTERS)
         reader = kind == ids.KIND_DATAREADER
         qos = default_reader_qos() if reader else default_writer_qos()
-        profile.apply(qos)
+        _apply(_TAGS[kind], profile, qos, references)
         return EndpointSpec(None, TopicSpec(profile.topic_name, profile.type_name or ""), qos)
     if kind in (ids.KIND_REQUESTER, ids.KIND_REPLIER):
         if not profile.service_name or not profile.request_type or not profile.reply_type:

@@ -32,6 +32,7 @@ class Server:
     def __init__(self, agent: Agent, transports: list[ServerTransport]) -> None:
         self.agent = agent
         self.transports = transports
+        agent.middleware.batching = True
         self._selector = selectors.DefaultSelector()
         self._wake = Wake()
         self._stopping = False
@@ -132,14 +133,15 @@ class Server:
                 key.data()
             except Exception as error:  # whatever it is, the other boards go on
                 self._report(error)
+        if deadline is not None:
+            self._due(time.monotonic())
         try:
+            middleware.flush()
             middleware.dispatch_local()
         except Exception as error:  # likewise
             self._report(error)
         if self.agent.attended:
             self._attend()
-        if deadline is not None:
-            self._due(time.monotonic())
 
     def _due(self, now: float) -> None:
         while self._calls and self._calls[0][0] <= now:
@@ -152,7 +154,8 @@ class Server:
             self.agent.middleware.tick()
         except MiddlewareError as error:
             self.agent.log.error("Middleware", "tick", "middleware error", str(error))
-        self._attend()
+        except Exception as error:  # likewise: boards are told the graph from there
+            self._report(error)
 
     def _report(self, error: Exception) -> None:
         kept = self.agent.faults.admit(f"internal {type(error).__name__}")

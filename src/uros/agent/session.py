@@ -84,6 +84,16 @@ class _In:
         self.stalled: list[bytearray] = []
 
 
+def _long_stop(stop: int, start: int, end: int) -> int:
+    """Where a submessage ends that has more than 64 kB of message before it.
+
+    C clients say 0, and it runs to the end, or the low 16 bits of its length, and then up
+    to 3 bytes of padding follow. ``stop`` is what they would mean in a short message.
+    """
+    padding = (end - stop) & 0xFFFF
+    return end - padding if stop != start and padding < 4 else end
+
+
 class Session:
     """See the module."""
 
@@ -245,7 +255,7 @@ class Session:
                         f"submessage {kind} announces {stop - start} bytes,"
                         f" {end - start} are there"
                     )
-                stop = end  # over 64 kB the 16-bit length says nothing
+                stop = _long_stop(stop, start, end)
             write = None
             if kind == ids.WRITE_DATA and not flags & ids.FORMAT_MASK and stop - start > 4:
                 write = self.writers.get(buf[start + 2] << 8 | buf[start + 3])
@@ -296,7 +306,7 @@ class Session:
             return True
         if len(whole) < 4 or whole[0] == ids.FRAGMENT:
             raise DecodeError("fragments of what is no submessage, or of fragments")
-        if len(whole) <= 0xFFFF:  # one submessage; what follows it is nothing
+        if len(whole) - 4 <= 0xFFFF:  # one submessage; what follows it is nothing
             del whole[4 + (whole[2] | whole[3] << 8) :]
         try:
             self._submessages(whole, memoryview(whole), 0, len(whole), stream_id, now)
@@ -423,6 +433,16 @@ class Session:
             return 1
         stream = self._out.get(stream_id)
         return stream.room() if stream is not None else 16
+
+    def last_received(self, stream_id: int) -> int:
+        """The number of the last message handled on a reliable stream; 0xFFFF before any."""
+        incoming = self._in.get(stream_id)
+        return 0xFFFF if incoming is None else (incoming.stream.next - 1) & 0xFFFF
+
+    def last_acknowledged(self, stream_id: int) -> int:
+        """The number of the last message the client has acknowledged, likewise."""
+        stream = self._out.get(stream_id)
+        return 0xFFFF if stream is None else (stream.acked - 1) & 0xFFFF
 
     def answer(self, kind: int, stream_id: int, now: int, push: Callable[[Writer], None]) -> None:
         """Send one small submessage whose payload ``push`` writes."""

@@ -32,6 +32,7 @@ PORTABLE: Final = (
     "qos",
     "ticks",
     "transport",
+    "transport.canboard",
     "transport.datagram",
     "transport.stream",
     "interfaces",

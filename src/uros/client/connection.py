@@ -21,7 +21,7 @@ from ..wire.errors import WireError
 from ..wire.session import push_request
 from ..wire.streams import TIME_MASK, ticks_add, ticks_diff
 from .clock import Clock
-from .session import GOODBYE, Session
+from .session import GOODBYE, MAX_REQUEST, Session
 
 try:
     from typing import Any, Callable, Final, Iterator, Protocol
@@ -159,7 +159,7 @@ class Connection:
         """CREATE an object from its binary representation."""
         w = self._scratch
         if w is None:
-            w = self._scratch = Writer(bytearray(self.transport.mtu))
+            w = self._scratch = Writer(bytearray(max(self.transport.mtu, MAX_REQUEST)))
         w.offset = 0
         push(w, *values)
         request = self.session.request(

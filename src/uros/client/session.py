@@ -74,6 +74,9 @@ GOODBYE: Final = 9
 _SUBHEADER: Final = 4
 _IDS: Final = 8
 _SAMPLE: Final = 12
+# The longest request but where the MTU is more: one of an object with long names does not fit
+# into the 63 bytes of a CAN frame, and goes out in fragments.
+MAX_REQUEST: Final = 512
 # So many heartbeats, one after the other and for so long, are not late.
 _BEHIND: Final = 8
 _BEHIND_MS: Final = 2000
@@ -104,7 +107,7 @@ class Session:
         self.request_id = FIRST_REQUEST
         self._owner = owner
         self._send = send
-        self._buf = bytearray(mtu)
+        self._buf = bytearray(max(mtu, MAX_REQUEST))
         self._fragments = Fragments(limit)
         self._part = (mtu - _IDS) & ~3  # octets in a fragment
         self._acknowledge = False
@@ -179,14 +182,13 @@ class Session:
     ) -> int:
         """A request on the reliable stream; its id, which ``push`` gets before the values.
 
-        Raises EncodeError where it is longer than a message.
+        Raises EncodeError where it is longer than the MTU and MAX_REQUEST.
         """
         w = MessageWriter(self._buf, self.id, ids.STREAM_RELIABLE, self.out.next)
         w.begin(kind, flags)
         request = self.next_request()
         push(w, request, *values)
-        self.out.put(w.finish())
-        self._flush(now)
+        self._put(w.finish(), now)
         return request
 
     def write(
@@ -224,8 +226,14 @@ class Session:
             self._best_out = (self._best_out + 1) & 0xFFFF
             self._send(buf)
             return request
+        push_header(buf, self.id, ids.STREAM_RELIABLE, self.out.next)
+        self._put(buf, now)
+        return request
+
+    def _put(self, buf: "bytes | bytearray", now: int) -> None:
+        """A message of the reliable stream, in fragments where it is longer than the MTU."""
+        size = len(buf)
         if size <= self.mtu:
-            push_header(buf, self.id, ids.STREAM_RELIABLE, self.out.next)
             self.out.put(buf)
         else:
             view = memoryview(buf)
@@ -236,7 +244,6 @@ class Session:
                 part[_IDS:] = view[_SUBHEADER + first : _SUBHEADER + stop]
                 self.out.put(part)
         self._flush(now)
-        return request
 
     def _flush(self, now: int) -> None:
         for message in self.out.take(now):

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 from .. import names
+from ..middleware.graph import EndpointSource, Source, living_nodes
 from ..qos import HistoryPolicy, QoSProfile
 
 UNKNOWN_NODE: Final = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
@@ -25,43 +26,6 @@ _FEEDBACK_TYPE: Final = "_FeedbackMessage"
 _TYPE_HASH: Final = re.compile(rb"typehash=(RIHS\d\d_[0-9a-f]{64});")
 # The first octets of a GUID name the DDS. Only Cyclone tells the history of its endpoints.
 _TELLS_HISTORY: Final = b"\x01\x10"
-
-
-class EndpointSource(Protocol):
-    """A writer or a reader as the middleware sees it, by DDS names."""
-
-    @property
-    def guid(self) -> bytes: ...
-    @property
-    def participant(self) -> bytes: ...
-    @property
-    def is_writer(self) -> bool: ...
-    @property
-    def topic(self) -> str: ...
-    @property
-    def type_name(self) -> str: ...
-    @property
-    def qos(self) -> QoSProfile: ...
-
-
-class NodeSource(Protocol):
-    """A node as its participant announces it, with the GUIDs of its endpoints."""
-
-    namespace: str
-    name: str
-    readers: list[bytes]
-    writers: list[bytes]
-
-
-class Source(Protocol):
-    """What :class:`uros.middleware.dds.discovery.Discovery` offers."""
-
-    @property
-    def participants(self) -> Mapping[bytes, bytes]: ...
-    @property
-    def endpoints(self) -> Mapping[bytes, EndpointSource]: ...
-    @property
-    def announced(self) -> Mapping[bytes, Iterable[NodeSource]]: ...
 
 
 @dataclass(frozen=True)
@@ -113,7 +77,7 @@ class Graph:
         dds_name = names.topic_to_dds(topic)
         owners = {
             gid: (node.namespace, node.name)
-            for node in self._nodes()
+            for node in living_nodes(self._source)
             for gid in (node.writers if is_writer else node.readers)
         }
         found = []
@@ -137,11 +101,11 @@ class Graph:
 
     def nodes(self) -> list[str]:
         """Full names of all nodes, sorted; one name may be there more than once."""
-        return sorted(names.join(node.namespace, node.name) for node in self._nodes())
+        return sorted(names.join(node.namespace, node.name) for node in living_nodes(self._source))
 
     def node(self, full_name: str) -> NodeInfo | None:
         """What belongs to the node, to one of them if several bear the name."""
-        for node in self._nodes():
+        for node in living_nodes(self._source):
             if names.join(node.namespace, node.name) == full_name:
                 break
         else:
@@ -159,15 +123,6 @@ class Graph:
             _named(writers, _action, _action_type),
             _named(readers, _action, _action_type),
         )
-
-    def _nodes(self) -> list[NodeSource]:
-        alive = self._source.participants
-        return [
-            node
-            for participant, nodes in self._source.announced.items()
-            if participant in alive
-            for node in nodes
-        ]
 
 
 def type_hash(user_data: bytes) -> str:

@@ -59,7 +59,7 @@ class Network:
         try:
             self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
             self._news = time.monotonic()
-            self._discovery = Discovery(self.node, self._on_news)
+            self._discovery = Discovery(opened, self.node.participant, self._on_news)
         except BaseException:
             opened.close()
             raise

@@ -16,11 +16,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from ..qos import QoSProfile
+from .graph import LiveSource
 
 Bytes = bytes | bytearray | memoryview
 OnReady = Callable[[], None]
 # (topic, its type here, its type elsewhere): their samples do not reach each other.
 OnTypeConflict = Callable[[str, str, str], None]
+# One line for the user: what does not work as it might, and the remedy.
+OnNotice = Callable[[str], None]
 
 
 class MiddlewareError(RuntimeError):
@@ -159,6 +162,9 @@ class Middleware(ABC):
 
     name = ""
     on_type_conflict: OnTypeConflict | None = None
+    on_notice: OnNotice | None = None
+    # Set before the first node: what is written may then stay here until :meth:`flush`.
+    batching = False
 
     @abstractmethod
     def create_node(
@@ -174,10 +180,20 @@ class Middleware(ABC):
     def dispatch(self) -> None:
         """Call ``on_ready`` of every reader that received something."""
 
+    def flush(self) -> None:  # noqa: B027  most keep nothing back
+        """Send what :attr:`batching` has kept back. The data plane calls it after each burst."""
+
     def dispatch_local(self) -> None:  # noqa: B027  a short cut that most do not have
         """The same for what this process itself wrote, sooner than by :meth:`fileno`.
 
         The data plane calls it after each burst of writes."""
+
+    def graph(self, domain: int, on_change: Callable[[], None]) -> LiveSource | None:
+        """Watch who is in a domain, until the result is closed; None where that is not known.
+
+        ``on_change`` is called from :meth:`tick` or :meth:`dispatch` after news, with a pause
+        between that leaves room for other traffic."""
+        return None
 
     def next_deadline(self) -> float | None:
         """When :meth:`tick` wants to be called (``time.monotonic``), or None."""

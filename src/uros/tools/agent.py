@@ -1,4 +1,4 @@
-"""``uros agent``: the agent on a transport, with the C++ agent's options."""
+"""``uros agent``: the agent on one transport or several, with the C++ agent's options."""
 
 from __future__ import annotations
 
@@ -7,105 +7,173 @@ import os
 import signal
 import sys
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
 
+from .agent_transports import (
+    DEFAULT_DISCOVERY_PORT,
+    TRANSPORTS,
+    add_transport,
+    make,
+    make_discovery,
+    port,
+)
+from .common import domain, positive_float, positive_int
 from .errors import ToolError
 
 if TYPE_CHECKING:
+    from ..agent.control import Control
     from ..agent.server import Server
-    from ..transport.base import ServerTransport
 
 # What the C++ agent calls its middlewares, and what stands for them here.
-_MIDDLEWARES = {"dds": "dds", "memory": "memory", "ced": "memory", "rtps": "dds"}
-_TRANSPORTS = {
-    "udp4": "UDP over IPv4",
-    "tcp4": "TCP over IPv4",
-    "serial": "a serial device",
-    "pseudoterminal": "a pseudo-terminal of its own",
+_MIDDLEWARES: Final = {
+    "auto": "auto",
+    "dds": "dds",
+    "ros2": "ros2",
+    "memory": "memory",
+    "ced": "memory",
+    "rtps": "dds",
 }
-DEFAULT_PORT = 8888
+# Options that stand behind any of the transports, and what they are where they stand nowhere.
+_COMMON: Final[dict[str, Any]] = {
+    "middleware": "dds",
+    "refs": [],
+    "verbose": 4,
+    "domain": None,
+    "control": [],
+    "namespace": None,
+    "remap": [],
+    "qos": [],
+    "max_rate": None,
+    "max_size": None,
+    "discovery": None,
+    "p2p": None,
+    "stop_at_eof": False,
+}
+_EPILOG: Final = """\
+'uros agent TRANSPORT --help' tells more. One agent may serve several transports:
+
+  uros agent udp4 --port 8888
+  uros agent serial --dev /dev/ttyACM0 --baudrate 921600
+  uros agent udp4 --port 8888 tcp4 --port 8888 serial --dev /dev/ttyUSB0 -v 5
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the transports and their options."""
-    common = argparse.ArgumentParser(add_help=False)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EPILOG
+    common = _common_options()
+    transports = parser.add_subparsers(dest="transport", metavar="TRANSPORT", required=True)
+    for name, help_text in TRANSPORTS.items():
+        one = transports.add_parser(name, parents=[common], help=help_text, description=help_text)
+        add_transport(name, one)
+        one.add_argument(
+            "more", nargs=argparse.REMAINDER, metavar="TRANSPORT ...",
+            help="another transport with its options",
+        )  # fmt: skip
+    parser.set_defaults(parse_more=parser.parse_args)
+
+
+def _common_options() -> argparse.ArgumentParser:
+    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     common.add_argument(
-        "-m", "--middleware", default="dds", choices=sorted(_MIDDLEWARES), metavar="NAME",
-        help="network to join: dds (default; rtps is its other name), or memory, which stays"
-        " inside the agent (ced)",
+        "-m", "--middleware", choices=tuple(_MIDDLEWARES), metavar="NAME",
+        help="network to join: auto (default: dds, and ros2 for services where rclpy is"
+        " installed), dds (rtps is its other name), ros2, or memory, which stays inside the"
+        " agent (ced)",
     )  # fmt: skip
     common.add_argument(
-        "-r", "--refs", metavar="FILE", help="XML file of profiles that boards refer to by name"
-    )
+        "-r", "--refs", metavar="FILE", action="append",
+        help="XML file of profiles that boards refer to by name; may be repeated",
+    )  # fmt: skip
     common.add_argument(
-        "-v", "--verbose", type=_verbosity, default=4, metavar="0-6",
+        "-v", "--verbose", type=_verbosity, metavar="0-6",
         help="0 off, 1 critical, 2 error, 3 warning, 4 info (default), 5 debug, 6 trace",
     )  # fmt: skip
     common.add_argument(
-        "--domain", type=_domain, metavar="N",
-        help="put every board into this ROS domain (default: the one each board asks for)",
+        "-d", "--discovery", nargs="?", const=DEFAULT_DISCOVERY_PORT, type=port, metavar="PORT",
+        help="tell boards that ask by multicast where this agent is"
+        f" (default port {DEFAULT_DISCOVERY_PORT})",
     )  # fmt: skip
-    common.add_argument(
-        "-d", "--discovery", nargs="?", const=7400, type=int, metavar="PORT", help=argparse.SUPPRESS
-    )
-    common.add_argument("--stop-at-eof", action="store_true", help=argparse.SUPPRESS)
     common.add_argument("-P", "--p2p", type=int, metavar="PORT", help=argparse.SUPPRESS)
-    transports = parser.add_subparsers(dest="transport", metavar="TRANSPORT", required=True)
-    for name, text in _TRANSPORTS.items():
-        one = transports.add_parser(name, parents=[common], help=text, description=text)
-        if name in ("udp4", "tcp4"):
-            one.add_argument(
-                "-p", "--port", type=_port, default=DEFAULT_PORT, metavar="N",
-                help=f"port to listen on (default {DEFAULT_PORT}; 0: any that is free)",
-            )  # fmt: skip
-            continue
-        if name == "serial":
-            which = one.add_mutually_exclusive_group(required=True)
-            which.add_argument("-D", "--dev", metavar="DEVICE", help="such as /dev/ttyACM0")
-            which.add_argument("-f", "--file", metavar="FILE", help="file with the device's name")
-        one.add_argument(
-            "-b", "--baudrate", type=int, default=115200, metavar="N", help="default 115200"
-        )
-
-
-def _number(text: str, what: str, low: int, high: int) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = low - 1
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {what} ({low} to {high})")
-    return value
+    common.add_argument("--stop-at-eof", action="store_true", help=argparse.SUPPRESS)
+    boards = common.add_argument_group(
+        "what boards get", "For all boards; a file of rules (--control) can say which."
+    )
+    boards.add_argument(
+        "--domain", type=domain, metavar="N",
+        help="put them into this ROS domain (default: the one each board asks for)",
+    )  # fmt: skip
+    boards.add_argument(
+        "--namespace", metavar="NS", help="put their nodes, topics and services below NS"
+    )
+    boards.add_argument(
+        "--remap", metavar="OLD:=NEW", action="append",
+        help="rename a topic or service; may be repeated",
+    )  # fmt: skip
+    boards.add_argument(
+        "--qos", metavar="TOPIC:POLICY=VALUE,...", action="append",
+        help="change the QoS of a topic, such as /odom:reliability=best_effort,depth=1;"
+        " may be repeated",
+    )  # fmt: skip
+    boards.add_argument(
+        "--max-rate", type=positive_float, metavar="HZ",
+        help="messages a second that a node may send",
+    )  # fmt: skip
+    boards.add_argument(
+        "--max-size", type=positive_int, metavar="BYTES", help="longest message that may be sent"
+    )
+    boards.add_argument(
+        "--control", metavar="FILE", action="append",
+        help="TOML file of rules for single boards; may be repeated (docs/agent.md)",
+    )  # fmt: skip
+    return common
 
 
 def _verbosity(text: str) -> int:
-    return _number(text, "a verbosity", 0, 6)
-
-
-def _domain(text: str) -> int:
-    from ..middleware.base import MAX_DOMAIN
-
-    return _number(text, "a ROS domain", 0, MAX_DOMAIN)
-
-
-def _port(text: str) -> int:
-    return _number(text, "a port", 0, 65535)
+    if text not in tuple("0123456"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no verbosity (0 to 6)")
+    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM; the exit status. Raises ToolError saying what is wrong."""
+    from ..agent.control import ControlError
     from ..agent.profiles import ProfileError
     from ..transport.base import TransportError
 
+    parts = _parts(args)
     try:
-        return _serve(args)
+        return _serve(_common(parts), parts)
     except TransportError as error:
         raise ToolError(error.strerror or str(error)) from error
-    except ProfileError as error:
+    except (ProfileError, ControlError) as error:
         raise ToolError(str(error)) from error
 
 
-def _serve(args: argparse.Namespace) -> int:
+def _parts(args: argparse.Namespace) -> list[argparse.Namespace]:
+    """The command line, a part for each transport."""
+    parse: Callable[[list[str]], argparse.Namespace] = args.parse_more
+    parts = [args]
+    while parts[-1].more:
+        parts.append(parse(parts[-1].more))
+    return parts
+
+
+def _common(parts: list[argparse.Namespace]) -> argparse.Namespace:
+    """The options that are the agent's: lists are joined, of single values the last one counts."""
+    options = argparse.Namespace(**_COMMON)
+    for part in parts:
+        for name, default in _COMMON.items():
+            if hasattr(part, name):
+                value = getattr(part, name)
+                joined = getattr(options, name) + value if isinstance(default, list) else value
+                setattr(options, name, joined)
+    return options
+
+
+def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     from ..agent.agent import Agent
     from ..agent.log import INFO, WARNING, Log
     from ..agent.profiles import References
@@ -113,23 +181,26 @@ def _serve(args: argparse.Namespace) -> int:
     from ..middleware import open_middleware
 
     references = References()
-    if args.refs:
-        references.load(args.refs)
-    transport = _transport(args)
-    domain = _domain_of_agent()
-    middleware = open_middleware(_MIDDLEWARES[args.middleware])
-    log = Log(args.verbose)
-    server = Server(Agent(middleware, log, references, domain, args.domain), [transport])
-    log(INFO, "Root", "set_verbose_level", "logger setup", f"verbose_level: {args.verbose}")
-    for option in ("discovery", "p2p"):
-        if getattr(args, option) is not None:
-            log(WARNING, "Root", "main", "option ignored", f"--{option} is not supported yet")
-    if args.domain is not None:
-        log(INFO, "Root", "main", "domain overridden", f"domain_id: {args.domain}")
-    elif domain:
-        log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain} (for 255)")
+    for file in options.refs:
+        references.load(file)
+    control = _control(options)
+    transports = [it for part in parts for it in make(part)]
+    if options.discovery is not None:
+        transports.append(make_discovery(options.discovery, transports))
+    domain_of_agent = _domain_of_agent()
+    middleware = open_middleware(_MIDDLEWARES[options.middleware])
+    log = Log(options.verbose)
+    agent = Agent(middleware, log, references, domain_of_agent, options.domain, control)
+    server = Server(agent, transports)
+    log(INFO, "Root", "set_verbose_level", "logger setup", f"verbose_level: {options.verbose}")
+    if options.p2p is not None:
+        log(WARNING, "Root", "main", "option ignored", "--p2p is not supported")
+    if options.domain is not None:
+        log(INFO, "Root", "main", "domain overridden", f"domain_id: {options.domain}")
+    elif domain_of_agent:
+        log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain_of_agent} (for 255)")
     _stop_on_signals(server)
-    if args.stop_at_eof:
+    if options.stop_at_eof:
         threading.Thread(target=_stop_at_eof, args=(server,), daemon=True).start()
     try:
         server.run()
@@ -139,31 +210,51 @@ def _serve(args: argparse.Namespace) -> int:
     return 0
 
 
+def _control(options: argparse.Namespace) -> Control:
+    """The rules: of the files in their order, then of the command line."""
+    from ..agent.control import Control, ControlError
+
+    control = Control()
+    for file in options.control:
+        control.load(file)
+    rule: dict[str, Any] = {
+        name: value
+        for name in ("namespace", "max_rate", "max_size")
+        if (value := getattr(options, name)) is not None
+    }
+    if options.remap:
+        rule["remap"] = dict(_pair(text, ":=", "--remap", "OLD:=NEW") for text in options.remap)
+    if options.qos:
+        rule["qos"] = dict(_qos(text) for text in options.qos)
+    try:
+        if rule:
+            control.add(rule)
+    except ControlError as error:
+        raise ControlError(f"the command line: {error}") from error
+    return control
+
+
+def _pair(text: str, sign: str, option: str, form: str) -> tuple[str, str]:
+    left, found, right = text.partition(sign)
+    if not (left and found and right):
+        raise ToolError(f"{option} {text!r} is not {form}")
+    return left, right
+
+
+def _qos(text: str) -> tuple[str, dict[str, Any]]:
+    form = "TOPIC:POLICY=VALUE,..."
+    topic, policies = _pair(text, ":", "--qos", form)
+    fields = dict(_pair(it, "=", "--qos", form) for it in policies.split(","))
+    return topic, {name: int(it) if it.isdecimal() else it for name, it in fields.items()}
+
+
 def _domain_of_agent() -> int:
     """The domain for boards that leave it to the agent (they ask for 255)."""
     text = os.environ.get("XRCE_DOMAIN_ID_OVERRIDE") or "0"
     try:
-        return _domain(text)
+        return domain(text)
     except argparse.ArgumentTypeError as error:
         raise ToolError(f"XRCE_DOMAIN_ID_OVERRIDE: {error}") from error
-
-
-def _transport(args: argparse.Namespace) -> ServerTransport:
-    if args.transport == "udp4":
-        from ..transport.udp import UdpServer
-
-        return UdpServer(args.port)
-    if args.transport == "tcp4":
-        from ..transport.tcp import TcpServer
-
-        return TcpServer(args.port)
-    if sys.platform == "win32":
-        raise ToolError("serial lines are not supported on Windows yet: use udp4 or tcp4")
-    from ..transport.serial import PseudoTerminalServer, SerialServer
-
-    if args.transport == "pseudoterminal":
-        return PseudoTerminalServer(args.baudrate)
-    return SerialServer(args.dev or args.file, args.baudrate, is_file=args.file is not None)
 
 
 def _stop_at_eof(server: Server) -> None:

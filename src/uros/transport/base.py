@@ -73,6 +73,7 @@ class ServerTransport(ABC):
 
     name = ""  # as the log knows it: UDPv4Agent
     kind = ""  # in arrows of messages: UDP
+    mtu = 0xFFFF  # the longest message it carries
 
     def __init__(self) -> None:
         self.sessions: dict[Any, Any] = {}

@@ -5,31 +5,58 @@ from __future__ import annotations
 import errno
 import os
 import select
-import termios
+from typing import Protocol
 
-from .serial import check_baud_rate, open_device, trouble
+from .serial import has_termios, is_url
+
+if has_termios():
+    import termios
+
+    from .baud import check_baud_rate
+    from .terminal import open_device, reason
+
+
+class OpenPort(Protocol):
+    """A :class:`~uros.transport.stream.Port` with everything that it may have."""
+
+    def open(self) -> None: ...
+    def close(self) -> None: ...
+    def read(self, size: int) -> bytes | None: ...
+    def write(self, data: bytes | bytearray | memoryview) -> int: ...
+    def wait(self, timeout_ms: int) -> None: ...
+
+
+def device_port(path: str, baud: int = 115200) -> OpenPort:
+    """The port for ``path``: pyserial's for a URL or where there is no termios.
+
+    Raises TransportError for what will never work.
+    """
+    if has_termios() and not is_url(path):
+        return DevicePort(path, baud)
+    from .portable_serial import PySerialPort
+
+    return PySerialPort(path, baud)
 
 
 class DevicePort:
     """For a :class:`~uros.transport.stream.StreamTransport`; nothing waits but :meth:`wait`.
 
-    Raises TransportError for a baud rate that does not exist.
+    Raises TransportError for a baud rate that cannot be.
     """
 
     def __init__(self, path: str, baud: int = 115200) -> None:
         self.path = path
         self.fd = -1
-        self._speed = check_baud_rate(baud)
+        self._baud = check_baud_rate(baud)
         self._poll = select.poll()
 
     def open(self) -> None:
         """Raises OSError with a text that says what to do."""
         self.close()
         try:
-            self.fd = open_device(self.path, self._speed)
+            self.fd = open_device(self.path, self._baud)
         except (OSError, termios.error) as error:
-            number = error.args[0] if error.args else 0
-            raise OSError(number, trouble(self.path, number)) from error
+            raise OSError(error.args[0], reason(self.path, error)) from error
         self._poll.register(self.fd, select.POLLIN)
 
     def close(self) -> None:

@@ -34,7 +34,8 @@ def push_create(
     """One CREATE payload; the kind is the low four bits of ``object_id``.
 
     ``content`` is text for BY_REFERENCE and AS_XML, octets for IN_BINARY.
-    ``parent`` is the object id of the parent, for a participant its domain.
+    ``parent`` is the object id of the parent, for a participant its domain;
+    types, QoS profiles and applications have none.
     """
     w.be16(request_id)
     w.be16(object_id)
@@ -49,7 +50,7 @@ def push_create(
         w.sequence(content)
     if kind == ids.KIND_PARTICIPANT:
         w.i16(parent)
-    elif kind not in (ids.KIND_TYPE, ids.KIND_QOS_PROFILE):
+    elif kind < ids.KIND_TYPE:
         w.be16(parent)
 
 
@@ -72,7 +73,7 @@ def pull_create(r: Reader) -> "tuple[int, int, int, int, str | bytes, int]":
     parent = 0
     if kind == ids.KIND_PARTICIPANT:
         parent = r.i16()
-    elif kind not in (ids.KIND_TYPE, ids.KIND_QOS_PROFILE):
+    elif kind < ids.KIND_TYPE:
         parent = r.be16()
     return request_id, (object_id & 0xFFF0) | (kind & 0x0F), kind, form, content, parent
 

@@ -37,8 +37,8 @@ from unit.agent.helpers import (
 )
 from unit.agent.test_profiles import REFS
 
-from uros.agent import client as module
-from uros.agent.client import node_name
+from uros.agent import objects
+from uros.agent.objects import KIND_NAMES, node_name
 from uros.middleware.base import MiddlewareError
 from uros.middleware.memory import Bus
 from uros.wire import ids, session
@@ -174,7 +174,7 @@ def test_all_kinds_in_one_format(refs_board, form):
     [(NONE, EXISTS, EXISTS), (REPLACE, OK, OK), (REUSE, MATCHED, MISMATCH), (BOTH, MATCHED, OK)],
     ids=["none", "replace", "reuse", "both"],
 )
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: module._KIND_NAMES[kind])
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: KIND_NAMES[kind])
 @pytest.mark.parametrize("form", FORMS)
 def test_creating_what_exists(refs_board, form, kind, flags, equal, other):
     board = refs_board
@@ -222,7 +222,7 @@ def test_a_topic_of_the_xml_writer_is_found_by_its_name(board):
 # --- what cannot be created --------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS[1:], ids=lambda kind: module._KIND_NAMES[kind])
+@pytest.mark.parametrize("kind", KINDS[1:], ids=lambda kind: KIND_NAMES[kind])
 def test_unknown_parents(board, kind):
     before = KINDS[: KINDS.index(kind)]
     board.ask(*[specimen("binary", it) for it in before])
@@ -280,7 +280,7 @@ def test_the_middlewares_refusal_is_a_status(board):
 
 
 def test_most_objects(board, monkeypatch):
-    monkeypatch.setattr(module, "MAX_OBJECTS", 5)
+    monkeypatch.setattr(objects, "MAX_OBJECTS", 5)
     board.ask(participant())
     answers = board.ask(*[topic(oid(i, 2)) for i in range(6)])
     assert answers == [OK] * 4 + [ids.STATUS_ERR_RESOURCES] * 2
@@ -294,9 +294,9 @@ def test_most_participants(board):
     answers = []
     for i in range(40):
         answers += board.ask(participant(oid(i, 1)))
-    assert answers.count(OK) == module.MAX_PARTICIPANTS
+    assert answers.count(OK) == objects.MAX_PARTICIPANTS
     assert set(answers) == {OK, ids.STATUS_ERR_RESOURCES}
-    assert len(board.desk.middleware.bus.nodes) == module.MAX_PARTICIPANTS
+    assert len(board.desk.middleware.bus.nodes) == objects.MAX_PARTICIPANTS
 
 
 @pytest.mark.parametrize("cut", range(1, 40, 3))

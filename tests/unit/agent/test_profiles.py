@@ -79,6 +79,28 @@ def test_participants_that_never_leave_the_machine(inside, only):
     assert profile.localhost_only is only
 
 
+DESCRIBED = """<dds><profiles><transport_descriptors><transport_descriptor>
+<transport_id>mine</transport_id><type>UDPv4</type><interfaceWhiteList><address>{}</address>
+</interfaceWhiteList></transport_descriptor></transport_descriptors>
+<participant profile_name="p"><rtps><name>n</name><userTransports>
+<transport_id>{}</transport_id></userTransports></rtps></participant></profiles></dds>"""
+
+
+@pytest.mark.parametrize(
+    "address, transport, only",
+    [("127.0.0.1", "mine", True), ("10.0.0.1", "mine", False), ("127.0.0.1", "other", False)],
+)
+def test_a_transport_that_is_described_elsewhere_in_the_document(
+    address, transport, only, tmp_path
+):
+    text = DESCRIBED.format(address, transport)
+    assert parse_xml("participant", text).localhost_only is only
+    (tmp_path / "refs.xml").write_text(text)
+    references = References()
+    references.load(tmp_path / "refs.xml")
+    assert references.find("participant", "p").localhost_only is only
+
+
 LAUGHS = (
     '<!DOCTYPE lolz [<!ENTITY lol "lol">'
     + "".join(

@@ -157,17 +157,33 @@ def test_a_samples_bytes() -> None:
     ]
 
 
-def test_a_request_longer_than_a_message_is_refused_and_leaves_nothing() -> None:
-    bench = Bench(mtu=64)
-    try:
-        bench.session.request(ids.CREATE, 7, 0, push_create, 1, ids.IN_BINARY, bytes(64), 0)
-    except EncodeError:
-        pass
-    else:
-        raise AssertionError("not refused")
-    assert bench.take() == [] and len(bench.session.out) == 0
+def test_a_request_longer_than_any_may_be_is_refused_and_leaves_nothing() -> None:
+    for mtu in (63, 64, 512, 600):
+        bench = Bench(mtu=mtu)
+        size = max(mtu, 512) - 21  # a byte more than there is room for
+        try:
+            bench.session.request(ids.CREATE, 7, 0, push_create, 1, ids.IN_BINARY, bytes(size), 0)
+        except EncodeError:
+            pass
+        else:
+            raise AssertionError("not refused")
+        assert bench.take() == [] and len(bench.session.out) == 0
+        bench.request()
+        assert sequences(bench.take()) == [0]
+
+
+def test_a_request_longer_than_the_mtu_goes_out_in_fragments() -> None:
+    whole = Bench()
+    long = (ids.CREATE, 7, 0, push_create, 1, ids.IN_BINARY, bytes(range(200)), 0)
+    whole.session.request(*long)
+    bench = Bench(mtu=63)
+    assert bench.session.request(*long) == 10
+    out = bench.take()
+    assert sequences(out) == [0, 1, 2, 3, 4] and all([len(it) <= 63 for it in out])
+    assert [it[4:6] for it in out] == [b"\x0d\x01"] * 4 + [b"\x0d\x03"]
+    assert b"".join([it[8:] for it in out]) == whole.take()[0][4:]
     bench.request()
-    assert sequences(bench.take()) == [0]
+    assert sequences(bench.take()) == [5]
 
 
 # --- the window -------------------------------------------------------------------------------

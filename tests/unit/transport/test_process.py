@@ -84,7 +84,12 @@ def agent(*args):
         process.popen.stdout.close()
 
 
-TRANSPORTS = {"udp4": (UdpLine, socket.SOCK_DGRAM), "tcp4": (TcpLine, socket.SOCK_STREAM)}
+TRANSPORTS = {
+    "udp4": (UdpLine, "127.0.0.1", socket.SOCK_DGRAM, socket.AF_INET),
+    "udp6": (UdpLine, "::1", socket.SOCK_DGRAM, socket.AF_INET6),
+    "tcp4": (TcpLine, "127.0.0.1", socket.SOCK_STREAM, socket.AF_INET),
+    "tcp6": (TcpLine, "::1", socket.SOCK_STREAM, socket.AF_INET6),
+}
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
@@ -98,7 +103,8 @@ def test_a_second_agent_on_the_port_says_so_and_ends(transport):
             f"uros: {protocol} port {port} is in use, perhaps by another agent:"
             " stop it, or choose another port with --port\n"
         )
-        line = TRANSPORTS[transport][0](port)
+        make_line, address, *_ = TRANSPORTS[transport]
+        line = make_line(port, address)
         assert XrceClient(line, 1).open() == ids.STATUS_OK
         line.close()
         assert first.end() == 0
@@ -107,10 +113,10 @@ def test_a_second_agent_on_the_port_says_so_and_ends(transport):
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_a_signal_ends_it_cleanly_and_frees_the_port(transport, number):
-    make_line, kind = TRANSPORTS[transport]
+    make_line, address, kind, family = TRANSPORTS[transport]
     with agent(transport, "-p", 0, "-m", "memory") as process:
         port = int(process.until(r"port: (\d+)")[1])
-        line = make_line(port)
+        line = make_line(port, address)
         client = XrceClient(line, 0x1234)
         assert client.open() == ids.STATUS_OK
         client.writer("node", "rt/a", TYPE)
@@ -118,9 +124,37 @@ def test_a_signal_ends_it_cleanly_and_frees_the_port(transport, number):
         line.close()
         said = [it[5].strip() for it in process.lines()]
         assert said[-3:] == ["delete", "session closed", "server stopped"]
-    with socket.socket(socket.AF_INET, kind) as sock:
+    with socket.socket(family, kind) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        sock.bind(("0.0.0.0", port))
+        sock.bind((address, port))
+
+
+def test_one_agent_serves_several_transports_and_their_options_are_one_agents(tmp_path):
+    (tmp_path / "rules.toml").write_text("[[client]]\nkey = 1\nremap = { a = 'b' }\n")
+    with agent(
+        "udp4", "-p", 0, "-m", "memory", "tcp4", "-p", 0, "--domain", 5, "pseudoterminal",
+        "-v", 4, "--control", tmp_path / "rules.toml",
+    ) as process:  # fmt: skip
+        udp = int(process.until(r"UDPv4Agent +\| init .*port: (\d+)")[1])
+        tcp = int(process.until(r"TCPv4Agent +\| init .*port: (\d+)")[1])
+        device = process.until(r"dev: (\S+)")[1]
+        lines = [UdpLine(udp), TcpLine(tcp), SerialLine.open(device)]
+        clients = [XrceClient(line, key) for key, line in enumerate(lines, 1)]
+        for client in clients:
+            assert client.open() == ids.STATUS_OK
+        readers = [it.reader("node", "rt/a", TYPE) for it in clients[1:]]
+        renamed = clients[0].reader("node", "rt/a", TYPE)  # rt/b, by its rule
+        for client, reader in zip(clients, [renamed, *readers], strict=True):
+            client.read(reader)
+        clients[1].write(clients[1].writer("node", "rt/a", TYPE), b"\1\0\0\0a")
+        assert clients[2].sample(readers[1]) == b"\1\0\0\0a"
+        assert clients[1].sample(readers[0]) == b"\1\0\0\0a"
+        clients[2].write(clients[2].writer("node", "rt/b", TYPE), b"\1\0\0\0b")
+        assert clients[0].sample(renamed) == b"\1\0\0\0b"
+        process.until(r"(?s)(domain_id: 5.*){4}")  # overridden, and three participants
+        assert process.end() == 0
+        for line in lines:
+            line.close()
 
 
 def test_a_signal_ends_it_while_it_waits_for_a_device(tmp_path):
@@ -155,17 +189,17 @@ def test_a_pseudo_terminal_tells_its_name():
 @pytest.mark.parametrize(
     ("args", "status", "said"),
     [
-        (["serial", "-D", "/dev/none", "-b", "12345"], 1,
-         "uros: baud rate 12345 does not exist here; there are 50, 75, "),
-        (["pseudoterminal", "-b", "12345"], 1, "baud rate 12345 does not exist"),
+        (["serial", "-D", "/dev/none", "-b", "0"], 1,
+         "uros: baud rate 0 does not exist: 1 to "),
+        (["pseudoterminal", "-b", "0"], 1, "baud rate 0 does not exist"),
         (["serial"], 2, "one of the arguments -D/--dev -f/--file is required"),
         (["serial", "-D", "a", "-f", "b"], 2, "not allowed with argument"),
         (["udp5"], 2, "udp4"),
         ([], 2, "TRANSPORT"),
-        (["udp4", "-p", "eighty"], 2, "'eighty' is not a port (0 to 65535)"),
-        (["udp4", "-p", "65536"], 2, "'65536' is not a port (0 to 65535)"),
-        (["udp4", "-v", "7"], 2, "'7' is not a verbosity (0 to 6)"),
-        (["udp4", "--domain", "233"], 2, "'233' is not a ROS domain (0 to 232)"),
+        (["udp4", "-p", "eighty"], 2, "'eighty' is no port (0 to 65535)"),
+        (["udp4", "-p", "65536"], 2, "'65536' is no port (0 to 65535)"),
+        (["udp4", "-v", "7"], 2, "'7' is no verbosity (0 to 6)"),
+        (["udp4", "--domain", "233"], 2, "'233' is no domain; give 0 to 232"),
         (["udp4", "-m", "corba"], 2, "corba"),
         (["udp4", "--prot", "1"], 2, "unrecognized arguments: --prot"),
         (["udp4", "-r", "/nowhere/agent.refs"], 1,
@@ -181,11 +215,11 @@ def test_what_is_refused(args, status, said):
 def test_a_wrong_environment_is_named():
     status, said = refused("udp4", "-p", 0, "-m", "memory", XRCE_DOMAIN_ID_OVERRIDE="many")
     assert status == 1
-    assert "XRCE_DOMAIN_ID_OVERRIDE: 'many' is not a ROS domain (0 to 232)" in said
+    assert "XRCE_DOMAIN_ID_OVERRIDE: 'many' is no domain; give 0 to 232" in said
 
 
 def test_a_privileged_port_says_what_to_do(monkeypatch):
-    from uros.transport.udp import bind_trouble
+    from uros.transport.ip import bind_trouble
 
     error = PermissionError(13, "Permission denied")
     assert bind_trouble("UDP", 80, error) == (
@@ -263,7 +297,7 @@ def test_levels_and_columns(level):
         key = "client_key: 0x4B0CBE99"
         assert about["Root", "create_client", "create"] == f"{key}, session_id: 0x81"
         made = about["ProxyClient", "create_participant", "participant created"]
-        assert made == f"{key}, participant_id: 0x001(1), domain_id: 0"
+        assert made == f"{key}, participant_id: 0x001(1), domain_id: 0, node: /ns/board"
         made = about["ProxyClient", "create_topic", "topic created"]
         assert made == f"{key}, topic_id: 0x001(2), participant_id: 0x001(1)"
         assert about["Root", "delete_client", "delete"] == key

@@ -7,6 +7,7 @@ import random
 import subprocess
 import sys
 import termios
+import time
 import tty
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,9 +19,10 @@ from support.lines import SECONDS, SerialLine
 from unit.agent.helpers import get_info, message
 from unit.transport.faults import TYPE, wait_for
 
-from uros.transport import serial as module
+from uros.transport import line as module
+from uros.transport import serial as serial_module
 from uros.transport.base import TransportError
-from uros.transport.serial import LineServer, SerialServer, check_baud_rate, trouble
+from uros.transport.serial import PseudoTerminalServer, SerialServer, serial_server
 from uros.wire import ids
 from uros.wire.framing import frame, frame_size
 
@@ -192,7 +194,7 @@ def test_unplugged_while_there_is_something_to_send(device, serial):
     assert one.open() == 0
     os.set_blocking(device.master, False)
     try:
-        while not agent.transport._unsent:  # nobody reads the answers
+        while not agent.transport.line.unsent:  # nobody reads the answers
             line.send(message([get_info()], 0, 0, 0x81))
     except BlockingIOError:
         pass  # the agent's end is full too
@@ -323,79 +325,141 @@ def test_errno_13_says_what_to_do(tmp_path):
     assert f"sudo chmod a+rw {device}" in done.stderr
 
 
-def test_what_each_trouble_says():
-    assert trouble("/dev/x", errno.EACCES).startswith("errno: 13, not permitted")
-    assert trouble("/dev/x", errno.EIO) == f"errno: {errno.EIO}, {os.strerror(errno.EIO)}"
+# --- options -----------------------------------------------------------------------------
 
 
-# --- baud rates --------------------------------------------------------------------------
+@pytest.mark.parametrize("make", [lambda it: SerialServer("/dev/x", it), PseudoTerminalServer])
+@pytest.mark.parametrize("rate", [0, -1, 10**9])
+def test_a_baud_rate_that_does_not_exist(make, rate):
+    with pytest.raises(TransportError, match=f"baud rate {rate} does not exist: 1 to"):
+        make(rate)
 
 
-@pytest.mark.parametrize("rate", [12345, 0, -1, 115201])
-def test_a_baud_rate_that_does_not_exist(rate):
-    with pytest.raises(TransportError) as caught:
-        SerialServer("/dev/null", rate)
-    assert f"baud rate {rate} does not exist here; there are " in str(caught.value)
-    assert "115200" in str(caught.value)
+def start(stack, transport):
+    """An agent on a transport of the test's."""
+    running = RunningAgent("pseudoterminal", "memory", None, 4)
+    running.transport = transport
+    running.server.transports[:] = [transport]
+    stack.callback(running.close)
+    running.thread.start()
+    assert running.server.ready.wait(SECONDS)
+    return running
 
 
-def test_baud_rates():
-    assert check_baud_rate(115200) == termios.B115200
+def test_a_rate_of_no_name_and_modem_lines_that_a_line_has_not(device):
+    line = device.plug()
+    with ExitStack() as stack:
+        agent = start(stack, SerialServer(str(device.link), 250_000, dtr=True, rts=False))
+        assert XrceClient(line, 0x57).open() == 0
+        assert (
+            f"dev: {device.link}, baudrate: 250000, dtr and rts as they are: this line has none"
+            in agent.said.getvalue()
+        )
 
 
-# --- a line that takes nothing -----------------------------------------------------------
+def test_modem_lines_are_set_and_a_device_that_fails_there_is_waited_for(device, monkeypatch):
+    asked = []
+
+    def lines(fd, dtr, rts):
+        asked.append((dtr, rts))
+        if len(asked) == 1:
+            raise OSError(errno.EIO, "gone again")
+        return ""
+
+    monkeypatch.setattr(serial_module, "set_modem_lines", lines)
+    line = device.plug()
+    with ExitStack() as stack:
+        agent = start(stack, SerialServer(str(device.link), dtr=False))
+        wait_for(agent.said.getvalue, "running...")
+        assert XrceClient(line, 0x58).open() == 0
+    assert asked == [(False, None)] * 2
+    assert "open device error" in agent.said.getvalue()
 
 
-class Host:
-    def __init__(self):
-        self.writing = None
+def test_what_a_board_said_before_the_agent_came_is_not_answered(device, serial):
+    line = device.plug()
+    line.send(message([get_info(request=1)], 0, 0, 0x80))
+    line.send_raw(framed(PING)[:-3])
+    agent = serial()
+    wait_for(agent.said.getvalue, "running...")
+    line.send(message([get_info(request=2)], 0, 0, 0x80))
+    answer = line.receive(time.monotonic() + SECONDS)
+    assert answer[8:10] == b"\x00\x02"
+    assert agent.transport.line.skipped == 0
 
-    def watch(self, fileno, ready, writing=False):
-        self.writing = writing
 
-    def unwatch(self, fileno):
-        self.writing = None
+def test_counters_of_a_line(agent):
+    one = board(agent)
+    line = agent.transport.line
+    before = line.frames
+    one.line.send_raw(framed(PING)[:-2] + b"\0\0")
+    one.line.send_raw(framed(PING, 1, 9))
+    assert one.ping() == 1
+    assert (line.crc_errors, line.foreign, line.frames) == (1, 1, before + 1)
+    wait_for(agent.said.getvalue, "CRC errors: 1 of ")
+    wait_for(agent.said.getvalue, "frames (noise, or a wrong baud rate?)")
 
 
-def test_a_line_that_takes_nothing_loses_messages_and_never_half_of_one():
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    os.set_blocking(slave, False)
+def test_a_name_that_no_device_can_have(serial):
+    agent = serial("/dev/\0x")
+    wait_for(agent.said.getvalue, "open device error")
 
-    class Line(LineServer):
-        def open(self, host):
-            self._host = host
 
-        def address(self, peer):
-            return ""
+def test_a_system_without_pseudo_terminals(monkeypatch):
+    monkeypatch.delattr(os, "openpty")
+    with pytest.raises(TransportError, match="no pseudo-terminals: use udp4, tcp4 or serial"):
+        PseudoTerminalServer()
 
-    server = Line()
-    server.fd = slave
-    host = Host()
-    server.open(host)
-    reader = SerialLine(master)
-    os.set_blocking(master, False)
+
+def test_what_opens_a_device():
+    kinds = {
+        "/dev/ttyUSB0": "SerialServer",
+        "socket://127.0.0.1:3333": "SocketLineServer",
+        "loop://": "PySerialServer",
+        "rfc2217://127.0.0.1:2217": "PySerialServer",
+    }
+    for name, kind in kinds.items():
+        assert type(serial_server(name)).__name__ == kind
+    assert isinstance(serial_server("socket://x", is_file=True), SerialServer)
+
+
+WITHOUT_TERMIOS = """
+import sys
+import serial  # its own import of termios, on this system
+for name in ("termios", "tty", "pty", "fcntl"):
+    sys.modules[name] = None  # as on Windows
+import select
+del select.poll
+import uros.transport.serial, uros.transport.multiserial, uros.transport.rfcomm
+import uros.transport.portable_serial
+from uros.transport.base import TransportError
+from uros.transport.device import device_port
+from uros.transport.serial import PseudoTerminalServer, SerialServer, serial_server
+
+print(type(serial_server("loop://")).__name__)
+print(type(device_port("loop://")).__name__)
+import os
+os.openpty = None
+del os.openpty
+for make in (PseudoTerminalServer, lambda: SerialServer("COM3")):
     try:
-        message_ = bytes(range(256)) * 2
-        for number in range(2000):
-            server.send(1, number.to_bytes(4, "big") + message_)
-        assert host.writing
-        assert len(server._unsent) <= module.MAX_UNSENT + 2 * len(message_)
-        got = []
-        while server._unsent:
-            got += reader._read()
-            server._push()
-        while True:
-            try:
-                got += reader._read()
-            except BlockingIOError:
-                break
-        assert host.writing is False
-        numbers = [int.from_bytes(it[:4], "big") for it in got]
-        assert numbers == sorted(set(numbers)) and numbers[0] == 0
-        assert all(it[4:] == message_ for it in got)
-        server.send(1, b"next")
-        assert reader._read() == [b"next"]
-    finally:
-        server.close()
-        reader.close()
+        make()
+    except TransportError as error:
+        print(error.strerror)
+"""
+
+
+def test_a_system_without_termios():
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_TERMIOS],
+        env={**os.environ, "PYTHONPATH": str(Path(module.__file__).parents[2])},
+        capture_output=True, text=True, timeout=SECONDS * 3,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "PySerialServer",
+        "PySerialPort",
+        "this system has no pseudo-terminals: use udp4, tcp4 or serial (on Windows a pair of"
+        " virtual COM ports does the same)",
+        "this system has no termios: use serial_server, and install pyserial",
+    ]

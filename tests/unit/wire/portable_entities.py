@@ -106,9 +106,10 @@ def test_create_in_binary() -> None:
 
 
 def test_create_of_what_has_no_parent() -> None:
-    # by hand: a type and a QoS profile
+    # by hand: a type, a QoS profile and an application
     create("0001 002a 0a 01 0000 02000000" + text("t"), 1, 0x2A, ids.BY_REFERENCE, "t", 0)
     create("0001 002b 0b 02 0000 02000000" + text("q"), 1, 0x2B, ids.AS_XML, "q", 0)
+    create("0001 002c 0c 01 0000 02000000" + text("a"), 1, 0x2C, ids.BY_REFERENCE, "a", 0)
 
 
 def test_create_big_endian() -> None:

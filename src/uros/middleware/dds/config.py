@@ -5,7 +5,9 @@ A user's own ``CYCLONEDDS_URI`` comes last and so has the last word.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from ..base import MiddlewareError
@@ -38,6 +40,44 @@ def discovery_range(environment: Mapping[str, str]) -> str:
     return value
 
 
+def stays_on_loopback(environment: Mapping[str, str]) -> bool:
+    """Whether nothing of a domain can leave this machine."""
+    if discovery_range(environment) != "LOCALHOST":
+        return False
+    words = _own_words(environment)
+    return len(_INTERFACE.findall(words)) == len(_LOOPBACK.findall(words))
+
+
+# Elements of Cyclone's configuration that choose an interface, and those that choose loopback.
+_INTERFACE = re.compile(r"<\s*(?:NetworkInterface\b|NetworkInterfaceAddress\s*>)", re.IGNORECASE)
+_LOOPBACK = re.compile(
+    r"<\s*NetworkInterface\b[^>]*(?:name\s*=\s*[\"']lo[\"']|address\s*=\s*[\"']127\.)"
+    r"|<\s*NetworkInterfaceAddress\s*>\s*(?:lo\s*<|127\.)",
+    re.IGNORECASE,
+)
+
+
+def _own_words(environment: Mapping[str, str]) -> str:
+    """The text of the user's configuration, of files that it names too."""
+    words = []
+    for part in _parts(environment.get("CYCLONEDDS_URI", "")):
+        if not part.startswith("<"):
+            try:
+                part = Path(part.removeprefix("file://")).read_text("utf-8", "replace")
+            except OSError:
+                pass  # Cyclone will say so
+        words.append(part)
+    return "\n".join(words)
+
+
+def _parts(uri: str) -> list[str]:
+    """What CYCLONEDDS_URI lists: XML, or the names of files."""
+    if "<" in uri:
+        before, _, xml = uri.partition("<")
+        return [it for it in before.split(",") if it.strip()] + ["<" + xml]
+    return [it.strip() for it in uri.split(",") if it.strip()]
+
+
 def config_xml(environment: Mapping[str, str], pid: int) -> str:
     """The configuration of a domain, in the form of ``CYCLONEDDS_URI``."""
     reach = discovery_range(environment)
@@ -52,7 +92,7 @@ def config_xml(environment: Mapping[str, str], pid: int) -> str:
         peers = []
     elif reach == "LOCALHOST":
         general = "<AllowMulticast>false</AllowMulticast>"
-        if not environment.get("CYCLONEDDS_URI"):
+        if not _INTERFACE.search(_own_words(environment)):
             general += '<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>'
         peers = ["127.0.0.1", *peers]
     elif reach == "SYSTEM_DEFAULT":
@@ -67,9 +107,15 @@ def config_xml(environment: Mapping[str, str], pid: int) -> str:
     return ",".join(part for part in (ours, environment.get("CYCLONEDDS_URI", "")) if part)
 
 
-def gid_size(environment: Mapping[str, str]) -> int:
-    """Bytes of a Gid in ``ros_discovery_info``: 24 up to Humble, 16 from Iron on."""
-    return 24 if environment.get("ROS_DISTRO", "") in _LONG_GID_DISTROS else 16
+# Bytes of a Gid in ros_discovery_info: 24 up to Humble, 16 from Iron on.
+SHORT_GID = 16
+LONG_GID = 24
+_GID_SIZES = {
+    **dict.fromkeys(("foxy", "galactic", "humble"), LONG_GID),
+    **dict.fromkeys(("iron", "jazzy", "kilted", "lyrical", "rolling"), SHORT_GID),
+}
 
 
-_LONG_GID_DISTROS = ("foxy", "galactic", "humble")
+def gid_size(environment: Mapping[str, str]) -> int | None:
+    """Bytes of a Gid for the ROS that ROS_DISTRO names; None where it names none we know."""
+    return _GID_SIZES.get(environment.get("ROS_DISTRO", "").strip().lower())

@@ -84,6 +84,7 @@ _qset_liveliness = function("dds_qset_liveliness", None, _void_p, ctypes.c_int, 
 _qset_ownership = function("dds_qset_ownership", None, _void_p, ctypes.c_int)
 _qset_strength = function("dds_qset_ownership_strength", None, _void_p, _int32)
 _qset_separation = function("dds_qset_time_based_filter", None, _void_p, _int64)
+_qset_batching = function("dds_qset_writer_batching", None, _void_p, ctypes.c_bool)
 _qset_partition = function(
     "dds_qset_partition", None, _void_p, ctypes.c_uint32, ctypes.POINTER(ctypes.c_char_p)
 )
@@ -198,8 +199,11 @@ def create_group(kind: str, participant: int, partitions: tuple[str, ...] = ()) 
         _delete_qos(qos)
 
 
-def create_writer(publisher: int, topic: int, qos: QoSProfile, user_data: bytes) -> int:
-    return _endpoint("writer", publisher, topic, qos, user_data)
+def create_writer(
+    publisher: int, topic: int, qos: QoSProfile, user_data: bytes, batching: bool = False
+) -> int:
+    """A writer. With ``batching``, what is written waits for :func:`flush`, or for more."""
+    return _endpoint("writer", publisher, topic, qos, user_data, batching)
 
 
 def create_reader(subscriber: int, topic: int, qos: QoSProfile, user_data: bytes = b"") -> int:
@@ -208,8 +212,12 @@ def create_reader(subscriber: int, topic: int, qos: QoSProfile, user_data: bytes
     return reader
 
 
-def _endpoint(kind: str, group: int, topic: int, qos: QoSProfile, user_data: bytes) -> int:
+def _endpoint(
+    kind: str, group: int, topic: int, qos: QoSProfile, user_data: bytes, batching: bool = False
+) -> int:
     c_qos = _c_qos(qos, user_data, kind)
+    if batching:
+        _qset_batching(c_qos, True)
     try:
         return check(_create_endpoint[kind](group, topic, c_qos, None), f"create a data{kind}")
     finally:
@@ -230,8 +238,9 @@ def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
     depth = 0 if keep_all else max(1, qos.depth)
     _qset_history(c_qos, 1 if keep_all else 0, depth)
     if durability and kind == "writer":
-        # What is kept for late readers; without it Cyclone keeps one sample.
-        _qset_durability_service(c_qos, 0, 1 if keep_all else 0, depth, -1, -1, -1)
+        # What is kept for late readers; without it Cyclone keeps one sample, and of a writer
+        # that keeps all it would keep all for ever.
+        _qset_durability_service(c_qos, 0, 0, depth or MAX_SAMPLES, -1, -1, -1)
     if qos.deadline_ms:
         _qset_deadline(c_qos, qos.deadline_ms * 1_000_000)
     if qos.lifespan_ms and kind == "writer":
@@ -420,16 +429,23 @@ def _is_ops_table(address: int) -> bool:
 
 _ddspy_write = _clayer.ddspy_write
 _ddspy_take = _clayer.ddspy_take
+_PADDING: Final = (b"", bytes(3), bytes(2), bytes(1))
 
 
 def write(writer: int, cdr: Bytes) -> bool:
     """Write one sample; False where the writer has no room and would wait."""
+    if len(cdr) & 3:  # the binding would fill it up with what its memory last held
+        cdr = bytes(cdr) + _PADDING[len(cdr) & 3]
     code: int = _ddspy_write(writer, cdr)
     if code == 0:
         return True
     if code in (RETCODE_TIMEOUT, RETCODE_OUT_OF_RESOURCES):
         return False
     raise MiddlewareError(f"DDS cannot write: {_strretcode(code).decode()}")
+
+
+# Sends what a writer with batching holds: one packet for many small samples.
+flush = function("dds_write_flush", _int32, _int32)
 
 
 def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:

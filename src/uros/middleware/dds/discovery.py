@@ -13,16 +13,19 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from ...qos import QoSProfile
+from ...qos import HistoryPolicy, QoSProfile
 from . import announce, builtin, cyclone
 from .watched import Watched
 
 if TYPE_CHECKING:
-    from .middleware import DdsNode
+    from .middleware import DdsMiddleware
+    from .participant import SharedParticipant
 
 _BATCH: Final = 256
 _GID_SIZES: Final = (16, 24)
 _GUID_SIZE: Final = 16
+# Attack: a peer that announces the nodes of one participant after the other that does not exist.
+MAX_ANNOUNCED: Final = 4096
 
 
 @dataclass(frozen=True)
@@ -37,34 +40,125 @@ class Endpoint:
     qos: QoSProfile
 
 
-class Discovery:
-    """What the participant of ``node`` has discovered, itself included.
+class Peers:
+    """The participants that one of ours has discovered, itself included, and their nodes.
 
-    ``participants`` maps a GUID to its USER_DATA, ``endpoints`` a GUID to the endpoint, and
-    ``announced`` a participant's GUID to the nodes that it says it has, which may come before
-    the participant itself is known. ``on_change`` is called after each batch of news.
+    ``participants`` maps a GUID to its USER_DATA, ``announced`` a participant's GUID to the nodes
+    that it says it has, and ``gid_sizes`` to the bytes of a Gid in what it says; both may come
+    before the participant itself is known. ``on_change`` is called after each batch of news.
     """
 
-    def __init__(self, node: DdsNode, on_change: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        middleware: DdsMiddleware,
+        participant: SharedParticipant,
+        on_change: Callable[[], None],
+    ) -> None:
         self.participants: dict[bytes, bytes] = {}
-        self.endpoints: dict[bytes, Endpoint] = {}
         self.announced: dict[bytes, list[announce.NodeEntities]] = {}
+        self.gid_sizes: dict[bytes, int] = {}
         self._on_change = on_change
-        self._node = node
-        entity = node.participant.entity
+        self._middleware = middleware
+        self._participant = participant
         self._closers: list[Callable[[], None]] = []
         try:
-            for topic, take in (
-                (builtin.TOPIC_PARTICIPANT, self._take_participants),
-                (builtin.TOPIC_PUBLICATION, self._take_writers),
-                (builtin.TOPIC_SUBSCRIPTION, self._take_readers),
-            ):
-                reader = builtin.create_reader(entity, topic)
+            for topic, take in self._builtin_topics():
+                reader = builtin.create_reader(participant.entity, topic)
                 self._watch(reader, take, partial(cyclone.delete, reader))
             self._listen()
         except BaseException:
             self.close()
             raise
+
+    def _builtin_topics(self) -> list[tuple[int, Callable[[int], int]]]:
+        return [(builtin.TOPIC_PARTICIPANT, self._take_participants)]
+
+    def ask_again(self) -> None:
+        """Read ``ros_discovery_info`` anew.
+
+        A Fast DDS writer offers what it has when it meets a reader. Where the reader does not know
+        the writer by then, the offer is lost and comes again with the next heartbeat, after up to
+        three seconds; a new reader gets it at once.
+        """
+        self._closers.pop()()
+        self._listen()
+
+    def _listen(self) -> None:
+        participant = self._participant
+        qos = announce.qos()
+        qos.history = HistoryPolicy.KEEP_ALL  # the topic has no key: one must not displace another
+        about = announce.TOPIC, announce.TYPE, qos
+        entity = participant.create_reader(*about, b"")
+        self._watch(
+            entity, self._take_announcements, lambda: participant.delete_reader(entity, *about)
+        )
+
+    def _watch(
+        self,
+        entity: int,
+        take: Callable[[int], int],
+        delete: Callable[[], None],
+    ) -> None:
+        def on_ready() -> None:
+            reader.taken = True
+            while take(entity) == _BATCH:
+                pass
+            self._on_change()
+
+        reader = Watched(self._middleware, entity, on_ready)
+
+        def close() -> None:
+            self._middleware.unwatch(reader)
+            delete()
+
+        self._closers.append(close)
+
+    def _take_participants(self, entity: int) -> int:
+        news = builtin.take_participants(entity, _BATCH)
+        for guid, qos in news:
+            if qos is None:
+                self.participants.pop(guid, None)
+                self.announced.pop(guid, None)
+                self.gid_sizes.pop(guid, None)
+            else:
+                self.participants[guid] = qos.user_data
+        return len(news)
+
+    def _take_announcements(self, entity: int) -> int:
+        news = cyclone.take(entity, _BATCH)
+        for sample, _info in news:
+            decoded = decode_sized(sample)
+            if decoded is None:
+                continue
+            if decoded[0] in self.announced or len(self.announced) < MAX_ANNOUNCED:
+                guid, self.announced[guid], self.gid_sizes[guid] = decoded
+        return len(news)
+
+    def close(self) -> None:
+        """Stop reading. Twice is once."""
+        for close in self._closers:
+            close()
+        self._closers.clear()
+
+
+class Discovery(Peers):
+    """These, and what they write and read: ``endpoints`` maps a GUID to the endpoint."""
+
+    def __init__(
+        self,
+        middleware: DdsMiddleware,
+        participant: SharedParticipant,
+        on_change: Callable[[], None],
+    ) -> None:
+        self.endpoints: dict[bytes, Endpoint] = {}
+        super().__init__(middleware, participant, on_change)
+
+    def _builtin_topics(self) -> list[tuple[int, Callable[[int], int]]]:
+        return [
+            *super()._builtin_topics(),
+            (builtin.TOPIC_PUBLICATION, self._take_writers),
+            (builtin.TOPIC_SUBSCRIPTION, self._take_readers),
+        ]
 
     def silent(self) -> set[bytes]:
         """The ROS participants (they have an enclave) that did not tell their nodes yet."""
@@ -98,55 +192,6 @@ class Discovery:
         """The participants without any endpoint, so far."""
         return self.participants.keys() - {end.participant for end in self.endpoints.values()}
 
-    def ask_again(self) -> None:
-        """Read ``ros_discovery_info`` anew.
-
-        A Fast DDS writer offers what it has when it meets a reader. Where the reader does not know
-        the writer by then, the offer is lost and comes again with the next heartbeat, after up to
-        three seconds; a new reader gets it at once.
-        """
-        self._closers.pop()()
-        self._listen()
-
-    def _listen(self) -> None:
-        participant = self._node.participant
-        about = announce.TOPIC, announce.TYPE, announce.qos()
-        entity = participant.create_reader(*about, b"")
-        self._watch(
-            entity, self._take_announcements, lambda: participant.delete_reader(entity, *about)
-        )
-
-    def _watch(
-        self,
-        entity: int,
-        take: Callable[[int], int],
-        delete: Callable[[], None],
-    ) -> None:
-        def on_ready() -> None:
-            reader.taken = True
-            while take(entity) == _BATCH:
-                pass
-            self._on_change()
-
-        middleware = self._node.middleware
-        reader = Watched(middleware, entity, on_ready)
-
-        def close() -> None:
-            middleware.unwatch(reader)
-            delete()
-
-        self._closers.append(close)
-
-    def _take_participants(self, entity: int) -> int:
-        news = builtin.take_participants(entity, _BATCH)
-        for guid, qos in news:
-            if qos is None:
-                self.participants.pop(guid, None)
-                self.announced.pop(guid, None)
-            else:
-                self.participants[guid] = qos.user_data
-        return len(news)
-
     def _take_writers(self, entity: int) -> int:
         return self._take_endpoints(entity, True)
 
@@ -163,26 +208,18 @@ class Discovery:
                 self.endpoints[guid] = Endpoint(guid, participant, is_writer, topic, type_name, qos)
         return len(news)
 
-    def _take_announcements(self, entity: int) -> int:
-        news = cyclone.take(entity, _BATCH)
-        for sample, _info in news:
-            decoded = decode(sample)
-            if decoded is not None:
-                self.announced[decoded[0]] = decoded[1]
-        return len(news)
-
-    def close(self) -> None:
-        """Stop reading. Twice is once."""
-        for close in self._closers:
-            close()
-        self._closers.clear()
-
 
 # --- ros_discovery_info -----------------------------------------------------------
 
 
 def decode(sample: bytes) -> tuple[bytes, list[announce.NodeEntities]] | None:
-    """The participant's GUID and its nodes, or None for what is no such message.
+    """The participant's GUID and its nodes, or None for what is no such message."""
+    decoded = decode_sized(sample)
+    return None if decoded is None else decoded[:2]
+
+
+def decode_sized(sample: bytes) -> tuple[bytes, list[announce.NodeEntities], int] | None:
+    """:func:`decode`, and the bytes of a Gid.
 
     Nothing in a sample tells whether its Gids have 16 bytes (from Iron on) or 24: the size with
     which the message ends where the sample ends, and strings are strings, is the right one.
@@ -191,7 +228,7 @@ def decode(sample: bytes) -> tuple[bytes, list[announce.NodeEntities]] | None:
         return None
     for gid_size in _GID_SIZES:
         try:
-            return _Decoder(sample, gid_size).message()
+            return *_Decoder(sample, gid_size).message(), gid_size
         except (ValueError, struct.error):
             pass
     return None

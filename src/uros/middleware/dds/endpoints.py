@@ -37,12 +37,15 @@ def type_data(type_name: str) -> bytes:
 
 
 class DdsWriter(Writer):
-    __slots__ = ("_close", "_local", "_middleware", "entity", "guid", "type_name")
+    __slots__ = ("_batching", "_close", "_local", "_middleware", "entity", "guid", "type_name")
 
     def __init__(self, node: DdsNode, topic: str, type_name: str, qos: QoSProfile, data: bytes):
         participant = node.participant
         self.type_name = type_name
-        self.entity = participant.create_writer(topic, type_name, qos, data + type_data(type_name))
+        self._batching = node.middleware.batching
+        self.entity = participant.create_writer(
+            topic, type_name, qos, data + type_data(type_name), self._batching
+        )
         self.guid = cyclone.guid(self.entity)
         node.add_writer(self)
         self._middleware = node.middleware
@@ -52,6 +55,8 @@ class DdsWriter(Writer):
 
         def close() -> None:
             node.middleware.own_writers.discard(handle)
+            if self._batching:
+                cyclone.flush(self.entity)
             node.remove_writer(self)
             participant.delete_writer(self.entity, topic, type_name, qos)
             node.middleware.local.release((participant.domain, topic))
@@ -61,6 +66,8 @@ class DdsWriter(Writer):
     def write(self, cdr: Bytes) -> bool:
         if self._local:
             self._middleware.written(self._local)
+        if self._batching:
+            self._middleware.unsent.add(self.entity)
         if cdr[1] & 1:
             return _write(self.entity, cdr)
         return _write(self.entity, _little_endian(self.type_name, cdr))

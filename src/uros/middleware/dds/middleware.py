@@ -12,6 +12,7 @@ import itertools
 import os
 import threading
 import time
+from collections.abc import Callable
 
 from ...qos import QoSProfile
 from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
@@ -19,6 +20,8 @@ from ..wake import Wake
 from . import announce, config, cyclone
 from .conflicts import TypeWatch
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
+from .gids import GidWatch
+from .graph import PacedDiscovery
 from .participant import MAX_NODES, SharedParticipant
 from .shared import Shared
 from .watched import Watched
@@ -59,6 +62,22 @@ class DdsNode(Node):
         octets = self.participant.guid[:12] + number.to_bytes(4, "big")
         return ".".join(f"{octet:x}" for octet in octets)
 
+    def adopt(self, readers: list[bytes], writers: list[bytes]) -> None:
+        """Announce endpoints of another participant, by their GUIDs, as this node's."""
+        self._entities.readers += readers
+        self._entities.writers += writers
+        self.participant.changed()
+
+    def disown(self, readers: list[bytes], writers: list[bytes]) -> None:
+        """Undo :meth:`adopt`."""
+        for mine, theirs in (
+            (self._entities.readers, readers),
+            (self._entities.writers, writers),
+        ):
+            for guid in theirs:
+                mine.remove(guid)
+        self.participant.changed()
+
     def add_writer(self, writer: DdsWriter) -> None:
         self._endpoints.append(writer)
         self._entities.writers.append(writer.guid)
@@ -98,14 +117,17 @@ class DdsMiddleware(Middleware):
         config.discovery_range(self._environment)  # a wrong value is better told at once
         self._domains: set[int] = set()
         self._participants: dict[int, list[SharedParticipant]] = {}
+        self._gids: dict[int, GidWatch] = {}
+        self.graphs: list[PacedDiscovery] = []
         self._readers: dict[int, Watched] = {}
         # Our readers by domain and topic, each a list kept up to date, and those
         # just written to: Cyclone has their samples ready when the write returns.
         self.local = Shared[tuple[int, str], list[DdsReader]](lambda _key: [], lambda _list: None)
         self._written: dict[int, list[DdsReader]] = {}
         self.own_writers: set[int] = set()  # their instance handles
+        self.unsent: set[int] = set()  # writers that hold samples back
         self._keys = itertools.count(1)
-        self._wake = Wake()
+        self.wake = Wake()
         self._waitset: cyclone.Waitset | None = None
         self._ready: list[int] = []
         self._resume = threading.Lock()
@@ -116,11 +138,12 @@ class DdsMiddleware(Middleware):
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
     ) -> DdsNode:
         check_domain(domain)
-        if localhost_only and config.discovery_range(self._environment) != "LOCALHOST":
+        if localhost_only and not config.stays_on_loopback(self._environment):
             raise MiddlewareError(
                 "a client wants a participant that never leaves this machine, and domain"
                 f" {domain} is open to the network: start the agent with"
-                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, and without other interfaces in"
+                " CYCLONEDDS_URI"
             )
         return DdsNode(self, self._participant(domain), namespace, name)
 
@@ -137,7 +160,11 @@ class DdsMiddleware(Middleware):
         for participant in shared:
             if len(participant.nodes) < MAX_NODES:
                 return participant
-        shared.append(SharedParticipant(domain, config.gid_size(self._environment)))
+        told = config.gid_size(self._environment)
+        known = self._gids.get(domain)
+        shared.append(SharedParticipant(domain, known.size if known else told or config.SHORT_GID))
+        if known is None:
+            self._gids[domain] = GidWatch(self, shared[0], told)
         if len(shared) == 1 and self.on_type_conflict is not None:
             TypeWatch(self, shared[0])
         return shared[-1]
@@ -145,6 +172,17 @@ class DdsMiddleware(Middleware):
     def owns(self, domain: int, participant: bytes) -> bool:
         """Whether the participant of that GUID is one of ours."""
         return any(one.guid == participant for one in self._participants.get(domain, ()))
+
+    def resize_gids(self, domain: int, size: int) -> None:
+        """Announce the nodes of a domain with Gids of so many bytes from now on."""
+        for participant in self._participants[domain]:
+            participant.gid_size = size
+            participant.changed()
+
+    def graph(self, domain: int, on_change: Callable[[], None]) -> PacedDiscovery:
+        check_domain(domain)
+        shared = self._participants.get(domain)
+        return PacedDiscovery(self, shared[0] if shared else self._participant(domain), on_change)
 
     # --- waiting ------------------------------------------------------------
 
@@ -179,16 +217,21 @@ class DdsMiddleware(Middleware):
     def written(self, readers: list[DdsReader]) -> None:
         """These local readers have been written to."""
         if not self._written:
-            self._wake.set()
+            self.wake.set()
         self._written[id(readers)] = readers
+
+    def flush(self) -> None:
+        unsent = self.unsent
+        while unsent:
+            cyclone.flush(unsent.pop())
 
     def dispatch_local(self) -> None:
         if not self._written:
             return
-        self._wake.clear()
+        self.wake.clear()
         failed = self._announce_written()
         if self._ready:  # the waiting thread may have spoken in between
-            self._wake.set()
+            self.wake.set()
         if failed is not None:
             raise failed
 
@@ -230,14 +273,14 @@ class DdsMiddleware(Middleware):
             ready = waitset.wait()
             if ready:
                 self._ready = ready
-                self._wake.set()
+                self.wake.set()
                 self._resume.acquire()  # until the data plane has taken them
 
     def fileno(self) -> int:
-        return self._wake.fileno()
+        return self.wake.fileno()
 
     def dispatch(self) -> None:
-        self._wake.clear()
+        self.wake.clear()
         ready, self._ready = self._ready, []
         failed = self._announce_written()
         for key in ready:
@@ -267,6 +310,9 @@ class DdsMiddleware(Middleware):
             for one in shared:
                 if one.due is not None and (soonest is None or one.due < soonest):
                     soonest = one.due
+        for graph in self.graphs:
+            if graph.due is not None and (soonest is None or graph.due < soonest):
+                soonest = graph.due
         return soonest
 
     def tick(self) -> None:
@@ -274,6 +320,9 @@ class DdsMiddleware(Middleware):
         for participant in self._all_participants():
             if participant.due is not None and participant.due <= now:
                 participant.announce()
+        for graph in self.graphs.copy():
+            if graph.due is not None and graph.due <= now:
+                graph.tell()
 
     def close(self) -> None:
         if self._closed:
@@ -289,4 +338,4 @@ class DdsMiddleware(Middleware):
             participant.close()
         for domain in self._domains:
             cyclone.close_domain(domain)
-        self._wake.close()
+        self.wake.close()

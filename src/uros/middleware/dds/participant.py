@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 from ...qos import QoSProfile
 from . import announce, cyclone
@@ -25,7 +26,7 @@ class SharedParticipant:
 
     def __init__(self, domain: int, gid_size: int) -> None:
         self.domain = domain
-        self.entity = cyclone.create_participant(domain, b"enclave=/;")
+        self.entity = cyclone.create_participant(domain, announce.USER_DATA)
         self.guid = cyclone.guid(self.entity)
         self.nodes: list[announce.NodeEntities] = []
         self._groups = Shared[tuple[str, tuple[str, ...]], int](
@@ -34,14 +35,17 @@ class SharedParticipant:
         self._topics = Shared[tuple[str, str], int](
             lambda key: cyclone.create_topic(self.entity, *key), cyclone.delete
         )
-        self._gid_size = gid_size
+        self.gid_size = gid_size
         self._sent_at = 0.0
         self.due: float | None = None  # when to announce next
         self._announcer = self.create_writer(announce.TOPIC, announce.TYPE, announce.qos(), b"")
 
-    def create_writer(self, name: str, type_name: str, qos: QoSProfile, data: bytes) -> int:
+    def create_writer(
+        self, name: str, type_name: str, qos: QoSProfile, data: bytes, batching: bool = False
+    ) -> int:
         """A writer; :meth:`delete_writer` gives back what it used."""
-        return self._create("publisher", cyclone.create_writer, name, type_name, qos, data)
+        create = partial(cyclone.create_writer, batching=batching)
+        return self._create("publisher", create, name, type_name, qos, data)
 
     def create_reader(self, name: str, type_name: str, qos: QoSProfile, data: bytes) -> int:
         """A reader; :meth:`delete_reader` gives back what it used."""
@@ -88,7 +92,7 @@ class SharedParticipant:
 
     def announce(self) -> None:
         """Send ``ros_discovery_info`` now."""
-        sample = announce.encode(self.guid, self.nodes, self._gid_size)
+        sample = announce.encode(self.guid, self.nodes, self.gid_size)
         sent = cyclone.write(self._announcer, sample)
         self._sent_at = time.monotonic()
         self.due = None if sent else self._sent_at + _INTERVAL

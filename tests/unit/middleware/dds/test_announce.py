@@ -4,12 +4,16 @@ The vectors are written by hand from the definitions of rmw_dds_common (Particip
 NodeEntitiesInfo, Gid) and from CDR; no ROS wrote them.
 """
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr
 from uros.middleware.dds import announce
-from uros.middleware.dds.discovery import decode
+from uros.middleware.dds.discovery import decode, decode_sized
 
 PARTICIPANT = bytes.fromhex("0110aabbccddeeff00112233000001c1")
 READER = bytes.fromhex("0110aabbccddeeff0011223300000104")
@@ -90,6 +94,77 @@ def test_it_is_the_message_that_interfaces_know():
     assert list(weather.reader_gid_seq) == []
     assert (other.node_namespace, other.node_name) == ("/", "a_node")
     assert [bytes(gid.data) for gid in other.reader_gid_seq] == [READER]
+
+
+# rmw_dds_common: Gid.msg up to Humble, and from Iron on.
+DEFINITIONS = {
+    "ParticipantEntitiesInfo": "Gid gid\nNodeEntitiesInfo[] node_entities_info_seq\n",
+    "NodeEntitiesInfo": "string<=256 node_namespace\nstring<=256 node_name\n"
+    "Gid[] reader_gid_seq\nGid[] writer_gid_seq\n",
+}
+GIDS = {24: "char[24] data\n", 16: "char[16] data\n"}
+
+
+@pytest.fixture(scope="module", params=sorted(GIDS))
+def oracle(request):
+    """rosbags with the definitions of one size, and the size."""
+    store = get_typestore(Stores.EMPTY)
+    found = {}
+    for name, text in (*DEFINITIONS.items(), ("Gid", GIDS[request.param])):
+        found |= get_types_from_msg(text, f"rmw_dds_common/msg/{name}")
+    store.register(found)
+    return store, request.param
+
+
+NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
+GUIDS = st.lists(st.binary(min_size=16, max_size=16), max_size=4)
+NODE_LISTS = st.lists(st.builds(announce.NodeEntities, NAMES, NAMES, GUIDS, GUIDS), max_size=5)
+
+
+@given(st.binary(min_size=16, max_size=16), NODE_LISTS)
+def test_rosbags_reads_what_we_send_and_we_read_what_it_writes(oracle, guid, nodes):
+    store, size = oracle
+    types = store.types
+    sample = announce.encode(guid, nodes, size)
+    name = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+    read = store.deserialize_cdr(sample, name)
+    pad = bytes(size - 16)
+
+    def seen(gids):
+        return [bytes(gid.data) for gid in gids]
+
+    assert bytes(read.gid.data) == guid + pad
+    assert [
+        (it.node_namespace, it.node_name, seen(it.reader_gid_seq), seen(it.writer_gid_seq))
+        for it in read.node_entities_info_seq
+    ] == [
+        (it.namespace, it.name, [g + pad for g in it.readers], [g + pad for g in it.writers])
+        for it in nodes
+    ]
+
+    def gid(raw):
+        return types["rmw_dds_common/msg/Gid"](np.frombuffer(raw + pad, np.uint8))
+
+    message = types[name](
+        gid(guid),
+        [
+            types["rmw_dds_common/msg/NodeEntitiesInfo"](
+                it.namespace, it.name, [gid(g) for g in it.readers], [gid(g) for g in it.writers]
+            )
+            for it in nodes
+        ],
+    )
+    back = decode_sized(bytes(store.serialize_cdr(message, name)))
+    assert back is not None and (back[0], back[2]) == (guid, size)
+    assert [vars(it) for it in back[1]] == [vars(it) for it in nodes]
+
+
+@given(st.binary(max_size=200), st.booleans(), st.sampled_from([16, 24]))
+def test_hostile_bytes_are_no_message_or_a_whole_one(rest, little, size):
+    decoded = decode_sized(bytes((0, little, 0, 0)) + rest)
+    if decoded is not None:
+        assert len(announce.encode(*decoded[:2], decoded[2])) - 4 <= len(rest)
+    assert decode_sized(announce.encode(PARTICIPANT, NODES, size) + rest + b"\1") is None
 
 
 def test_the_topic_is_kept_for_late_nodes():

@@ -99,8 +99,44 @@ def test_the_users_own_configuration_comes_last():
     own = "<General><AllowMulticast>spdp</AllowMulticast></General>"
     general, _, rest = parts({"CYCLONEDDS_URI": own, "ROS_LOCALHOST_ONLY": "1"})
     assert rest == "," + own
-    # Interfaces add up: with ours, the user could choose no other.
-    assert general.find("Interfaces") is None
+    # A configuration of other things opens nothing to the network.
+    assert general.find("Interfaces/NetworkInterface").get("address") == "127.0.0.1"
+
+
+OWN = '<General><Interfaces><NetworkInterface {}/></Interfaces></General>'
+OLD = "<General><NetworkInterfaceAddress>{}</NetworkInterfaceAddress></General>"
+
+
+@pytest.mark.parametrize(
+    "uri, loopback",
+    [
+        (OWN.format('name="eth0"'), False),
+        (OWN.format('name="lo"'), True),
+        (OWN.format("priority='1' address='127.0.0.1'"), True),
+        (OWN.format('address="10.0.0.1"'), False),
+        (OLD.format("eth0"), False),
+        (OLD.format("127.0.0.1"), True),
+        (OWN.format('name="lo"') + "," + OWN.format('name="eth0"'), False),
+    ],
+)
+def test_interfaces_that_the_user_chooses(uri, loopback, tmp_path):
+    file = tmp_path / "own.xml"
+    file.write_text(uri)
+    for own in (uri, f"file://{file}", str(file)):
+        environment = {"CYCLONEDDS_URI": own, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        # Interfaces add up: with ours, the user could choose no other.
+        assert "127.0.0.1" not in config.config_xml(environment, PID).partition(",")[0].replace(
+            '<Peer Address="127.0.0.1"/>', ""
+        )
+        assert config.stays_on_loopback(environment) is loopback
+
+
+def test_what_stays_on_loopback():
+    for reach in ("", "SUBNET", "OFF", "SYSTEM_DEFAULT"):
+        assert not config.stays_on_loopback({"ROS_AUTOMATIC_DISCOVERY_RANGE": reach})
+    tracing = "<Tracing><Verbosity>info</Verbosity></Tracing>"
+    for own in ("", tracing, "file:///no/such/file"):
+        assert config.stays_on_loopback({"ROS_LOCALHOST_ONLY": "1", "CYCLONEDDS_URI": own})
 
 
 @pytest.mark.parametrize(
@@ -134,9 +170,10 @@ def test_a_users_configuration_that_cyclone_refuses_is_an_error(own_domain_id):
 
 @pytest.mark.parametrize(
     ("distro", "size"),
-    [("", 16), ("foxy", 24), ("galactic", 24), ("humble", 24), ("iron", 16), ("jazzy", 16),
-     ("kilted", 16), ("rolling", 16)],
+    [("", None), ("foxy", 24), ("galactic", 24), ("humble", 24), ("iron", 16), ("jazzy", 16),
+     ("kilted", 16), ("rolling", 16), ("Humble ", 24), ("zebra", None), ("melodic", None)],
 )  # fmt: skip
 def test_gid_size(distro, size):
+    """None: nobody has told, and the peers' samples decide."""
     assert config.gid_size({"ROS_DISTRO": distro}) == size
-    assert config.gid_size({}) == 16
+    assert config.gid_size({}) is None

@@ -1,0 +1,165 @@
+"""A client's objects: what is kept of them, their names, and where references are looked up."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from ..middleware.base import Node
+from ..wire import ids
+from .control import NOTHING, Settings
+from .delivery import Delivery
+from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
+from .graph import GraphEndpoint
+from .profiles import Profile, References
+from .representation import QosProfileSpec, Spec, TypeSpec
+
+Endpoint = ReaderEndpoint | RequesterEndpoint | ReplierEndpoint | GraphEndpoint | WriterEndpoint
+
+KIND_NAMES: Final = {
+    ids.KIND_PARTICIPANT: "participant",
+    ids.KIND_TOPIC: "topic",
+    ids.KIND_PUBLISHER: "publisher",
+    ids.KIND_SUBSCRIBER: "subscriber",
+    ids.KIND_DATAWRITER: "datawriter",
+    ids.KIND_DATAREADER: "datareader",
+    ids.KIND_REQUESTER: "requester",
+    ids.KIND_REPLIER: "replier",
+    ids.KIND_TYPE: "type",
+    ids.KIND_QOS_PROFILE: "qos_profile",
+    ids.KIND_APPLICATION: "application",
+}
+# Kinds that stand on a participant of the middleware, or are one.
+WITH_NODE: Final = (
+    ids.KIND_PARTICIPANT,
+    ids.KIND_DATAWRITER,
+    ids.KIND_DATAREADER,
+    ids.KIND_REQUESTER,
+    ids.KIND_REPLIER,
+)
+# Kinds that stand on nothing; a CREATE of theirs names no parent.
+PARENTLESS: Final = (
+    ids.KIND_PARTICIPANT,
+    ids.KIND_TYPE,
+    ids.KIND_QOS_PROFILE,
+    ids.KIND_APPLICATION,
+)
+PARENT_KINDS: Final = {
+    ids.KIND_DATAWRITER: ids.KIND_PUBLISHER,
+    ids.KIND_DATAREADER: ids.KIND_SUBSCRIBER,
+}
+# Attack: a client that creates all 65536 objects its ids can name.
+MAX_OBJECTS = 4096
+# Attack: one client takes the places of all on the network, which holds some thousand
+# nodes at most, or starts all 233 domains.
+MAX_PARTICIPANTS = 32
+
+# The number of an application's first entity that has none of its own: beyond what 12 bits name.
+UNNAMED: Final = 0x1000
+
+
+def object_label(object_id: int) -> str:
+    """As in the C++ agent's log: number and kind, ``0x000(5)``."""
+    return f"0x{object_id >> 4:03X}({object_id & 15})"
+
+
+def check_room(objects: Mapping[int, XrceObject], kinds: list[int]) -> None:
+    """Raises TooMany where a client with these objects may not have such ones as well."""
+    if len(objects) + len(kinds) > MAX_OBJECTS:
+        raise TooMany(f"over {MAX_OBJECTS} objects")
+    new = kinds.count(ids.KIND_PARTICIPANT)
+    if new and MAX_PARTICIPANTS < new + sum(
+        it.kind == ids.KIND_PARTICIPANT for it in objects.values()
+    ):
+        raise TooMany(f"over {MAX_PARTICIPANTS} participants")
+
+
+def broken(thing: XrceObject, objects: Mapping[int, XrceObject]) -> bool:
+    """Whether what the object stood for, or a part of it, was deleted."""
+    return thing.orphaned or any(
+        objects.get(it.object_id) is not it or it.orphaned for it in thing.parts
+    )
+
+
+def parent_id(kind: int, parent: int) -> int:
+    """The object id of an object's parent, whichever kind the client wrote into it."""
+    if kind in PARENTLESS:
+        return 0
+    return (parent & 0xFFF0) | PARENT_KINDS.get(kind, ids.KIND_PARTICIPANT)
+
+
+@dataclass(eq=False)
+class XrceObject:
+    """An object of the client; ``node`` on participants and on what has an ``endpoint``."""
+
+    object_id: int
+    parent: int
+    spec: Spec
+    node: Node | None = None
+    endpoint: Endpoint | None = None
+    delivery: Delivery | None = None
+    settings: Settings = NOTHING  # its participant's
+    # What CREATE said: format, content, parent or domain. None: an application's part.
+    representation: tuple[int, str | bytes, int] | None = None
+    parts: list[XrceObject] = field(default_factory=list)  # of an application
+
+    @property
+    def kind(self) -> int:
+        return self.object_id & 0x0F
+
+    @property
+    def orphaned(self) -> bool:
+        """Whether its participant, and its endpoint with it, was deleted."""
+        return self.node is None and self.kind in WITH_NODE
+
+    @property
+    def kept(self) -> int:
+        """Bytes of the representation."""
+        return len(self.representation[1]) if self.representation is not None else 0
+
+
+class TooMany(Exception):
+    """More objects than one client may have."""
+
+
+class Taken(Exception):
+    """The object id of an application's entity is in use."""
+
+
+class Known:
+    """Where a client's references are looked up: its own objects, then the agent's files."""
+
+    def __init__(self, objects: Mapping[int, XrceObject], references: References) -> None:
+        self._objects = objects
+        self._references = references
+
+    def find(self, tag: str, name: str) -> Profile | None:
+        """See :class:`~uros.agent.representation.Lookup`."""
+        if tag == "type":
+            for thing in self._objects.values():
+                if isinstance(thing.spec, TypeSpec) and name in thing.spec.names:
+                    return Profile(type_name=name)
+        elif tag == "qos_profile":
+            for thing in self._objects.values():
+                if isinstance(thing.spec, QosProfileSpec) and name in thing.spec.named:
+                    return thing.spec.named[name]
+        return self._references.find(tag, name)
+
+
+_BAD_IN_NAME = re.compile(r"[^A-Za-z0-9_]")
+
+
+def node_name(given: str | None) -> tuple[str, str]:
+    """``(namespace, name)`` of the ROS node a participant's name stands for.
+
+    micro-ROS gives ``namespace/name``; characters that ROS names cannot have
+    become underscores, and no name at all becomes ``xrce_client``.
+    """
+    parts = [part for part in (given or "").split("/") if part]
+    clean = []
+    for part in parts or ["xrce_client"]:
+        word = _BAD_IN_NAME.sub("_", part)
+        clean.append("_" + word if word[0].isdigit() else word)
+    return "/" + "/".join(clean[:-1]), clean[-1]

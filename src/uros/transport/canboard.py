@@ -1,0 +1,108 @@
+"""A board's end of CAN FD: one message in each frame. Runs on MicroPython.
+
+As in eProsima's client: extended identifiers, the same one in both directions, and in the frame
+the message's length in one byte before the message. What follows is padding: a CAN FD frame has
+one of sixteen lengths.
+"""
+
+from ..ticks import sleep_ms, ticks_ms
+from ..wire.streams import ticks_add, ticks_diff
+
+try:
+    from typing import Any, Final, Protocol
+
+    from ..wire.cdr import Buffer
+
+    class Port(Protocol):
+        """What :class:`CanTransport` needs of a CAN controller. Neither call waits.
+
+        A port may have ``wait(timeout_ms)``, which returns when there is a frame or the time is
+        up, and ``open()`` and ``close()``, which raise OSError.
+        """
+
+        def send(self, can_id: int, data: "Buffer") -> "bool | None":
+            """An extended FD frame; False: there is no room for it. OSError: the bus is gone."""
+
+        def recv(self) -> "tuple[int, Buffer] | None":
+            """Identifier and data of the next extended frame, if one is there. OSError: gone."""
+
+except ImportError:  # MicroPython
+    pass
+
+MTU: Final = 63
+MAX_ID: Final = 0x1FFFFFFF
+_LENGTHS: Final = (8, 12, 16, 20, 24, 32, 48, 64)
+# Frames for others are passed over, but a busy bus must not hold a program up.
+_FRAMES: Final = 64
+
+
+def can_frame(message: "Buffer") -> bytearray:
+    """The data of the frame for a message of at most MTU bytes."""
+    size = len(message)
+    length = size + 1
+    if length > 8:
+        for length in _LENGTHS:
+            if length > size:
+                break
+    data = bytearray(length)
+    data[0] = size
+    data[1 : size + 1] = message
+    return data
+
+
+class CanTransport:
+    """One board on a bus, known by its ``can_id``, which no other on the bus has.
+
+    Messages for which the controller has no room, and those longer than a frame, are lost and
+    counted in ``dropped``: reliable ones are sent again. Frames that are shorter than they say
+    are counted in ``malformed``.
+    """
+
+    def __init__(self, port: "Any", can_id: int = 1) -> None:
+        if not 0 <= can_id <= MAX_ID:
+            raise ValueError("a CAN id has 29 bits: 0 to 0x%X" % MAX_ID)
+        self.port = port
+        self.can_id = can_id
+        self.mtu = MTU
+        self.dropped = 0
+        self.malformed = 0
+
+    def open(self) -> None:
+        """Raises OSError where the port has an ``open`` that does."""
+        if hasattr(self.port, "open"):
+            self.port.open()
+
+    def close(self) -> None:
+        """Twice is once."""
+        if hasattr(self.port, "close"):
+            self.port.close()
+
+    def send(self, message: "Buffer") -> None:
+        """See :class:`uros.client.connection.Transport`."""
+        if len(message) > MTU or self.port.send(self.can_id, can_frame(message)) is False:
+            self.dropped += 1
+
+    def receive(self, timeout_ms: int) -> "bytes | None":
+        """See :class:`uros.client.connection.Transport`."""
+        end = ticks_add(ticks_ms(), timeout_ms)
+        frames = 0
+        while True:
+            frame = self.port.recv()
+            if frame is not None:
+                if frame[0] == self.can_id:
+                    data = frame[1]
+                    if len(data) and 0 < data[0] < len(data):
+                        return bytes(data[1 : data[0] + 1])
+                    self.malformed += 1
+                frames += 1
+                if frames < _FRAMES:
+                    continue
+            left = ticks_diff(end, ticks_ms())
+            if left <= 0:
+                return None
+            if frame is not None:
+                continue
+            if hasattr(self.port, "wait"):
+                self.port.wait(left)
+            else:
+                sleep_ms(1)

@@ -1,0 +1,310 @@
+"""Transports that others write, at the agent's end: radio modems, message buses, tunnels.
+
+A class with four calls is enough, which may wait and may fail: it is called from threads of its
+own, and opened again after whatever it raises. docs/custom_transport.md has an example.
+"""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import importlib.util
+import sys
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+from ..wire.framing import Deframer, frame, frame_size
+from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
+from .worker import LEAVE, Tally, Worker
+
+AGENT_ADDRESS: Final = 0
+# After a failure, a line is opened again so soon, in seconds; each time twice as late, until
+# something has come.
+RETRY: Final = 0.5
+_RETRY_MOST: Final = 8.0
+# The longest message there is: lengths of messages have 16 bits on other lines.
+MAX_MESSAGE: Final = 0xFFFF
+# A stream is handled in pieces of so many bytes, however much was read at once.
+_CHUNK: Final = 4096
+# Attack: a new peer with each piece, each with a frame that never ends. Those that were silent
+# the longest are forgotten.
+MAX_PEERS: Final = 256
+
+
+class CustomTransport:
+    """What to write: a subclass, or any class with these calls.
+
+    Whatever a call raises closes the line, which is opened again a little later. ``read``
+    and ``write`` come from two threads, so that one may wait while the other works; all else
+    comes one after the other.
+    """
+
+    framed = False
+    """True where the line is a stream of bytes: then messages travel in serial frames, and
+    ``read`` and ``write`` get pieces of the stream."""
+
+    def open(self) -> None:
+        """Make the line ready. Called first, and again after each failure."""
+
+    def close(self) -> None:
+        """Undo :meth:`open`. A ``write`` that waits too long should return from then on."""
+
+    def read(self, timeout: float) -> bytes | tuple[bytes, Any] | None:
+        """One message, waiting for it at most ``timeout`` seconds; None where none has come.
+
+        Where there are several boards, ``(message, peer)``: anything that can be a key of a
+        dictionary and tells one board from the other.
+        """
+        raise NotImplementedError
+
+    def write(self, data: bytes, peer: Any) -> None:
+        """Send one message to the board that ``read`` named ``peer`` (None where it named none).
+
+        It may wait; messages that come meanwhile wait in a queue, and are lost where that is
+        full.
+        """
+        raise NotImplementedError
+
+
+class CustomServer(ServerTransport):
+    """The agent's end of ``line``, a :class:`CustomTransport`; ``name`` is for the log.
+
+    Counted: ``malformed``, messages too long or empty; ``dropped``, messages that the line
+    did not take in time.
+    """
+
+    kind = "CUSTOM"
+
+    def __init__(self, line: Any, name: str = "") -> None:
+        super().__init__()
+        self.name = name or type(line).__name__
+        self._line = line
+        self._framed = bool(getattr(line, "framed", False))
+        self._deframers: OrderedDict[Any, Deframer] = OrderedDict()
+        self._malformed = Tally()
+        self._dropped = Tally()
+        self._worker: Worker | None = None
+        self._host: Host | None = None
+        self._closed = False
+        self._pause = 0.0
+        for call in ("open", "close", "read", "write"):
+            if not callable(getattr(line, call, None)):
+                raise TransportError(
+                    errno.EINVAL,
+                    f"{self.name} has no {call}(): a transport has open(), close(), read(timeout)"
+                    " and write(data, peer); uros.transport.custom.CustomTransport is one to"
+                    " derive from",
+                )
+
+    @property
+    def malformed(self) -> int:
+        return self._malformed.count
+
+    @property
+    def dropped(self) -> int:
+        return self._dropped.count
+
+    def open(self, host: Host) -> None:
+        self._host = host
+        self._begin()
+
+    def _begin(self) -> None:
+        if self._closed or self._worker is not None:
+            return
+        assert self._host is not None
+        self._deframers.clear()
+        self._worker = Worker(
+            self._host, self.name, _Checked(self._line, self._framed),
+            self._opened, self._received, self._ended,
+        )  # fmt: skip
+
+    def _opened(self) -> None:
+        assert self._host is not None
+        self._host.note(INFO, self.name, "init", "running...", f"framed: {self._framed}")
+
+    def _ended(self, error: BaseException | None) -> None:
+        self._worker = None
+        assert self._host is not None
+        text = f"{type(error).__name__}: {error}{_where(error)}" if error else "it has ended"
+        self._pause = min(2 * self._pause, _RETRY_MOST) or RETRY
+        self._host.note(
+            ERROR, self.name, "run", "the transport failed",
+            f"{text}; it is opened again in {self._pause:g} s",
+        )  # fmt: skip
+        self._host.wake_at(self._pause, self._begin)
+
+    def _received(self, item: tuple[bytes, Any]) -> None:
+        data, peer = item
+        self._pause = 0.0
+        host = self._host
+        assert host is not None
+        if not self._framed:
+            if not 0 < len(data) <= MAX_MESSAGE:
+                if self._malformed.add():
+                    host.note(
+                        WARNING, self.name, "receive", "message refused",
+                        f"{self._name(peer)}, {len(data)} bytes: a message has 1 to {MAX_MESSAGE}"
+                        f" (a stream of bytes? Then framed = True), malformed: {self.malformed}",
+                    )  # fmt: skip
+                return
+            buf = bytearray(data)
+            self.deliver(host, peer, buf, memoryview(buf), len(buf), host.now())
+            return
+        deframer = self._deframers.get(peer)
+        if deframer is None:
+            deframer = self._deframers[peer] = Deframer(AGENT_ADDRESS)
+            if len(self._deframers) > MAX_PEERS:
+                self._deframers.popitem(last=False)
+        self._deframers.move_to_end(peer)
+        now = host.now()
+        for piece in _pieces(data):
+            for message in deframer.feed(piece):
+                buf = bytearray(message)
+                board = (peer, deframer.source)
+                self.deliver(host, board, buf, memoryview(buf), len(buf), now)
+
+    def send(self, peer: Any, datagram: bytes) -> None:
+        worker = self._worker
+        if worker is None:
+            return
+        if self._framed:
+            peer, address = peer
+            out = bytearray(frame_size(datagram))
+            datagram = bytes(memoryview(out)[: frame(datagram, AGENT_ADDRESS, address, out)])
+        if not worker.send(datagram, peer) and self._dropped.add():
+            assert self._host is not None
+            self._host.note(
+                WARNING, self.name, "send", "message dropped",
+                f"write() is too slow, or the line has failed; dropped: {self.dropped}",
+            )  # fmt: skip
+
+    def address(self, peer: Any) -> str:
+        if self._framed:
+            return f"{self._name(peer[0])} ({peer[1]})"
+        return self._name(peer)
+
+    def _name(self, peer: Any) -> str:
+        if peer is None:
+            return self.name
+        try:
+            return f"{self.name} {peer}"
+        except Exception:  # others' code
+            return f"{self.name} {type(peer).__name__}"
+
+    def close(self) -> None:
+        self._closed = True
+        worker, self._worker = self._worker, None
+        if worker is not None and not worker.stop():
+            assert self._host is not None
+            self._host.note(
+                WARNING, self.name, "close", "the transport does not end",
+                f"a call has not returned for {LEAVE:g} s: read(timeout) must keep its timeout",
+            )  # fmt: skip
+
+
+class _Checked:
+    """The line with what its ``read`` gives brought into one form, in the line's own thread."""
+
+    def __init__(self, line: Any, framed: bool) -> None:
+        self.open = line.open
+        self.close = line.close
+        self.write = line.write
+        self._read = line.read
+        self._framed = framed
+        self._rest = b""
+        self._peer: Any = None
+
+    def read(self, timeout: float) -> tuple[bytes, Any] | None:
+        if not self._rest:
+            given = self._read(timeout)
+            if given is None:
+                return None
+            data, peer = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
+            if not isinstance(data, (bytes, bytearray, memoryview)):
+                raise TypeError(
+                    f"read() gave {type(given).__name__}: it must be bytes, (bytes, peer) or None"
+                )
+            hash(peer)  # raises TypeError
+            self._rest, self._peer = bytes(data), peer
+        size = _CHUNK if self._framed else len(self._rest)
+        data, self._rest = self._rest[:size], self._rest[size:]
+        return (data, self._peer) if data else None
+
+
+def _pieces(data: bytes) -> Sequence[bytes]:
+    """Cut before each flag: a frame at a time, because each has a source."""
+    first, *others = data.split(b"\x7e")
+    return [first, *(b"\x7e" + it for it in others)]
+
+
+def _where(error: BaseException) -> str:
+    """The line of the user's file that raised, for the log."""
+    at = error.__traceback__
+    if at is None:
+        return ""
+    while at.tb_next is not None:
+        at = at.tb_next
+    return f" ({Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno})"
+
+
+# --- naming one on the command line -----------------------------------------------------------
+
+
+def load(spec: str, arguments: Sequence[str] = ()) -> Any:
+    """The transport that ``MODULE:CLASS`` or ``FILE.py:CLASS`` names, made with ``arguments``,
+    which are text. Modules are also looked for in the current directory.
+
+    Raises TransportError saying what is wrong.
+    """
+    module_name, colon, name = spec.rpartition(":")
+    if not colon or not module_name or not name.isidentifier():
+        raise TransportError(
+            errno.EINVAL, f"{spec!r} names no class: write MODULE:CLASS or FILE.py:CLASS"
+        )
+    module = _module(module_name)
+    make = getattr(module, name, None)
+    if not callable(make):
+        raise TransportError(
+            errno.EINVAL, f"{module_name} has no class {name}: it is to have open(), close(),"
+            " read(timeout) and write(data, peer)",
+        )  # fmt: skip
+    try:
+        return make(*arguments)
+    except Exception as error:  # others' code
+        raise TransportError(
+            errno.EINVAL,
+            f"{name}({', '.join(map(repr, arguments))}) raised {type(error).__name__}:"
+            f" {error}{_where(error)}",
+        ) from error
+
+
+def _module(name: str) -> ModuleType:
+    try:
+        if name.endswith(".py"):
+            path = Path(name)
+            found = importlib.util.spec_from_file_location(path.stem, path)
+            if found is None or found.loader is None:
+                raise ImportError("not a Python file")
+            module = importlib.util.module_from_spec(found)
+            sys.modules.setdefault(path.stem, module)
+            found.loader.exec_module(module)
+            return module
+        if "" not in sys.path and str(Path.cwd()) not in sys.path:
+            sys.path.insert(0, str(Path.cwd()))
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name and (name == error.name or name.startswith(error.name + ".")):
+            text = f"there is no module {name}: give the file, as in ./{name}.py:CLASS"
+        else:
+            text = f"{name} needs {error.name}, which is not installed: install it first"
+        raise TransportError(errno.ENOENT, text) from error
+    except FileNotFoundError as error:
+        raise TransportError(errno.ENOENT, f"there is no file {name}") from error
+    except (Exception, SystemExit) as error:  # others' code
+        raise TransportError(
+            errno.EINVAL,
+            f"{name} cannot be imported: {type(error).__name__}: {error}{_where(error)}",
+        ) from error

@@ -1,0 +1,265 @@
+"""Serial frames over stream sockets: one that connects, and one that many connect to.
+
+What the sockets are is the caller's: TCP for a serial line that another machine
+offers, Bluetooth in :mod:`.rfcomm`. Nothing waits; what fails is tried again.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import sys
+from collections.abc import Callable
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
+from .line import Line, LineServer, SocketStream
+from .remedies import socket_trouble
+
+# Until the agent stops waiting for an answer to its connecting, and begins anew, in seconds.
+PATIENCE: Final = 20.0
+# How often a listening socket that cannot be had is tried again, in seconds.
+RETRY: Final = 2.0
+# Attack: connections until no descriptor is left. An adapter holds seven.
+MAX_CONNECTIONS: Final = 64
+
+_PENDING: Final = (
+    (errno.EINPROGRESS, errno.EWOULDBLOCK) if sys.platform == "win32" else (errno.EINPROGRESS,)
+)
+
+
+class SocketLineServer(LineServer):
+    """Connects to ``address`` with sockets that ``make`` makes, and again when it is lost.
+
+    ``device`` is its name in the log, ``explain`` the text for an errno.
+    """
+
+    def __init__(
+        self, device: str, make: Callable[[], socket.socket], address: Any,
+        explain: Callable[[int], str],
+    ) -> None:  # fmt: skip
+        super().__init__(device)
+        self._make = make
+        self._address = address
+        self._explain = explain
+        self._pending: socket.socket | None = None
+
+    def _begin(self, host: Host) -> None:
+        try:
+            sock = self._make()
+        except OSError as error:
+            self._give_up(error.errno or 0)
+            return
+        sock.setblocking(False)
+        try:
+            number = sock.connect_ex(self._address)
+        except OSError as error:  # an address that this family has not
+            number = error.errno or errno.EINVAL
+        self._pending = sock
+        if not number:
+            self._connected(sock)
+        elif number in _PENDING:
+            host.watch(sock.fileno(), lambda: self._look(sock), True)
+            host.wake_at(PATIENCE, lambda: self._late(sock))
+        else:
+            self._give_up(number)
+
+    def _look(self, sock: socket.socket) -> None:
+        """Something has become of our connecting."""
+        if self._pending is not sock:
+            return
+        number = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if not number:
+            try:
+                sock.getpeername()
+            except OSError:
+                return  # not yet
+            self._connected(sock)
+        else:
+            self._give_up(number)
+
+    def _late(self, sock: socket.socket) -> None:
+        if self._pending is sock:
+            self._give_up(errno.ETIMEDOUT)
+
+    def _connected(self, sock: socket.socket) -> None:
+        self._pending = None
+        if self._host is not None:
+            self._host.unwatch(sock.fileno())
+        if sock.family in (socket.AF_INET, socket.AF_INET6):
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._opened(SocketStream(sock), f"dev: {self.device}")
+
+    def _give_up(self, number: int) -> None:
+        self._forget()
+        away = number in (errno.EHOSTDOWN, errno.ECONNREFUSED, errno.ETIMEDOUT)
+        self._failed(
+            INFO if away else ERROR,
+            "waiting for device" if away else "open device error",
+            self._explain(number),
+        )
+
+    def _forget(self) -> None:
+        sock, self._pending = self._pending, None
+        if sock is not None:
+            if self._host is not None:
+                self._host.unwatch(sock.fileno())
+            sock.close()
+
+    def close(self) -> None:
+        super().close()
+        self._forget()
+
+
+def tcp_line(url: str) -> SocketLineServer:
+    """``socket://host:port``: a serial line that another machine offers (ser2net, esp-link).
+
+    A name is looked up once, here, because looking up takes long where the network is
+    down. Raises TransportError for what is no such URL, or a name that nobody knows.
+    """
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port:
+        raise TransportError(
+            errno.EINVAL, f"{url} names no line: write socket://host:port, such as"
+            " socket://192.168.1.20:3333"
+        )  # fmt: skip
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        raise TransportError(
+            errno.EINVAL, f"{url}: nobody knows {host} ({error}): mend the name, or write the"
+            " address"
+        ) from error  # fmt: skip
+    family, kind, protocol, _, address = found[0]
+    return SocketLineServer(
+        url, lambda: socket.socket(family, kind, protocol), address, socket_trouble
+    )
+
+
+class StreamListener(ServerTransport):
+    """Listens; each who connects is a line. A peer is (name, source address of its frames).
+
+    ``name_of`` makes the name of an accepted address: who comes back under a name goes
+    on in the sessions it had, and replaces what was connected as that before. ``where``
+    names the socket in the log.
+    """
+
+    def __init__(
+        self, where: str, make: Callable[[], socket.socket], address: Any,
+        name_of: Callable[[Any], str], explain: Callable[[int], str],
+    ) -> None:  # fmt: skip
+        super().__init__()
+        self.where = where
+        self.lines: dict[str, Line] = {}
+        self._make = make
+        self._address = address
+        self._name_of = name_of
+        self._explain = explain
+        self._socket: socket.socket | None = None
+        self._host: Host | None = None
+        self._closed = False
+        self._said = ""
+
+    def open(self, host: Host) -> None:
+        self._host = host
+        self._try()
+
+    def _try(self) -> None:
+        host = self._host
+        if self._closed or host is None:
+            return
+        try:
+            sock = self._make()
+            try:
+                sock.setblocking(False)
+                sock.bind(self._address)
+                sock.listen(8)
+            except BaseException:
+                sock.close()
+                raise
+        except OSError as error:
+            self._wait(host, error)
+            return
+        self._said = ""
+        self._socket = sock
+        host.watch(sock.fileno(), self._accept)
+        host.note(INFO, self.name, "init", "running...", self.where)
+
+    def _wait(self, host: Host, error: OSError) -> None:
+        """Say once what is the matter, and try again until it is mended."""
+        why = self._explain(error.errno or 0)
+        if why != self._said:
+            self._said = why
+            host.note(ERROR, self.name, "init", "cannot listen", f"{self.where}, {why}")
+        host.wake_at(RETRY, self._try)
+
+    def _accept(self) -> None:
+        host, listener = self._host, self._socket
+        if listener is None or host is None:
+            return
+        try:
+            sock, address = listener.accept()
+        except (BlockingIOError, ConnectionError):
+            return  # gone again
+        except OSError as error:
+            # The adapter was pulled out, or there are no descriptors left: begin anew.
+            self._stop(host)
+            self._wait(host, error)
+            return
+        name = self._name_of(address)
+        line = self.lines.get(name)
+        if line is None:
+            if self._connected() >= MAX_CONNECTIONS:
+                sock.close()
+                host.note(
+                    WARNING, self.name, "accept", "connection refused",
+                    f"address: {name}, over {MAX_CONNECTIONS} connections",
+                )  # fmt: skip
+                return
+            line = self.lines[name] = self._line(name)
+        sock.setblocking(False)
+        line.open(host, SocketStream(sock))
+        host.note(INFO, self.name, "accept", "connected", f"address: {name}")
+
+    def _connected(self) -> int:
+        """How many are connected; of those that are not, no more are kept than may be."""
+        away = [name for name, line in self.lines.items() if line.stream is None]
+        for name in away[: max(0, len(away) - MAX_CONNECTIONS + 1)]:
+            del self.lines[name]
+        return len(self.lines) - len(away)
+
+    def _line(self, name: str) -> Line:
+        def lost(why: str) -> None:
+            if self._host is not None and not self._closed:
+                self._host.note(
+                    WARNING, self.name, "receive", "connection lost",
+                    f"address: {name}, {why}; the board may connect again",
+                )  # fmt: skip
+
+        return Line(self, name, lambda source: (name, source), lost)
+
+    def send(self, peer: tuple[str, int], datagram: bytes) -> None:
+        line = self.lines.get(peer[0])
+        if line is not None:
+            line.send(peer[1], datagram)
+
+    def address(self, peer: tuple[str, int]) -> str:
+        return f"{peer[0]} ({peer[1]})"
+
+    def _stop(self, host: Host) -> None:
+        sock, self._socket = self._socket, None
+        if sock is not None:
+            host.unwatch(sock.fileno())
+            sock.close()
+
+    def close(self) -> None:
+        self._closed = True
+        for line in self.lines.values():
+            line.close()
+        if self._host is not None:
+            self._stop(self._host)

@@ -1,0 +1,84 @@
+"""Serial devices by termios: opening them, and their modem lines. POSIX only.
+
+What a board sees of it. Opening a device raises DTR and RTS (the system does that,
+before anybody can ask it not to), and they stay up when it is closed, because HUPCL
+is cleared, as the C++ agent does too. An Arduino-style board is reset when DTR
+rises: once, when the device is opened for the first time after it was plugged in or
+after a program that lets DTR fall, and not each time that the agent is started
+again. ESP32 boards with the usual two transistors run as long as both are equal, so
+leaving both up is right for them. Boards with USB of their own (RA4M1, RP2040, TinyUSB)
+send only while DTR is up.
+
+So leave ``dtr`` and ``rts`` None unless a board needs otherwise: False for a circuit
+that holds the board in reset or in its bootloader while the line is up.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import struct
+import termios
+import tty
+from typing import Any
+
+from .baud import BaudRateError, set_baud_rate
+from .remedies import trouble
+
+
+def open_device(path: str, baud: int) -> int:
+    """Open a serial device for us alone, raw and not blocking; the descriptor.
+
+    What came before us is dropped. ``baud`` is what check_baud_rate allowed. Raises
+    OSError or termios.error, which :func:`reason` explains.
+    """
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        tty.setraw(fd)
+        attributes: list[Any] = termios.tcgetattr(fd)
+        attributes[2] |= termios.CREAD | termios.CLOCAL | termios.CS8
+        attributes[2] &= ~(
+            termios.PARENB | termios.CSTOPB | termios.HUPCL | getattr(termios, "CRTSCTS", 0)
+        )
+        termios.tcsetattr(fd, termios.TCSANOW, attributes)
+        set_baud_rate(fd, baud)
+        termios.tcflush(fd, termios.TCIOFLUSH)
+    except BaseException:
+        os.close(fd)
+        raise
+    return fd
+
+
+def set_modem_lines(fd: int, dtr: bool | None, rts: bool | None) -> str:
+    """Raise (True) or drop (False) DTR and RTS, leave alone what is None.
+
+    A line that has none (a pseudo-terminal, some USB devices) works without, so that is
+    no error: the text says so, and is empty where all is well. Raises OSError when the
+    device is gone.
+    """
+    up = down = 0
+    for wanted, bit in ((dtr, termios.TIOCM_DTR), (rts, termios.TIOCM_RTS)):
+        if wanted is not None:
+            up |= bit if wanted else 0
+            down |= 0 if wanted else bit
+    try:
+        # Each in one call: an ESP32's circuit takes one before the other for a reset.
+        if up:
+            fcntl.ioctl(fd, termios.TIOCMBIS, struct.pack("=I", up))
+        if down:
+            fcntl.ioctl(fd, termios.TIOCMBIC, struct.pack("=I", down))
+    except OSError as error:
+        if error.errno in (errno.ENOTTY, errno.EINVAL):
+            return "dtr and rts as they are: this line has none"
+        raise
+    return ""
+
+
+def reason(device: str, error: Exception) -> str:
+    """What an error of opening ``device`` means, and what to do."""
+    if isinstance(error, BaudRateError):
+        return str(error.strerror)
+    number = error.args[0] if error.args and isinstance(error.args[0], int) else 0
+    return trouble(device, number)

@@ -1,0 +1,232 @@
+"""Lines whose calls may wait: each has two threads of its own, and queues between them and the
+server's thread, which therefore never waits.
+
+One Worker is one life of a line: open, read and write, close. A line that fails gets another
+Worker, when this one has ended: so its ``open`` never meets calls that are still under way.
+"""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from .base import MAX_BURST, WARNING, Host
+
+# How long a read may wait, in seconds: the end of a line is noticed so late.
+POLL: Final = 0.1
+# What was read and not handled yet: then the line is not read until some of it is.
+MAX_WAITING: Final = 256
+# Then it is another line's turn, in seconds.
+_TURN: Final = 0.001
+# What was sent and not written yet, in bytes: then messages are lost, as on a network.
+MAX_UNSENT: Final = 1024 * 1024
+# What a small message takes besides its bytes.
+_ENTRY: Final = 64
+# How long the threads are waited for at the end, in seconds.
+LEAVE: Final = 2.0
+# A read that gives nothing and does not wait would take a processor.
+_QUIET: Final = 0.001
+
+
+class Line(Protocol):
+    """Calls that may wait. Whatever they raise ends the line."""
+
+    def open(self) -> None:
+        """Before all else, and once."""
+
+    def read(self, timeout: float) -> Any:
+        """What has come, waiting for it at most so many seconds; None: nothing."""
+
+    def write(self, data: bytes, peer: Any) -> None:
+        """Send one message. It comes from another thread than the other calls."""
+
+    def close(self) -> None:
+        """After all else, and once: but before the end of a write that takes too long."""
+
+
+class Tally:
+    """Counts faults, of which the log gets the first, the second, the fourth and so on."""
+
+    __slots__ = ("_next", "count")
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._next = 1
+
+    def add(self) -> bool:
+        """One more; whether it is for the log."""
+        self.count += 1
+        if self.count < self._next:
+            return False
+        self._next = 2 * self.count
+        return True
+
+
+class Worker:
+    """Runs ``line``, ``name`` for the log. The three callbacks come in the server's thread:
+
+    ``opened()``; ``received(item)`` for each item read; ``ended(error)``, after which there is
+    nothing left of this Worker, with what the line has raised.
+    """
+
+    def __init__(
+        self,
+        host: Host,
+        name: str,
+        line: Line,
+        opened: Callable[[], None],
+        received: Callable[[Any], None],
+        ended: Callable[[BaseException | None], None],
+    ) -> None:
+        self._host = host
+        self._name = name
+        self._line = line
+        self._opened = opened
+        self._received = received
+        self._ended = ended
+        self._come: deque[Callable[[], None] | tuple[Any]] = deque()
+        self._go: deque[tuple[bytes, Any]] = deque()
+        self._unsent = 0
+        self._change = threading.Condition()  # of _come, _go, _over
+        self._over = False
+        self._error: BaseException | None = None
+        self._wake, self._waker = socket.socketpair()
+        for end in (self._wake, self._waker):
+            end.setblocking(False)
+        self._reader = threading.Thread(target=self._read, name="uros-line", daemon=True)
+        self._writer = threading.Thread(target=self._write, name="uros-line-out", daemon=True)
+        host.watch(self._wake.fileno(), self._ready)
+        self._reader.start()
+
+    # --- the server's thread ---------------------------------------------------------------
+
+    def send(self, data: bytes, peer: Any) -> bool:
+        """Have it written soon; False: too much waits already, it is lost."""
+        with self._change:
+            if self._over or self._unsent + len(data) > MAX_UNSENT:
+                return False
+            self._unsent += len(data) + _ENTRY
+            self._go.append((data, peer))
+            self._change.notify_all()
+        return True
+
+    def stop(self) -> bool:
+        """End the line, and wait for that up to LEAVE seconds; whether it has. No callback comes
+        any more."""
+        if self._wake.fileno() < 0:
+            return True
+        self._finish(None)
+        self._reader.join(LEAVE)
+        self._drop_wake()
+        return not self._reader.is_alive()
+
+    def _ready(self) -> None:
+        try:
+            self._wake.recv(4096)
+        except OSError:
+            pass
+        end = time.monotonic() + _TURN
+        for _ in range(MAX_BURST):
+            with self._change:
+                if not self._come:
+                    return
+                it = self._come.popleft()
+                if len(self._come) == MAX_WAITING - 1:
+                    self._change.notify_all()
+                if self._come:
+                    self._poke()  # also where a callback fails
+            if isinstance(it, tuple):
+                self._received(it[0])
+            else:
+                it()
+            if self._wake.fileno() < 0 or time.monotonic() >= end:
+                return
+
+    def _stuck(self) -> None:
+        self._host.note(
+            WARNING, self._name, "write", "write() does not return",
+            "the line stays closed until it does: let close() make it return",
+        )  # fmt: skip
+
+    def _end(self) -> None:
+        self._drop_wake()
+        self._ended(self._error)
+
+    def _drop_wake(self) -> None:
+        self._host.unwatch(self._wake.fileno())
+        self._wake.close()
+        self._waker.close()
+
+    # --- any thread ------------------------------------------------------------------------
+
+    def _finish(self, error: BaseException | None) -> None:
+        with self._change:
+            self._over = True
+            self._error = self._error or error
+            self._change.notify_all()
+
+    def _poke(self) -> None:
+        try:
+            self._waker.send(b"\0")
+        except OSError:
+            pass  # readable already, or nobody waits any more
+
+    # --- the line's threads ----------------------------------------------------------------
+
+    def post(self, it: Callable[[], None] | tuple[Any]) -> None:
+        """Have it called in the server's thread; from any thread."""
+        with self._change:
+            self._come.append(it)
+        self._poke()
+
+    def _read(self) -> None:
+        writing = False
+        try:
+            self._line.open()
+            self.post(self._opened)
+            self._writer.start()
+            writing = True
+            while not self._over:
+                item = self._line.read(POLL)
+                if item is None:
+                    with self._change:
+                        if not self._over:
+                            self._change.wait(_QUIET)
+                    continue
+                with self._change:
+                    self._change.wait_for(lambda: self._over or len(self._come) < MAX_WAITING)
+                self.post((item,))
+        except BaseException as error:  # others' code: whatever it is, the agent goes on
+            self._finish(error)
+        self._finish(None)
+        if writing:
+            self._writer.join(LEAVE / 2)
+        try:
+            self._line.close()
+        except BaseException as error:  # likewise
+            self._finish(error)
+        if writing:
+            self._writer.join(LEAVE / 2)
+            if self._writer.is_alive():
+                self.post(self._stuck)
+                self._writer.join()
+        self.post(self._end)
+
+    def _write(self) -> None:
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: self._over or self._go)
+                if self._over:
+                    return
+                data, peer = self._go.popleft()
+            try:
+                self._line.write(data, peer)
+            except BaseException as error:  # likewise
+                self._finish(error)
+                return
+            with self._change:
+                self._unsent -= len(data) + _ENTRY

@@ -1,0 +1,215 @@
+"""How long Gids are: told by ROS_DISTRO, or learnt from ROS participants that are not ours."""
+
+import select
+import time
+
+import pytest
+
+from uros.middleware.dds import announce, cyclone
+from uros.middleware.dds.discovery import MAX_ANNOUNCED, Peers, decode, decode_sized
+from uros.middleware.dds.middleware import DdsMiddleware
+from uros.qos import HistoryPolicy
+
+SECONDS = 10
+NODE = announce.NodeEntities("/", "peer", [], [bytes(range(16))])
+
+
+class Stranger:
+    """A ROS participant of somebody else, which announces a node with Gids of ``size`` bytes."""
+
+    def __init__(self, domain, size, user_data=b"enclave=/;"):
+        self.entity = cyclone.create_participant(domain, user_data)
+        self.guid = cyclone.guid(self.entity)
+        topic = cyclone.create_topic(self.entity, announce.TOPIC, announce.TYPE)
+        publisher = cyclone.create_group("publisher", self.entity)
+        self._writer = cyclone.create_writer(publisher, topic, announce.qos(), b"")
+        self.say(announce.encode(self.guid, [NODE], size))
+
+    def say(self, sample):
+        assert cyclone.write(self._writer, sample)
+
+    def leave(self):
+        cyclone.delete(self.entity)
+
+
+class Ours:
+    """A middleware with a node in the domain, and what it announces and tells its user."""
+
+    def __init__(self, domain):
+        self.said = []
+        self.middleware = DdsMiddleware()
+        self.middleware.on_notice = self.said.append
+        self.node = self.middleware.create_node(domain, "/garden", "weather")
+        qos = announce.qos()
+        qos.history = HistoryPolicy.KEEP_ALL
+        # Reads what goes out, as another would.
+        self._participant = cyclone.create_participant(domain, b"")
+        topic = cyclone.create_topic(self._participant, announce.TOPIC, announce.TYPE)
+        subscriber = cyclone.create_group("subscriber", self._participant)
+        self._reader = cyclone.create_reader(subscriber, topic, qos)
+        self.announced = None  # the size in the last announcement
+
+    def turn(self, seconds):
+        """Serve the middleware until something happened, or nothing did for so long."""
+        due = self.middleware.next_deadline()
+        if due is not None:
+            seconds = min(seconds, max(0.0, due - time.monotonic()))
+        if select.select([self.middleware.fileno()], [], [], seconds)[0]:
+            self.middleware.dispatch()
+        self.middleware.tick()
+        for sample, _ in cyclone.take(self._reader, 1000):
+            decoded = decode_sized(sample)
+            if decoded is not None and decoded[0] == self.node.participant.guid:
+                self.announced = decoded[2]
+
+    def until(self, done):
+        end = time.monotonic() + SECONDS
+        while not done():
+            assert time.monotonic() < end, (self.announced, self.said)
+            self.turn(0.1)
+
+    def announces(self, size):
+        self.until(lambda: self.announced == size)
+
+    def settle(self, stranger):
+        """Until what the stranger said has been looked at."""
+        peers = self.middleware._gids[self.node.participant.domain]._peers
+        self.until(
+            lambda: stranger.guid in peers.gid_sizes and stranger.guid in peers.participants
+        )
+
+
+@pytest.fixture
+def ours(own_domain_id):
+    one = Ours(own_domain_id)
+    yield one
+    one.middleware.close()
+
+
+@pytest.fixture
+def distro(monkeypatch):
+    return lambda name: monkeypatch.setenv("ROS_DISTRO", name)
+
+
+def test_sixteen_bytes_as_long_as_nobody_says_otherwise(ours, own_domain_id):
+    ours.announces(16)
+    ours.settle(Stranger(own_domain_id, 16))
+    assert ours.announced == 16 and ours.said == []
+
+
+def test_where_peers_use_twenty_four_so_do_we_and_say_so_once(ours, own_domain_id):
+    ours.announces(16)
+    strangers = [Stranger(own_domain_id, 24) for _ in range(2)]
+    ours.announces(24)
+    for stranger in strangers:
+        ours.settle(stranger)
+    (line,) = ours.said
+    assert line.startswith(f"domain {own_domain_id}: ") and "24-byte" in line
+    assert "ROS_DISTRO" in line
+    # A participant that is made later begins so.
+    for number in range(50):
+        ours.middleware.create_node(own_domain_id, "/", f"node{number}")
+    shared = ours.middleware._participants[own_domain_id]
+    assert [one.gid_size for one in shared] == [24, 24]
+
+
+def test_when_the_old_ones_left_and_new_ones_came_we_are_new_again(ours, own_domain_id):
+    old = Stranger(own_domain_id, 24)
+    ours.announces(24)
+    old.leave()
+    stay = Stranger(own_domain_id, 16)
+    ours.settle(stay)
+    ours.announces(16)
+    assert len(ours.said) == 2 and "16-byte" in ours.said[1]
+
+
+def test_in_a_mixed_domain_the_many_decide_and_the_user_is_told(ours, own_domain_id):
+    many = [Stranger(own_domain_id, 16) for _ in range(2)]
+    for stranger in many:
+        ours.settle(stranger)
+    few = Stranger(own_domain_id, 24)
+    ours.settle(few)
+    ours.announces(16)
+    (line,) = ours.said
+    assert "before Iron" in line and "24-byte" in line
+    for _ in range(2):
+        Stranger(own_domain_id, 24)
+    ours.announces(24)
+
+
+@pytest.mark.parametrize(
+    "user_data", [announce.USER_DATA, b""], ids=["another agent of ours", "no ROS"]
+)
+def test_who_proves_nothing_changes_nothing(ours, own_domain_id, user_data):
+    stranger = Stranger(own_domain_id, 24, user_data)
+    ours.settle(stranger)
+    ours.announces(16)
+    assert ours.said == []
+
+
+def test_two_agents_follow_the_others_and_not_each_other(ours, own_domain_id):
+    """Else the first to have changed would hold the second, and be held by it."""
+    second = Ours(own_domain_id)
+    try:
+        old = Stranger(own_domain_id, 24)
+        both = ours, second
+        for one in both:
+            one.announces(24)
+        old.leave()
+        Stranger(own_domain_id, 16)
+        for one in both:
+            one.announces(16)
+    finally:
+        second.middleware.close()
+
+
+@pytest.mark.parametrize(("name", "size", "other"), [("humble", 24, 16), ("jazzy", 16, 24)])
+def test_a_distro_that_is_told_decides(distro, own_domain_id, name, size, other):
+    distro(name)
+    ours = Ours(own_domain_id)
+    try:
+        ours.announces(size)
+        for _ in range(2):
+            ours.settle(Stranger(own_domain_id, other))
+        assert ours.announced == size
+        (line,) = ours.said
+        assert f"{other}: they do not see" in line and "set ROS_DISTRO" in line
+    finally:
+        ours.middleware.close()
+
+
+def test_an_unknown_distro_decides_nothing(distro, own_domain_id):
+    distro("zebra")
+    ours = Ours(own_domain_id)
+    try:
+        ours.announces(16)
+        Stranger(own_domain_id, 24)
+        ours.announces(24)
+    finally:
+        ours.middleware.close()
+
+
+# --- what peers send ------------------------------------------------------------------------
+
+
+def test_announcements_do_not_displace_each_other_before_they_are_taken(ours, own_domain_id):
+    """The topic has no key: a reader that keeps one sample would keep that of one participant."""
+    heard = Peers(ours.middleware, ours.node.participant, lambda: None)
+    strangers = [Stranger(own_domain_id, 16) for _ in range(5)]
+    ours.until(lambda: {it.guid for it in strangers} <= heard.announced.keys())
+    heard.close()
+
+
+def test_nonsense_is_passed_over_and_made_up_participants_are_limited(ours, own_domain_id):
+    heard = Peers(ours.middleware, ours.node.participant, lambda: None)
+    stranger = Stranger(own_domain_id, 16)
+    for bad in (b"\xff", b"\xff" * 40, stranger.guid + b"\1\0\0\0"):
+        stranger.say(b"\0\1\0\0" + bad)
+    for number in range(MAX_ANNOUNCED + 100):
+        stranger.say(announce.encode(number.to_bytes(16, "big"), [], 16))
+        ours.turn(0.0)
+    last = Stranger(own_domain_id, 16)
+    ours.until(lambda: last.guid in heard.participants)
+    assert len(heard.announced) <= MAX_ANNOUNCED
+    assert decode(announce.encode(last.guid, [NODE], 24))[0] == last.guid
+    heard.close()

@@ -1,0 +1,110 @@
+"""The graph of a domain as the middleware tells it: everything in it, and not too often."""
+
+import select
+import time
+
+import pytest
+
+from uros.middleware.base import MiddlewareError
+from uros.middleware.dds import graph as module
+from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.graph import living_nodes
+from uros.middleware.memory import MemoryMiddleware
+from uros.qos import QoSProfile
+
+TYPE = "std_msgs::msg::dds_::String_"
+
+
+@pytest.fixture
+def middleware():
+    one = DdsMiddleware()
+    yield one
+    one.close()
+
+
+def serve(middleware, done, wait=10.0):
+    """Until ``done()``, which is asked again after ``wait`` seconds without an event."""
+    end = time.monotonic() + 10
+    while not done():
+        now = time.monotonic()
+        assert now < end
+        due = middleware.next_deadline()
+        seconds = wait if due is None else max(0.0, min(wait, due - now))
+        if select.select([middleware.fileno()], [], [], seconds)[0]:
+            middleware.dispatch()
+        middleware.tick()
+
+
+def test_nodes_come_and_go(middleware, own_domain_id):
+    changes = []
+    graph = middleware.graph(own_domain_id, lambda: changes.append(1))
+    assert changes == [] and living_nodes(graph) == []
+    other = DdsMiddleware()
+    try:
+        node = other.create_node(own_domain_id, "/garden", "weather")
+        writer = node.create_writer("rt/x", TYPE, QoSProfile())
+
+        def seen():
+            other.tick()
+            return changes and [
+                (it.namespace, it.name, it.writers) for it in living_nodes(graph)
+            ] == [("/garden", "weather", [writer.guid])]
+
+        serve(middleware, seen, wait=0.02)
+        serve(middleware, lambda: writer.guid in graph.endpoints)
+        assert graph.endpoints[writer.guid].topic == "rt/x"
+        changes.clear()
+        node.close()
+    finally:
+        other.close()
+    serve(middleware, lambda: changes and not living_nodes(graph))
+    graph.close()
+    graph.close()
+    assert middleware.graphs == []
+
+
+def test_all_news_of_a_second_are_told_at_once(middleware, own_domain_id, monkeypatch):
+    class Clock:
+        now = 1000.0
+
+        def monotonic(self):
+            return self.now
+
+    monkeypatch.setattr(module, "time", Clock())
+    told = []
+    graph = middleware.graph(own_domain_id, lambda: told.append(Clock.now))
+    assert graph.due is None
+    for _ in range(300):  # three seconds of changes, every 10 ms
+        graph._news()
+        if graph.due <= Clock.now:
+            graph.tell()
+        Clock.now += 0.01
+    assert len(told) == 3
+    assert told[0] == pytest.approx(1000.1, abs=0.02)
+    assert [round(b - a, 1) for a, b in zip(told, told[1:], strict=False)] == [1.0, 1.0]
+
+
+def test_two_watch_one_domain_and_each_its_own(middleware, own_domain_id, domain_id):
+    told = []
+    graphs = [
+        middleware.graph(domain, lambda domain=domain: told.append(domain))
+        for domain in (own_domain_id, own_domain_id, domain_id)
+    ]
+    middleware.create_node(own_domain_id, "/", "n")
+    serve(middleware, lambda: told.count(own_domain_id) >= 2)
+    graphs[0].close()
+    told.clear()
+    middleware.create_node(own_domain_id, "/", "m")
+    serve(middleware, lambda: own_domain_id in told)
+    assert [it.name for it in living_nodes(graphs[1])] == ["n", "m"]
+
+
+def test_a_domain_that_does_not_exist(middleware):
+    with pytest.raises(MiddlewareError, match="domain 233"):
+        middleware.graph(233, lambda: None)
+
+
+def test_others_have_none():
+    middleware = MemoryMiddleware()
+    assert middleware.graph(0, lambda: None) is None
+    middleware.close()
