@@ -429,13 +429,13 @@ def _is_ops_table(address: int) -> bool:
 
 _ddspy_write = _clayer.ddspy_write
 _ddspy_take = _clayer.ddspy_take
-_PADDING: Final = (b"", bytes(3), bytes(2), bytes(1))
 
 
 def write(writer: int, cdr: Bytes) -> bool:
     """Write one sample; False where the writer has no room and would wait."""
-    if len(cdr) & 3:  # the binding would fill it up with what its memory last held
-        cdr = bytes(cdr) + _PADDING[len(cdr) & 3]
+    fill = -len(cdr) & 3
+    if fill:  # Cyclone would fill it up with what its memory last held
+        cdr = bytes(cdr[:3]) + bytes((fill,)) + bytes(cdr[4:]) + bytes(fill)
     code: int = _ddspy_write(writer, cdr)
     if code == 0:
         return True
@@ -453,7 +453,17 @@ def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:
     got = _ddspy_take(reader, ANY_STATE, limit)
     if isinstance(got, int):
         return []
-    return [item for item in got if item[1].valid_data]
+    return [
+        item if not item[0][3] & 3 else (_unfilled(item[0]), item[1])
+        for item in got
+        if item[1].valid_data
+    ]
+
+
+def _unfilled(cdr: bytes) -> bytes:
+    """A sample without the octets at its end that only make its length a multiple of 4: the last
+    two bits of the encapsulation options count them (XTypes 1.3, 7.6.3.1.2)."""
+    return cdr[:3] + b"\0" + cdr[4 : -(cdr[3] & 3)]
 
 
 # --- waiting --------------------------------------------------------------------

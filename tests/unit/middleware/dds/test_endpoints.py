@@ -158,13 +158,23 @@ def test_a_big_endian_sample_of_an_unknown_type_is_refused_by_name(node):
 
 
 @pytest.mark.parametrize("size", range(1, 9))
-def test_samples_are_filled_up_with_zeros_and_nothing_else(middleware, node, size):
-    """CDR on the wire is a multiple of 4 long; memory of ours must not leave with it."""
+def test_samples_are_filled_up_with_zeros_and_nothing_else(middleware, node, size, monkeypatch):
+    """On the wire they are a multiple of 4 long; memory of ours must not leave with them."""
+    sent = []
+    write = cyclone._ddspy_write
+    monkeypatch.setattr(
+        cyclone, "_ddspy_write", lambda writer, cdr: sent.append(bytes(cdr)) or write(writer, cdr)
+    )
     reader = node.create_reader("rt/odd", "pkg::msg::dds_::Odd_", QoSProfile(), nothing)
     writer = node.create_writer("rt/odd", "pkg::msg::dds_::Odd_", QoSProfile())
-    for _ in range(20):
-        litter = [bytes([0xA5]) * 64 for _ in range(100)]
-        del litter
-        writer.write(b"\x00\x01\x00\x00" + b"\x5a" * size)
-        got = take(middleware, reader)
-        assert got[4:] == b"\x5a" * size + bytes(-size % 4)
+    sample = b"\x00\x01\x00\x00" + b"\x5a" * size
+    writer.write(memoryview(sample))
+    fill = -size % 4
+    assert sent == [b"\x00\x01\x00" + bytes([fill]) + b"\x5a" * size + bytes(fill)]
+    assert take(middleware, reader) == sample
+
+
+@pytest.mark.parametrize("header", [b"\x00\x01\x00\x03", b"\x00\x01\x00\x07"])
+def test_a_sample_that_is_shorter_than_its_padding_is_empty(header):
+    assert cyclone._unfilled(header) == b"\x00\x01\x00\x00"
+    assert cyclone._unfilled(header + b"a") == b"\x00\x01\x00\x00"
