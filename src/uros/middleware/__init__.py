@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 NAMES = {
     "memory": ("uros.middleware.memory", ""),
     "dds": ("uros.middleware.dds", "python -m pip install cyclonedds"),
+    "ros2": (
+        "uros.middleware.ros2",
+        "source /opt/ros/<distro>/setup.bash and start with the Python of that distribution, or,"
+        " on Python 3.11: python -m pip install ros-kilted-rclpy ros-kilted-rmw-fastrtps-cpp",
+    ),
+    "auto": ("uros.middleware.auto", "python -m pip install cyclonedds"),
 }
 
 
@@ -33,5 +39,6 @@ def open_middleware(name: str) -> Middleware:
     try:
         opened: Middleware = import_module(module).create()
     except ImportError as error:
-        raise MiddlewareError(f"the {name} middleware needs {error.name}: {remedy}") from error
+        missing = error.name or f"what it cannot load ({error})"
+        raise MiddlewareError(f"the {name} middleware needs {missing}: {remedy}") from error
     return opened

@@ -1,5 +1,6 @@
 """Choosing a middleware by name."""
 
+import subprocess
 import sys
 
 import pytest
@@ -8,7 +9,7 @@ from uros.middleware import NAMES, open_middleware
 from uros.middleware.base import MiddlewareError
 
 
-@pytest.mark.parametrize("name", sorted(NAMES))
+@pytest.mark.parametrize("name", sorted(NAMES.keys() - {"ros2"}))
 def test_every_name_opens_a_middleware_that_knows_its_name(name):
     middleware = open_middleware(name)
     assert middleware.name == name
@@ -16,7 +17,7 @@ def test_every_name_opens_a_middleware_that_knows_its_name(name):
 
 
 def test_an_unknown_name_is_refused_with_those_there_are():
-    with pytest.raises(ValueError, match="no middleware 'dss'; there are: dds, memory"):
+    with pytest.raises(ValueError, match="no middleware 'dss'; there are: auto, dds, memory, ros2"):
         open_middleware("dss")
 
 
@@ -26,3 +27,22 @@ def test_without_cyclone_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cyclonedds", None)
     with pytest.raises(MiddlewareError, match="needs cyclonedds: python -m pip install cyclonedds"):
         open_middleware("dds")
+
+
+def test_without_rclpy_the_error_says_what_to_source_or_install(monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "rclpy"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    with pytest.raises(MiddlewareError, match="needs rclpy.*: source /opt/ros/.*pip install ros-"):
+        open_middleware("ros2")
+
+
+def test_rclpy_waits_for_the_first_service():
+    program = (
+        "import sys\n"
+        "from uros.middleware import open_middleware\n"
+        "open_middleware('auto').close()\n"
+        "print([name for name in sys.modules if 'rclpy' in name or 'ros2' in name])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout == "[]\n", done.stderr

@@ -1,0 +1,145 @@
+"""rclpy below its Node class, and its errors as ours.
+
+The classes of ``rclpy.impl.implementation_singleton`` are the same from Humble to Kilted, but for
+one argument of Node's. Entities that are in a wait set, or inside a call, must stay while they are:
+``with entity`` holds them, and ``destroy_when_not_in_use`` waits for that.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import Any, Final
+
+from ...qos import QoSProfile
+from ..base import Bytes, MiddlewareError
+from . import profiles
+
+_GUID_SIZE: Final = 16
+_CORE: Final = "rclpy.impl.implementation_singleton"
+_CHOICES: Final = ("RMW_IMPLEMENTATION", "RCL_ASSERT_RMW_ID_MATCHES")
+_REMEDY: Final = "install that RMW (ros-<distro>-rmw-…), or unset RMW_IMPLEMENTATION"
+_ON_DDS: Final = (
+    "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp", "rmw_connextdds",
+    "rmw_gurumdds_cpp",
+)  # fmt: skip
+_WRONG_RMW: Final = 102  # rcl's exit status
+_PATIENCE: Final = 20.0
+
+
+def load() -> Any:
+    """rclpy's classes in C. Raises ImportError where there is none, MiddlewareError where there
+    is one that does not work."""
+    if _CORE not in sys.modules:
+        _try_elsewhere()
+    try:
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+
+        rclpy_implementation.rclpy_get_rmw_implementation_identifier()
+    except ImportError:
+        raise
+    except Exception as error:
+        raise MiddlewareError(f"rclpy does not start ({_line(error)}): {_REMEDY}") from error
+    return rclpy_implementation
+
+
+def _try_elsewhere() -> None:
+    """Raises MiddlewareError where rcl would end this process.
+
+    That is what it does on being loaded with an RMW that it does not find. An import in a process
+    of its own takes a tenth of a second, and only those who chose an RMW wait for it.
+    """
+    chosen = [name for name in _CHOICES if os.environ.get(name)]
+    if not chosen or find_spec("rclpy") is None:
+        return
+    try:
+        status = subprocess.run(
+            [sys.executable, "-c", f"import {_CORE}"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)),
+            timeout=_PATIENCE,
+        ).returncode
+    except (OSError, subprocess.SubprocessError):
+        return
+    if status == _WRONG_RMW:
+        settings = ", ".join(f"{name}={os.environ[name]}" for name in chosen)
+        raise MiddlewareError(f"rclpy does not start with {settings}: {_REMEDY}")
+
+
+@contextmanager
+def refused(what: str) -> Iterator[None]:
+    """What rclpy raises inside becomes a MiddlewareError about ``what``."""
+    try:
+        yield
+    except MiddlewareError:
+        raise
+    except Exception as error:  # RCLError, RMWError, ValueError and what conversions raise
+        raise MiddlewareError(f"{what}: {_line(error)}") from error
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def open_context(domain: int) -> Any:
+    """A context of that domain, with no handlers of signals and no log of its own."""
+    from rclpy.context import Context
+
+    context = Context()
+    with refused(f"ROS 2 does not start in domain {domain}"):
+        context.init(args=[], initialize_logging=False, domain_id=domain)
+    return context
+
+
+def create_node(context: Any, namespace: str, name: str) -> Any:
+    """A node with no parameters, no services and no publisher of logs."""
+    implementation = load()
+    options = (name, namespace, context.handle, None, False, False)
+    with refused(f"node {namespace.rstrip('/')}/{name}"), context.handle:
+        try:
+            return implementation.Node(*options)
+        except TypeError:  # from Kilted on it wants a profile for the logs that it has not
+            return implementation.Node(*options, profiles.to_rclpy(QoSProfile()))
+
+
+def read(what: str, cdr: Bytes, kind: Any) -> Any:
+    """A sample as an object of rclpy's. Raises MiddlewareError for what is no such message."""
+    from rclpy.serialization import deserialize_message
+
+    with refused(f"{what} does not read as its type"):
+        return deserialize_message(bytes(cdr), kind)
+
+
+def as_bytes(message: Any) -> bytes:
+    """An object of rclpy's as a sample."""
+    from rclpy.serialization import serialize_message
+
+    sample: bytes = serialize_message(message)
+    return sample
+
+
+def guids(node: Any, topic: str, is_writer: bool, namespace: str, name: str) -> set[bytes]:
+    """The GUIDs of a node's endpoints of a topic (DDS name), as DDS knows them.
+
+    Empty where the RMW is none on DDS, such as rmw_zenoh: its Gids mean nothing there.
+    """
+    implementation = load()
+    if implementation.rclpy_get_rmw_implementation_identifier() not in _ON_DDS:
+        return set()
+    ask = (
+        implementation.rclpy_get_publishers_info_by_topic
+        if is_writer
+        else implementation.rclpy_get_subscriptions_info_by_topic
+    )
+    with refused(f"asking who is on {topic}"), node:
+        return {
+            bytes(info["endpoint_gid"][:_GUID_SIZE])
+            for info in ask(node, topic, True)
+            if (info["node_name"], info["node_namespace"]) == (name, namespace)
+        }

@@ -1,0 +1,94 @@
+"""peer.py with services: what a real rclpy node has to do with those of boards."""
+
+import time
+
+import rclpy
+from peer import Peer, find_type
+from rclpy.serialization import deserialize_message, serialize_message
+
+ASK_AGAIN = 3.0
+
+
+class ServicePeer(Peer):
+    def __init__(self):
+        super().__init__()
+        self.clients = {}
+        self.met = set()  # services that have answered
+
+    def do_serve(self, name, type, late=0.0, seconds=15):
+        """Answer requests of a Trigger, from 1 up, each after so long."""
+        count = 0
+
+        def answer(_request, response):
+            nonlocal count
+            count += 1
+            time.sleep(late)
+            response.success, response.message = True, f"answer {count}"
+            return response
+
+        self.node.create_service(find_type(type), name, answer)
+        return {}
+
+    def do_call(self, name, type, cdr, times=1, seconds=15):
+        """Call a service when it is there, again after each reply; replies and their seconds.
+
+        The first request is repeated: that a client has discovered a service does not say that
+        the service has discovered the client, and rmw_fastrtps waits a tenth of a second for that.
+        """
+        cls = find_type(type)
+        if name not in self.clients:
+            self.clients[name] = self.node.create_client(cls, name)
+        client = self.clients[name]
+        if not self.wait(seconds, client.service_is_ready):
+            return {"replies": None}
+        request = deserialize_message(bytes.fromhex(cdr), cls.Request)
+        replies, took = [], []
+        deadline = time.monotonic() + seconds
+        for _ in range(times):
+            started = time.monotonic()
+            future = client.call_async(request)
+            while not future.done() and time.monotonic() < deadline:
+                self.executor.spin_once(timeout_sec=0.1)
+                if name not in self.met and time.monotonic() - started > ASK_AGAIN:
+                    started, future = time.monotonic(), client.call_async(request)
+            if not future.done():
+                break
+            self.met.add(name)
+            took.append(time.monotonic() - started)
+            replies.append(bytes(serialize_message(future.result())).hex())
+        return {"replies": replies, "took": took}
+
+    def do_services(self, namespace, name, services, clients, seconds=15):
+        """Wait until a node is listed with exactly these (name → types); what there is."""
+        node = self.node
+
+        def look():
+            try:
+                return (
+                    dict(node.get_service_names_and_types_by_node(name, namespace)),
+                    dict(node.get_client_names_and_types_by_node(name, namespace)),
+                )
+            except rclpy.node.NodeNameNonExistentError:
+                return None
+
+        self.wait(seconds, lambda: look() == (services, clients))
+        return {"found": look(), **self.do_graph()}
+
+    def do_no_service(self, name, seconds=15):
+        """Wait until nobody offers or uses the service."""
+        node = self.node
+
+        def unused():
+            return not (
+                node.count_services(name) or node.count_clients(name) - (name in self.clients)
+            )
+
+        return {"unused": bool(self.wait(seconds, unused))}
+
+
+if __name__ == "__main__":
+    rclpy.init()
+    try:
+        ServicePeer().run()
+    finally:
+        rclpy.shutdown()

@@ -1,0 +1,229 @@
+"""The command line of ``uros agent``: what it takes, and what is made of it."""
+
+import argparse
+import re
+
+import pytest
+from unit.transport.test_process import agent as process
+
+from uros.middleware import NAMES
+from uros.qos import QoSProfile, ReliabilityPolicy
+from uros.tools import agent
+from uros.tools.agent_transports import TRANSPORTS, make, make_discovery
+from uros.tools.errors import ToolError
+from uros.transport import rfcomm
+from uros.transport.base import TransportError
+
+
+def parser():
+    one = argparse.ArgumentParser(prog="uros agent")
+    agent.add_arguments(one)
+    return one
+
+
+def parts(line):
+    """The command line, a part for each transport."""
+    return agent._parts(parser().parse_args(line.split()))
+
+
+def made(line):
+    """The transports of a command line of one transport."""
+    (part,) = parts(line)
+    return make(part)
+
+
+def options(line):
+    """What is the agent's, of the options of all transports."""
+    return agent._common(parts(line))
+
+
+# --- transports -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "line, name, listens_on, port",
+    [
+        ("udp4", "UDPv4Agent", "0.0.0.0", 8888),
+        ("udp4 -p 2019", "UDPv4Agent", "0.0.0.0", 2019),
+        ("udp4 -p2019", "UDPv4Agent", "0.0.0.0", 2019),
+        ("udp6 --port 0", "UDPv6Agent", "::", 0),
+        ("tcp4 --port=65535", "TCPv4Agent", "0.0.0.0", 65535),
+        ("tcp6", "TCPv6Agent", "::", 8888),
+    ],
+)
+def test_ports(line, name, listens_on, port):
+    (one,) = made(line)
+    assert (one.name, one.listens_on, one.port) == (name, listens_on, port)
+
+
+def test_serial_devices(tmp_path):
+    (one,) = made("serial -D /dev/ttyX")
+    assert (one.device, one._baud, one._is_file, one._dtr, one._rts) == (
+        "/dev/ttyX", 115200, False, None, None
+    )  # fmt: skip
+    (one,) = made("serial --file /dev/name --baudrate 921600 --dtr on --rts off")
+    assert (one.device, one._baud, one._is_file, one._dtr, one._rts) == (
+        "/dev/name", 921600, True, True, False
+    )  # fmt: skip
+    with pytest.raises(SystemExit):
+        made("serial -D /dev/ttyX --dtr yes")
+
+
+def test_several_serial_devices(tmp_path):
+    file = tmp_path / "devices"
+    file.write_text("/dev/a\n# the arm\n/dev/b\n")
+    word = parser().parse_args(["multiserial", "-D", "/dev/a /dev/b", "-b", "9600"])
+    for part in (word, *parts("multiserial --devs /dev/a /dev/b -b 9600"),
+                 *parts(f"multiserial -f {file} -b 9600")):  # fmt: skip
+        assert [(it.device, it._baud) for it in make(part)] == [("/dev/a", 9600), ("/dev/b", 9600)]
+
+
+def test_a_can_interface_and_the_id_that_nobody_needs():
+    (one,) = made("canfd --dev can1 --id 0x00000001")
+    assert (one._device, one._interface) == ("can1", "socketcan")
+    (one,) = made("canfd -D PCAN_USBBUS1 -I 5 --interface pcan")
+    assert (one._device, one._interface) == ("PCAN_USBBUS1", "pcan")
+
+
+def test_bluetooth(monkeypatch):
+    monkeypatch.setattr(rfcomm, "bluetooth_socket", lambda: None)
+    (one,) = made("rfcomm")
+    assert type(one) is rfcomm.RfcommListener
+    (one,) = made("rfcomm --address aa:bb:cc:dd:ee:ff --channel 3")
+    assert type(one) is rfcomm.RfcommServer
+    with pytest.raises(SystemExit):
+        made("rfcomm --channel 31")
+    with pytest.raises(TransportError, match="no Bluetooth address"):
+        made("rfcomm --address here")
+
+
+def test_a_transport_of_ones_own(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "class Mine:\n"
+        "    framed = False\n"
+        "    def __init__(self, *words): self.words = words\n"
+        "    def open(self): pass\n"
+        "    def close(self): pass\n"
+        "    def read(self, timeout): pass\n"
+        "    def write(self, data, peer): pass\n"
+    )
+    (part,) = parts(f"custom {file}:Mine -a one --argument two")
+    assert (part.spec, part.arguments) == (f"{file}:Mine", ["one", "two"])
+    assert make(part)[0].kind
+
+
+@pytest.mark.parametrize("name", [it for it in TRANSPORTS])
+def test_every_transport_has_help(name, capsys):
+    with pytest.raises(SystemExit) as stop:
+        parser().parse_args([name, "--help"])
+    assert stop.value.code == 0
+    assert TRANSPORTS[name] in capsys.readouterr().out
+
+
+# --- options of the agent -----------------------------------------------------------------
+
+
+def test_options_stand_behind_any_transport():
+    got = options("udp4 -v 2 -r a.refs tcp4 -m memory -r b.refs serial -D x -v 6 -d")
+    assert (got.verbose, got.refs, got.middleware) == (6, ["a.refs", "b.refs"], "memory")
+    assert got.discovery == 7400
+    assert options("udp4 -v6").verbose == 6
+    silent = options("udp4")
+    assert (silent.verbose, silent.refs, silent.domain) == (4, [], None)
+    assert silent.discovery is None and silent.p2p is None and not silent.stop_at_eof
+
+
+def test_every_middleware_has_its_name_and_those_of_the_cpp_agent():
+    assert set(agent._MIDDLEWARES.values()) <= set(NAMES)
+    for name, opened in agent._MIDDLEWARES.items():
+        assert agent._MIDDLEWARES[options(f"udp4 -m {name}").middleware] == opened
+    assert agent._MIDDLEWARES["rtps"] == "dds" and agent._MIDDLEWARES["ced"] == "memory"
+
+
+def test_discovery_and_its_port():
+    assert options("udp4 --discovery 7401").discovery == 7401
+    line = parts("udp4 -p 1 -d tcp6 -p 2")
+    servers = [it for part in line for it in make(part)]
+    found = make_discovery(agent._common(line).discovery, servers)
+    assert found.port == 7400 and found._servers == servers
+
+
+def test_options_without_effect_are_taken_and_told():
+    with process("udp4", "-p", 0, "-m", "ced", "-P", 9999) as one:
+        said = one.until(r"warning +\| Root .*\| option ignored +\| (.*)")[1]
+        assert said.startswith("--p2p is not supported")
+        assert one.end() == 0
+
+
+@pytest.mark.parametrize("text, domain", [(None, 0), ("", 0), ("7", 7)])
+def test_the_domain_for_boards_that_leave_it_to_the_agent(text, domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "42")  # which is for tools: boards ask for theirs
+    monkeypatch.delenv("XRCE_DOMAIN_ID_OVERRIDE", raising=False)
+    if text is not None:
+        monkeypatch.setenv("XRCE_DOMAIN_ID_OVERRIDE", text)
+    assert agent._domain_of_agent() == domain
+    assert options("udp4").domain is None
+
+
+# --- rules for clients ----------------------------------------------------------------------
+
+
+def settings(line, key=1, node="/n"):
+    return agent._control(options(line)).settings(key, "10.0.0.1:7", node)
+
+
+def test_rules_of_the_command_line_are_for_all():
+    got = settings(
+        "udp4 --namespace hall --remap a:=/b --remap /c:=d --max-rate 2.5 tcp4 --max-size 100"
+        " --qos /odom:reliability=best_effort,depth=1 --qos odom:depth=2"
+    )
+    assert [got.topic(f"rt/{it}") for it in "ace"] == ["rt/b", "rt/d", "rt/hall/e"]
+    assert (got.max_rate, got.max_size) == (2.5, 100)
+    qos = QoSProfile(9)
+    got.apply(qos, "rt/odom")
+    assert qos == QoSProfile(2, ReliabilityPolicy.BEST_EFFORT)
+
+
+def test_the_command_line_has_the_last_word(tmp_path):
+    one, two = tmp_path / "one.toml", tmp_path / "two.toml"
+    one.write_text("[[client]]\nnamespace = 'one'\nmax_size = 1\nmax_rate = 1\n")
+    two.write_text("[[client]]\nkey = 1\nnamespace = 'two'\nmax_size = 2\n")
+    files = f"--control {one} --control {two}"
+    got = settings(f"udp4 --max-size 3 {files}")
+    assert (got.namespace, got.max_size, got.max_rate) == ("/two", 3, 1.0)
+    got = settings(f"udp4 {files}", key=2)
+    assert (got.namespace, got.max_size) == ("/one", 1)
+
+
+@pytest.mark.parametrize(
+    "line, said",
+    [
+        ("--remap a", "--remap 'a' is not OLD:=NEW"),
+        ("--remap :=b", "--remap ':=b' is not OLD:=NEW"),
+        ("--remap a:=1b", "the command line: remap: '1b' is no ROS name"),
+        ("--namespace 1x", "the command line: namespace: '1x' is no ROS name"),
+        ("--qos /a", "--qos '/a' is not TOPIC:POLICY=VALUE,..."),
+        ("--qos /a:depth", "--qos 'depth' is not TOPIC:POLICY=VALUE,..."),
+        ("--qos /a:depth=0", "depth is 0, not a whole number from 1"),
+        ("--qos /a:dept=1", "did you mean 'depth'?"),
+        ("--control /nowhere.toml", "/nowhere.toml: No such file"),
+    ],
+)
+def test_wrong_rules_say_what_would_be_right(line, said):
+    with pytest.raises(ToolError, match=re.escape(said)):
+        agent.run(parser().parse_args(["udp4", "-p", "0", "-m", "memory", *line.split()]))
+
+
+@pytest.mark.parametrize(
+    "line, said",
+    [
+        ("--max-rate 0", "'0' is no number above 0"),
+        ("--max-size 1.5", "'1.5' is no whole number above 0"),
+        ("--domain 233", "'233' is no domain; give 0 to 232"),
+    ],
+)
+def test_numbers_that_are_none(line, said, capsys):
+    with pytest.raises(SystemExit):
+        parts(f"udp4 {line}")
+    assert said in capsys.readouterr().err
