@@ -153,6 +153,14 @@ class Client:
         if times is not None:
             self._log(WARNING, "Session", "receive", what, f"{about}{times}")
 
+    def many_fragments(self, size: int, count: int) -> None:
+        """See :class:`~uros.agent.session.Handler`."""
+        self._log(
+            INFO, "Session", "send", "large message",
+            f"{size} bytes in {count} fragments (a C client needs a history that holds them:"
+            " RMW_UXRCE_STREAM_HISTORY)",
+        )  # fmt: skip
+
     def next_deadline(self) -> int | None:
         """When :meth:`poll` has something to do, or None."""
         deadline = self.session.next_deadline()
@@ -191,7 +199,7 @@ class Client:
             self._refused(kind, object_id, str(error))
         except (DecodeError, ProfileError) as error:
             status = ids.STATUS_ERR_INVALID_DATA
-            self._refused(kind, object_id, str(error))
+            self._refused(kind, object_id, f"{error}{_hint(str(error))}")
         except TooMany as error:
             status = ids.STATUS_ERR_RESOURCES
             self._refused(kind, object_id, str(error))
@@ -553,3 +561,10 @@ class Client:
             self._agent.log(
                 level, part, function, what, f"client_key: 0x{self.key:08X}, {about}"
             )
+
+
+def _hint(error: str) -> str:
+    """C clients cut what their buffers do not hold, and send what is left."""
+    if error.startswith("truncated") or "unclosed" in error:
+        return " (did the client cut it? shorten its names, or raise RMW_UXRCE_REF_BUFFER_LENGTH)"
+    return ""

@@ -48,6 +48,9 @@ MAX_STREAMS: Final = 8
 # Attack: requests without ever an acknowledgement of their answers.
 MAX_HELD: Final = 4096
 STALL_RETRY_MS: Final = 5
+# A C client puts together what fits the history of its stream, 4 messages by default; one that
+# gets more stands still for ever. It does not tell how many.
+SAFE_FRAGMENTS: Final = 4
 
 
 class Handler(Protocol):
@@ -61,6 +64,9 @@ class Handler(Protocol):
 
     def fault(self, what: str, about: str) -> None:
         """The client broke the protocol; the rest of its message is dropped."""
+
+    def many_fragments(self, size: int, count: int) -> None:
+        """For the first time, a message needs more fragments than :data:`SAFE_FRAGMENTS`."""
 
 
 class _Stalled(Exception):
@@ -107,6 +113,7 @@ class Session:
         "_out",
         "_retry_at",
         "_scratch",
+        "_warned",
         "dropped",
         "heard",
         "key",
@@ -126,6 +133,7 @@ class Session:
         self.writers: dict[int, WriteSample] = {}  # datawriters' object ids
         self._handler = handler
         self._scratch = bytearray(256)
+        self._warned = False
         self._clear()
 
     def _clear(self) -> None:
@@ -467,6 +475,9 @@ class Session:
         stream = self._out.get(stream_id)
         if len(parts) + (len(stream) if stream is not None else 0) > MAX_HELD:
             return self._too_large(size, stream_id)  # half of it would spoil the stream
+        if len(parts) > SAFE_FRAGMENTS and not self._warned:
+            self._warned = True
+            self._handler.many_fragments(size, len(parts))
         whole = bytearray(4 + size)
         push_subheader(whole, 0, kind, flags, size)
         whole[4:] = payload

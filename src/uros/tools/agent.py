@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
@@ -36,7 +35,7 @@ _MIDDLEWARES: Final = {
 }
 # Options that stand behind any of the transports, and what they are where they stand nowhere.
 _COMMON: Final[dict[str, Any]] = {
-    "middleware": "dds",
+    "middleware": "auto",
     "refs": [],
     "verbose": 4,
     "domain": None,
@@ -259,7 +258,8 @@ def _domain_of_agent() -> int:
 
 def _stop_at_eof(server: Server) -> None:
     """A parent that ends, however it ends, closes our standard input."""
-    sys.stdin.buffer.read()
+    while os.read(0, 4096):  # not by sys.stdin, whose lock a daemon thread would keep at exit
+        pass
     server.stop()
 
 

@@ -47,6 +47,9 @@ class Handler:
     def room(self, stream):
         self.rooms.append(stream)
 
+    def many_fragments(self, size, count):
+        pass
+
     def fault(self, what, about):
         self.faults.append((what, about))
 
