@@ -223,8 +223,9 @@ def _control(options: argparse.Namespace) -> Control:
     }
     if options.remap:
         rule["remap"] = dict(_pair(text, ":=", "--remap", "OLD:=NEW") for text in options.remap)
-    if options.qos:
-        rule["qos"] = dict(_qos(text) for text in options.qos)
+    for text in options.qos:
+        topic, fields = _qos(text)
+        rule.setdefault("qos", {}).setdefault(topic, {}).update(fields)
     try:
         if rule:
             control.add(rule)

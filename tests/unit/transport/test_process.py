@@ -183,6 +183,17 @@ def test_a_pseudo_terminal_tells_its_name():
         assert process.end() == 0
 
 
+def test_a_pseudo_terminal_keeps_its_name_when_a_program_closes_it():
+    with agent("pseudoterminal", "-m", "memory") as process:
+        device = process.until(r"dev: (/\S+)")[1]
+        for key in (1, 2):
+            line = SerialLine.open(device)
+            assert XrceClient(line, key).open() == ids.STATUS_OK
+            line.close()
+        assert process.end() == 0
+        assert process.text.count("dev: /") == 1
+
+
 # --- the command line ---------------------------------------------------------------------------
 
 
