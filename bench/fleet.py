@@ -74,27 +74,35 @@ def bench_fleet(clients: int, rate: float, seconds: float, with_ros: bool) -> di
         process.close()
 
 
-def bench_beside(what: str, seconds: float) -> tuple[float, float, float]:
+def bench_beside(what: str, seconds: float) -> tuple[float, float, float, float, float]:
     """Ten boards at 20 Hz hear themselves by DDS, beside one that floods the agent or one
-    whose reliable reader stands still: p50 and p99 in ms, lost in %."""
+    whose reliable reader stands still: p50 and p99 in ms, lost in %; how many samples a second
+    the other has sent, and how many of them arrived."""
     process = agent()
     boards = [Board(PORT, 0x3000 + i, f"rt/board_{i}", reading=True) for i in range(10)]
     counter = Process("counter.py", str(DOMAIN), *(["0", "reliable"] if what == "stop" else []),
                       ready="ready")  # fmt: skip
     noise = subprocess.Popen(
-        [sys.executable, "noise.py", str(PORT), what, str(seconds + 2)], cwd=HERE
-    )
+        [sys.executable, "noise.py", str(PORT), what, str(seconds + 2)], cwd=HERE,
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
     try:
         if what != "calm":
             while not counter.ask():
                 select.select([], [], [], 0.05)
         if what == "stop":
             counter.signal(signal.SIGSTOP)
+        if what == "flood":
+            counter.ask()
         sent, times = Pacer(boards, text(SIZE)).hear(20, seconds)
+        arrived = counter.ask() / seconds if what == "flood" else 0.0
+        told = float(noise.communicate()[0]) if what == "flood" else 0.0
         return (
             times[len(times) // 2] * 1e3,
             times[len(times) * 99 // 100] * 1e3,
             100 * (sent - len(times)) / sent,
+            told,
+            arrived,
         )
     finally:
         counter.signal(signal.SIGCONT)
@@ -131,10 +139,13 @@ def main() -> None:
         ("flood", "beside one that sends 50,000/s", "≤ 10"),
         ("stop", "beside one whose reader is stopped", "≤ 20"),
     ):
-        p50, p99, lost = bench_beside(what, seconds)
+        p50, p99, lost, sent, arrived = bench_beside(what, seconds)
         figure(f"{title}: p50, ms", p50, "", 2)
         figure("  p99, ms", p99, goal, 2)
         figure("  lost, %", lost, "≤ 1" if goal else "", 2)
+        if sent:
+            figure("  the flood: sent a second", sent, "")
+            figure("  of which arrived", arrived, "")
 
 
 if __name__ == "__main__":
