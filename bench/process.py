@@ -84,10 +84,13 @@ def relay(echo: bool) -> Process:
     return Process("relay.py", str(PORT), str(DOMAIN), *(["echo"] if echo else []), ready="ready")
 
 
+# The choice that agents are started without; see without.py.
+undone = ""
+
+
 def agent() -> Process:
-    return Process(
-        "-m", "uros", "agent", "udp4", "-p", str(PORT), "--domain", str(DOMAIN), ready="running..."
-    )
+    how = ["without.py", undone] if undone else ["-m", "uros", "agent"]
+    return Process(*how, "udp4", "-p", str(PORT), "--domain", str(DOMAIN), ready="running...")
 
 
 def settled(counter: Process) -> int:

@@ -67,10 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, help_text in TRANSPORTS.items():
         one = transports.add_parser(name, parents=[common], help=help_text, description=help_text)
         add_transport(name, one)
-        one.add_argument(
-            "more", nargs=argparse.REMAINDER, metavar="TRANSPORT ...",
+        # Not REMAINDER: behind another positional argument it would take the options too.
+        more = one.add_argument(
+            "more", nargs=argparse.PARSER, default=[], metavar="TRANSPORT",
             help="another transport with its options",
         )  # fmt: skip
+        more.required = False
     parser.set_defaults(parse_more=parser.parse_args)
 
 

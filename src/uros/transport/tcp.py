@@ -22,7 +22,7 @@ _CHUNK: Final = 16384
 _PAUSE: Final = 0.5
 # A client that does not read what it asked for is cut off here.
 MAX_UNSENT: Final = 4 * 1024 * 1024
-# As the C++ agent's; a descriptor each.
+# Attack: connections that say nothing, a descriptor each. (The C++ agent has 100.)
 MAX_CONNECTIONS: Final = 1000
 _TCP_QUICKACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)
 

@@ -219,6 +219,12 @@ def test_a_topic_of_the_xml_writer_is_found_by_its_name(board):
     assert board.ask(create(oid(2, 5), ids.AS_XML, xml.format("None"), PUBLISHER)) == [UNKNOWN]
 
 
+def test_a_topic_that_ros_does_not_see_is_made_and_told(board):
+    assert board.ask(participant(), topic(name="rt/a"), topic(oid(2, 2), name="Square")) == [OK] * 3
+    (told,) = [it for it in board.desk.log().splitlines() if "not a ROS topic" in it]
+    assert "topic: Square," in told
+
+
 # --- what cannot be created --------------------------------------------------------------
 
 

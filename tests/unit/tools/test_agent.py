@@ -108,7 +108,7 @@ def test_a_transport_of_ones_own(tmp_path):
         "    def read(self, timeout): pass\n"
         "    def write(self, data, peer): pass\n"
     )
-    (part,) = parts(f"custom -a one --argument two {file}:Mine")
+    (part,) = parts(f"custom {file}:Mine -a one --argument two")
     assert (part.spec, part.arguments) == (f"{file}:Mine", ["one", "two"])
     assert make(part)[0].kind
 

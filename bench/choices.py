@@ -1,0 +1,57 @@
+"""What each choice of docs/performance.md is worth: the agent with it and without it.
+
+    python bench/choices.py [--quick]
+
+Not part of ``make bench``: it takes four minutes, and nothing depends on it.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import process
+from agent import bench_cpu, bench_round_trip, cores_awake
+from fleet import bench_beside, bench_fleet
+
+
+def both(choice: str, what, *arguments):  # type: ignore[no-untyped-def]
+    """What is measured with the choice, and without it."""
+    found = []
+    for undone in ("", choice):
+        process.undone = undone
+        found.append(what(*arguments))
+    process.undone = ""
+    return found
+
+
+def row(choice: str, what: str, with_it: float, without: float, digits: int = 1) -> None:
+    print(f"  {choice:<10}{what:<46}{with_it:12.{digits}f}{without:12.{digits}f}", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a fifth of the time, noisy")
+    quick = parser.parse_args().quick
+    seconds, runs = (1.0, 1) if quick else (4.0, 3)
+    print(f"  {'choice':<10}{'':<46}{'with':>12}{'without':>12}")
+    cpu = both("batching", bench_cpu, seconds, runs)
+    for (what, _, with_it), (_, _, without) in zip(*cpu, strict=True):
+        if "CPU" in what or "full speed" in what:
+            row("batching", what, with_it, without)
+    fleet = both("sharing", bench_fleet, 40, 10, seconds, False)
+    for what, digits in (("MB", 1), ("MB each", 3), ("cores", 3), ("set-up ms", 2)):
+        row("sharing", f"40 boards at 10 Hz: {what}", fleet[0][what], fleet[1][what], digits)
+    with cores_awake():
+        trips = both("local", bench_round_trip, 500 if quick else 3000, runs)
+    for index, what in enumerate(("p50", "p99")):
+        row("local", f"round trip between boards: {what}, µs",
+            trips[0]["agent"][index], trips[1]["agent"][index])  # fmt: skip
+    for choice, beside in (("turns", "flood"), ("patience", "stop")):
+        found = both(choice, bench_beside, beside, seconds)
+        what = "a flood" if beside == "flood" else "a reader that is stopped"
+        row(choice, f"beside {what}: p99, ms", found[0][1], found[1][1], 2)
+        row(choice, f"beside {what}: lost, %", found[0][2], found[1][2], 2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,55 @@
+"""The agent with one of its choices undone, to see what the choice is worth.
+
+    python bench/without.py CHOICE udp4 -p 8888 ...
+
+``batching``: every sample is a packet of its own. ``sharing``: every board has a
+participant of its own. ``local``: what boards of one agent tell each other goes by
+the waiting thread. ``turns``: a socket is read until it is empty. ``patience``: a
+writer without room is waited for, 100 ms at most.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from uros.agent import server
+from uros.middleware.dds import cyclone, middleware
+from uros.tools import cli
+from uros.transport import udp
+
+_MS = 1_000_000
+
+
+def batching() -> None:
+    class Unbatched(server.Server):
+        def __init__(self, agent: Any, transports: Any) -> None:
+            super().__init__(agent, transports)
+            agent.middleware.batching = False
+
+    server.Server = Unbatched  # type: ignore[misc]
+
+
+def sharing() -> None:
+    middleware.MAX_NODES = 1
+
+
+def local() -> None:
+    middleware.DdsMiddleware.watch_local = lambda self, reader: None  # type: ignore[method-assign]
+
+
+def turns() -> None:
+    udp.MAX_BURST = udp.MAX_BURST_BYTES = 1 << 40
+
+
+def patience() -> None:
+    wanted = cyclone._qset_reliability
+    cyclone._qset_reliability = lambda qos, kind, _: wanted(qos, kind, 100 * _MS)
+
+
+CHOICES = {it.__name__: it for it in (batching, sharing, local, turns, patience)}
+
+if __name__ == "__main__":
+    if sys.argv[1] in CHOICES:
+        CHOICES[sys.argv[1]]()
+    sys.exit(cli.main(["agent", *sys.argv[2:]]))
