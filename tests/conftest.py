@@ -12,6 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# How long an example takes says something of the machine, not of the code.
+settings.register_profile("uros", deadline=None)
+settings.load_profile("uros")
 
 ROOT = Path(__file__).resolve().parent.parent
 
