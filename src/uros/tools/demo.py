@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from ..boards.running import RunningBoard
     from ..host.network import Received
+    from ..qos import QoSProfile
 
 BOARD: Final = "ra6m5_sensor_node"
 _CLIMATE, _THERMOCOUPLE, _LIGHT = 0x44, 0x67, 0x13
@@ -110,6 +111,14 @@ class _Topic:
         text = ", ".join(fields)
         self.value = text if len(text) <= _VALUE_WIDTH else text[: _VALUE_WIDTH - 1] + "…"
 
+    def qos(self) -> QoSProfile:
+        """How to listen: what is said by event is said once, and kept for who comes late."""
+        from ..qos import DurabilityPolicy, QoSProfile, sensor_data_profile
+
+        if self._device is not None:
+            return sensor_data_profile()
+        return QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
     @property
     def rate(self) -> float | None:
         """Messages a second between the first and the last; None: not known, or by event."""
@@ -146,16 +155,14 @@ def run(args: argparse.Namespace) -> int:
     # Set before DDS is loaded, here and in the agent: a demo stays on this machine.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from ..boards.running import RunningBoard, StartError
-    from ..qos import sensor_data_profile
     from .common import join
 
     args.interfaces = []
     reads = _Reads()
     topics = [_Topic(name, type_name, device, reads) for name, type_name, device in TOPICS]
     with join(args) as network:
-        # The readers first: what is published by event is said once.
         for topic in topics:
-            network.listen(topic.name, topic.type_name, sensor_data_profile(), topic.heard)
+            network.listen(topic.name, topic.type_name, topic.qos(), topic.heard)
         board = RunningBoard(
             BOARD, engine=args.engine, faults=args.fault, on_read=reads.ended
         )
