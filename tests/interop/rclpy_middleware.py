@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.late import Late
 from uros.middleware.ros2 import endpoints, names, rcl, types
 from uros.qos import (
     DurabilityPolicy,
@@ -477,3 +478,96 @@ def test_both_ends_of_a_node_are_told_apart(auto, own_domain_id):
     first, second = (node.create_replier(TRIGGER, QoSProfile(), lambda: None) for _ in range(2))
     assert len(first.readers) == len(second.readers) == len(first.writers) == 1
     assert first.readers != second.readers and first.writers != second.writers
+
+
+# --- auto where it serves boards: rclpy is imported meanwhile ---------------------------
+
+
+@pytest.fixture
+def serving():
+    one = open_middleware("auto")
+    one.batching = True
+    yield one
+    one.close()
+
+
+def test_ends_that_come_late_carry_requests_and_replies(serving, own_domain_id):
+    node = serving.create_node(own_domain_id, "/", "node")
+    server = Taker(node.create_replier, TRIGGER)
+    caller = Taker(node.create_requester, TRIGGER)
+    assert isinstance(server.end, Late) and caller.end.request(REQUEST) is None
+    until(serving, lambda: caller.end.request(REQUEST))
+    until(serving, lambda: server.got)
+    for guid, sequence, _ in server.got:
+        assert server.end.reply(guid, sequence, REPLY)
+    until(serving, lambda: caller.got)
+    ((number, answer),) = caller.got
+    assert (number, answer[4], answer[8:]) == (1, 1, REPLY[8:])  # between them is padding
+    other = Taker(node.create_replier, SET)  # another type: it is looked for anew
+    assert isinstance(other.end, Late)
+    assert not isinstance(Taker(node.create_replier, TRIGGER).end, Late)
+
+
+def test_late_ends_are_announced_when_they_are_there(serving, own_domain_id):
+    watching = DdsMiddleware()
+    seen = watching.graph(own_domain_id, lambda: None)
+    node = serving.create_node(own_domain_id, "/garden", "gate")
+    end = node.create_replier(TRIGGER, QoSProfile(), lambda: None)
+
+    def topics():
+        nodes = [it for nodes in seen.announced.values() for it in nodes if it.name == "gate"]
+        ours = [seen.endpoints.get(gid) for it in nodes for gid in (*it.readers, *it.writers)]
+        return {it.topic for it in ours if it is not None}
+
+    def wait(wanted):
+        deadline = time.monotonic() + SECONDS
+        while topics() != wanted:
+            assert time.monotonic() < deadline, topics()
+            for one in (serving, watching):
+                if select.select([one.fileno()], [], [], 0.02)[0]:
+                    one.dispatch()
+                one.tick()
+
+    wait({TRIGGER.request_topic, TRIGGER.reply_topic})
+    end.close()
+    wait(set())
+    watching.close()
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 5])
+def test_nodes_and_middlewares_that_go_while_ends_are_on_their_way(own_domain_id, turns):
+    for round_ in range(10):
+        one = open_middleware("auto")
+        one.batching = True
+        nodes = [one.create_node(own_domain_id, "/", f"node{i}") for i in range(3)]
+        services = (TRIGGER, SET, PARAMETERS)
+        ends = [
+            Taker(make, service).end
+            for node, service in zip(nodes, services, strict=True)
+            for make in (node.create_replier, node.create_requester)
+        ]
+        for _ in range(turns):
+            if select.select([one.fileno()], [], [], 0.1)[0]:
+                one.dispatch()
+        if round_ % 2:
+            nodes[round_ % 3].close()
+            ends[round_ % 6].close()
+        if round_ % 3:
+            one.close()
+        for end in ends:
+            end.close()
+        one.close()
+
+
+def test_a_type_that_the_package_lacks_comes_over_dds(serving, own_domain_id):
+    told = []
+    serving.on_notice = told.append
+    node = serving.create_node(own_domain_id, "/", "node")
+    jump = Service(
+        "rq/jumpRequest", "std_srvs::srv::dds_::Jump_Request_",
+        "rr/jumpReply", "std_srvs::srv::dds_::Jump_Response_",
+    )  # fmt: skip
+    caller = node.create_requester(jump, QoSProfile(), lambda: None)
+    until(serving, lambda: caller.request(REQUEST))
+    assert len(told) == 1 and "std_srvs/srv/Jump: package std_srvs has no such type" in told[0]
+    assert len(node._dds._endpoints) == 2

@@ -302,7 +302,7 @@ def test_what_ros_publishes_reaches_a_clients_reader(agent, peer, type_name, mak
     def publish(*messages):
         cdr = [to_cdr(message).hex() for message in messages]
         answer = peer.do("publish", topic=f"/{topic}", type=type_name, cdr=cdr)
-        assert answer["subscribers"] == 1
+        assert answer["subscribers"] >= 1  # a second reader may be there; see dds/offers.py
 
     # rclpy knows the reader before the reader knows rclpy: what is published meanwhile is lost.
     for _ in range(50):

@@ -286,7 +286,7 @@ def test_an_own_type_has_no_hash_and_disturbs_nobody(agent, peer):
     message.data = 7
     cdr = [to_cdr(message).hex()]
     for _ in range(50):
-        assert peer.do("publish", topic="/to_maker", type=INT32, cdr=cdr)["subscribers"] == 1
+        assert peer.do("publish", topic="/to_maker", type=INT32, cdr=cdr)["subscribers"]
         if client.wait_sample(reader, 0.1):
             break
     assert client.sample(reader) == (7).to_bytes(4, "little")

@@ -84,7 +84,7 @@ def test_a_host_hears_what_rclpy_publishes(peer, domain, type, reliability):
         answer = peer.do(
             "publish", topic=topic, type=type._TYPE, cdr=cdr, reliability=reliability
         )
-        assert answer["subscribers"] == 1
+        assert answer["subscribers"] >= 1  # a second reader may be there; see dds/offers.py
 
     with spinning(node):
         # rclpy knows the reader before that knows rclpy: what is published meanwhile is lost.

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import threading
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from support.client import XrceClient
 from support.lines import UdpLine
 from support.peer import RosPeer
 
+from uros.agent import graph
 from uros.wire import ids
 
 HERE = Path(__file__).parent
@@ -40,7 +42,7 @@ def environment():
     ("tests", "least"),
     [
         (["tests/contract/test_middleware.py", "-k", "ros2 or auto"], 80),
-        (["tests/interop/rclpy_middleware.py"], 15),
+        (["tests/interop/rclpy_middleware.py"], 22),
     ],
     ids=["contract", "rclpy"],
 )
@@ -323,6 +325,89 @@ def test_what_is_no_reply_is_refused_and_the_next_one_passes(agent, peer):
     assert answers == ["met", "good"]
     assert "/bad/reply" in agent.line("does not read as its type")
     client.close()
+
+
+def test_a_board_that_knows_the_graph_sees_a_service_once(agent, peer):
+    offering = agent.board(0x6100000E)
+    offering.service(ids.KIND_REPLIER, "told/gate", "/told/open", *TRIGGER_TYPES)
+    # In ROS the node that is behind it is there too, and hidden.
+    offered = {"/told/open": [TRIGGER]}
+    hidden = peer.do("services", namespace="/told", name="_gate", services=offered, clients={})
+    assert hidden["found"] == [offered, {}], hidden
+    client = agent.board(0x6100000F)
+    flags = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
+    reader = client.reader("asking", graph.TOPIC, graph.TYPE, flags, depth=1)
+    client.read(reader)
+    deadline = time.monotonic() + SECONDS
+    while (told := client.sample(reader, deadline - time.monotonic())).count(b"/told/open\0") != 1:
+        pass
+    assert b"\0gate\0" in told and b"_gate\0" not in told
+    client.close()
+    offering.close()
+
+
+class Beside:
+    """A board that sends itself a number a hundred times a second, in a thread."""
+
+    PERIOD = 0.01
+
+    def __init__(self, client):
+        self.client = client
+        self.heard = []  # (number, when, how long it was on its way)
+        self.sent = 0
+        self._topic = "rt/beside", "std_msgs::msg::dds_::Int32_"
+        self._writer = client.writer("beside", *self._topic)
+        self._reader = client.reader("beside", *self._topic, depth=1000)
+        client.read(self._reader)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        while not self._stop.wait(self.PERIOD):
+            started = time.monotonic()
+            self.client.write(self._writer, self.sent.to_bytes(4, "little"))
+            self.sent += 1
+            got = int.from_bytes(self.client.sample(self._reader)[:4], "little")
+            now = time.monotonic()
+            self.heard.append((got, now, now - started))
+
+    def close(self):
+        self._stop.set()
+        self._thread.join()
+        self.client.close()
+
+
+def test_boards_beside_are_served_while_the_first_service_comes(ros_python, capsys):
+    """How long they wait is printed: it is the machine's."""
+    with leased_domain() as number, running(ros_python, number) as agent:
+        beside = Beside(agent.board(0x6100000A))
+        client = agent.board(0x6100000B)
+        started, before = time.monotonic(), len(beside.heard)
+        server = client.service(ids.KIND_REPLIER, "late", "/late", *TRIGGER_TYPES)
+        caller = client.service(ids.KIND_REQUESTER, "late", "/late", *TRIGGER_TYPES)
+        created = time.monotonic() - started
+        client.read(server)
+        client.read(caller)
+        request = client.write(caller, b"\0")  # acknowledged when the requester is there
+        there, during = time.monotonic() - started, beside.heard[before:]
+        if client.wait_sample(server, SECONDS):
+            client.write(server, client.sample(server)[:24] + reply("here"))
+        answer = client.sample(caller)
+        assert (answer[:2], text_of(answer[4:])) == (request.to_bytes(2, "big"), "here")
+        beside.close()
+        client.close()
+        assert [it[0] for it in beside.heard] == list(range(beside.sent))
+        assert during, "nobody else was served meanwhile"
+        assert not agent.notices()
+        times = [it[1] for it in beside.heard]
+        gap = max(b - a for a, b in zip(times, times[1:], strict=False))
+        with capsys.disabled():
+            print(
+                f"\nfirst service: created after {created * 1e3:.0f} ms, there after"
+                f" {there * 1e3:.0f} ms; beside: {len(during)} samples meanwhile, longest gap"
+                f" {gap * 1e3:.0f} ms, longest way {max(it[2] for it in beside.heard) * 1e3:.0f} ms"
+            )
 
 
 # --- where rclpy cannot help -----------------------------------------------------------

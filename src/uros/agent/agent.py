@@ -19,7 +19,7 @@ from ..wire import session as messages
 from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.header import MessageWriter, pull_header, pull_subheader
-from ..wire.streams import TIME_MASK
+from ..wire.streams import TIME_MASK, ticks_diff
 from .client import Client
 from .control import Control
 from .graph import Graphs
@@ -31,6 +31,10 @@ from .session import MIN_MTU, Session
 MAX_MTU = 65507
 # Attack: a client that makes one topic after the other with a second type.
 MAX_CONFLICTS = 1000
+# Attack: CREATE_CLIENT with one key after the other. Those that made nothing and were silent
+# the longest go first, so many at a time.
+MAX_CLIENTS = 4096
+_MAKE_ROOM = 256
 
 
 class Agent:
@@ -149,14 +153,27 @@ class Agent:
             status, what = ids.STATUS_ERR_INCOMPATIBLE, "incompatible version"
         elif mtu < MIN_MTU:
             status, what = ids.STATUS_ERR_INVALID_DATA, f"MTU of {mtu} is under {MIN_MTU}"
+        elif not self._has_room(key):
+            status, what = ids.STATUS_ERR_RESOURCES, f"over {MAX_CLIENTS} clients"
         if status == ids.STATUS_OK:
             self._admit(transport, peer, key, session_id, min(mtu, MAX_MTU, transport.mtu))
-        else:
-            self.log.warning("Root", "create_client", what, f"client_key: 0x{key:08X}")
+        elif (times := self.faults.times(f"create_client {status}")) is not None:
+            self.log.warning("Root", "create_client", what, f"client_key: 0x{key:08X}{times}")
         w = MessageWriter(self._scratch, session_id, ids.STREAM_NONE, 0, key)
         w.begin(ids.STATUS_AGENT)
         messages.push_status_agent(w, status)
         self._send(transport, peer, w.finish(), key)
+
+    def _has_room(self, key: int) -> bool:
+        """Whether the client may come in; those of no use leave for it."""
+        if key in self.clients or len(self.clients) < MAX_CLIENTS:
+            return True
+        now = self.now()
+        bare = [client for client in self.clients.values() if not client.objects]
+        bare.sort(key=lambda client: ticks_diff(client.session.heard, now))
+        for client in bare[:_MAKE_ROOM]:
+            self.delete_client(client.key)
+        return len(self.clients) < MAX_CLIENTS
 
     def _admit(
         self, transport: ServerTransport, peer: Any, key: int, session_id: int, mtu: int

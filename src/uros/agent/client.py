@@ -37,7 +37,13 @@ from ..wire.streams import ticks_diff
 from . import representation
 from .control import Control, Settings
 from .delivery import Delivery
-from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
+from .endpoint import (
+    MAX_UNREAD,
+    ReaderEndpoint,
+    ReplierEndpoint,
+    RequesterEndpoint,
+    WriterEndpoint,
+)
 from .graph import TOPIC as GRAPH_TOPIC
 from .graph import TYPE as GRAPH_TYPE
 from .graph import GraphEndpoint, Graphs
@@ -212,10 +218,13 @@ class Client:
         self._status(request_id, object_id, status, stream)
 
     def _refused(self, kind: int, object_id: int, why: str) -> None:
+        times = self._agent.faults.times(f"{self.key:08X} {object_id:04X} {why[:80]}")
+        if times is None:
+            return  # a board may try again and again, as fast as it can
         name = KIND_NAMES.get(kind, f"kind {kind}")
         self._log(
             WARNING, "ProxyClient", f"create_{name}", f"{name} refused",
-            f"object_id: {object_label(object_id)}, {why}",
+            f"object_id: {object_label(object_id)}, {why}{times}",
         )  # fmt: skip
 
     def _create_object(
@@ -355,6 +364,7 @@ class Client:
         qos = copy(spec.qos)
         if isinstance(group.spec, GroupSpec) and group.spec.partitions and not qos.partitions:
             qos.partitions = group.spec.partitions
+        qos.depth = min(qos.depth, MAX_UNREAD)  # the agent's owner may want more
         settings.apply(qos, topic.name)
         if thing.kind == ids.KIND_DATAREADER:
             if (topic.name, topic.type_name) == (GRAPH_TOPIC, GRAPH_TYPE):

@@ -236,14 +236,15 @@ class Control:
         else:
             import tomli as tomllib
         try:
-            raw = Path(path).read_bytes()
+            with Path(path).open("rb") as file:
+                raw = file.read(MAX_FILE + 1)
         except OSError as error:
             raise ControlError(f"{path}: {error.strerror}") from error
         if len(raw) > MAX_FILE:
             raise ControlError(f"{path}: over {MAX_FILE} bytes")
         try:
             document = tomllib.loads(raw.decode("utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:  # also of a number of 5000 digits
             raise ControlError(f"{path}: no TOML: {error}") from error
         try:
             rules = _rules(document)
@@ -325,13 +326,22 @@ def _only(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
             raise ControlError(f"{what} has no {key!r}{hint}")
 
 
+def _shown(value: Any) -> str:
+    """A value of the file, as short as a line can bear."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no number of over 4300 digits
+        return "a very long number"
+    return text if len(text) <= 100 else f"{text[:100]}..."
+
+
 def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
 def _table(value: Any, what: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ControlError(f"{what} is {value!r}, not a table such as {{ … = … }}")
+        raise ControlError(f"{what} is {_shown(value)}, not a table such as {{ … = … }}")
     return value
 
 
@@ -344,20 +354,24 @@ def _key(value: Any) -> int:
 
 def _whole(value: Any, what: str, low: int, high: int, also: str = "") -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ControlError(f"{what} is {value!r}, not a whole number from {low} to {high}{also}")
+        raise ControlError(
+            f"{what} is {_shown(value)}, not a whole number from {low} to {high}{also}"
+        )
     return value
 
 
 def _rate(value: Any) -> float:
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not number or not 0.0 < value < 1e9:
-        raise ControlError(f"max_rate is {value!r}, not a number of messages a second above 0")
+        raise ControlError(
+            f"max_rate is {_shown(value)}, not a number of messages a second above 0"
+        )
     return float(value)
 
 
 def _pattern(value: Any, what: str) -> str:
     if not isinstance(value, str) or not value:
-        raise ControlError(f"{what} is {value!r}, not a text")
+        raise ControlError(f"{what} is {_shown(value)}, not a text")
     return value
 
 
@@ -365,8 +379,8 @@ def _name(value: Any, what: str) -> str:
     name = names.absolute(value) if isinstance(value, str) else ""
     if not names.is_valid(name):
         raise ControlError(
-            f"{what}: {value!r} is no ROS name: letters, digits and _ between slashes, no part"
-            " beginning with a digit"
+            f"{what}: {_shown(value)} is no ROS name: letters, digits and _ between slashes, no"
+            " part beginning with a digit"
         )
     return name
 
@@ -385,5 +399,5 @@ def _qos(fields: Mapping[str, Any], about: str) -> dict[str, int]:
             found[key] = _POLICIES[key][value]
         else:
             known = " or ".join(_POLICIES[key])
-            raise ControlError(f"{about}.{key} is {value!r}, not {known}")
+            raise ControlError(f"{about}.{key} is {_shown(value)}, not {known}")
     return found

@@ -20,8 +20,8 @@ from ..wire.errors import DecodeError
 # Requests whose answers are still expected; a service that never answers must
 # not make the agent grow.
 MAX_PENDING: Final = 256
-# Attack: a reader that keeps all and is never asked. Fast DDS keeps so many, with the C++
-# agent; the oldest go then, so that no writer waits for a client that is slow.
+# Attack: a reader that keeps all, or two thousand million, and is never asked. Fast DDS keeps so
+# many, with the C++ agent; the oldest go then, so that no writer waits for a client that is slow.
 MAX_UNREAD: Final = 5000
 
 

@@ -40,6 +40,8 @@ _ONCE: Final = 4 + 4
 # Characters of a name or type: C clients read them into 256 octets, with a zero at the end, and
 # refuse the whole graph where one is longer.
 MAX_TEXT: Final = 255
+# Attack: a client that comes again and again with another MTU. Graphs kept for as many MTUs.
+_MAX_CACHED: Final = 16
 
 # What every node of rclcpp and rclpy has: the first to go where room is short.
 _EVERYWHERE: Final = ("rcl_interfaces/", "type_description_interfaces/")
@@ -71,12 +73,21 @@ def ros_nodes(source: Source) -> list[GraphNode]:
     """The nodes by their ROS names, sorted; what is no topic or service of ROS is left out."""
     endpoints = source.endpoints
     found = []
-    for node in living_nodes(source):
+    nodes = living_nodes(source)
+    gids: dict[tuple[str, str], set[bytes]] = {}
+    for node in nodes:
+        gids.setdefault((node.namespace, node.name), set()).update(node.readers, node.writers)
+    for node in nodes:
         if not (_fits(node.namespace) and _fits(node.name)):
             continue
+        # A node of auto's for services, which stand under the board's node as well: boards would
+        # count them twice.
+        whole = gids.get((node.namespace, node.name[1:])) if node.name.startswith("_") else None
+        if whole is not None and whole.issuperset(node.readers + node.writers):
+            continue
         entities: dict[tuple[int, str], set[str]] = {}
-        for gids, writes in ((node.writers, True), (node.readers, False)):
-            for gid in gids:
+        for ends, writes in ((node.writers, True), (node.readers, False)):
+            for gid in ends:
                 end = endpoints.get(gid)
                 known = None if end is None else _entity(writes, end.topic, end.type_name)
                 if known is not None:
@@ -250,6 +261,8 @@ class _Domain:
         """The graph in so many bytes, and what was left out of it."""
         known = self._messages.get(room)
         if known is None:
+            if len(self._messages) >= _MAX_CACHED:
+                self._messages.clear()
             nodes = [] if self.source is None else ros_nodes(self.source)
             known = self._messages[room] = cut(nodes, room)
         return known

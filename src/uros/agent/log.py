@@ -30,6 +30,9 @@ _COLOURS = ("", "\033[1;41m", "\033[1;31m", "\033[1;33m", "\033[32m", "\033[36m"
 MAX_LINES: Final = 50
 # Lines that may wait for a terminal or pipe that takes none; then they are lost.
 _MAX_WAITING: Final = 10_000
+_MAX_CHARACTERS: Final = 16 * 1024 * 1024
+# Attack: names of 64 kB, one line after the other. Messages as they are (-v 6) stay whole.
+_MAX_ABOUT: Final = 2000
 
 
 class Log:
@@ -46,6 +49,8 @@ class Log:
         self._waiting: queue.Queue[str | None] = queue.Queue(_MAX_WAITING)
         self._thread: threading.Thread | None = None
         self._lost = 0
+        self._put = 0  # characters, by the one thread
+        self._taken = 0  # and by the other
         try:
             self._stream.fileno()
         except (OSError, ValueError):
@@ -56,6 +61,8 @@ class Log:
     def __call__(self, level: int, part: str, function: str, what: str, about: str = "") -> None:
         if level > self.level:
             return
+        if level < DEBUG and len(about) > _MAX_ABOUT:
+            about = f"{about[:_MAX_ABOUT]}... ({len(about)} characters)"
         now = time.time_ns() // 1000
         name = f"{_NAMES[level]:<8}"
         if self._colour:
@@ -69,7 +76,10 @@ class Log:
             self._write(line)
             return
         try:
+            if self._put - self._taken > _MAX_CHARACTERS:
+                raise queue.Full
             self._waiting.put_nowait(line)
+            self._put += len(line)
         except queue.Full:
             self._lost += 1
 
@@ -79,6 +89,7 @@ class Log:
             if line is None:
                 return
             self._write(line)
+            self._taken += len(line)
             if self._lost and self._waiting.empty():
                 lost, self._lost = self._lost, 0
                 self._write(f"({lost} lines of the log were lost: nobody was reading)\n")

@@ -93,7 +93,9 @@ class References:
     def load(self, path: str | Path) -> int:
         """Add the profiles of a file; how many. Raises ProfileError naming the file."""
         try:
-            text = Path(path).read_text("utf-8")
+            with Path(path).open("rb") as file:
+                # A byte more than there may be characters, at four bytes each, is too much.
+                text = file.read(4 * MAX_REFERENCES_FILE + 1).decode("utf-8")
         except OSError as error:
             raise ProfileError(f"{path}: {error.strerror}") from error
         except UnicodeDecodeError as error:

@@ -47,6 +47,8 @@ SILENT_CHECK_MS: Final = 1000
 MAX_STREAMS: Final = 8
 # Attack: requests without ever an acknowledgement of their answers.
 MAX_HELD: Final = 4096
+# Attack: the same with long answers. Bytes that may be held when one more is asked for.
+MAX_ANSWERS: Final = 1024 * 1024
 STALL_RETRY_MS: Final = 5
 # A C client puts together what fits the history of its stream, 4 messages by default; one that
 # gets more stands still for ever. It does not tell how many.
@@ -466,6 +468,8 @@ class Session:
         """
         head = header_size(self.session_id)
         size = len(payload)
+        if kind != ids.DATA and stream_id in self._out and self._out[stream_id].size > MAX_ANSWERS:
+            raise LimitError(f"over {MAX_ANSWERS} bytes of answers are not acknowledged")
         if head + 4 + size <= self.mtu:
             self._put(stream_id, kind, flags, payload, now)
             return True

@@ -7,6 +7,10 @@ it does not have, services have dds's form, which rmw_cyclonedds understands, an
 :attr:`~uros.middleware.base.Middleware.on_notice` tells so. Where RMW_IMPLEMENTATION says
 rmw_cyclonedds, that is just the form which is wanted.
 
+Importing rclpy takes long, and other boards are to be served meanwhile. Where a data plane runs
+this (it sets ``batching``), the ends of a service whose type is not imported yet are
+:mod:`~uros.middleware.late` ones. A host program waits for the import: it has nobody else to serve.
+
 In the ROS graph a board is one node. The rclpy node behind its services has a hidden name, and the
 board's node lists their endpoints as its own: who looks up a node's services finds them by GUID,
 whichever participant they are of.
@@ -17,7 +21,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from ..qos import QoSProfile
 from .base import (
@@ -32,13 +37,15 @@ from .base import (
     Writer,
 )
 from .dds.middleware import DdsMiddleware
+from .late import Late, LateReplier, LateRequester
 
 if TYPE_CHECKING:
     from .graph import LiveSource
-    from .ros2.endpoints import Ros2Replier, Ros2Requester
+    from .ros2.later import Preparation
     from .ros2.middleware import Ros2Middleware, Ros2Node
+    from .ros2.names import TypeName
 
-_End = TypeVar("_End", "Ros2Requester", "Ros2Replier")
+_End = TypeVar("_End", Requester, Replier)
 
 # Attack: a board that makes one service after the other, each of another type.
 _MAX_NOTICES: Final = 1000
@@ -55,6 +62,7 @@ class AutoNode(Node):
         self._place = domain, namespace, "_" + name, here
         self._dds = middleware.dds.create_node(domain, namespace, name, here)
         self._ros: Ros2Node | None = None
+        self._late: dict[Late[Any], None] = {}
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> Writer:
         return self._dds.create_writer(topic, type_name, qos)
@@ -65,32 +73,56 @@ class AutoNode(Node):
         return self._dds.create_reader(topic, type_name, qos, on_ready)
 
     def create_requester(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Requester:
-        made = self._service(lambda node: node.create_requester(service, qos, on_ready), service)
-        return made or self._dds.create_requester(service, qos, on_ready)
+        late = LateRequester(self, service, qos, on_ready)
+        return self._create(late) or late
 
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Replier:
-        made = self._service(lambda node: node.create_replier(service, qos, on_ready), service)
-        return made or self._dds.create_replier(service, qos, on_ready)
+        late = LateReplier(self, service, qos, on_ready)
+        return self._create(late) or late
 
-    def _service(self, make: Callable[[Ros2Node], _End], service: Service) -> _End | None:
-        """An end of a service on ros2, listed as this node's; None where it cannot be there."""
-        ros = self._middleware.services()
-        if ros is None:
-            return None
+    def _create(self, late: Late[_End]) -> _End | None:
+        """The end itself; None where it must wait."""
         try:
-            if self._ros is None:
-                self._ros = ros.create_node(*self._place)
-            end = make(self._ros)
+            waits = self._middleware.hold(late)
         except MiddlewareError as error:
+            return self.end_of(late, error)
+        if not waits:
+            return self.end_of(late)
+        self._late[late] = None
+        return None
+
+    def end_of(self, late: Late[_End], error: MiddlewareError | None = None) -> _End:
+        """The end itself, listed as this node's: on ros2, or on dds where it cannot be there;
+        ``error`` says that it cannot."""
+        self._late.pop(late, None)
+        try:
+            if error is not None:
+                raise error
+            ros = self._middleware.services()
+            if ros is not None and self._ros is None:
+                self._ros = ros.create_node(*self._place)
+            end = None if ros is None or self._ros is None else late.made_by(self._ros)
+        except MiddlewareError as refusal:
             self._middleware.notice(
-                f"service {service.request_topic} is there for rmw_cyclonedds only: {error}"
+                f"service {late.service.request_topic} is there for rmw_cyclonedds only: {refusal}"
             )
-            return None
-        self._dds.adopt(end.readers, end.writers)
-        end.on_close = partial(self._dds.disown, end.readers, end.writers)
+            end = None
+        if end is None:
+            return late.made_by(self._dds)
+        ours: Any = end  # Ros2Requester or Ros2Replier
+        self._dds.adopt(ours.readers, ours.writers)
+        ours.on_close = partial(self._dds.disown, ours.readers, ours.writers)
         return end
 
+    def dropped(self, late: Late[Any]) -> None:
+        """One that waited has been closed."""
+        if late in self._late:
+            del self._late[late]
+            self._middleware.drop(late)
+
     def close(self) -> None:
+        for late in list(self._late):
+            late.close()
         if self._ros is not None:
             self._ros.close()
             self._ros = None
@@ -107,6 +139,10 @@ class AutoMiddleware(Middleware):
         self._ros: Ros2Middleware | None = None
         self._tried = False
         self._noticed: set[str] = set()
+        self._preparation: Preparation | None = None
+        # Ends that wait, and what is told to those of a type whose waiting is over.
+        self._held: dict[TypeName, dict[Late[Any], None]] = {}
+        self._over: dict[TypeName, MiddlewareError | None] = {}
 
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
@@ -128,12 +164,77 @@ class AutoMiddleware(Middleware):
         if not self._tried:
             self._tried = True
             try:
+                if self._preparation is not None and self._preparation.failure is not None:
+                    raise self._preparation.failure
                 from .ros2.middleware import Ros2Middleware
 
                 self._ros = Ros2Middleware(self.dds.wake)
             except (ImportError, MiddlewareError) as error:
                 self.notice(_without_rclpy(error))
         return self._ros
+
+    # --- ends of services that wait for their type -------------------------------
+
+    def hold(self, late: Late[Any]) -> bool:
+        """Whether this end must wait; then :meth:`dispatch` makes it when its time has come.
+        Raises MiddlewareError where waiting is in vain."""
+        if (
+            not self.batching
+            or os.environ.get("RMW_IMPLEMENTATION") == _CYCLONE
+            or (self._tried and self._ros is None)
+            or find_spec("rclpy") is None
+        ):
+            return False
+        from .ros2 import names, types
+        from .ros2.later import Preparation
+
+        names.service_name(late.service)
+        name = names.service_type(late.service)
+        types.check_package(name)
+        if self._preparation is None:
+            self._preparation = Preparation(self.dds.wake)
+        if self._preparation.has(name):
+            return False
+        self._held.setdefault(name, {})[late] = None
+        if name not in self._over:
+            self._preparation.want(name)
+        return True
+
+    def drop(self, late: Late[Any]) -> None:
+        """It waits no more."""
+        for name, held in list(self._held.items()):
+            if late in held:
+                del held[late]
+                if not held and self._preparation is not None:
+                    del self._held[name]
+                    self._over.pop(name, None)
+                    self._preparation.forget(name)
+
+    def _make_one(self) -> None:
+        """Make one end that waited: each takes a ms or more, and others have their turn between."""
+        if self._preparation is None:
+            return
+        if self._preparation.has_news():
+            self._over.update(self._preparation.news())
+        while self._over:
+            name, error = next(iter(self._over.items()))
+            held = self._held.get(name)
+            if held:
+                late = next(iter(held))
+                del held[late]
+                try:
+                    late.arrive(error)
+                except MiddlewareError as failure:
+                    self.notice(f"service {late.service.request_topic} is not there: {failure}")
+                break
+            self._held.pop(name, None)
+            del self._over[name]
+
+    def _has_news(self) -> bool:
+        """Whether ros2 or :meth:`_make_one` has work."""
+        if self._preparation is not None and (self._over or self._preparation.has_news()):
+            return True
+        return self._ros is not None and self._ros.has_news()
 
     def notice(self, text: str) -> None:
         """Tell this once."""
@@ -150,14 +251,19 @@ class AutoMiddleware(Middleware):
             self.dds.dispatch()
         finally:
             # After it: it makes the descriptor unreadable, whoever has made it readable.
-            if self._ros is not None:
-                self._ros.dispatch()
+            try:
+                if self._ros is not None:
+                    self._ros.dispatch()
+            finally:
+                self._make_one()
+                if self._over:
+                    self.dds.wake.set()
 
     def dispatch_local(self) -> None:
         try:
             self.dds.dispatch_local()
         finally:
-            if self._ros is not None and self._ros.has_news():
+            if self._has_news():
                 self.dds.wake.set()
 
     def flush(self) -> None:
@@ -174,6 +280,9 @@ class AutoMiddleware(Middleware):
         self.dds.tick()
 
     def close(self) -> None:
+        if self._preparation is not None:
+            self._preparation.close()
+        self._held.clear()
         if self._ros is not None:
             self._ros.close()
         self.dds.close()

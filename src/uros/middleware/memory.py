@@ -11,7 +11,7 @@ import itertools
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from ..qos import HistoryPolicy, QoSProfile
 from .base import (
@@ -29,6 +29,8 @@ from .base import (
 from .wake import Wake
 
 _End = TypeVar("_End")
+# What a transient-local writer that keeps all has for late readers, as on DDS.
+MAX_PAST: Final = 5000
 
 
 class Bus:
@@ -51,7 +53,7 @@ class MemoryWriter(Writer):
         self._node = node
         bus = self._bus = node.middleware.bus
         self._key = key
-        depth = None if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
+        depth = MAX_PAST if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
         self.past: deque[bytes] = deque(maxlen=depth if qos.transient_local else 0)
         with bus.lock:
             bus.writers.setdefault(key, []).append(self)

@@ -247,7 +247,10 @@ def _qos(text: str) -> tuple[str, dict[str, Any]]:
     form = "TOPIC:POLICY=VALUE,..."
     topic, policies = _pair(text, ":", "--qos", form)
     fields = dict(_pair(it, "=", "--qos", form) for it in policies.split(","))
-    return topic, {name: int(it) if it.isdecimal() else it for name, it in fields.items()}
+    # Longer ones are no depth and no time; Python refuses those of over 4300 digits.
+    return topic, {
+        name: int(it) if it.isdecimal() and len(it) < 20 else it for name, it in fields.items()
+    }
 
 
 def _domain_of_agent() -> int:
@@ -255,7 +258,7 @@ def _domain_of_agent() -> int:
     text = os.environ.get("XRCE_DOMAIN_ID_OVERRIDE") or "0"
     try:
         return domain(text)
-    except argparse.ArgumentTypeError as error:
+    except (argparse.ArgumentTypeError, ValueError) as error:  # of 5000 digits
         raise ToolError(f"XRCE_DOMAIN_ID_OVERRIDE: {error}") from error
 
 

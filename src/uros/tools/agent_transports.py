@@ -131,7 +131,8 @@ def _anywhere(transport: str) -> str:
 def _serial(args: argparse.Namespace) -> list[ServerTransport]:
     from ..transport.serial import serial_server
 
-    device, is_file = args.dev or args.file, args.file is not None
+    is_file = args.file is not None
+    device = args.file if is_file else args.dev
     return [serial_server(device, args.baudrate, is_file, args.dtr, args.rts)]
 
 
@@ -139,7 +140,7 @@ def _multiserial(args: argparse.Namespace) -> list[ServerTransport]:
     from ..transport.multiserial import devices_in, serial_servers
 
     # The C++ agent takes one word with spaces in it.
-    devices = devices_in(args.file) if args.file else " ".join(args.devs).split()
+    devices = " ".join(args.devs).split() if args.file is None else devices_in(args.file)
     return [*serial_servers(devices, args.baudrate, args.dtr, args.rts)]
 
 

@@ -151,7 +151,17 @@ def without_ros_args(argv: list[str]) -> list[str]:
     return kept
 
 
+def _complete_streams() -> None:
+    """Put /dev/null where we were started without standard streams (``>&-``): else the next
+    socket would be standard output."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            descriptor = os.open(os.devnull, os.O_RDWR)  # the lowest that is free
+            setattr(sys, name, open(descriptor, mode, encoding="utf-8", closefd=False))
+
+
 def _guard(run: Callable[[], int]) -> int:
+    _complete_streams()
     try:
         try:
             status = run()

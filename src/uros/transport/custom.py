@@ -32,6 +32,7 @@ _CHUNK: Final = 4096
 # Attack: a new peer with each piece, each with a frame that never ends. Those that were silent
 # the longest are forgotten.
 MAX_PEERS: Final = 256
+_CALLS: Final = ("open", "close", "read", "write")
 
 
 class CustomTransport:
@@ -82,7 +83,7 @@ class CustomServer(ServerTransport):
         super().__init__()
         self.name = name or type(line).__name__
         self._line = line
-        self._framed = bool(getattr(line, "framed", False))
+        self._framed = False
         self._deframers: OrderedDict[Any, Deframer] = OrderedDict()
         self._malformed = Tally()
         self._dropped = Tally()
@@ -90,14 +91,18 @@ class CustomServer(ServerTransport):
         self._host: Host | None = None
         self._closed = False
         self._pause = 0.0
-        for call in ("open", "close", "read", "write"):
-            if not callable(getattr(line, call, None)):
-                raise TransportError(
-                    errno.EINVAL,
-                    f"{self.name} has no {call}(): a transport has open(), close(), read(timeout)"
-                    " and write(data, peer); uros.transport.custom.CustomTransport is one to"
-                    " derive from",
-                )
+        try:
+            self._framed = bool(getattr(line, "framed", False))
+            missing = [it for it in _CALLS if not callable(getattr(line, it, None))]
+        except Exception as error:  # others' code
+            raise TransportError(errno.EINVAL, f"{self.name} raised {_said(error)}") from error
+        if missing:
+            raise TransportError(
+                errno.EINVAL,
+                f"{self.name} has no {missing[0]}(): a transport has open(), close(),"
+                " read(timeout) and write(data, peer); uros.transport.custom.CustomTransport is"
+                " one to derive from",
+            )
 
     @property
     def malformed(self) -> int:
@@ -128,7 +133,7 @@ class CustomServer(ServerTransport):
     def _ended(self, error: BaseException | None) -> None:
         self._worker = None
         assert self._host is not None
-        text = f"{type(error).__name__}: {error}{_where(error)}" if error else "it has ended"
+        text = "it has ended" if error is None else _said(error)
         self._pause = min(2 * self._pause, _RETRY_MOST) or RETRY
         self._host.note(
             ERROR, self.name, "run", "the transport failed",
@@ -191,7 +196,7 @@ class CustomServer(ServerTransport):
             return self.name
         try:
             return f"{self.name} {peer}"
-        except Exception:  # others' code
+        except BaseException:  # others' code, in our thread: whatever it is, the agent goes on
             return f"{self.name} {type(peer).__name__}"
 
     def close(self) -> None:
@@ -209,17 +214,24 @@ class _Checked:
     """The line with what its ``read`` gives brought into one form, in the line's own thread."""
 
     def __init__(self, line: Any, framed: bool) -> None:
-        self.open = line.open
-        self.close = line.close
-        self.write = line.write
-        self._read = line.read
+        self._line = line
         self._framed = framed
-        self._rest = b""
+        self._data = b""
+        self._at = 0  # what comes before has been given
         self._peer: Any = None
 
+    def open(self) -> None:
+        self._line.open()
+
+    def close(self) -> None:
+        self._line.close()
+
+    def write(self, data: bytes, peer: Any) -> None:
+        self._line.write(data, peer)
+
     def read(self, timeout: float) -> tuple[bytes, Any] | None:
-        if not self._rest:
-            given = self._read(timeout)
+        if self._at >= len(self._data):
+            given = self._line.read(timeout)
             if given is None:
                 return None
             data, peer = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
@@ -227,10 +239,10 @@ class _Checked:
                 raise TypeError(
                     f"read() gave {type(given).__name__}: it must be bytes, (bytes, peer) or None"
                 )
-            hash(peer)  # raises TypeError
-            self._rest, self._peer = bytes(data), peer
-        size = _CHUNK if self._framed else len(self._rest)
-        data, self._rest = self._rest[:size], self._rest[size:]
+            _ = hash(peer), peer == peer  # noqa: PLR0124  raises here and not in the agent's thread
+            self._data, self._peer, self._at = bytes(data), peer, 0
+        end = self._at + _CHUNK if self._framed else len(self._data)
+        data, self._at = self._data[self._at : end], end
         return (data, self._peer) if data else None
 
 
@@ -238,6 +250,15 @@ def _pieces(data: bytes) -> Sequence[bytes]:
     """Cut before each flag: a frame at a time, because each has a source."""
     first, *others = data.split(b"\x7e")
     return [first, *(b"\x7e" + it for it in others)]
+
+
+def _said(error: BaseException) -> str:
+    """What others' code has raised, and where."""
+    try:
+        text = f"{type(error).__name__}: {error}"
+    except BaseException:  # even that is theirs
+        text = type(error).__name__
+    return text + _where(error)
 
 
 def _where(error: BaseException) -> str:
@@ -273,11 +294,11 @@ def load(spec: str, arguments: Sequence[str] = ()) -> Any:
         )  # fmt: skip
     try:
         return make(*arguments)
-    except Exception as error:  # others' code
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # others' code
         raise TransportError(
-            errno.EINVAL,
-            f"{name}({', '.join(map(repr, arguments))}) raised {type(error).__name__}:"
-            f" {error}{_where(error)}",
+            errno.EINVAL, f"{name}({', '.join(map(repr, arguments))}) raised {_said(error)}"
         ) from error
 
 
@@ -303,8 +324,9 @@ def _module(name: str) -> ModuleType:
         raise TransportError(errno.ENOENT, text) from error
     except FileNotFoundError as error:
         raise TransportError(errno.ENOENT, f"there is no file {name}") from error
-    except (Exception, SystemExit) as error:  # others' code
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # others' code
         raise TransportError(
-            errno.EINVAL,
-            f"{name} cannot be imported: {type(error).__name__}: {error}{_where(error)}",
+            errno.EINVAL, f"{name} cannot be imported: {_said(error)}"
         ) from error

@@ -8,6 +8,7 @@ extra ``serial`` of uros installs it.
 from __future__ import annotations
 
 import errno
+import re
 import socket
 import threading
 from collections.abc import Callable
@@ -59,7 +60,7 @@ def _made(
             # Its socket has a timeout of its own, and it refuses to open with this one.
             write_timeout=None if device.lower().startswith("rfc2217:") else write_seconds,
         )  # fmt: skip
-    except ValueError as error:
+    except (ValueError, re.error) as error:  # the latter of hwgrep://
         raise TransportError(
             errno.EINVAL, f"{device}: {error}; pyserial has socket://, rfc2217://, loop://, hwgrep://"
         ) from error  # fmt: skip

@@ -11,9 +11,13 @@ import errno
 import os
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Final
 
 from .base import ERROR, INFO, Host, ServerTransport, TransportError
 from .line import FileStream, LineServer
+
+# A slip: a file that never ends. A pipe that nobody writes to must not stop the agent either.
+_MAX_NAME: Final = 4096
 
 if find_spec("termios") is not None:
     import termios
@@ -54,6 +58,19 @@ def serial_server(
     return PySerialServer(device, baud, is_file, dtr, rts)
 
 
+def _name_in(path: str) -> str:
+    """What a file says, without waiting for it."""
+
+    def without_waiting(name: str, flags: int) -> int:
+        return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+
+    with open(path, "rb", buffering=0, opener=without_waiting) as file:
+        said = file.read(_MAX_NAME + 1) or b""  # None: a pipe with nothing in it
+    if len(said) > _MAX_NAME:
+        raise OSError(errno.EINVAL, "too long for a name")
+    return said.decode("utf-8").strip()
+
+
 class DeviceServer(LineServer):
     """A device by its name, or by a file that holds the name (``is_file``).
 
@@ -74,7 +91,7 @@ class DeviceServer(LineServer):
         if not self._is_file:
             return self.device
         try:
-            return Path(self.device).read_text("utf-8").strip()
+            return _name_in(self.device)
         except UnicodeDecodeError:
             raise OSError(errno.EINVAL, "not a text file") from None
 

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
 from .line import Line, LineServer, SocketStream
 from .remedies import socket_trouble
+from .worker import Tally
 
 # Until the agent stops waiting for an answer to its connecting, and begins anew, in seconds.
 PATIENCE: Final = 20.0
@@ -164,6 +165,7 @@ class StreamListener(ServerTransport):
         self._host: Host | None = None
         self._closed = False
         self._said = ""
+        self._refused = Tally()
 
     def open(self, host: Host) -> None:
         self._host = host
@@ -216,10 +218,12 @@ class StreamListener(ServerTransport):
         if line is None:
             if self._connected() >= MAX_CONNECTIONS:
                 sock.close()
-                host.note(
-                    WARNING, self.name, "accept", "connection refused",
-                    f"address: {name}, over {MAX_CONNECTIONS} connections",
-                )  # fmt: skip
+                if self._refused.add():
+                    host.note(
+                        WARNING, self.name, "accept", "connection refused",
+                        f"address: {name}, over {MAX_CONNECTIONS} connections,"
+                        f" refused: {self._refused.count}",
+                    )  # fmt: skip
                 return
             line = self.lines[name] = self._line(name)
         sock.setblocking(False)

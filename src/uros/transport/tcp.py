@@ -15,6 +15,7 @@ from .ip import (
     text_of,
     warn_without_ipv6,
 )
+from .worker import Tally
 
 # What is handled before it is another socket's turn.
 _CHUNK: Final = 16384
@@ -62,6 +63,7 @@ class TcpServer(ServerTransport):
         self.listens_on = host
         self._socket: socket.socket | None = None
         self._connections: set[_Connection] = set()
+        self._refused = Tally()
 
     def open(self, host: Host) -> None:
         sock = listening_socket("TCP", self.listens_on, self.port)
@@ -99,7 +101,11 @@ class TcpServer(ServerTransport):
             return
         if len(self._connections) >= MAX_CONNECTIONS:
             sock.close()
-            self._note("connection refused", f"over {MAX_CONNECTIONS} connections", address)
+            if self._refused.add():
+                self._note(
+                    "connection refused",
+                    f"over {MAX_CONNECTIONS} connections, refused: {self._refused.count}", address,
+                )  # fmt: skip
             return
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -128,6 +134,8 @@ class TcpServer(ServerTransport):
         _acknowledge_at_once(connection.sock)
         now = self._host.now()
         for message in connection.deframer.feed(chunk):
+            if connection not in self._connections:
+                return  # cut off at an answer: what would be made now would never leave
             buf = bytearray(message)
             self.deliver(self._host, connection, buf, memoryview(buf), len(buf), now)
 

@@ -166,7 +166,7 @@ class Worker:
     def _finish(self, error: BaseException | None) -> None:
         with self._change:
             self._over = True
-            self._error = self._error or error
+            self._error = error if self._error is None else self._error
             self._change.notify_all()
 
     def _poke(self) -> None:

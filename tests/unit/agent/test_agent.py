@@ -299,3 +299,33 @@ def test_a_closed_connection_takes_its_clients_along(desk):
     assert list(desk.agent.clients) == [0x22]
     desk.agent.gone(desk.place, 1)
     assert len(desk.middleware.bus.nodes) == 1
+
+
+# --- more than there may be ---------------------------------------------------------------------
+
+
+def test_clients_that_made_nothing_leave_for_new_ones(desk, monkeypatch):
+    monkeypatch.setattr(module, "MAX_CLIENTS", 8)
+    monkeypatch.setattr(module, "_MAKE_ROOM", 2)
+    assert Board(desk, 100, key=100).ask(participant()) == [OK]
+    for key in range(1, 8):
+        desk.clock += 10
+        assert admitted(desk, key, 1, peer=1) == OK  # by its key, so all from one address
+    desk.clock += 10
+    assert admitted(desk, 8, 1, peer=1) == OK
+    assert set(desk.agent.clients) == {100, 3, 4, 5, 6, 7, 8}
+    for key in range(1000, 1100):
+        assert admitted(desk, key, 1, peer=1) == OK
+        assert len(desk.agent.clients) <= 8 and 100 in desk.agent.clients
+
+
+def test_clients_that_made_something_stay_and_new_ones_are_refused(desk, monkeypatch):
+    monkeypatch.setattr(module, "MAX_CLIENTS", 2)
+    for key in (1, 2):
+        assert Board(desk, key, key=key).ask(participant()) == [OK]
+    assert admitted(desk, 3, peer=3) == ids.STATUS_ERR_RESOURCES
+    assert "over 2 clients" in desk.log()
+    assert admitted(desk, 2, peer=2) == OK  # it is one of them
+    for key in range(3, 103):
+        admitted(desk, key, peer=3)
+    assert desk.log().count("over 2 clients") == 1

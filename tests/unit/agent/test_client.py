@@ -798,3 +798,14 @@ def test_topics_of_other_names_and_domains_may_have_other_types(desk):
     Board(desk, 2, 0x22).ask(*publisher_entities("rt/other", STRING))
     Board(desk, 3, 0x33).ask(*publisher_entities(type_name=STRING, domain=5))
     assert "type differs" not in desk.log()
+
+
+def test_a_flood_of_refused_objects_is_no_flood_of_lines(desk):
+    board = Board(desk)
+    for _ in range(300):
+        board.send(topic())  # it has no participant
+    assert desk.log().count("topic refused") < 5
+    for number in range(1, 300):
+        board.send(topic(oid(number, ids.KIND_TOPIC)))
+    assert 10 < desk.log().count("topic refused") < 60  # unless it took more than a second
+    assert board.ask(participant(), topic()) == [ids.STATUS_OK] * 2

@@ -194,6 +194,9 @@ def test_without_limits_the_writer_is_what_it_was():
         ("[[client]]\nqos.'/x'.relibility = 'reliable'", "did you mean 'reliability'?"),
         ("[[client]\n", "no TOML"),
         ("a = [" + "[" * 5000, "no TOML"),
+        (f"[[client]]\ndomain = {'9' * 5000}", "no TOML"),
+        (f"[[client]]\ndomain = 0x{'f' * 5000}", "domain is a very long number, not a whole"),
+        (f"[[client]]\nnode = 'n'\nnamespace = '/{'-' * 5000}'", "-... is no ROS name"),
     ],
 )  # fmt: skip
 def test_a_wrong_file_says_what_is_wrong(text, said, tmp_path):
@@ -211,6 +214,8 @@ def test_a_file_that_cannot_be_read(tmp_path):
     (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
     with pytest.raises(ControlError, match="over 1048576 bytes"):
         Control().load(tmp_path / "large.toml")
+    with pytest.raises(ControlError, match="over 1048576 bytes"):
+        Control().load("/dev/zero")
 
 
 _ANY = st.recursive(

@@ -185,6 +185,27 @@ def test_only_what_is_there_is_told_and_in_order():
     assert graph.ros_nodes(network) == [GraphNode("/", "a", ()), GraphNode("/", "z", ())]
 
 
+def test_a_service_over_ros2_is_its_boards_and_told_once():
+    """The auto middleware has a hidden node for it, and lists its ends as the board's own."""
+    network = Network()
+    serve = ("r", "rq/serveRequest", SET + "Request_"), ("w", "rr/serveReply", SET + "Response_")
+    board = network.announced[network.node("/ns", "gate", ("w", "rt/out", STRING))][0]
+    (twin,) = network.announced[network.node("/ns", "_gate", *serve)]
+    board.readers, board.writers = list(twin.readers), board.writers + twin.writers
+    network.node("/ns", "_ros2cli_7", ("r", "rt/out", STRING))  # hidden, and what it hears counts
+    network.node("/", "_gate", ("r", "rt/in", STRING))
+    network.node("/ns", "_out", ("r", "rt/in", STRING))
+    network.node("/ns", "out", ("r", "rt/in", STRING))
+    found = {(it.namespace, it.name): [end.name for end in it.entities]
+             for it in graph.ros_nodes(network)}  # fmt: skip
+    assert found == {
+        ("/ns", "gate"): ["/out", "/serve"], ("/ns", "_ros2cli_7"): ["/out"],
+        ("/", "_gate"): ["/in"], ("/ns", "_out"): ["/in"], ("/ns", "out"): ["/in"],
+    }  # fmt: skip
+    twin.readers, twin.writers = [], []  # its last service is gone, and it still there
+    assert ("/ns", "_gate") not in {it[:2] for it in graph.ros_nodes(network)}
+
+
 def test_what_a_c_client_cannot_read_is_left_out():
     """Names and types are read into 256 octets there, and one too long spoils the whole graph."""
     network = Network()
@@ -392,6 +413,14 @@ def test_the_graph_is_cut_to_what_the_client_can_take(desk, network, oracle):
     small.settle()
     assert small.samples() == [bytes(4)]
     assert "graph is whole" in desk.log()
+
+
+def test_graphs_are_not_kept_for_every_mtu_there_was(desk, network):
+    network.node("/", "node", ("w", "rt/topic", STRING))
+    ask(Board(desk, 1, key=1))
+    for mtu in range(100, 200):
+        ask(Board(desk, 2, key=2, session_id=0x81 + mtu % 2, mtu=mtu))
+    assert len(desk.agent.graphs._domains[0]._messages) <= graph._MAX_CACHED
 
 
 def test_other_topics_and_types_are_readers_as_always(desk, network):

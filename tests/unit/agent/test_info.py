@@ -40,6 +40,7 @@ from unit.agent.test_objects import (
 )
 
 from uros.agent import client
+from uros.agent import session as module
 from uros.wire import entities, ids, session
 from uros.wire.cdr import Reader
 
@@ -248,3 +249,21 @@ def test_any_question_is_answered_or_a_fault(payload, stream):
     board.send(sub(ids.GET_INFO, payload), stream=stream)
     assert len(board.got(ids.INFO)) == (len(payload) >= 8)
     desk.close()
+
+
+def test_long_answers_that_nobody_acknowledges_are_not_kept_without_end(desk, monkeypatch):
+    monkeypatch.setattr(module, "MAX_ANSWERS", 10_000)
+    board = Board(desk, mtu=65507)
+    text = "<types><struct name='a'/></types>" + " " * 2000
+    assert board.ask(create(TYPE, ids.AS_XML, text, 0)) == [OK]
+    board.polite = False
+    payload = helpers.built(session.push_get_info, 1, TYPE, BOTH)
+    for _ in range(100):
+        board.send(sub(ids.GET_INFO, payload))
+    held = sum(it.size for it in of(board).session._out.values())
+    assert 10_000 < held < 13_000
+    assert "over 10000 bytes of answers are not acknowledged" in desk.log()
+    board.acknowledge()
+    assert len(board.got(ids.INFO)) == 5
+    board.send(sub(ids.GET_INFO, payload))
+    assert len(board.got(ids.INFO)) == 1

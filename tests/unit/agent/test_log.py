@@ -142,3 +142,24 @@ def test_a_pipe_that_nobody_reads_holds_up_nobody_and_its_losses_are_counted(mon
         assert found == sorted(set(found)) and found[0] == 0
         assert int(re.search(r"(\d+) lines", line)[1]) == 5000 - len(found)
         log.close()
+
+
+def test_a_name_without_end_does_not_fill_the_log():
+    (line,) = lines(4, (4, "a", "b", "c", "x" * 60_000))
+    assert len(line) < 2200 and line.endswith("x... (60000 characters)")
+    (line,) = lines(6, (5, "a", "b", "c", "x" * 60_000))  # a message as it is
+    assert len(line) > 60_000
+
+
+def test_what_waits_for_a_stopped_terminal_has_an_end_in_characters_too(monkeypatch):
+    monkeypatch.setattr(module, "_MAX_CHARACTERS", 100_000)
+    reader, writer = os.pipe()
+    with open(reader, "rb", buffering=0) as theirs, open(writer, "w") as ours:
+        log = Log(6, ours)
+        for _ in range(100):
+            log(5, "a", "b", "c", "x" * 30_000)
+        assert sum(map(len, log._waiting.queue)) < 200_000 and log._lost > 80
+        got = b""
+        while b"lines of the log were lost" not in got:
+            got += theirs.read(65536)
+        log.close()

@@ -141,6 +141,8 @@ def test_elements_without_end(tmp_path):
     file.write_text("<profiles>" + "<a/>" * 30_000 + "</profiles>")
     with pytest.raises(ProfileError, match="more than 20000 elements"):
         References().load(file)
+    with pytest.raises(ProfileError, match="characters is over the limit of 4194304"):
+        References().load("/dev/zero")
 
 
 @pytest.mark.parametrize("value", ["99999999999", "4294967296", "2147483648", "-1", "", "1e3", "٣"])

@@ -156,6 +156,18 @@ def test_endpoints_without_qos_have_fast_ddss_defaults(board):
         assert said_of(qos) == ("best effort", "volatile", "last", 1)
 
 
+def test_no_client_has_the_agent_keep_more_than_fast_dds_would(board):
+    board.ask(*publisher_entities()[:3], group(SUBSCRIBER))
+    history = "<historyQos><kind>KEEP_LAST</kind><depth>2147483647</depth></historyQos>"
+    inside = f"<topic><name>rt/chatter</name><dataType>T</dataType>{history}</topic>"
+    for object_id, tag, parent in (
+        (WRITER, "data_writer", PUBLISHER), (READER, "data_reader", SUBSCRIBER),
+    ):  # fmt: skip
+        assert board.ask(xml(object_id, f"<dds><{tag}>{inside}</{tag}></dds>", parent)) == [OK]
+    assert writer_of(board).qos.depth == 5000
+    assert of(board).objects[READER].endpoint._reader.qos.depth == 5000
+
+
 def test_the_xml_of_micro_ros(board):
     """What rmw_microxrcedds built with references off sends (build_datawriter_xml)."""
     board.ask(*publisher_entities(type_name=STRING)[:3])

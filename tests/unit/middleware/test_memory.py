@@ -2,9 +2,10 @@
 
 import pytest
 
+from uros.middleware import memory
 from uros.middleware.base import Service
 from uros.middleware.memory import Bus, MemoryMiddleware
-from uros.qos import QoSProfile
+from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
 INT32, STRING = "std_msgs::msg::dds_::Int32_", "std_msgs::msg::dds_::String_"
 
@@ -54,3 +55,14 @@ def test_others_replies_do_not_hide_ones_own(made):
     assert requesters[1].take(1) == [(1, b"\0\1\0\0mine")]
     assert requesters[1].take(1) == []
     assert len(requesters[0].take(100)) == 5
+
+
+def test_a_writer_that_keeps_all_for_late_readers_keeps_an_end_of_it(made, monkeypatch):
+    monkeypatch.setattr(memory, "MAX_PAST", 10)
+    node = made[0].create_node(0, "/", "node")
+    qos = QoSProfile(history=HistoryPolicy.KEEP_ALL, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    writer = node.create_writer("rt/a", INT32, qos)
+    for number in range(100):
+        writer.write(bytes((0, 1, 0, 0, number, 0, 0, 0)))
+    reader = node.create_reader("rt/a", INT32, qos, lambda: None)
+    assert [sample[4] for sample in reader.take(100)] == list(range(90, 100))

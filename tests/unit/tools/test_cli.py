@@ -178,3 +178,29 @@ def test_the_agent_by_its_other_names(name, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [f"/usr/bin/{name}", "--help", "--ros-args", "--log-level"])
     assert cli.agent_main() == 0
     assert f"usage: {name} " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("closed", ["0", "1", "2", "012"])
+def test_started_without_standard_streams(closed):
+    """As a careless daemon does, or ``>&-``: no socket may become standard output."""
+    away = " ".join(f"{it}>&-" for it in closed)
+    done = subprocess.run(
+        f'exec "{sys.executable}" -m uros agent udp4 -p 0 -m memory --stop-at-eof {away}',
+        shell=True, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert ("server stopped" in done.stdout) == ("1" not in closed)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["udp4", "--qos", f"/a:depth={'9' * 5000}"], "depth is '999"),
+        (["serial", "--dev", "hwgrep://["], "hwgrep://[: unterminated character set"),
+    ],
+)
+def test_flags_of_the_agent_that_mean_nothing(arguments, said, capsys):
+    assert cli.main(["agent", *arguments, "-m", "memory"]) == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith("uros: ") and said in printed, printed

@@ -98,6 +98,23 @@ def answered(line, data=PING, peer=None):
     assert answer[4] == ids.INFO and where == peer
 
 
+class Mute(BaseException):
+    """Whoever asks what it is, or whether it is, has trouble."""
+
+    def __str__(self):
+        raise SystemExit
+
+    __repr__ = __bool__ = __str__
+
+
+class Odd:
+    def __hash__(self):
+        return 1
+
+    def __eq__(self, other):
+        raise ValueError("equal?")
+
+
 # --- what read gives --------------------------------------------------------------------------
 
 
@@ -128,6 +145,8 @@ def test_one_board_and_boards_with_names():
         (KeyboardInterrupt(), "KeyboardInterrupt"),
         (StopIteration(), "StopIteration"),
         (RecursionError("\n\x1b[2J"), r"RecursionError: \\n\\x1b\[2J"),
+        pytest.param(lambda: Mute(), r"Mute \(test_custom.py:", id="mute"),
+        pytest.param((PING, Odd()), r"ValueError: equal\? \(test_custom.py:", id="odd"),
     ],
     ids=str,
 )
@@ -156,10 +175,11 @@ def test_messages_that_are_none(monkeypatch):
         assert "Then framed = True" in agent.said.getvalue()
 
 
-def test_a_peer_that_cannot_be_shown():
+@pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit])
+def test_a_peer_that_cannot_be_shown(error):
     class Peer:
         def __str__(self):
-            raise ZeroDivisionError
+            raise error
 
     line, peer = Scripted(), Peer()
     with agent_with(line) as agent:
@@ -475,10 +495,13 @@ def test_a_class_by_its_module_and_by_its_file(folder):
         ("broken:Line", "x = = 1", "broken cannot be imported: SyntaxError"),
         ("broken:Line", "1/0", r"ZeroDivisionError: division by zero \(broken.py:1\)"),
         ("broken:Line", "raise SystemExit", "cannot be imported: SystemExit"),
+        ("broken:Line", "raise BaseException(3)", "cannot be imported: BaseException: 3"),
         ("broken:Line", "", "broken has no class Line"),
         ("broken:Line", "Line = 3", "broken has no class Line"),
         ("broken:Line", "def Line(): pass", r"Line\('a'\) raised TypeError"),
         ("broken:Line", "def Line(a): raise OSError(a)", r"raised OSError: a \(broken.py:1\)"),
+        ("broken:Line", "def Line(a): raise SystemExit", r"Line\('a'\) raised SystemExit"),
+        ("broken:Line", "def Line(a): raise BaseException", r"Line\('a'\) raised BaseException"),
     ],
 )
 def test_what_is_wrong_with_a_name(folder, spec, text, said):
@@ -493,6 +516,16 @@ def test_a_class_without_one_of_the_calls(missing):
     calls = {it: lambda *_: None for it in ("open", "close", "read", "write") if it != missing}
     with pytest.raises(TransportError, match=rf"Modem has no {missing}\(\): a transport has"):
         CustomServer(type("Modem", (), calls)())
+
+
+@pytest.mark.parametrize("name", ["framed", "read"])
+def test_a_class_that_fails_when_it_is_looked_at(name):
+    def fail(self):
+        raise ValueError("not yet")
+
+    line = type("Modem", (CustomTransport,), {name: property(fail)})()
+    with pytest.raises(TransportError, match=r"Modem raised ValueError: not yet \(test_custom"):
+        CustomServer(line)
 
 
 def test_the_base_class_says_what_is_missing():

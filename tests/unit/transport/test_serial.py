@@ -235,6 +235,18 @@ def test_a_file_that_holds_no_name(serial, tmp_path, content):
     wait_for(agent.said.getvalue, f"device: {file}, errno: ")
 
 
+@pytest.mark.parametrize("kind", ["endless", "pipe"])
+def test_a_file_that_never_ends_or_never_begins(serial, tmp_path, kind):
+    """The agent's one thread neither waits for it nor reads all of it."""
+    file = tmp_path / "name"
+    os.mkfifo(file) if kind == "pipe" else file.symlink_to("/dev/zero")
+    agent = serial(file, is_file=True)
+    wait_for(agent.said.getvalue, f"device: {file}, errno: ")
+    # A `pipe` is looked into again and again; reading from it once more must not wait either.
+    agent.stop()
+    assert not agent.thread.is_alive()
+
+
 @pytest.mark.parametrize("kind", ["folder", "file"])
 def test_what_is_no_serial_device(serial, tmp_path, kind):
     path = tmp_path / "thing"

@@ -141,6 +141,25 @@ def test_connections_over_the_limit_are_refused(agent, raw, monkeypatch):
         assert answers(other, 1)
 
 
+def test_a_flood_of_connections_over_the_limit_is_no_flood_of_lines(agent, raw, monkeypatch):
+    before = agent.said.getvalue().count("connection refused")
+    monkeypatch.setattr(module, "MAX_CONNECTIONS", len(agent.transport._connections))
+    for _ in range(64):
+        with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as other:
+            assert other.recv(1) == b""
+    assert agent.said.getvalue().count("connection refused") - before < 10
+
+
+def test_what_comes_behind_the_message_that_ends_the_connection_is_not_handled(
+    agent, raw, monkeypatch
+):
+    """A session on a connection that is gone would be there for good."""
+    monkeypatch.setattr(module, "MAX_UNSENT", 0)  # the first answer is one too many
+    raw.sendall(framed(PING) + framed(create_client(0x7C)))
+    assert raw.recv(1) == b""
+    assert 0x7C not in agent.agent.clients
+
+
 def test_without_descriptors_it_waits_and_does_not_spin():
     """accept() fails and goes on failing; the listener is left alone for a while."""
 

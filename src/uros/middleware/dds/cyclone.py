@@ -276,6 +276,11 @@ def matched_writers(reader: int) -> set[int]:
     """
     status = ctypes.c_uint32()
     _take_status(reader, ctypes.byref(status), STATUS_SUBSCRIPTION_MATCHED)
+    return heard_writers(reader)
+
+
+def heard_writers(reader: int) -> set[int]:
+    """:func:`matched_writers` without resetting that status, for who does not wait for it."""
     size = 64
     while True:
         handles = (ctypes.c_uint64 * size)()

@@ -94,7 +94,7 @@ def _little_endian(type_name: str, cdr: Bytes) -> bytes:
 
 
 class DdsReader(Watched, Reader):
-    __slots__ = ("_close", "guid")
+    __slots__ = ("_close", "guid", "participant", "qos", "type_name")
 
     def __init__(
         self,
@@ -106,6 +106,9 @@ class DdsReader(Watched, Reader):
         data: bytes,
     ) -> None:
         middleware, participant = node.middleware, node.participant
+        self.participant, self.type_name, self.qos = participant, type_name, qos
+        if qos.reliable:
+            middleware.expect_offers(participant)
         entity = participant.create_reader(topic, type_name, qos, data + type_data(type_name))
         self.guid = cyclone.guid(entity)
         super().__init__(middleware, entity, on_ready)

@@ -13,6 +13,7 @@ import os
 import threading
 import time
 from collections.abc import Callable
+from typing import Final
 
 from ...qos import QoSProfile
 from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
@@ -22,9 +23,14 @@ from .conflicts import TypeWatch
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 from .gids import GidWatch
 from .graph import PacedDiscovery
+from .offers import Offers
 from .participant import MAX_NODES, SharedParticipant
 from .shared import Shared
 from .watched import Watched
+
+# Attack: a node in each of the 233 domains. Each costs five threads and six descriptors, and is
+# not left before the end; 1024 descriptors are what a process has mostly.
+MAX_DOMAINS: Final = 32
 
 
 class DdsNode(Node):
@@ -118,6 +124,7 @@ class DdsMiddleware(Middleware):
         self._domains: set[int] = set()
         self._participants: dict[int, list[SharedParticipant]] = {}
         self._gids: dict[int, GidWatch] = {}
+        self._offers: dict[int, Offers] = {}
         self.graphs: list[PacedDiscovery] = []
         self._readers: dict[int, Watched] = {}
         # Our readers by domain and topic, each a list kept up to date, and those
@@ -149,6 +156,11 @@ class DdsMiddleware(Middleware):
 
     def _participant(self, domain: int) -> SharedParticipant:
         if domain not in self._domains:
+            if len(self._domains) >= MAX_DOMAINS:
+                raise MiddlewareError(
+                    f"domain {domain} would be one more than the {MAX_DOMAINS} that this agent may"
+                    " join: let it have an agent of its own"
+                )
             try:
                 cyclone.open_domain(domain, config.config_xml(self._environment, os.getpid()))
             except MiddlewareError as error:
@@ -168,6 +180,12 @@ class DdsMiddleware(Middleware):
         if len(shared) == 1 and self.on_type_conflict is not None:
             TypeWatch(self, shared[0])
         return shared[-1]
+
+    def expect_offers(self, participant: SharedParticipant) -> None:
+        """A reliable reader is about to be made: from now on see to it that writers of its
+        domain do not let it wait; see :mod:`~uros.middleware.dds.offers`."""
+        if participant.domain not in self._offers:
+            self._offers[participant.domain] = Offers(self, participant)
 
     def owns(self, domain: int, participant: bytes) -> bool:
         """Whether the participant of that GUID is one of ours."""
@@ -310,6 +328,9 @@ class DdsMiddleware(Middleware):
             for one in shared:
                 if one.due is not None and (soonest is None or one.due < soonest):
                     soonest = one.due
+        for offers in self._offers.values():
+            if offers.due is not None and (soonest is None or offers.due < soonest):
+                soonest = offers.due
         for graph in self.graphs:
             if graph.due is not None and (soonest is None or graph.due < soonest):
                 soonest = graph.due
@@ -320,6 +341,9 @@ class DdsMiddleware(Middleware):
         for participant in self._all_participants():
             if participant.due is not None and participant.due <= now:
                 participant.announce()
+        for offers in self._offers.values():
+            if offers.due is not None and offers.due <= now:
+                offers.tick(now)
         for graph in self.graphs.copy():
             if graph.due is not None and graph.due <= now:
                 graph.tell()

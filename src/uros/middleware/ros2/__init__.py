@@ -9,6 +9,7 @@ replies in RTPS headers that Cyclone has no way to write.
 ``types``        the Python classes of types, by their names
 ``profiles``     QoS profiles as rclpy's
 ``rcl``          rclpy without its Node class, and its errors as ours
+``later``        getting ``rcl`` and ``types`` ready while boards are served
 ``domain``       one rclpy context, and the thread that waits in its wait set
 ``endpoints``    publishers, subscriptions and both ends of services
 ``middleware``   the contract

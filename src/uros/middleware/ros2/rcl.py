@@ -7,12 +7,14 @@ one argument of Node's. Entities that are in a wait set, or inside a call, must 
 
 from __future__ import annotations
 
+import ctypes
 import os
-import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Final
 
 from ...qos import QoSProfile
@@ -21,6 +23,9 @@ from . import profiles
 
 _GUID_SIZE: Final = 16
 _CORE: Final = "rclpy.impl.implementation_singleton"
+# What the other modules here import of it.
+_ALL: Final = (_CORE, "rclpy.context", "rclpy.qos", "rclpy.duration", "rclpy.serialization")
+_LIBRARY: Final = "_rclpy_pybind11*.so"
 _CHOICES: Final = ("RMW_IMPLEMENTATION", "RCL_ASSERT_RMW_ID_MATCHES")
 _REMEDY: Final = "install that RMW (ros-<distro>-rmw-…), or unset RMW_IMPLEMENTATION"
 _ON_DDS: Final = (
@@ -36,6 +41,10 @@ def load() -> Any:
     is one that does not work."""
     if _CORE not in sys.modules:
         _try_elsewhere()
+    return _load()
+
+
+def _load() -> Any:
     try:
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
@@ -47,18 +56,53 @@ def load() -> Any:
     return rclpy_implementation
 
 
+def prepare(package: str, kind: str, name: str) -> None:
+    """:func:`load`, and all else that the services of a type need, from a thread that must not
+    keep others from running. Raises as :func:`load` does.
+
+    A process of its own imports it first: that has brought it into memory when this one reads it
+    with the GIL held, and rcl ends that process, and not this, where it finds something amiss.
+    """
+    support = f"import {package}.{kind} as k; type(k.{name}).__import_type_support__()"
+    if _CORE not in sys.modules and find_spec("rclpy") is not None:
+        _elsewhere(f"import {', '.join(_ALL)}; {support}")
+        _map()
+    _load()
+    for module in _ALL:
+        import_module(module)
+
+
+def _map() -> None:
+    """Have the system load rclpy's library. An import would hold the GIL over it, for 40 ms and
+    more; a call by ctypes does not, and leaves the import little to do."""
+    spec = find_spec("rclpy")
+    places = spec.submodule_search_locations if spec is not None else None
+    for place in places or ():
+        for path in Path(place).glob(_LIBRARY):
+            with suppress(OSError, AttributeError, TypeError):  # the import will do it all, then
+                dlopen = ctypes.CDLL(None).dlopen
+                dlopen.argtypes, dlopen.restype = (ctypes.c_char_p, ctypes.c_int), ctypes.c_void_p
+                dlopen(os.fsencode(path), sys.getdlopenflags())
+
+
 def _try_elsewhere() -> None:
     """Raises MiddlewareError where rcl would end this process.
 
     That is what it does on being loaded with an RMW that it does not find. An import in a process
     of its own takes a tenth of a second, and only those who chose an RMW wait for it.
     """
-    chosen = [name for name in _CHOICES if os.environ.get(name)]
-    if not chosen or find_spec("rclpy") is None:
-        return
+    if any(map(os.environ.get, _CHOICES)) and find_spec("rclpy") is not None:
+        _elsewhere(f"import {_CORE}")
+
+
+def _elsewhere(code: str) -> None:
+    """Run this in a process of its own. Raises MiddlewareError where that does not outlive it;
+    what it raises does not count: it will be raised here."""
+    import subprocess
+
     try:
         status = subprocess.run(
-            [sys.executable, "-c", f"import {_CORE}"],
+            [sys.executable, "-c", code],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -68,8 +112,12 @@ def _try_elsewhere() -> None:
     except (OSError, subprocess.SubprocessError):
         return
     if status == _WRONG_RMW:
-        settings = ", ".join(f"{name}={os.environ[name]}" for name in chosen)
-        raise MiddlewareError(f"rclpy does not start with {settings}: {_REMEDY}")
+        settings = ", ".join(f"{it}={os.environ[it]}" for it in _CHOICES if os.environ.get(it))
+        raise MiddlewareError(f"rclpy does not start with {settings or 'its RMW'}: {_REMEDY}")
+    if status < 0:
+        raise MiddlewareError(
+            f"rclpy does not start (a process that imports it ends by signal {-status}): {_REMEDY}"
+        )
 
 
 @contextmanager

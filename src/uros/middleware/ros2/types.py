@@ -33,12 +33,17 @@ def find_service(name: TypeName) -> Any:
     return _find(name, ("Request", "Response"))
 
 
-def _find(name: TypeName, marks: tuple[str, ...]) -> Any:
+def check_package(name: TypeName) -> None:
+    """Raises UnknownType where no package can have the type; imports nothing."""
     if not _has_interfaces(name.package):
         raise UnknownType(
             f"{name}: there is no package {name.package} here; install it"
             f" (ros-<distro>-{name.package.replace('_', '-')}), or source the workspace that has it"
         )
+
+
+def _find(name: TypeName, marks: tuple[str, ...]) -> Any:
+    check_package(name)
     try:
         module = import_module(f"{name.package}.{name.kind}")
         found = _of_action(module, name.name) if name.kind == "action" else None

@@ -5,7 +5,11 @@ definition. After the encapsulation header come the client's id (8 bytes) and th
 (64 bits, signed), both in the sample's byte order, then the body.
 """
 
+import os
 import select
+import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -16,7 +20,7 @@ from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds import cyclone
 from uros.middleware.dds.endpoints import type_data
 from uros.middleware.dds.middleware import DdsMiddleware
-from uros.qos import QoSProfile
+from uros.qos import HistoryPolicy, QoSProfile
 
 SERVICE = Service(
     "rq/addRequest", "pkg::srv::dds_::Add_Request_", "rr/addReply", "pkg::srv::dds_::Add_Response_"
@@ -178,3 +182,44 @@ def test_samples_are_filled_up_with_zeros_and_nothing_else(middleware, node, siz
 def test_a_sample_that_is_shorter_than_its_padding_is_empty(header):
     assert cyclone._unfilled(header) == b"\x00\x01\x00\x00"
     assert cyclone._unfilled(header + b"a") == b"\x00\x01\x00\x00"
+
+
+# --- a reader that stands still ---------------------------------------------------------------
+
+READER = """
+import select, sys
+from uros.middleware.dds.middleware import DdsMiddleware
+from uros.qos import HistoryPolicy, QoSProfile
+middleware = DdsMiddleware()
+qos = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+node = middleware.create_node(int(sys.argv[1]), "/", "reader")
+reader = node.create_reader("rt/a", "T", qos, lambda: None)
+while not reader.take(1):
+    select.select([middleware.fileno()], [], [], 0.05)
+    middleware.dispatch()
+print("heard", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_deleting_a_writer_does_not_wait_long_for_a_reader_that_stands_still(node, own_domain_id):
+    """Its other boards wait as long: a second for each writer, by Cyclone's default."""
+    writer = node.create_writer("rt/a", "T", QoSProfile(history=HistoryPolicy.KEEP_ALL))
+    sample = bytes((0, 1, 0, 0)) + bytes(4000)
+    with subprocess.Popen(
+        [sys.executable, "-c", READER, str(own_domain_id)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    ) as other:  # fmt: skip
+        try:
+            deadline = time.monotonic() + 20
+            while not select.select([other.stdout], [], [], 0.05)[0]:
+                writer.write(sample)
+                assert time.monotonic() < deadline, "the reader hears nothing"
+            os.kill(other.pid, signal.SIGSTOP)
+            while writer.write(sample):
+                assert time.monotonic() < deadline, "the writer always has room"
+            before = time.monotonic()
+            writer.close()
+            assert time.monotonic() - before < 0.5
+        finally:
+            other.kill()

@@ -60,6 +60,14 @@ def test_domains_do_not_share(middleware, own_domain_id, domain_id):
     assert one.participant.guid != other.participant.guid
 
 
+def test_so_many_domains_and_no_more(middleware, own_domain_id, domain_id, monkeypatch):
+    monkeypatch.setattr(module, "MAX_DOMAINS", 1)
+    middleware.create_node(own_domain_id, "/", "one")
+    with pytest.raises(MiddlewareError, match="one more than the 1 that this agent may join"):
+        middleware.create_node(domain_id, "/", "other")
+    middleware.create_node(own_domain_id, "/", "other")
+
+
 def test_changes_are_announced_at_most_ten_times_a_second_and_the_last_one_too(
     middleware, own_domain_id, monkeypatch
 ):
