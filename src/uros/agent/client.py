@@ -25,6 +25,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from copy import copy
+from functools import partial
 from typing import Protocol
 
 from .. import names
@@ -470,12 +471,11 @@ class Client:
             return True
         thing = self.objects.get(object_id)
         if thing is not None and isinstance(thing.endpoint, (RequesterEndpoint, ReplierEndpoint)):
-            endpoint, limits = thing.endpoint, thing.settings
+            write = thing.settings.limited(
+                partial(thing.endpoint.write, flags), lambda why: self._limited(thing, why)
+            )
             try:
-                if limits.too_large(len(payload)):
-                    self._limited(thing, f"{len(payload)} bytes are over max_size")
-                    return True
-                return limits.admits() and endpoint.write(flags, payload)
+                return write(payload)
             except MiddlewareError as error:
                 self.fault("middleware error", str(error))
                 return True

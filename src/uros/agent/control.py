@@ -178,15 +178,6 @@ class Settings:
                 for key, value in fields.items():
                     setattr(qos, key, value)
 
-    @property
-    def limits(self) -> bool:
-        """Whether :meth:`admits` is to be asked at all."""
-        return self.max_rate is not None or self.max_size is not None
-
-    def too_large(self, size: int) -> bool:
-        """Whether a message of so many bytes may never pass."""
-        return self.max_size is not None and size > self.max_size
-
     def admits(self) -> bool:
         """Whether one more message may pass now; it counts as passed then."""
         if self.max_rate is None:
@@ -202,11 +193,11 @@ class Settings:
     def limited(self, write: Write, refused: Callable[[str], None]) -> Write:
         """``write`` under the limits. What is too large is dropped, and ``refused`` says so;
         what is too much finds no room now, as with a slow network."""
-        if not self.limits:
+        if self.max_rate is None and self.max_size is None:
             return write
 
         def within_limits(sample: memoryview) -> bool:
-            if self.too_large(len(sample)):
+            if self.max_size is not None and len(sample) > self.max_size:
                 refused(f"{len(sample)} bytes are over max_size {self.max_size}")
                 return True
             if not self.admits():

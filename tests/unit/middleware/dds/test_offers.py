@@ -11,7 +11,7 @@ import time
 import pytest
 
 from uros.middleware.base import MiddlewareError
-from uros.middleware.dds import cyclone, offers, participant
+from uros.middleware.dds import cyclone, discovery, offers, participant
 from uros.middleware.dds import middleware as module
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -381,3 +381,20 @@ def test_looking_leaves_the_status_that_the_waiting_thread_wakes_by(world):
     assert len(cyclone.matched_writers(reader.entity)) == 2
     cyclone._take_status(reader.entity, ctypes.byref(status), cyclone.STATUS_SUBSCRIPTION_MATCHED)
     assert status.value == 0
+
+
+def test_who_lists_the_network_does_not_see_them(own_domain_id):
+    one = DdsMiddleware()
+    node = one.create_node(own_domain_id, "/", "looking")
+    for data in (offers.MARK, b""):
+        node.participant.create_reader("rt/b", TYPE, QoSProfile(), data)
+    seen = discovery.Discovery(one, node.participant, lambda: None)
+    deadline = time.monotonic() + SECONDS
+    while not [end for end in seen.endpoints.values() if end.topic == "rt/b"]:
+        assert time.monotonic() < deadline
+        if select.select([one.fileno()], [], [], 0.1)[0]:
+            one.dispatch()
+    found = [end.qos.user_data for end in seen.endpoints.values() if end.topic == "rt/b"]
+    assert found == [b""]
+    seen.close()
+    one.close()
