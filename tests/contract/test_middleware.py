@@ -408,7 +408,7 @@ def test_a_reader_that_does_not_take_costs_nothing_and_goes_on_when_it_takes(net
     network.settle(node)
     before, used = network.dispatched, resource.getrusage(resource.RUSAGE_SELF).ru_utime
     while network.turn(0.3):  # until it sleeps
-        assert network.dispatched < before + 5
+        assert network.dispatched < before + 20  # not thousands
     assert resource.getrusage(resource.RUSAGE_SELF).ru_utime - used < 0.1
     for i in range(20):
         to_stuck.write(cdr("abc0"))
