@@ -35,17 +35,12 @@ class Surroundings:
         self.ends = []
 
     def start(self):
-        self.agent = RunningAgent(self.kind, "memory", 0, 4)
-        if self.kind in ("udp", "udp6") and self.port:
-            from uros.agent.server import Server
-            from uros.transport.udp import UdpServer
+        self.agent = RunningAgent(self.server(), "memory", 0, 4)
+        self.agent.start()
 
-            self.agent.transport = UdpServer(self.port, self.agent.transport.listens_on)
-            self.agent.server = Server(self.agent.agent, [self.agent.transport])
-        self.agent.thread.start()
-        assert self.agent.server.ready.wait(SECONDS)
-        if self.kind in ("udp", "udp6"):
-            self.port = self.agent.transport.port
+    def server(self):
+        """The agent's end, or its kind."""
+        return self.kind
 
     def stop(self):
         agent, self.agent = self.agent, None
@@ -59,8 +54,18 @@ class Udp(Surroundings):
 
     def __init__(self, kind="udp", host="127.0.0.1"):
         super().__init__(kind)
-        self.host = host
+        self.listens_on = host
+        self.host = host  # what boards know it by
         self.start()
+
+    def start(self):
+        super().start()
+        self.port = self.agent.transport.port
+
+    def server(self):
+        from uros.transport.udp import UdpServer
+
+        return UdpServer(self.port, self.listens_on)
 
     def transport(self):
         return UdpTransport(self.host, self.port)
@@ -117,8 +122,7 @@ class Memory(Surroundings):
         return end
 
     def begin(self):
-        self.agent.thread.start()
-        assert self.agent.server.ready.wait(SECONDS)
+        self.agent.start()
 
 
 class Can(Surroundings):
@@ -131,16 +135,10 @@ class Can(Surroundings):
         self.channel = f"uros-client-{os.getpid()}"
         self.start()
 
-    def start(self):
+    def server(self):
         from support.can import CanServer
 
-        from uros.agent.server import Server
-
-        self.agent = RunningAgent("can", "memory", 0, 4)
-        self.agent.transport = CanServer(self.channel, "virtual")
-        self.agent.server = Server(self.agent.agent, [self.agent.transport])
-        self.agent.thread.start()
-        assert self.agent.server.ready.wait(SECONDS)
+        return CanServer(self.channel, "virtual")
 
     def transport(self):
         return CanTransport(CanPort(self.channel, "virtual"), 0x200 + len(self.nodes))

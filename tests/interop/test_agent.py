@@ -5,11 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from conftest import leased_domain
-from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import UdpLine
-from support.peer import RosPeer
 from support.recorded import RecordedBoard, UdpBoard, submessages
 from support.replay import load, messages
 
@@ -27,24 +24,6 @@ TEMPERATURE = "sensor_msgs/msg/Temperature"
 HUMIDITY = "sensor_msgs/msg/RelativeHumidity"
 
 pytestmark = pytest.mark.timeout(120)
-
-
-@pytest.fixture(scope="module")
-def domain():
-    with leased_domain() as number:
-        yield number
-
-
-@pytest.fixture(scope="module")
-def agent(domain):
-    with running_agent("udp", "dds", domain) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def peer(ros_python, domain):
-    with RosPeer(ros_python, domain) as running:
-        yield running
 
 
 def board(agent, capture):

@@ -5,9 +5,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, leased_domain
+from conftest import ROOT
 from support.agent import running_agent
-from support.peer import RosPeer
 
 from uros.boards.running import RunningBoard
 from uros.interfaces import load as load_type
@@ -20,18 +19,6 @@ STRING = "std_msgs/msg/String"
 TWIST = "geometry_msgs/msg/Twist"
 IMAGE = "sensor_msgs/msg/CompressedImage"
 HARDWARE = "ra6m5_sensor_node"
-
-
-@pytest.fixture(scope="module")
-def domain():
-    with leased_domain() as number:
-        yield number
-
-
-@pytest.fixture(scope="module")
-def peer(ros_python, domain):
-    with RosPeer(ros_python, domain) as running:
-        yield running
 
 
 def program(folder: Path, name: str, other: str) -> Path:

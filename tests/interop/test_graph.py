@@ -6,12 +6,10 @@ import sys
 import time
 
 import pytest
-from conftest import leased_domain
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import UdpLine
-from support.peer import RosPeer
 
 from uros.agent.graph import TOPIC, TYPE
 from uros.interfaces import load as load_type
@@ -23,24 +21,6 @@ DDS_INT32 = "std_msgs::msg::dds_::Int32_"
 PUBLISHER, SUBSCRIBER, SERVER, CALLER = range(4)
 
 pytestmark = pytest.mark.timeout(120)
-
-
-@pytest.fixture(scope="module")
-def domain():
-    with leased_domain() as number:
-        yield number
-
-
-@pytest.fixture(scope="module")
-def agent(domain):
-    with running_agent("udp", "dds", domain) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def peer(ros_python, domain):
-    with RosPeer(ros_python, domain) as running:
-        yield running
 
 
 def opened(agent, key, **more):

@@ -5,27 +5,13 @@ import threading
 from contextlib import contextmanager
 
 import pytest
-from conftest import leased_domain
 from support.nodes import MESSAGES, Int32, String
-from support.peer import RosPeer
 
 import uros
 from uros.interfaces.codec import from_cdr, to_cdr
 from uros.qos import QoSProfile, ReliabilityPolicy
 
 pytestmark = pytest.mark.timeout(120)
-
-
-@pytest.fixture(scope="module")
-def domain():
-    with leased_domain() as number:
-        yield number
-
-
-@pytest.fixture(scope="module")
-def peer(ros_python, domain):
-    with RosPeer(ros_python, domain) as running:
-        yield running
 
 
 @contextmanager

@@ -1,9 +1,7 @@
 """The virtual RA6M5 board, through our agent, to a real rclpy node."""
 
 import pytest
-from conftest import leased_domain
 from support.agent import running_agent
-from support.peer import RosPeer
 
 from uros.boards.running import RunningBoard
 from uros.interfaces import load as load_type
@@ -34,17 +32,10 @@ STAMP_NS = 50_000_000
 
 
 @pytest.fixture(scope="module")
-def domain():
-    with leased_domain() as number:
-        yield number
-
-
-@pytest.fixture(scope="module")
-def peer(ros_python, domain):
-    with RosPeer(ros_python, domain) as running:
-        for topic, type_name in TYPES.items():
-            running.do("subscribe", topic=topic, type=type_name)
-        yield running
+def peer(peer):
+    for topic, type_name in TYPES.items():
+        peer.do("subscribe", topic=topic, type=type_name)
+    return peer
 
 
 @pytest.fixture(params=["cpython", "micropython"])

@@ -136,12 +136,6 @@ def running(python, domain, middleware="auto", **options):
 
 
 @pytest.fixture(scope="module")
-def domain():
-    with leased_domain() as number:
-        yield number
-
-
-@pytest.fixture(scope="module")
 def agent(ros_python, domain):
     with running(ros_python, domain) as one:
         yield one

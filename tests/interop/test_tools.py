@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import leased_domain
 
 TALKER = Path(__file__).parent / "talker.py"
 SECONDS = 30
@@ -41,12 +40,6 @@ json.dump(
     sys.stdout,
 )
 """
-
-
-@pytest.fixture(scope="module")
-def domain():
-    with leased_domain() as number:
-        yield number
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -9,9 +9,8 @@ import struct
 import time
 
 import pytest
-from conftest import leased_domain
 from support import autopilot
-from support.airfield import Ground, Place, Places
+from support.airfield import Place, Places
 from support.ardupilot import ArduPilot, dds_type, profiles
 from support.autopilot import RELIABLE, TRANSIENT_LOCAL
 
@@ -31,29 +30,9 @@ def references(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def shared_ground():
-    with leased_domain() as domain, Ground(domain) as node:
-        yield node
-
-
-@pytest.fixture
-def ground(shared_ground):
-    """The DDS side."""
-    yield shared_ground
-    shared_ground.forget()
-
-
-@pytest.fixture(scope="module")
 def places(shared_ground, references):
     with Places(shared_ground.domain, "-r", references) as running:
         yield running
-
-
-@pytest.fixture
-def place(places, transport):
-    """An agent in the domain of ``ground``."""
-    yield places[transport]
-    places[transport].land()
 
 
 @pytest.fixture
@@ -61,12 +40,6 @@ def own_place(transport, own_domain_id, references):
     """An agent of this test's own, in a domain of its own."""
     with Place(transport, own_domain_id, "-r", references) as running:
         yield running
-
-
-@pytest.fixture
-def own_ground(own_domain_id):
-    with Ground(own_domain_id) as node:
-        yield node
 
 
 def ros_type(name, kind):

@@ -9,9 +9,8 @@ import time
 from collections import Counter
 
 import pytest
-from conftest import leased_domain
 from support import autopilot, px4
-from support.airfield import Ground, Place, Places
+from support.airfield import Place, Places
 from support.px4 import PUBLICATIONS, SUBSCRIPTIONS, Px4, counter, sample, type_name
 
 from uros.middleware.base import Service
@@ -24,29 +23,9 @@ transports = pytest.mark.parametrize("transport", ["udp", "serial"])
 
 
 @pytest.fixture(scope="module")
-def shared_ground():
-    with leased_domain() as domain, Ground(domain) as node:
-        yield node
-
-
-@pytest.fixture
-def ground(shared_ground):
-    """The DDS side."""
-    yield shared_ground
-    shared_ground.forget()
-
-
-@pytest.fixture(scope="module")
 def places(shared_ground):
     with Places(shared_ground.domain) as running:
         yield running
-
-
-@pytest.fixture
-def place(places, transport):
-    """An agent in the domain of ``ground``."""
-    yield places[transport]
-    places[transport].land()
 
 
 @pytest.fixture
@@ -54,12 +33,6 @@ def own_place(transport, own_domain_id):
     """An agent of this test's own, in a domain of its own."""
     with Place(transport, own_domain_id) as running:
         yield running
-
-
-@pytest.fixture
-def own_ground(own_domain_id):
-    with Ground(own_domain_id) as node:
-        yield node
 
 
 @pytest.fixture

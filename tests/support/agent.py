@@ -21,17 +21,24 @@ TRANSPORTS = (
 
 
 class RunningAgent:
-    """``line(n)`` is the line of the n-th client; ``lines`` are all that were given out."""
+    """``line(n)`` is the line of the n-th client; ``lines`` are all that were given out.
+
+    ``transport`` is one of TRANSPORTS, or a transport of the test's own, which then has the lines.
+    """
 
     def __init__(self, transport, middleware, domain, level, device=None):
-        self.kind = transport
+        own = not isinstance(transport, str)
+        self.kind = "own" if own else transport
         self.said = io.StringIO()
         self.middleware = open_middleware(middleware)
         self.agent = Agent(self.middleware, Log(level, self.said), domain_override=domain)
         self._master = self._slave = -1
         self._device = device
-        self._ends = serials.make(transport) if transport in serials.KINDS else None
-        transports = self._ends.transports if self._ends else [self._make(transport)]
+        self._ends = serials.make(self.kind) if self.kind in serials.KINDS else None
+        if self._ends:
+            transports = self._ends.transports
+        else:
+            transports = [transport if own else self._make(transport)]
         self.transport = transports[0]
         self.server = Server(self.agent, transports)
         self.error = None
@@ -78,6 +85,11 @@ class RunningAgent:
             self.server.run()
         except BaseException as error:
             self.error = error
+
+    def start(self):
+        """It serves when this returns."""
+        self.thread.start()
+        assert self.server.ready.wait(SECONDS)
 
     def line(self, number=0):
         """The line of the n-th client. On a serial line all share one, boards from 1 up."""
@@ -142,9 +154,14 @@ def running_agent(transport="udp", middleware="dds", domain=0, level=4, device=N
 
     ``device`` is the line of a board that is there already; without it, serial has one of its own.
     """
-    running = RunningAgent(transport, middleware, domain, level, device)
-    running.thread.start()
-    assert running.server.ready.wait(SECONDS)
+    with serving(RunningAgent(transport, middleware, domain, level, device)) as running:
+        yield running
+
+
+@contextmanager
+def serving(running):
+    """This agent runs until the end of the block, and must not have failed inside."""
+    running.start()
     try:
         yield running
     finally:

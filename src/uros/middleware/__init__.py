@@ -1,7 +1,18 @@
 """What the agent and host programs join: one small contract, several networks.
 
 ``open_middleware(name)`` returns a :class:`~uros.middleware.base.Middleware`;
-each lives in a module of its own that is imported only when asked for.
+each lives in a module or package of its own that is imported only when asked for.
+
+==========  ====================================================================
+``base``    the contract
+``graph``   what a middleware can tell of the ROS graph
+``memory``  a network inside this process
+``dds``     Cyclone DDS, in the ROS 2 network
+``ros2``    rclpy, on whatever RMW it uses
+``auto``    topics over ``dds``, services over ``ros2``
+``late``    ends of services that are asked for before they can be made
+``wake``    waking a selector from another thread
+==========  ====================================================================
 """
 
 from __future__ import annotations

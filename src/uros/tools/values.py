@@ -15,7 +15,6 @@ from .yaml_text import Value
 
 _ARRAY: Final = re.compile(r"(?P<inner>.+)\[(?P<size>\d+)\]")
 _SEQUENCE: Final = re.compile(r"sequence<(?P<inner>.+?)(?:, (?P<bound>\d+))?>")
-_STRINGS: Final = ("string", "wstring")
 _CODES: Final = {
     "uint8": "B",
     "int8": "b",

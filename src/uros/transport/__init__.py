@@ -1,5 +1,25 @@
-"""The only code that opens sockets and serial lines.
+"""The only code that opens sockets, serial lines and CAN; both ends of each.
 
-``base`` is the contract of an agent's transport; ``udp``, ``tcp`` and
-``serial`` (with the pseudo-terminal) are the agent's ends of each.
+The agent's ends:
+
+===================  ============================================================
+``base``             the contract of an agent's transport
+``udp``, ``tcp``     over IPv4 and IPv6; ``ip`` is what they share
+``discovery``        how boards find the agent; ``addresses``: this machine's
+``line``             frames in a stream of bytes, and a line that comes back
+``serial``           devices and pseudo-terminals, by termios
+``terminal``         opening a device and its modem lines; ``baud``: its rates
+``portable_serial``  devices and URLs, by pyserial
+``multiserial``      several devices in one agent
+``sockets``          lines that are stream sockets; ``rfcomm``: Bluetooth
+``can``              CAN FD, by python-can
+``custom``           what users write
+``worker``           threads for lines whose calls may wait
+``remedies``         what the errno of a line means, and what to do
+``memory``           boards and agent in one process
+===================  ============================================================
+
+A board's ends, which run on MicroPython: ``stream`` for lines, ``datagram`` for UDP, ``canboard``
+for CAN FD. Where a board's program runs on CPython, ``device``, ``portable_serial`` and
+``canport`` are their ports.
 """

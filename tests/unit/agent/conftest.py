@@ -1,5 +1,5 @@
 import pytest
-from unit.agent.helpers import Desk
+from unit.agent.helpers import Board, Desk
 
 
 @pytest.fixture
@@ -10,3 +10,8 @@ def desk():
     assert not made.middleware.bus.nodes
     assert not any(made.middleware.bus.writers.values())
     assert not any(made.middleware.bus.readers.values())
+
+
+@pytest.fixture
+def board(desk):
+    return Board(desk)

@@ -13,6 +13,12 @@ from uros.wire.cdr import Writer
 KEY = 0xAABBCCDD
 SESSION = 0x81
 
+OK, MATCHED = ids.STATUS_OK, ids.STATUS_OK_MATCHED
+EXISTS, MISMATCH = ids.STATUS_ERR_ALREADY_EXISTS, ids.STATUS_ERR_MISMATCH
+UNKNOWN, INVALID = ids.STATUS_ERR_UNKNOWN_REFERENCE, ids.STATUS_ERR_INVALID_DATA
+RESOURCES = ids.STATUS_ERR_RESOURCES
+REUSE, REPLACE = ids.FLAG_REUSE, ids.FLAG_REPLACE
+
 
 def sub(kind, payload=b"", flags=ids.FLAG_LITTLE_ENDIAN):
     """One submessage."""
@@ -70,6 +76,14 @@ def create(object_id, form, content, parent, request=10, flags=0):
     return sub(ids.CREATE, payload, ids.FLAG_LITTLE_ENDIAN | flags)
 
 
+def xml(object_id, text, parent=0, **more):
+    return create(object_id, ids.AS_XML, text, parent, **more)
+
+
+def by_reference(object_id, name, parent=0, **more):
+    return create(object_id, ids.BY_REFERENCE, name, parent, **more)
+
+
 def delete(object_id, request=20):
     return sub(ids.DELETE, built(session.push_request, request, object_id))
 
@@ -120,6 +134,9 @@ WRITER = oid(1, ids.KIND_DATAWRITER)
 READER = oid(1, ids.KIND_DATAREADER)
 REQUESTER = oid(1, ids.KIND_REQUESTER)
 REPLIER = oid(1, ids.KIND_REPLIER)
+TYPE = oid(1, ids.KIND_TYPE)
+QOS = oid(1, ids.KIND_QOS_PROFILE)
+APPLICATION = oid(1, ids.KIND_APPLICATION)
 
 INT32 = "std_msgs::msg::dds_::Int32_"
 STRING = "std_msgs::msg::dds_::String_"
@@ -172,6 +189,80 @@ def subscriber_entities(name="rt/chatter", type_name=INT32, depth=10, qos=RELIAB
         group(SUBSCRIBER),
         endpoint(READER, parent=SUBSCRIBER, depth=depth, qos=qos),
     ]
+
+
+# --- documents ----------------------------------------------------------------------
+
+TYPES_XML = (
+    '<dds><types><struct name="ShapeType"><member name="x" type="int32"/></struct>'
+    '<module name="std_msgs"><module name="msg"><module name="dds_">'
+    '<struct name="Int32_"><member name="data" type="int32"/></struct>'
+    "</module></module></module></types></dds>"
+)
+QOS_XML = """
+<dds><qos_library name="Lib">
+  <qos_profile name="slow">
+    <datawriter_qos>
+      <reliability><kind>BEST_EFFORT_RELIABILITY_QOS</kind></reliability>
+      <history><kind>KEEP_LAST_HISTORY_QOS</kind><depth>7</depth></history>
+      <deadline><period><sec>2</sec></period></deadline>
+      <user_data><value>aGVsbG8=</value></user_data>
+    </datawriter_qos>
+    <datareader_qos><history><depth>3</depth></history>
+      <time_based_filter><minimum_separation><sec>1</sec></minimum_separation></time_based_filter>
+    </datareader_qos>
+    <publisher_qos><partition><name><element>left</element></name></partition></publisher_qos>
+  </qos_profile>
+  <qos_profile name="kept" base_name="Lib::slow">
+    <datawriter_qos>
+      <durability><kind>TRANSIENT_LOCAL_DURABILITY_QOS</kind></durability>
+    </datawriter_qos>
+  </qos_profile>
+</qos_library></dds>
+"""
+APPLICATION_XML = """
+<dds><application_library name="Apps"><application name="arm">
+  <domain_participant name="arm/left" domain_id="3" object_id="0x0010">
+    <topic name="rt/joints" register_type_ref="T"/>
+    <publisher object_id="0x0030">
+      <data_writer object_id="0x0040" topic_ref="rt/joints"/>
+    </publisher>
+    <subscriber>
+      <data_reader object_id="80"><topic><name>rt/orders</name><dataType>T</dataType></topic>
+      </data_reader>
+    </subscriber>
+    <data_writer object_id="0x0060" topic_ref="rt/joints"/>
+    <replier object_id="0x0070" service_name="s" request_type="A" reply_type="B"/>
+  </domain_participant>
+  <participant><domainId>4</domainId><rtps><name>right</name></rtps></participant>
+</application></application_library></dds>
+"""
+REFS = """
+<profiles>
+    <participant profile_name="default_xrce_participant">
+        <rtps><name>default_xrce_participant</name></rtps>
+    </participant>
+    <data_writer profile_name="shapetype_data_writer">
+        <topic><kind>WITH_KEY</kind><name>Square</name><dataType>ShapeType</dataType></topic>
+    </data_writer>
+    <data_reader profile_name="shapetype_data_reader">
+        <topic><kind>WITH_KEY</kind><name>Square</name><dataType>ShapeType</dataType></topic>
+    </data_reader>
+    <topic profile_name="shapetype_topic">
+        <kind>WITH_KEY</kind><name>Square</name><dataType>ShapeType</dataType>
+    </topic>
+    <requester profile_name="shapetype_requester"
+               service_name="shapetype_service"
+               request_type="request_type"
+               reply_type="reply_type">
+    </requester>
+    <replier profile_name="shapetype_replier"
+             service_name="shapetype_service"
+             request_type="request_type"
+             reply_type="reply_type">
+    </replier>
+</profiles>
+"""
 
 
 # --- an agent without sockets -----------------------------------------------------------
@@ -356,3 +447,13 @@ class Board:
     def samples(self):
         """Samples of DATA, behind request and object id."""
         return [payload[4:] for payload in self.got(ids.DATA)]
+
+
+def of(board):
+    """The agent's side of a board."""
+    return board.desk.agent.clients[board.key]
+
+
+def writer_of(board, object_id=WRITER):
+    """The writer at the middleware."""
+    return of(board).objects[object_id].endpoint._writer

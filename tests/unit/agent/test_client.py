@@ -6,15 +6,24 @@ import time
 import pytest
 from unit.agent import helpers
 from unit.agent.helpers import (
+    EXISTS,
     INT32,
+    INVALID,
+    MATCHED,
+    MISMATCH,
+    OK,
     PARTICIPANT,
     PUBLISHER,
     READER,
+    REFS,
+    REPLACE,
     REPLIER,
     REQUESTER,
+    REUSE,
     STRING,
     SUBSCRIBER,
     TOPIC,
+    UNKNOWN,
     WRITER,
     Board,
     Desk,
@@ -35,7 +44,6 @@ from unit.agent.helpers import (
     topic,
     write_data,
 )
-from unit.agent.test_profiles import REFS
 
 from uros.agent import objects
 from uros.agent.objects import KIND_NAMES, node_name
@@ -44,16 +52,8 @@ from uros.middleware.memory import Bus
 from uros.wire import ids, session
 from uros.wire.cdr import Reader
 
-OK, MATCHED = ids.STATUS_OK, ids.STATUS_OK_MATCHED
-EXISTS, MISMATCH = ids.STATUS_ERR_ALREADY_EXISTS, ids.STATUS_ERR_MISMATCH
-UNKNOWN, INVALID = ids.STATUS_ERR_UNKNOWN_REFERENCE, ids.STATUS_ERR_INVALID_DATA
-NONE, REUSE, REPLACE = 0, ids.FLAG_REUSE, ids.FLAG_REPLACE
+NONE = 0
 BOTH = REUSE | REPLACE
-
-
-@pytest.fixture
-def board(desk):
-    return Board(desk)
 
 
 # --- three formats, every kind -----------------------------------------------------------

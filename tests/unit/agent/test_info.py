@@ -7,19 +7,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from unit.agent import helpers
 from unit.agent.helpers import (
+    APPLICATION,
+    APPLICATION_XML,
     KEY,
+    OK,
     PARTICIPANT,
     PUBLISHER,
+    QOS,
+    QOS_XML,
     READER,
+    REPLACE,
     REQUESTER,
+    RESOURCES,
     SUBSCRIBER,
     TOPIC,
+    TYPE,
+    TYPES_XML,
+    UNKNOWN,
     WRITER,
     Board,
     Desk,
     create,
     delete,
     message,
+    of,
     oid,
     participant,
     publisher_entities,
@@ -27,15 +38,6 @@ from unit.agent.helpers import (
     sub,
     topic,
     write_data,
-)
-from unit.agent.test_objects import (
-    APPLICATION,
-    APPLICATION_XML,
-    QOS,
-    QOS_XML,
-    TYPE,
-    TYPES_XML,
-    of,
     xml,
 )
 
@@ -43,18 +45,6 @@ from uros.agent import client
 from uros.agent import session as module
 from uros.wire import entities, ids, session
 from uros.wire.cdr import Reader
-
-OK, MATCHED = ids.STATUS_OK, ids.STATUS_OK_MATCHED
-EXISTS, MISMATCH = ids.STATUS_ERR_ALREADY_EXISTS, ids.STATUS_ERR_MISMATCH
-UNKNOWN, INVALID = ids.STATUS_ERR_UNKNOWN_REFERENCE, ids.STATUS_ERR_INVALID_DATA
-RESOURCES = ids.STATUS_ERR_RESOURCES
-REUSE, REPLACE = ids.FLAG_REUSE, ids.FLAG_REPLACE
-
-
-@pytest.fixture
-def board(desk):
-    return Board(desk)
-
 
 # --- submessages of others -----------------------------------------------------------------------
 

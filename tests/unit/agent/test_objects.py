@@ -6,20 +6,37 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from unit.agent import helpers
 from unit.agent.helpers import (
+    APPLICATION,
+    APPLICATION_XML,
+    EXISTS,
     INT32,
+    INVALID,
+    MATCHED,
+    MISMATCH,
+    OK,
     PARTICIPANT,
     PUBLISHER,
+    QOS,
+    QOS_XML,
     READER,
+    REPLACE,
     REQUESTER,
+    RESOURCES,
+    REUSE,
     SUBSCRIBER,
     TOPIC,
+    TYPE,
+    TYPES_XML,
+    UNKNOWN,
     WRITER,
     Board,
     Desk,
+    by_reference,
     create,
     delete,
     endpoint,
     group,
+    of,
     oid,
     participant,
     publisher_entities,
@@ -28,6 +45,8 @@ from unit.agent.helpers import (
     subscriber_entities,
     topic,
     write_data,
+    writer_of,
+    xml,
 )
 
 from uros.agent import application, objects
@@ -39,66 +58,6 @@ from uros.qos import (
 )
 from uros.wire import entities, ids
 from uros.wire.cdr import Writer
-
-OK, MATCHED = ids.STATUS_OK, ids.STATUS_OK_MATCHED
-EXISTS, MISMATCH = ids.STATUS_ERR_ALREADY_EXISTS, ids.STATUS_ERR_MISMATCH
-UNKNOWN, INVALID = ids.STATUS_ERR_UNKNOWN_REFERENCE, ids.STATUS_ERR_INVALID_DATA
-RESOURCES = ids.STATUS_ERR_RESOURCES
-REUSE, REPLACE = ids.FLAG_REUSE, ids.FLAG_REPLACE
-
-TYPE = oid(1, ids.KIND_TYPE)
-QOS = oid(1, ids.KIND_QOS_PROFILE)
-APPLICATION = oid(1, ids.KIND_APPLICATION)
-
-TYPES_XML = (
-    '<dds><types><struct name="ShapeType"><member name="x" type="int32"/></struct>'
-    '<module name="std_msgs"><module name="msg"><module name="dds_">'
-    '<struct name="Int32_"><member name="data" type="int32"/></struct>'
-    "</module></module></module></types></dds>"
-)
-QOS_XML = """
-<dds><qos_library name="Lib">
-  <qos_profile name="slow">
-    <datawriter_qos>
-      <reliability><kind>BEST_EFFORT_RELIABILITY_QOS</kind></reliability>
-      <history><kind>KEEP_LAST_HISTORY_QOS</kind><depth>7</depth></history>
-      <deadline><period><sec>2</sec></period></deadline>
-      <user_data><value>aGVsbG8=</value></user_data>
-    </datawriter_qos>
-    <datareader_qos><history><depth>3</depth></history>
-      <time_based_filter><minimum_separation><sec>1</sec></minimum_separation></time_based_filter>
-    </datareader_qos>
-    <publisher_qos><partition><name><element>left</element></name></partition></publisher_qos>
-  </qos_profile>
-  <qos_profile name="kept" base_name="Lib::slow">
-    <datawriter_qos>
-      <durability><kind>TRANSIENT_LOCAL_DURABILITY_QOS</kind></durability>
-    </datawriter_qos>
-  </qos_profile>
-</qos_library></dds>
-"""
-APPLICATION_XML = """
-<dds><application_library name="Apps"><application name="arm">
-  <domain_participant name="arm/left" domain_id="3" object_id="0x0010">
-    <topic name="rt/joints" register_type_ref="T"/>
-    <publisher object_id="0x0030">
-      <data_writer object_id="0x0040" topic_ref="rt/joints"/>
-    </publisher>
-    <subscriber>
-      <data_reader object_id="80"><topic><name>rt/orders</name><dataType>T</dataType></topic>
-      </data_reader>
-    </subscriber>
-    <data_writer object_id="0x0060" topic_ref="rt/joints"/>
-    <replier object_id="0x0070" service_name="s" request_type="A" reply_type="B"/>
-  </domain_participant>
-  <participant><domainId>4</domainId><rtps><name>right</name></rtps></participant>
-</application></application_library></dds>
-"""
-
-
-@pytest.fixture
-def board(desk):
-    return Board(desk)
 
 
 @pytest.fixture
@@ -112,23 +71,6 @@ def refs_board(tmp_path):
     desk = Desk(refs=file)
     yield Board(desk)
     desk.close()
-
-
-def of(board):
-    return board.desk.agent.clients[board.key]
-
-
-def xml(object_id, text, parent=0, **more):
-    return create(object_id, ids.AS_XML, text, parent, **more)
-
-
-def by_reference(object_id, name, parent=0, **more):
-    return create(object_id, ids.BY_REFERENCE, name, parent, **more)
-
-
-def writer_of(board, object_id=WRITER):
-    """The writer at the middleware."""
-    return of(board).objects[object_id].endpoint._writer
 
 
 # --- types ---------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """XML representations and reference files, those of the C examples and hostile ones."""
 
 import pytest
+from unit.agent.helpers import REFS
 
 from uros.agent import profiles
 from uros.agent.profiles import ProfileError, References, parse_xml
@@ -165,34 +166,6 @@ def test_words_that_are_none():
 
 
 # In the form of the file that comes with the C++ agent.
-REFS = """
-<profiles>
-    <participant profile_name="default_xrce_participant">
-        <rtps><name>default_xrce_participant</name></rtps>
-    </participant>
-    <data_writer profile_name="shapetype_data_writer">
-        <topic><kind>WITH_KEY</kind><name>Square</name><dataType>ShapeType</dataType></topic>
-    </data_writer>
-    <data_reader profile_name="shapetype_data_reader">
-        <topic><kind>WITH_KEY</kind><name>Square</name><dataType>ShapeType</dataType></topic>
-    </data_reader>
-    <topic profile_name="shapetype_topic">
-        <kind>WITH_KEY</kind><name>Square</name><dataType>ShapeType</dataType>
-    </topic>
-    <requester profile_name="shapetype_requester"
-               service_name="shapetype_service"
-               request_type="request_type"
-               reply_type="reply_type">
-    </requester>
-    <replier profile_name="shapetype_replier"
-             service_name="shapetype_service"
-             request_type="request_type"
-             reply_type="reply_type">
-    </replier>
-</profiles>
-"""
-
-
 def test_a_reference_file(tmp_path):
     file = tmp_path / "agent.refs"
     file.write_text(REFS)

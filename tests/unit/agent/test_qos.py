@@ -4,9 +4,12 @@
 import pytest
 from unit.agent import helpers
 from unit.agent.helpers import (
+    INVALID,
+    OK,
     PARTICIPANT,
     PUBLISHER,
     READER,
+    REPLACE,
     REPLIER,
     STRING,
     SUBSCRIBER,
@@ -14,16 +17,14 @@ from unit.agent.helpers import (
     WRITER,
     Board,
     Desk,
+    by_reference,
     create,
     endpoint,
     group,
+    of,
     participant,
     publisher_entities,
     topic,
-)
-from unit.agent.test_objects import (
-    by_reference,
-    of,
     writer_of,
     xml,
 )
@@ -36,18 +37,6 @@ from uros.qos import (
 )
 from uros.wire import entities, ids
 from uros.wire.cdr import Writer
-
-OK, MATCHED = ids.STATUS_OK, ids.STATUS_OK_MATCHED
-EXISTS, MISMATCH = ids.STATUS_ERR_ALREADY_EXISTS, ids.STATUS_ERR_MISMATCH
-UNKNOWN, INVALID = ids.STATUS_ERR_UNKNOWN_REFERENCE, ids.STATUS_ERR_INVALID_DATA
-RESOURCES = ids.STATUS_ERR_RESOURCES
-REUSE, REPLACE = ids.FLAG_REUSE, ids.FLAG_REPLACE
-
-
-@pytest.fixture
-def board(desk):
-    return Board(desk)
-
 
 # --- names of any length -----------------------------------------------------------------------
 

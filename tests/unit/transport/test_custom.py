@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.agent import RunningAgent, running_agent
+from support.agent import RunningAgent, running_agent, serving
 from support.client import XrceClient
 from support.custom import Stream
 from support.lines import SECONDS
@@ -74,14 +74,8 @@ def agent_with(line):
     running = RunningAgent("udp", "memory", 0, 4)
     running.custom = CustomServer(line)
     running.server.transports.append(running.custom)
-    running.thread.start()
-    assert running.server.ready.wait(SECONDS)
-    try:
+    with serving(running):
         yield running
-    finally:
-        running.close()
-    assert not running.thread.is_alive() and running.error is None
-    assert "internal error" not in running.said.getvalue(), running.said.getvalue()
 
 
 @pytest.fixture(autouse=True)
@@ -267,7 +261,9 @@ def test_a_write_that_waits_holds_nobody_up_and_its_queue_has_an_end(monkeypatch
         assert inside.wait(SECONDS)
         for _ in range(100):
             line.items.put(PING)
-        wait_for(agent.said.getvalue, "message dropped")
+        line.items.put(bytes(1 << 16))  # too long; when that is said, all before it are handled
+        wait_for(agent.said.getvalue, "message refused")
+        assert "message dropped" in agent.said.getvalue()
         others.check()
         assert "write() is too slow" in agent.said.getvalue()
         go.set()
@@ -543,39 +539,23 @@ def examples():
     return dict(blocks)
 
 
-def serve(running, line):
-    running.transport = CustomServer(line)
-    running.server.transports[:] = [running.transport]
-    running.thread.start()
-    assert running.server.ready.wait(SECONDS)
-
-
 def test_the_example_of_the_docs_works(folder):
     for name, text in examples().items():
         (folder / name).write_text(text)
-    agent = RunningAgent("memory", "memory", 0, 4)
-    serve(agent, load("mailbox.py:Mailbox", [str(folder / "agent.sock")]))
-    try:
-        boards = []
+    mailbox = CustomServer(load("mailbox.py:Mailbox", [str(folder / "agent.sock")]))
+    with running_agent(mailbox, "memory") as agent:
         for number in (1, 2):
-            boards.append(
-                subprocess.Popen(
-                    [sys.executable, "board.py", f"board{number}.sock", str(folder / "agent.sock")],
-                    stdout=subprocess.PIPE, text=True, cwd=folder,
-                    env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
-                )  # fmt: skip
-            )
-            heard = [boards[-1].stdout.readline() for _ in range(3)]
-            assert all(re.fullmatch(r"heard \d+\n", it) for it in heard), agent.said.getvalue()
-            boards[-1].kill()
-            boards[-1].communicate()
-    finally:
-        for board in boards:
-            board.kill()
-            board.wait()
-        agent.close()
-    assert agent.error is None and not agent.thread.is_alive()
-    assert "internal error" not in agent.said.getvalue()
+            board = subprocess.Popen(
+                [sys.executable, "board.py", f"board{number}.sock", str(folder / "agent.sock")],
+                stdout=subprocess.PIPE, text=True, cwd=folder,
+                env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
+            )  # fmt: skip
+            try:
+                heard = [board.stdout.readline() for _ in range(3)]
+                assert all(re.fullmatch(r"heard \d+\n", it) for it in heard), agent.said.getvalue()
+            finally:
+                board.kill()
+                board.communicate()
 
 
 def test_the_pipes_of_the_docs_work(folder):
@@ -583,19 +563,14 @@ def test_the_pipes_of_the_docs_work(folder):
     paths = [str(folder / name) for name in ("to_agent", "to_board")]
     for path in paths:
         os.mkfifo(path)
-    agent = RunningAgent("memory", "memory", 0, 4)
-    serve(agent, load("pipes:Pipes", paths))
     out, back = (os.open(path, os.O_RDWR) for path in paths)
-    try:
+    with running_agent(CustomServer(load("pipes:Pipes", paths)), "memory"):
         os.write(out, framed(PING))
         data = b""
         while len(data) < 20:
             data += os.read(back, 100)
         assert data.startswith(b"\x7e\0\1")
-    finally:
-        agent.close()
-        os.close(out)
-        os.close(back)
-    assert agent.error is None
+    os.close(out)
+    os.close(back)
 
 

@@ -4,9 +4,9 @@ import errno
 import socket
 
 import pytest
-from support.agent import RunningAgent, running_agent
+from support.agent import running_agent
 from support.client import XrceClient
-from support.lines import SECONDS, TcpLine, UdpLine
+from support.lines import TcpLine, UdpLine
 
 from uros.transport import ip
 from uros.transport.base import TransportError
@@ -39,20 +39,12 @@ def test_both_families_on_one_port(kind):
     """Each hears its own: no client over IPv4 comes to the one on IPv6."""
     make, line_of = SERVERS[kind]
     with running_agent(kind, "memory") as four:
-        six = RunningAgent(kind + "6", "memory", 0, 4)
-        six.transport = make(four.transport.port, "::")
-        six.server.transports[:] = [six.transport]
-        six.thread.start()
-        assert six.server.ready.wait(SECONDS)
-        try:
+        with running_agent(make(four.transport.port, "::"), "memory") as six:
             for agent, host, key in ((four, "127.0.0.1", 4), (six, "::1", 6)):
                 line = line_of(four.transport.port, host)
                 agent.lines.append(line)
                 assert XrceClient(line, key).open() == ids.STATUS_OK
             assert list(four.agent.clients) == [4] and list(six.agent.clients) == [6]
-        finally:
-            six.close()
-        assert six.error is None
 
 
 def test_names_and_addresses_in_the_log(kind):

@@ -8,7 +8,7 @@ import threading
 import tty
 
 import pytest
-from support.agent import RunningAgent
+from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import SECONDS, SerialLine
 from support.portable import framed
@@ -153,10 +153,6 @@ class Rfc2217:
 def test_a_device_that_is_unplugged_and_plugged_in_again(tmp_path, monkeypatch):
     monkeypatch.setattr(line_module, "RETRY", 0.01)
     link = tmp_path / "ttyBOARD"
-    agent = RunningAgent("pseudoterminal", "memory", None, 4)
-    agent.transport = PySerialServer(str(link))
-    agent.server.transports[:] = [agent.transport]
-    agent.thread.start()
     ends = []
 
     def plug():
@@ -170,7 +166,7 @@ def test_a_device_that_is_unplugged_and_plugged_in_again(tmp_path, monkeypatch):
         for fd in ends:
             os.close(fd)
 
-    try:
+    with running_agent(PySerialServer(str(link)), "memory") as agent:
         wait_for(agent.said.getvalue, "waiting for device")
         assert f"device: {link}, errno: 2, it is not there: plug the board" in agent.said.getvalue()
         one = XrceClient(plug(), 0xA1)
@@ -184,10 +180,7 @@ def test_a_device_that_is_unplugged_and_plugged_in_again(tmp_path, monkeypatch):
             one.line = plug()
             one.write(writer, bytes([turn]) * 20)  # lost or not, the stream repeats it
             assert one.sample(reader) == bytes([turn]) * 20
-    finally:
-        agent.close()
-        unplug()
-    assert agent.error is None
+    unplug()
 
 
 def test_a_device_that_somebody_else_has(host, terminal):

@@ -13,9 +13,8 @@ from contextlib import contextmanager
 import pytest
 from support.client import XrceClient
 from support.lines import SECONDS, SerialLine, TcpLine, UdpLine
-from unit.agent.helpers import get_info, message
+from unit.agent.helpers import REFS, get_info, message
 from unit.agent.test_log import LINE
-from unit.agent.test_profiles import REFS
 
 from uros.wire import ids
 

@@ -4,7 +4,7 @@ import errno
 import socket
 
 import pytest
-from support.agent import RunningAgent, running_agent
+from support.agent import running_agent
 from support.bluetooth import Air
 from support.client import XrceClient
 from support.lines import SECONDS, SerialLine
@@ -33,12 +33,8 @@ def host():
 
 def test_a_board_that_waits_to_be_connected_to(air, monkeypatch):
     monkeypatch.setattr(line_module, "RETRY", 0.01)
-    agent = RunningAgent("pseudoterminal", "memory", None, 4)
-    agent.transport = RfcommServer(BOARD.lower(), 2, air.make)
-    agent.server.transports[:] = [agent.transport]
-    agent.thread.start()
     socks = []
-    try:
+    with running_agent(RfcommServer(BOARD.lower(), 2, air.make), "memory") as agent:
         wait_for(agent.said.getvalue, "waiting for device")
         assert f"device: {BOARD}/2, errno: {errno.EHOSTDOWN}, the board does not answer" in (
             agent.said.getvalue()
@@ -63,10 +59,8 @@ def test_a_board_that_waits_to_be_connected_to(air, monkeypatch):
             assert one.sample(reader) == bytes([turn]) * 20
         assert list(agent.agent.clients) == [0x81]
         assert f"address: {BOARD}/2 (1)" in agent.said.getvalue()
-    finally:
-        agent.close()
-        for sock in socks:
-            sock.close()
+    for sock in socks:
+        sock.close()
 
 
 def test_boards_that_connect_and_come_back():

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from support.agent import RunningAgent, running_agent
+from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import SECONDS, SerialLine
 from unit.agent.helpers import get_info, message
@@ -141,18 +141,12 @@ def device(tmp_path, monkeypatch):
 
 @pytest.fixture
 def serial(device):
-    """Starts an agent on the device."""
+    """Starts an agent on the device, or on ``path``; ``options`` are SerialServer's."""
     with ExitStack() as stack:
 
-        def start(path=None, is_file=False):
-            running = RunningAgent("pseudoterminal", "memory", None, 4)
-            transport = SerialServer(str(path or device.link), is_file=is_file)
-            running.transport = transport
-            running.server.transports[:] = [transport]
-            stack.callback(running.close)
-            running.thread.start()
-            assert running.server.ready.wait(SECONDS)
-            return running
+        def start(path=None, **options):
+            transport = SerialServer(str(path or device.link), **options)
+            return stack.enter_context(running_agent(transport, "memory"))
 
         yield start
 
@@ -347,29 +341,19 @@ def test_a_baud_rate_that_does_not_exist(make, rate):
         make(rate)
 
 
-def start(stack, transport):
-    """An agent on a transport of the test's."""
-    running = RunningAgent("pseudoterminal", "memory", None, 4)
-    running.transport = transport
-    running.server.transports[:] = [transport]
-    stack.callback(running.close)
-    running.thread.start()
-    assert running.server.ready.wait(SECONDS)
-    return running
-
-
-def test_a_rate_of_no_name_and_modem_lines_that_a_line_has_not(device):
+def test_a_rate_of_no_name_and_modem_lines_that_a_line_has_not(device, serial):
     line = device.plug()
-    with ExitStack() as stack:
-        agent = start(stack, SerialServer(str(device.link), 250_000, dtr=True, rts=False))
-        assert XrceClient(line, 0x57).open() == 0
-        assert (
-            f"dev: {device.link}, baudrate: 250000, dtr and rts as they are: this line has none"
-            in agent.said.getvalue()
-        )
+    agent = serial(baud=250_000, dtr=True, rts=False)
+    assert XrceClient(line, 0x57).open() == 0
+    assert (
+        f"dev: {device.link}, baudrate: 250000, dtr and rts as they are: this line has none"
+        in agent.said.getvalue()
+    )
 
 
-def test_modem_lines_are_set_and_a_device_that_fails_there_is_waited_for(device, monkeypatch):
+def test_modem_lines_are_set_and_a_device_that_fails_there_is_waited_for(
+    device, serial, monkeypatch
+):
     asked = []
 
     def lines(fd, dtr, rts):
@@ -380,10 +364,9 @@ def test_modem_lines_are_set_and_a_device_that_fails_there_is_waited_for(device,
 
     monkeypatch.setattr(serial_module, "set_modem_lines", lines)
     line = device.plug()
-    with ExitStack() as stack:
-        agent = start(stack, SerialServer(str(device.link), dtr=False))
-        wait_for(agent.said.getvalue, "running...")
-        assert XrceClient(line, 0x58).open() == 0
+    agent = serial(dtr=False)
+    wait_for(agent.said.getvalue, "running...")
+    assert XrceClient(line, 0x58).open() == 0
     assert asked == [(False, None)] * 2
     assert "open device error" in agent.said.getvalue()
 

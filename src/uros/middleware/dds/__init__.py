@@ -7,9 +7,12 @@
 ``participant``     DDS participants shared by many nodes
 ``shared``          things made for their first user, unmade after their last
 ``announce``        ``ros_discovery_info``: which endpoint belongs to which node
+``gids``            how long the Gids in it are
 ``endpoints``       writers, readers, and services in rmw_cyclonedds's format
 ``watched``         a reader in the waitset, whatever it reads
 ``discovery``       reading the graph, for tools
+``graph``           the same for boards, told at a pace
+``offers``          Fast DDS writers whose first heartbeat was missed
 ``conflicts``       topics that somebody else has with another type
 ``middleware``      the contract, and the thread that waits for samples
 ==================  ============================================================

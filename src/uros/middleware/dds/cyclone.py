@@ -38,12 +38,10 @@ STATUS_DATA_AVAILABLE: Final = 1 << 8  # taking resets it
 STATUS_SUBSCRIPTION_MATCHED: Final = 1 << 12
 # sample, view and instance states of dds_take: all of them
 ANY_STATE: Final = 0x7F
-# What a keep-all reader holds for a slow board, as with Fast DDS; then its writers wait.
+# What a writer that keeps all has for readers that come late, as with Fast DDS.
 MAX_SAMPLES: Final = 5000
 _SERTYPE_OPS_SIZE: Final = 14
 _SERTYPE_OPS_TYPES: Final = (8, 9, 10)  # type_id, type_map, type_info
-# All but arg (1) and the two of serialising on one's own (12, 13).
-_SERTYPE_OPS_FILLED: Final = [i not in (1, 12, 13) for i in range(_SERTYPE_OPS_SIZE)]
 _SERTYPE_OPS_EMPTY: Final = (1, 12, 13)  # arg, get_serialized_size, serialize_into
 
 _lib: Any = DDS._dll_handle
@@ -74,9 +72,6 @@ _qset_durability_service = function(
     _int32,
     _int32,
     _int32,
-)
-_qset_resource_limits = function(
-    "dds_qset_resource_limits", None, _void_p, _int32, _int32, _int32
 )
 _qset_deadline = function("dds_qset_deadline", None, _void_p, _int64)
 _qset_lifespan = function("dds_qset_lifespan", None, _void_p, _int64)

@@ -128,7 +128,7 @@ class Peers:
     def _take_announcements(self, entity: int) -> int:
         news = cyclone.take(entity, _BATCH)
         for sample, _info in news:
-            decoded = decode_sized(sample)
+            decoded = decode(sample)
             if decoded is None:
                 continue
             if decoded[0] in self.announced or len(self.announced) < MAX_ANNOUNCED:
@@ -215,14 +215,8 @@ class Discovery(Peers):
 # --- ros_discovery_info -----------------------------------------------------------
 
 
-def decode(sample: bytes) -> tuple[bytes, list[announce.NodeEntities]] | None:
-    """The participant's GUID and its nodes, or None for what is no such message."""
-    decoded = decode_sized(sample)
-    return None if decoded is None else decoded[:2]
-
-
-def decode_sized(sample: bytes) -> tuple[bytes, list[announce.NodeEntities], int] | None:
-    """:func:`decode`, and the bytes of a Gid.
+def decode(sample: bytes) -> tuple[bytes, list[announce.NodeEntities], int] | None:
+    """The participant's GUID, its nodes and the bytes of a Gid; None for what is no such message.
 
     Nothing in a sample tells whether its Gids have 16 bytes (from Iron on) or 24: the size with
     which the message ends where the sample ends, and strings are strings, is the right one.

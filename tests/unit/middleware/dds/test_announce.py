@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr
 from uros.middleware.dds import announce
-from uros.middleware.dds.discovery import decode, decode_sized
+from uros.middleware.dds.discovery import decode
 
 PARTICIPANT = bytes.fromhex("0110aabbccddeeff00112233000001c1")
 READER = bytes.fromhex("0110aabbccddeeff0011223300000104")
@@ -76,7 +76,7 @@ def test_a_participant_without_nodes():
 
 @pytest.mark.parametrize("vector", [HAND_16, HAND_24], ids=["16", "24"])
 def test_both_sizes_are_read_back(vector):
-    guid, nodes = decode(vector)
+    guid, nodes, _ = decode(vector)
     assert guid == PARTICIPANT
     assert [(n.namespace, n.name, n.readers, n.writers) for n in nodes] == [
         (n.namespace, n.name, n.readers, n.writers) for n in NODES
@@ -154,17 +154,17 @@ def test_rosbags_reads_what_we_send_and_we_read_what_it_writes(oracle, guid, nod
             for it in nodes
         ],
     )
-    back = decode_sized(bytes(store.serialize_cdr(message, name)))
+    back = decode(bytes(store.serialize_cdr(message, name)))
     assert back is not None and (back[0], back[2]) == (guid, size)
     assert [vars(it) for it in back[1]] == [vars(it) for it in nodes]
 
 
 @given(st.binary(max_size=200), st.booleans(), st.sampled_from([16, 24]))
 def test_hostile_bytes_are_no_message_or_a_whole_one(rest, little, size):
-    decoded = decode_sized(bytes((0, little, 0, 0)) + rest)
+    decoded = decode(bytes((0, little, 0, 0)) + rest)
     if decoded is not None:
         assert len(announce.encode(*decoded[:2], decoded[2])) - 4 <= len(rest)
-    assert decode_sized(announce.encode(PARTICIPANT, NODES, size) + rest + b"\1") is None
+    assert decode(announce.encode(PARTICIPANT, NODES, size) + rest + b"\1") is None
 
 
 def test_the_topic_is_kept_for_late_nodes():

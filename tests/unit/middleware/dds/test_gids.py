@@ -6,7 +6,7 @@ import time
 import pytest
 
 from uros.middleware.dds import announce, cyclone
-from uros.middleware.dds.discovery import MAX_ANNOUNCED, Peers, decode, decode_sized
+from uros.middleware.dds.discovery import MAX_ANNOUNCED, Peers, decode
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.qos import HistoryPolicy
 
@@ -58,7 +58,7 @@ class Ours:
             self.middleware.dispatch()
         self.middleware.tick()
         for sample, _ in cyclone.take(self._reader, 1000):
-            decoded = decode_sized(sample)
+            decoded = decode(sample)
             if decoded is not None and decoded[0] == self.node.participant.guid:
                 self.announced = decoded[2]
 

@@ -23,21 +23,21 @@ def sample(pad):
     )
 
 
-def check(decoded):
-    guid, (node,) = decoded
-    assert guid == GUID
+def check(decoded, gid_size=16):
+    guid, (node,), size = decoded
+    assert (guid, size) == (GUID, gid_size)
     assert (node.namespace, node.name) == ("/ns", "n")
     assert (node.readers, node.writers) == ([READER], [WRITER])
 
 
 @pytest.mark.parametrize("pad", [b"", bytes(8)], ids=["iron", "humble"])
 def test_both_sizes_of_a_gid(pad):
-    check(decode(sample(pad)))
+    check(decode(sample(pad)), 16 + len(pad))
 
 
 @pytest.mark.parametrize("pad", [b"", bytes(8)])
 def test_no_nodes(pad):
-    assert decode(b"\0\1\0\0" + GUID + pad + bytes(4)) == (GUID, [])
+    assert decode(b"\0\1\0\0" + GUID + pad + bytes(4)) == (GUID, [], 16 + len(pad))
 
 
 def test_big_endian():

@@ -1,0 +1,31 @@
+"""The DDS side of the vehicles, and places to fly: a module says in ``places`` which."""
+
+import pytest
+from conftest import leased_domain
+from support.airfield import Ground
+
+
+@pytest.fixture(scope="module")
+def shared_ground():
+    with leased_domain() as domain, Ground(domain) as node:
+        yield node
+
+
+@pytest.fixture
+def ground(shared_ground):
+    """The DDS side."""
+    yield shared_ground
+    shared_ground.forget()
+
+
+@pytest.fixture
+def own_ground(own_domain_id):
+    with Ground(own_domain_id) as node:
+        yield node
+
+
+@pytest.fixture
+def place(places, transport):
+    """An agent in the domain of ``ground``."""
+    yield places[transport]
+    places[transport].land()
