@@ -288,7 +288,7 @@ def parse_rule(table: Mapping[str, Any]) -> Rule:
         raise ControlError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
     rule = Rule(
         keys=frozenset(_key(it) for it in _listed(table.get("key", []))),
-        addresses=tuple(_pattern(it, "address") for it in _listed(table.get("address", []))),
+        addresses=tuple(_address(it) for it in _listed(table.get("address", []))),
         nodes=tuple(
             names.absolute(_pattern(it, "node")) for it in _listed(table.get("node", []))
         ),
@@ -364,6 +364,17 @@ def _pattern(value: Any, what: str) -> str:
     if not isinstance(value, str) or not value:
         raise ControlError(f"{what} is {_shown(value)}, not a text")
     return value
+
+
+def _address(value: Any) -> str:
+    """A network, or a pattern for other addresses; what only looks like a network is refused."""
+    pattern = _pattern(value, "address")
+    if re.match(r"[0-9A-Fa-f.:]+/", pattern):
+        try:
+            ip_network(pattern, strict=False)
+        except ValueError as error:
+            raise ControlError(f"address is {value!r}, which is no network: {error}") from error
+    return pattern
 
 
 def _name(value: Any, what: str) -> str:

@@ -292,7 +292,8 @@ def _without_rclpy(error: Exception) -> str:
     from . import NAMES
 
     return (
-        "services are there for rmw_cyclonedds only, as rclpy cannot be used"
+        "ROS 2 nodes with rmw_fastrtps see services of boards but get no answers (those with"
+        " rmw_cyclonedds do), as rclpy cannot be used here"
         f" ({error}): {NAMES['ros2'][1]}"
     )
 

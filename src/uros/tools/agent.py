@@ -224,7 +224,7 @@ def _control(options: argparse.Namespace) -> Control:
         if (value := getattr(options, name)) is not None
     }
     if options.remap:
-        rule["remap"] = dict(_pair(text, ":=", "--remap", "OLD:=NEW") for text in options.remap)
+        rule["remap"] = _remap(options.remap)
     for text in options.qos:
         topic, fields = _qos(text)
         rule.setdefault("qos", {}).setdefault(topic, {}).update(fields)
@@ -234,6 +234,15 @@ def _control(options: argparse.Namespace) -> Control:
     except ControlError as error:
         raise ControlError(f"the command line: {error}") from error
     return control
+
+
+def _remap(texts: list[str]) -> dict[str, str]:
+    renamed: dict[str, str] = {}
+    for text in texts:
+        old, new = _pair(text, ":=", "--remap", "OLD:=NEW")
+        if renamed.setdefault(old, new) != new:
+            raise ToolError(f"--remap {text!r}: {old} is renamed to {renamed[old]} already")
+    return renamed
 
 
 def _pair(text: str, sign: str, option: str, form: str) -> tuple[str, str]:

@@ -411,7 +411,7 @@ def python_can() -> Any:
         import can
     except ImportError as error:
         raise TransportError(
-            errno.ENOENT, 'CAN needs python-can: python -m pip install "uros[can]"'
+            errno.ENOENT, "CAN needs python-can: python -m pip install python-can"
         ) from error
     return can
 

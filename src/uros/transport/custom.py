@@ -298,7 +298,9 @@ def load(spec: str, arguments: Sequence[str] = ()) -> Any:
         raise
     except BaseException as error:  # others' code
         raise TransportError(
-            errno.EINVAL, f"{name}({', '.join(map(repr, arguments))}) raised {_said(error)}"
+            errno.EINVAL,
+            f"{name}({', '.join(map(repr, arguments))}) raised {_said(error)}"
+            " (its arguments are those of --argument)",
         ) from error
 
 

@@ -47,7 +47,7 @@ def _made(
         serial = None
     if not hasattr(serial, "serial_for_url"):  # there is another package of that name
         raise TransportError(
-            errno.ENOSYS, f"{device} needs pyserial: pip install 'uros[serial]'"
+            errno.ENOSYS, f"{device} needs pyserial: python -m pip install pyserial"
         )
     assert serial is not None
     if baud <= 0:

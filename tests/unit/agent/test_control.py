@@ -186,6 +186,7 @@ def test_without_limits_the_writer_is_what_it_was():
         ("[[client]]\nnamespace = 5", "5 is no ROS name"),
         ("[[client]]\nremap = 5", "remap is 5, not a table"),
         ("[[client]]\nremap = { a = 'b c' }", "'b c' is no ROS name"),
+        ("[[client]]\naddress = '10.0.0.0/33'\ndomain = 1", "'10.0.0.0/33', which is no network"),
         ("[[client]]\nmax_rate = 0", "max_rate is 0"),
         ("[[client]]\nmax_rate = inf", "max_rate is inf"),
         ("[[client]]\nmax_size = 0", "max_size is 0"),

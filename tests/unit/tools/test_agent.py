@@ -200,6 +200,7 @@ def test_the_command_line_has_the_last_word(tmp_path):
     "line, said",
     [
         ("--remap a", "--remap 'a' is not OLD:=NEW"),
+        ("--remap a:=b --remap a:=c", "--remap 'a:=c': a is renamed to b already"),
         ("--remap :=b", "--remap ':=b' is not OLD:=NEW"),
         ("--remap a:=1b", "the command line: remap: '1b' is no ROS name"),
         ("--namespace 1x", "the command line: namespace: '1x' is no ROS name"),
