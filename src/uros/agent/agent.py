@@ -124,19 +124,21 @@ class Agent:
             self._fault(transport, peer, str(error))
 
     def _fault(self, transport: ServerTransport, peer: Any, about: str) -> None:
-        times = self.faults.times(f"{transport.name} {transport.address(peer)}")
+        address = transport.address(peer)
+        times = self.faults.times(f"{transport.name} {address}")
         if times is not None:
             self.log(
                 WARNING, transport.name, "receive", "not an XRCE message",
-                f"address: {transport.address(peer)}, {about}{times}",
+                f"address: {address}, {about}{times}",
             )  # fmt: skip
 
     def _stranger(self, transport: ServerTransport, peer: Any, session_id: int) -> None:
         """Somebody goes on with a session of another agent, or of before our start."""
-        if self.strangers.admit(f"{transport.name} {transport.address(peer)}"):
+        address = transport.address(peer)
+        if self.strangers.admit(f"{transport.name} {address}"):
             self.log.warning(
                 "SessionManager", "receive", "unknown session",
-                f"address: {transport.address(peer)}, session_id: 0x{session_id:02X}"
+                f"address: {address}, session_id: 0x{session_id:02X}"
                 " (a board that pings will start anew by itself; reset one that does not)",
             )  # fmt: skip
 

@@ -18,6 +18,7 @@ element gives the lowest four. What reads or writes must have one.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import Final
 from xml.etree.ElementTree import Element
@@ -34,8 +35,8 @@ _ENDPOINTS = {
     "data_reader": (ids.KIND_DATAREADER, ids.KIND_SUBSCRIBER),
 }
 _SERVICES = {"requester": ids.KIND_REQUESTER, "replier": ids.KIND_REPLIER}
-# The domain that asks for the agent's own, where the participant names none.
-_NO_DOMAIN: Final = 255
+# The domain that asks for the agent's own (XRCE_DOMAIN_ID_OVERRIDE).
+DOMAIN_FROM_AGENT: Final = 255
 
 
 @dataclass(frozen=True)
@@ -59,15 +60,15 @@ def items(element: Element) -> tuple[Item, ...]:
             _participant(participant, found)
     if not found:
         raise ProfileError("there is no <domain_participant> in the application")
-    taken = [it.object_id for it in found if it.object_id is not None]
-    for object_id in taken:
-        if taken.count(object_id) > 1:
+    taken = Counter(it.object_id for it in found if it.object_id is not None)
+    for object_id, times in taken.items():
+        if times > 1:
             raise ProfileError(f"two of its entities have the object_id 0x{object_id:04X}")
     return tuple(found)
 
 
 def _participant(element: Element, found: list[Item]) -> None:
-    domain = element.get("domain_id") or element.findtext("domainId") or str(_NO_DOMAIN)
+    domain = element.get("domain_id") or element.findtext("domainId") or str(DOMAIN_FROM_AGENT)
     number = _number(domain.strip(), "domain_id")
     at = _add(found, element, ids.KIND_PARTICIPANT, number)
     # Topics first: what stands on one may come before it in the document.

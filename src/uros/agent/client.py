@@ -36,6 +36,7 @@ from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.streams import ticks_diff
 from . import representation
+from .application import DOMAIN_FROM_AGENT
 from .control import Control, Settings
 from .delivery import Delivery
 from .endpoint import (
@@ -77,8 +78,6 @@ from .representation import (
 )
 from .session import Session
 
-# The domain that asks for the agent's own (XRCE_DOMAIN_ID_OVERRIDE).
-DOMAIN_FROM_AGENT = 255
 # Attack: as many objects, each with as much XML as it may have, all kept for GET_INFO.
 MAX_KEPT = 4 * 1024 * 1024
 

@@ -31,6 +31,8 @@ class MiddlewareError(RuntimeError):
 
 
 MAX_DOMAIN = 232  # RTPS port numbers end there
+# What a transient-local writer that keeps all has for readers that come late, as with Fast DDS.
+MAX_PAST = 5000
 
 
 def check_domain(domain: int) -> None:

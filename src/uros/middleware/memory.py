@@ -11,10 +11,11 @@ import itertools
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Final, TypeVar
+from typing import TypeVar
 
 from ..qos import HistoryPolicy, QoSProfile
 from .base import (
+    MAX_PAST,
     Bytes,
     Middleware,
     Node,
@@ -29,8 +30,6 @@ from .base import (
 from .wake import Wake
 
 _End = TypeVar("_End")
-# What a transient-local writer that keeps all has for late readers, as on DDS.
-MAX_PAST: Final = 5000
 
 
 class Bus:

@@ -29,7 +29,7 @@ from ...qos import (
     LivelinessPolicy,
     QoSProfile,
 )
-from ..base import Bytes, MiddlewareError
+from ..base import MAX_PAST, Bytes, MiddlewareError
 
 INFINITE: Final = 0x7FFFFFFFFFFFFFFF
 RETCODE_TIMEOUT: Final = -10
@@ -38,8 +38,6 @@ STATUS_DATA_AVAILABLE: Final = 1 << 8  # taking resets it
 STATUS_SUBSCRIPTION_MATCHED: Final = 1 << 12
 # sample, view and instance states of dds_take: all of them
 ANY_STATE: Final = 0x7F
-# What a writer that keeps all has for readers that come late, as with Fast DDS.
-MAX_SAMPLES: Final = 5000
 _SERTYPE_OPS_SIZE: Final = 14
 _SERTYPE_OPS_TYPES: Final = (8, 9, 10)  # type_id, type_map, type_info
 _SERTYPE_OPS_EMPTY: Final = (1, 12, 13)  # arg, get_serialized_size, serialize_into
@@ -235,7 +233,7 @@ def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
     if durability and kind == "writer":
         # What is kept for late readers; without it Cyclone keeps one sample, and of a writer
         # that keeps all it would keep all for ever.
-        _qset_durability_service(c_qos, 0, 0, depth or MAX_SAMPLES, -1, -1, -1)
+        _qset_durability_service(c_qos, 0, 0, depth or MAX_PAST, -1, -1, -1)
     if qos.deadline_ms:
         _qset_deadline(c_qos, qos.deadline_ms * 1_000_000)
     if qos.lifespan_ms and kind == "writer":

@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from ...qos import HistoryPolicy, QoSProfile
-from . import announce, builtin, cyclone
+from . import announce, builtin, config, cyclone
 from .offers import MARK
 from .watched import Watched
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from .participant import SharedParticipant
 
 _BATCH: Final = 256
-_GID_SIZES: Final = (16, 24)
 _GUID_SIZE: Final = 16
 # Attack: a peer that announces the nodes of one participant after the other that does not exist.
 MAX_ANNOUNCED: Final = 4096
@@ -223,7 +222,7 @@ def decode(sample: bytes) -> tuple[bytes, list[announce.NodeEntities], int] | No
     """
     if len(sample) < 4 or sample[0] != 0 or sample[1] > 1:
         return None
-    for gid_size in _GID_SIZES:
+    for gid_size in (config.SHORT_GID, config.LONG_GID):
         try:
             return *_Decoder(sample, gid_size).message(), gid_size
         except (ValueError, struct.error):
