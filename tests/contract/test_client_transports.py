@@ -6,9 +6,11 @@ import socket
 import time
 import tty
 from contextlib import ExitStack, contextmanager
+from tempfile import TemporaryDirectory
 
 import pytest
 from support.agent import RunningAgent
+from support.certificates import Authority
 from support.lines import SECONDS
 from uros.interfaces.std_msgs.msg import Int32, UInt8MultiArray
 from uros.interfaces.std_srvs.srv import Trigger
@@ -20,6 +22,8 @@ from uros.transport.canport import CanPort
 from uros.transport.datagram import UdpTransport
 from uros.transport.device import DevicePort
 from uros.transport.stream import StreamTransport
+from uros.transport.tcpboard import TcpTransport
+from uros.transport.tlsboard import TlsTransport
 
 QUICK = {"ping_ms": 20, "silence_ms": 200, "wait_ms": 20, "limit": 300_000}
 
@@ -74,6 +78,43 @@ class Udp(Surroundings):
 class Udp6(Udp):
     def __init__(self):
         super().__init__("udp6", "::1")
+
+
+class Tcp(Udp):
+    def __init__(self):
+        super().__init__("tcp")
+
+    def server(self):
+        from uros.transport.tcp import TcpServer
+
+        return TcpServer(self.port, self.listens_on)
+
+    def transport(self):
+        return TcpTransport(self.host, self.port)
+
+
+class Tls(Udp):
+    """The agent wants a certificate of the boards too."""
+
+    def __init__(self):
+        self.folder = TemporaryDirectory()
+        self.authority = Authority(self.folder.name)
+        self.board = self.authority.issue("board")
+        super().__init__("tls")
+
+    def server(self):
+        from uros.transport.certificates import Certificates
+        from uros.transport.tls import TlsServer
+
+        files = Certificates(*self.authority.agent(), self.authority.ca)  # new ones each time
+        return TlsServer(self.port, self.listens_on, files)
+
+    def transport(self):
+        cert, key = self.board
+        return TlsTransport(self.host, self.port, ca=self.authority.ca, cert=cert, key=key)
+
+    def close(self):
+        self.folder.cleanup()
 
 
 class Serial(Surroundings):
@@ -144,10 +185,16 @@ class Can(Surroundings):
         return CanTransport(CanPort(self.channel, "virtual"), 0x200 + len(self.nodes))
 
 
+KINDS = {
+    "udp": Udp, "udp6": Udp6, "tcp": Tcp, "tls": Tls, "serial": Serial, "memory": Memory,
+    "can": Can,
+}  # fmt: skip
+
+
 @contextmanager
 def place(kind):
     with ExitStack() as stack:
-        made = {"udp": Udp, "udp6": Udp6, "serial": Serial, "memory": Memory, "can": Can}[kind]()
+        made = KINDS[kind]()
         stack.callback(getattr(made, "close", lambda: None))
         stack.callback(lambda: made.agent and made.stop())
         yield made
@@ -157,7 +204,7 @@ def place(kind):
             end._socket.close()
 
 
-@pytest.fixture(params=["udp", "udp6", "serial", "memory", "can"])
+@pytest.fixture(params=KINDS)
 def made(request):
     with place(request.param) as it:
         yield it
@@ -232,7 +279,7 @@ def test_a_node_takes_its_leave(made):
     assert made.agent.agent.clients == {} and node.state == WAITING_AGENT
 
 
-@pytest.mark.parametrize("kind", ["udp", "serial", "can"])
+@pytest.mark.parametrize("kind", ["udp", "tcp", "tls", "serial", "can"])
 def test_everything_is_there_again_after_another_agent(kind):
     with place(kind) as made:
         node = boards(made, "node")[0]
@@ -268,8 +315,9 @@ def test_an_agent_that_is_gone_with_its_line(made):
     until(made, lambda: len(calls) >= 10)  # and the program goes on
 
 
-def test_an_agent_that_comes_later():
-    with place("udp") as made:
+@pytest.mark.parametrize("kind", ["udp", "tcp", "tls"])
+def test_an_agent_that_comes_later(kind):
+    with place(kind) as made:
         made.stop()
         node = boards(made, "node")[0]
         calls = []

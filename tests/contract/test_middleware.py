@@ -185,6 +185,19 @@ def test_what_is_written_is_taken_as_it_was_in_order(network):
     assert all(len(sample) - len(s) < 4 for sample, s in zip(inbox.samples, sent, strict=True))
 
 
+def test_a_writer_knows_how_many_readers_it_has(network):
+    """Others, of another type, do not count."""
+    node = network.node()
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
+    assert writer.matched() == 0
+    readers = [Inbox(node, "rt/chatter").reader for _ in range(2)]
+    network.until(lambda: writer.matched() == 2)
+    readers[0].close()
+    network.until(lambda: writer.matched() == 1)
+    writer.close()
+    assert writer.matched() == 0
+
+
 @pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])
 def test_a_sample_may_be_any_kind_of_bytes_and_is_the_callers_again(network, kind):
     node = network.node()

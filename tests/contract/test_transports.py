@@ -132,7 +132,7 @@ def test_garbage_is_survived_and_others_do_not_notice(agent):
     one = client(agent, 0)
     stranger = agent.line(1)
     for junk in (b"\0" * 3, bytes(range(200)), b"\x81\x80\x00\x00\x07\x01\xff\xff", b"\x80" * 40):
-        if agent.kind in ("tcp", "tcp6"):
+        if agent.kind in ("tcp", "tcp6", "tls"):
             stranger.send(junk)  # a stream of lengths has no place to start again at
         else:
             stranger.send_raw(junk)
@@ -159,7 +159,7 @@ def test_the_end_closes_everything(agent):
     assert node_count == 1 and agent.middleware.bus.nodes == []
     assert agent.agent.clients == {}
     agent.transport.close()  # twice is once
-    if agent.kind in ("tcp", "tcp6"):
+    if agent.kind in ("tcp", "tcp6", "tls"):
         rest = b"-"
         while rest:
             assert select.select([one.line.fd], [], [], SECONDS)[0]

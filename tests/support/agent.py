@@ -8,14 +8,15 @@ import tty
 from contextlib import contextmanager
 
 from support import serials
-from support.lines import SECONDS, SerialLine, SharedTerminal, TcpLine, UdpLine
+from support.lines import SECONDS, SerialLine, SharedTerminal, TcpLine, TlsLine, UdpLine
 from uros.agent.agent import Agent
 from uros.agent.log import Log
 from uros.agent.server import Server
+from uros.agent.snapshot import snapshot
 from uros.middleware import open_middleware
 
 TRANSPORTS = (
-    "udp", "tcp", "udp6", "tcp6", "serial", "pseudoterminal", *serials.KINDS,
+    "udp", "tcp", "udp6", "tcp6", "tls", "serial", "pseudoterminal", *serials.KINDS,
     "can", "socketcan", "custom", "custom-framed",
 )  # fmt: skip
 
@@ -56,6 +57,11 @@ class RunningAgent:
             from uros.transport.tcp import TcpServer
 
             return TcpServer(0, loopback)
+        if kind == "tls":
+            from support.certificates import own_certificates
+            from uros.transport.tls import TlsServer
+
+            return TlsServer(0, "127.0.0.1", own_certificates())
         if kind == "memory":  # its lines are transport.connect(), for boards of ours
             from uros.transport.memory import MemoryServer
 
@@ -97,6 +103,10 @@ class RunningAgent:
             line = UdpLine(self.transport.port, self.transport.listens_on)
         elif self.kind in ("tcp", "tcp6"):
             line = TcpLine(self.transport.port, self.transport.listens_on)
+        elif self.kind == "tls":
+            from support.certificates import authority
+
+            line = TlsLine(self.transport.port, authority().client())
         elif self._ends is not None:
             line = self._ends.line(number)
         elif self.kind == "can":
@@ -129,6 +139,20 @@ class RunningAgent:
             assert time.monotonic() < deadline
             time.sleep(0.001)  # a poll with a deadline
         return self._custom.port
+
+    def snapshot(self):
+        """What ``uros agent status`` would be told of it now."""
+        made, ready = [], threading.Event()
+
+        def make():
+            try:
+                made.append(snapshot(self.server))
+            finally:
+                ready.set()
+
+        self.server.soon(make)
+        assert ready.wait(SECONDS)
+        return made[0]
 
     def stop(self):
         self.server.stop()

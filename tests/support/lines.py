@@ -84,6 +84,20 @@ class TcpLine(Line):
         self._socket.close()
 
 
+class TlsLine(TcpLine):
+    """``context`` is the client's."""
+
+    def __init__(self, port, context, host="127.0.0.1"):
+        super().__init__(port, host)
+        self._socket = context.wrap_socket(self._socket, server_hostname=host)
+        self.fd = self._socket.fileno()
+
+    def receive(self, deadline):
+        while self._socket.pending():  # what the selector does not see
+            self._messages.extend(self._read())
+        return super().receive(deadline)
+
+
 class SerialLine(Line):
     """A board on the file descriptor of a terminal; ``owned``: close it too."""
 

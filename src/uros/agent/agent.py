@@ -4,13 +4,15 @@ A session with an id from 0x80 on is known by the address it talks from, one
 with a lower id by the client key in every header, wherever it talks from. What
 belongs to no session can be a CREATE_CLIENT, a ping, or the farewell of a
 client that is forgotten already; everything else stays unanswered, which is
-how micro-ROS clients learn that they must start anew.
+how micro-ROS clients learn that they must start anew. Who talks with the key of
+a client that is known elsewhere waits until that is decided (:mod:`.rivals`).
 """
 
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
 from ..middleware.base import Middleware
 from ..transport.base import ServerTransport
@@ -19,22 +21,29 @@ from ..wire import session as messages
 from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.header import MessageWriter, pull_header, pull_subheader
-from ..wire.streams import TIME_MASK, ticks_diff
+from ..wire.streams import ticks_diff
+from .admission import MAX_CLIENTS, Admission, Refusals
+from .budget import CLIENT_BYTES, Budget
 from .client import Client
+from .clock import Clock
 from .control import Control
 from .graph import Graphs
-from .log import DEBUG, WARNING, Log, RateLimit
+from .limits import Limits
+from .liveliness import DEAD_TIME, LOOK_MS, Liveliness
+from .log import WARNING, Log, RateLimit
+from .pace import Closing, Pace
 from .profiles import References
+from .rivals import Request, Rivals
 from .session import MIN_MTU, Session
+from .taps import AGENT, Taps
+
+if TYPE_CHECKING:
+    from .keeper import Keeper
 
 # What one UDP datagram can hold; a client that can take more gets no more.
 MAX_MTU = 65507
 # Attack: a client that makes one topic after the other with a second type.
 MAX_CONFLICTS = 1000
-# Attack: CREATE_CLIENT with one key after the other. Those that made nothing and were silent
-# the longest go first, so many at a time.
-MAX_CLIENTS = 4096
-_MAKE_ROOM = 256
 
 
 class Agent:
@@ -48,16 +57,28 @@ class Agent:
         domain_of_agent: int = 0,
         domain_override: int | None = None,
         control: Control | None = None,
+        admission: Admission | None = None,
+        dead_time: float | None = None,
+        limits: Limits | None = None,
     ) -> None:
         self.middleware = middleware
         self.log = log or Log()
+        self.taps = Taps(self.log)
         self.faults = RateLimit()
         self.strangers = RateLimit(10.0)
         self.references = references or References()
         self.domain_of_agent = domain_of_agent
         self.domain_override = domain_override
         self.control = control or Control()
+        self.admission = admission or Admission()
+        self.refusals = Refusals()
+        self.keeper: Keeper | None = None  # with --state
         self.clients: dict[int, Client] = {}
+        self.limits = limits or Limits()
+        self.budget = Budget(self.limits.memory, lambda: self.clients.values(), self._dismiss)
+        self.pace = Pace()
+        self.closing = Closing(self.failed)
+        self._clock = Clock()
         # Where each client talks from: its transport and address there.
         self._places: dict[int, tuple[ServerTransport, Any]] = {}
         self.attended: set[Session] = set()
@@ -65,9 +86,47 @@ class Agent:
         # The place of the client that left last: its confirmation goes there.
         self._left: dict[int, tuple[ServerTransport, Any]] = {}
         self._conflicts: set[tuple[str, str, str]] = set()
+        self.liveliness = Liveliness(self, DEAD_TIME if dead_time is None else dead_time)
+        self.rivals = Rivals(self)
+        # Call something in so many seconds; nothing is called before :meth:`start`.
+        self.wake_at: Callable[[float, Callable[[], None]], None] = lambda seconds, call: None
         self.graphs = Graphs(middleware, self.log)
         middleware.on_type_conflict = self._type_conflict
         middleware.on_notice = self._notice
+
+    def start(
+        self, wake_at: Callable[[float, Callable[[], None]], None],
+        transports: Iterable[ServerTransport],
+    ) -> None:  # fmt: skip
+        """Time passes from now on; the transports are about to be opened."""
+        self.wake_at = wake_at
+        for transport in transports:
+            transport.admits = self.admission.admits_host if self.admission.networks else None
+        self.wake_at(0.0, self._dismiss_uninvited)
+        self._look()
+
+    def _dismiss_uninvited(self) -> None:
+        """Of the clients that :meth:`resume` brought back, not all may be let in any more."""
+        for key, (transport, peer) in list(self._places.items()):
+            host, admission = transport.host_of(peer), self.admission
+            if not admission.admits_key(key) or not (host is None or admission.admits_host(host)):
+                self.log.warning(
+                    "Root", "start", "client not allowed any more",
+                    f"client_key: 0x{key:08X}, address: {transport.address(peer)}: forgotten"
+                    " (see --allow-key, --allow-net)",
+                )  # fmt: skip
+                self.delete_client(key)
+
+    def _look(self) -> None:
+        pause = LOOK_MS / 1000
+        try:
+            pause = self.liveliness.look()
+        finally:
+            self.wake_at(pause, self._look)
+
+    def place(self, key: int) -> tuple[ServerTransport, Any]:
+        """Where a client talks from: the transport, and its address there."""
+        return self._places[key]
 
     def address(self, key: int) -> str:
         """Where a client talks from, as a person reads it."""
@@ -75,11 +134,25 @@ class Agent:
         return transport.address(peer)
 
     def now(self) -> int:
-        return int(time.monotonic() * 1000) & TIME_MASK
+        return self._clock()
 
     def attend(self, session: Session) -> None:
         """The session has something to send, or a new deadline."""
         self.attended.add(session)
+
+    def failed(self, error: Exception) -> None:
+        """Tell of an error that nobody expects; whatever it is, the other boards go on."""
+        kept = self.faults.admit(f"internal {type(error).__name__}")
+        if kept:
+            frame = error.__traceback__
+            while frame is not None and frame.tb_next is not None:
+                frame = frame.tb_next
+            where = f"{frame.tb_frame.f_code.co_filename}:{frame.tb_lineno}" if frame else "?"
+            self.log.error(
+                "Server", "run", "internal error",
+                f"{type(error).__name__}: {error} at {where}"
+                " (this is a fault of uros: please report it)",
+            )  # fmt: skip
 
     def _type_conflict(self, topic: str, here: str, there: str) -> None:
         """Say once that samples of a topic do not reach each other."""
@@ -101,20 +174,24 @@ class Agent:
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
         """Handle a datagram that names no session of this peer."""
+        if self.admission.networks and self._is_outside(transport, peer, view[:length]):
+            return
         try:
             session_id, stream_id, sequence, key, start = pull_header(buf, length)
             kind, flags, start, stop = pull_subheader(buf, start, length)
             r = Reader(view, start, stop, bool(flags & ids.FLAG_LITTLE_ENDIAN))
             if session_id in (ids.SESSION_NONE_WITH_KEY, ids.SESSION_NONE_WITHOUT_KEY):
                 if kind == ids.CREATE_CLIENT:
+                    r.end = length  # C clients with properties do not count them in
                     self._create_client(transport, peer, r)
                 elif kind == ids.GET_INFO:
                     self._ping(transport, peer, r, session_id, key or 0)
                 return
             client = self.clients.get(key) if key is not None else None
             if client is not None and client.session.session_id == session_id:
-                self._move(client, transport, peer)
-                if client.session.receive(buf, view, length, self.now()):
+                if self._places[client.key] != (transport, peer):
+                    self.rivals.challenge(client, transport, peer, None)
+                elif client.session.receive(buf, view, length, self.now()):
                     self.attend(client.session)
             else:
                 self._stranger(transport, peer, session_id)
@@ -143,9 +220,9 @@ class Agent:
             )  # fmt: skip
 
     def _create_client(self, transport: ServerTransport, peer: Any, r: Reader) -> None:
-        cookie, version, _, key, session_id, _, mtu = messages.pull_create_client(r)
+        cookie, version, _, key, session_id, properties, mtu = messages.pull_create_client(r)
         status = ids.STATUS_OK
-        what = ""
+        what = remedy = ""
         if key == 0 or cookie != ids.COOKIE:
             status = ids.STATUS_ERR_INVALID_DATA
             what = "invalid client key" if key == 0 else "invalid cookie"
@@ -155,31 +232,93 @@ class Agent:
             status, what = ids.STATUS_ERR_INCOMPATIBLE, "incompatible version"
         elif mtu < MIN_MTU:
             status, what = ids.STATUS_ERR_INVALID_DATA, f"MTU of {mtu} is under {MIN_MTU}"
+        elif not self.admission.admits_key(key):
+            status, what = ids.STATUS_ERR_DENIED, "client key not allowed"
+            remedy = f" (to let it in: --allow-key 0x{key:08X})"
         elif not self._has_room(key):
-            status, what = ids.STATUS_ERR_RESOURCES, f"over {MAX_CLIENTS} clients"
+            over = self.admission.max_clients
+            status, what = ids.STATUS_ERR_RESOURCES, f"over {over} clients"
+            remedy = f" (see --max-clients, which can be {MAX_CLIENTS})" * (over < MAX_CLIENTS)
+        elif key not in self.clients and not self.budget.admit(CLIENT_BYTES, True):
+            status, what = ids.STATUS_ERR_RESOURCES, "memory for clients used up"
+            remedy = " (see --max-memory)"
         if status == ids.STATUS_OK:
-            self._admit(transport, peer, key, session_id, min(mtu, MAX_MTU, transport.mtu))
-        elif (times := self.faults.times(f"create_client {status}")) is not None:
-            self.log.warning("Root", "create_client", what, f"client_key: 0x{key:08X}{times}")
+            request = Request(session_id, min(mtu, MAX_MTU, transport.mtu), properties)
+            client = self.clients.get(key)
+            if client is not None and self._places[key] != (transport, peer):
+                self.rivals.challenge(client, transport, peer, request)
+            else:
+                self.take_over(key, transport, peer, request)
+            return
+        self.refusals.note(key, what, transport.address(peer), time.monotonic())
+        if (times := self.faults.times(f"create_client {what}")) is not None:
+            self.log.warning(
+                "Root", "create_client", what,
+                f"client_key: 0x{key:08X}, address: {transport.address(peer)}{remedy}{times}",
+            )  # fmt: skip
+        self._answer_create(key, transport, peer, session_id, status)
+
+    def take_over(
+        self, key: int, transport: ServerTransport, peer: Any, request: Request | None
+    ) -> None:
+        """Whoever is there is the client from now on. ``request`` is its CREATE_CLIENT, which
+        is answered; without one it goes on with the session that is known."""
+        if request is None:
+            self._move(self.clients[key], transport, peer)
+            if self.keeper is not None:
+                self.keeper.placed(self.clients[key], transport, peer, None)
+            return
+        status = ids.STATUS_ERR_RESOURCES
+        if self._has_room(key):  # who waited may have lost it meanwhile
+            status = ids.STATUS_OK
+            self._admit(transport, peer, key, request)
+        self._answer_create(key, transport, peer, request.session_id, status)
+
+    def deny(self, key: int, transport: ServerTransport, peer: Any, request: Request) -> None:
+        """Answer a CREATE_CLIENT: no."""
+        self._answer_create(key, transport, peer, request.session_id, ids.STATUS_ERR_DENIED)
+
+    def _answer_create(
+        self, key: int, transport: ServerTransport, peer: Any, session_id: int, status: int
+    ) -> None:
         w = MessageWriter(self._scratch, session_id, ids.STREAM_NONE, 0, key)
         w.begin(ids.STATUS_AGENT)
         messages.push_status_agent(w, status)
         self._send(transport, peer, w.finish(), key)
 
+    def _is_outside(self, transport: ServerTransport, peer: Any, message: memoryview) -> bool:
+        """Whether it comes from none of the networks that may talk to us: it gets no answer."""
+        host = transport.host_of(peer)
+        if host is None or self.admission.admits_host(host):
+            return False
+        count = self.strangers.admit(f"outside {host}")
+        if count:
+            address, what = transport.address(peer), "address not allowed"
+            key = key_of_newcomer(message)
+            if key is not None:
+                self.refusals.note(key, what, address, time.monotonic(), count)
+            self.log.warning(
+                transport.name, "receive", what,
+                f"address: {address}, it is in no network of --allow-net"
+                + (f", client_key: 0x{key:08X}" if key is not None else "")
+                + (f" ({count} messages)" if count > 1 else ""),
+            )  # fmt: skip
+        return True
+
     def _has_room(self, key: int) -> bool:
         """Whether the client may come in; those of no use leave for it."""
-        if key in self.clients or len(self.clients) < MAX_CLIENTS:
+        most = self.admission.max_clients
+        if key in self.clients or len(self.clients) < most:
             return True
         now = self.now()
         bare = [client for client in self.clients.values() if not client.objects]
         bare.sort(key=lambda client: ticks_diff(client.session.heard, now))
-        for client in bare[:_MAKE_ROOM]:
+        for client in bare[: max(1, most // 16)]:
             self.delete_client(client.key)
-        return len(self.clients) < MAX_CLIENTS
+        return len(self.clients) < most
 
-    def _admit(
-        self, transport: ServerTransport, peer: Any, key: int, session_id: int, mtu: int
-    ) -> None:
+    def _admit(self, transport: ServerTransport, peer: Any, key: int, request: Request) -> None:
+        session_id, mtu, properties = request
         resident = transport.sessions.get(peer)
         if resident is not None and resident.key != key:
             self.delete_client(resident.key)
@@ -200,6 +339,16 @@ class Agent:
             self.attend(client.session)
             self.log.info("Root", "create_client", "session re-established", about)
         self._move(client, transport, peer)
+        if self.keeper is not None:
+            self.keeper.placed(client, transport, peer, properties)
+        self.liveliness.enroll(client, properties)
+
+    def resume(
+        self, key: int, transport: ServerTransport, peer: Any, request: Request
+    ) -> Client:
+        """A client of before our start, which goes on without a word."""
+        self._admit(transport, peer, key, request)
+        return self.clients[key]
 
     def _move(self, client: Client, transport: ServerTransport, peer: Any) -> None:
         """The client talks from here now."""
@@ -220,10 +369,14 @@ class Agent:
         self, transport: ServerTransport, peer: Any, r: Reader, session_id: int, key: int
     ) -> None:
         request_id, object_id, _ = messages.pull_get_info(r)
-        known = key in self.clients if key else peer in transport.sessions
+        client = self.clients.get(key)
+        if not key and (session := transport.sessions.get(peer)) is not None:
+            client = self.clients.get(session.key)
+        if client is not None and self._places[client.key] == (transport, peer):
+            client.session.heard = self.now()  # the client itself, outside of its session
         w = MessageWriter(self._scratch, session_id, ids.STREAM_NONE, 0, key)
         w.begin(ids.INFO)
-        messages.push_info(w, request_id, object_id, ids.STATUS_OK, int(known), [])
+        messages.push_info(w, request_id, object_id, ids.STATUS_OK, int(client is not None), [])
         self._send(transport, peer, w.finish(), key)
 
     def _farewell(
@@ -241,8 +394,8 @@ class Agent:
     # --- sending -----------------------------------------------------------------
 
     def _send(self, transport: ServerTransport, peer: Any, datagram: bytes, key: int) -> None:
-        if self.log.level >= DEBUG:
-            trace(self.log, transport, "send", datagram, len(datagram), key)
+        if self.taps:
+            self.taps(transport, peer, AGENT, datagram, len(datagram), key)
         transport.send(peer, datagram)
 
     def flush(self, session: Session) -> None:
@@ -253,11 +406,15 @@ class Agent:
         place = self._places.get(session.key) or self._left.pop(session.key, None)
         if place is not None:
             transport, peer = place
-            if self.log.level >= DEBUG:
+            if self.taps:
                 for datagram in outgoing:
-                    trace(self.log, transport, "send", datagram, len(datagram), session.key)
+                    self.taps(transport, peer, AGENT, datagram, len(datagram), session.key)
+            size = 0
             for datagram in outgoing:
                 transport.send(peer, datagram)
+                size += len(datagram)
+            session.sent += len(outgoing)
+            session.sent_bytes += size
         outgoing.clear()
 
     # --- leaving -------------------------------------------------------------------
@@ -270,6 +427,8 @@ class Agent:
         client = self.clients.pop(key, None)
         if client is None:
             return False
+        if self.keeper is not None:
+            self.keeper.forget(key)
         client.close()
         place = self._places.pop(key, None)
         if place is not None:
@@ -284,8 +443,25 @@ class Agent:
             )  # fmt: skip
         return True
 
+    def _dismiss(self, key: int, held: int) -> None:
+        """The client holds more than there is for all."""
+        times = self.faults.times("memory")
+        if times is not None:
+            self.log.warning(
+                "Root", "budget", "memory used up",
+                f"client_key: 0x{key:08X} held {held} bytes and is forgotten"
+                f" (all clients together may hold {self.limits.memory}: raise --max-memory, or find"
+                f" out what it does){times}",
+            )  # fmt: skip
+        self.delete_client(key)
+
+    def resident(self, transport: ServerTransport, peer: Any) -> bool:
+        """Whether a client talks from there."""
+        return (transport, peer) in self._places.values()
+
     def gone(self, transport: ServerTransport, peer: Any) -> None:
         """The peer's connection is closed: a session cannot outlive a TCP connection."""
+        self.rivals.gone(transport, peer)
         for key, place in list(self._places.items()):
             if place == (transport, peer):
                 self.delete_client(key)
@@ -296,14 +472,15 @@ class Agent:
             self.delete_client(key)
 
 
-def trace(
-    log: Log, transport: ServerTransport, function: str, message: bytes | memoryview, length: int,
-    key: int,
-) -> None:  # fmt: skip
-    """A line for a message: at level 5 its length, at 6 its bytes too."""
-    label = transport.kind
-    arrow = f"[** <<{label}>> **]" if function == "send" else f"[==>> {label} <<==]"
-    about = f"client_key: 0x{key:08X}, len: {length}"
-    if log.level > DEBUG:
-        about += f", data: {bytes(message[:length]).hex(' ').upper()}"
-    log.debug(transport.name, f"{function}_message", arrow, about)
+def key_of_newcomer(message: memoryview) -> int | None:
+    """The client key in a CREATE_CLIENT; None: the message is something else."""
+    try:
+        buf = bytes(message)
+        _, _, _, _, start = pull_header(buf, len(buf))
+        kind, flags, start, _ = pull_subheader(buf, start, len(buf))
+        if kind != ids.CREATE_CLIENT:
+            return None
+        r = Reader(buf, start, len(buf), bool(flags & ids.FLAG_LITTLE_ENDIAN))
+        return messages.pull_create_client(r)[3]
+    except DecodeError:
+        return None

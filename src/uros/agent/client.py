@@ -26,7 +26,7 @@ import time
 from collections.abc import Callable
 from copy import copy
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from .. import names
 from ..middleware.base import Middleware, MiddlewareError, Node
@@ -37,6 +37,8 @@ from ..wire.errors import DecodeError
 from ..wire.streams import ticks_diff
 from . import representation
 from .application import DOMAIN_FROM_AGENT
+from .budget import CLIENT_BYTES, OBJECT_BYTES, Budget
+from .clock import wall_clock
 from .control import Control, Settings
 from .delivery import Delivery
 from .endpoint import (
@@ -50,6 +52,7 @@ from .graph import TOPIC as GRAPH_TOPIC
 from .graph import TYPE as GRAPH_TYPE
 from .graph import GraphEndpoint, Graphs
 from .info import send_info
+from .limits import Limits, TooMany, use
 from .log import INFO, TRACE, WARNING, Log, RateLimit
 from .objects import (
     KIND_NAMES,
@@ -57,7 +60,6 @@ from .objects import (
     Endpoint,
     Known,
     Taken,
-    TooMany,
     XrceObject,
     broken,
     check_room,
@@ -65,6 +67,7 @@ from .objects import (
     object_label,
     parent_id,
 )
+from .pace import Closing, Pace
 from .profiles import ProfileError, References
 from .representation import (
     ApplicationSpec,
@@ -78,11 +81,12 @@ from .representation import (
 )
 from .session import Session
 
-# Attack: as many objects, each with as much XML as it may have, all kept for GET_INFO.
-MAX_KEPT = 4 * 1024 * 1024
+if TYPE_CHECKING:
+    from .keeper import Keeper
 
 # Topics, requests and replies of ROS 2 (design.ros2.org, "Topic and Service name mapping").
 _ROS_PREFIXES = ("rt/", "rq/", "rr/")
+
 
 
 class Surroundings(Protocol):
@@ -94,6 +98,11 @@ class Surroundings(Protocol):
     references: References
     graphs: Graphs
     control: Control
+    limits: Limits
+    budget: Budget
+    pace: Pace
+    closing: Closing
+    keeper: Keeper | None
     domain_of_agent: int
     domain_override: int | None
 
@@ -109,18 +118,30 @@ class Surroundings(Protocol):
     def now(self) -> int:
         """Milliseconds modulo 2^30."""
 
+    def failed(self, error: Exception) -> None:
+        """Tell of an error that nobody expects."""
+
 
 class Client:
     """See the module."""
 
     def __init__(self, agent: Surroundings, key: int, session_id: int, mtu: int) -> None:
         self.key = key
-        self.session = Session(key, session_id, mtu, self)
+        self.session = Session(
+            key, session_id, mtu, self, agent.budget, agent.limits.message
+        )
         self.objects: dict[int, XrceObject] = {}
         self.closed = False
+        self.born = time.monotonic()
+        # The client's own time minus ours, in seconds, when its last TIMESTAMP came.
+        self.clock_offset: float | None = None
         self._agent = agent
         self._known = Known(self.objects, agent.references)
         self._kept = 0  # bytes of all representations
+        self._account = agent.pace.account()
+        # What the client has used of the middleware that is not given back before the end.
+        self._types: set[str] = set()
+        self._domains: set[int] = set()
         self._unnamed = UNNAMED
 
     # --- what the session reports ---------------------------------------------
@@ -134,16 +155,25 @@ class Client:
             return self._write_data(flags, stream, payload)
         if kind == ids.READ_DATA:
             self._read_data(r)
-        elif kind == ids.CREATE:
-            self._create(r, flags, stream)
-        elif kind == ids.DELETE:
-            self._delete(r, stream)
+        elif kind in (ids.CREATE, ids.DELETE):
+            # A farewell is never put off: what it leaves behind is closed in slices.
+            if not self._account.open() and not _is_farewell(kind, payload):
+                return False
+            try:
+                if kind == ids.CREATE:
+                    self._create(r, flags, stream)
+                else:
+                    self._delete(r, stream)
+            finally:
+                self._account.close()
         elif kind == ids.GET_INFO:
             self._get_info(r, stream)
         elif kind == ids.TIMESTAMP:
             self._timestamp(r)
-        elif kind == ids.INFO:
-            pass  # the answer to a probe: being heard is all it is for
+        elif kind == ids.INFO or (kind == ids.CREATE_CLIENT and not payload):
+            # The answer to a probe: being heard is all it is for. C clients leave out its
+            # submessage header, and what stands there instead is zeros.
+            pass
         else:
             raise DecodeError(f"submessage {kind} is not for an agent")
         return True
@@ -166,6 +196,15 @@ class Client:
             f"{size} bytes in {count} fragments (a C client needs a history that holds them:"
             " RMW_UXRCE_STREAM_HISTORY)",
         )  # fmt: skip
+
+    def held(self) -> int:
+        """Bytes that the agent holds for it; see :mod:`~uros.agent.budget`."""
+        own = CLIENT_BYTES + self._kept + OBJECT_BYTES * len(self.objects)
+        return own + self.session.held()
+
+    def heard(self) -> int:
+        """When it was heard last."""
+        return self.session.heard
 
     def next_deadline(self) -> int | None:
         """When :meth:`poll` has something to do, or None."""
@@ -191,6 +230,7 @@ class Client:
             self._close_object(thing)
         self.objects.clear()
         self.session.writers.clear()
+        self.session.end()  # now, and not when Python looks for circles
 
     # --- CREATE and DELETE -----------------------------------------------------
 
@@ -215,6 +255,9 @@ class Client:
         except MiddlewareError as error:
             status = ids.STATUS_ERR_DDS_ERROR
             self._refused(kind, object_id, str(error))
+        except Exception as error:  # the client hears of it, and waits for no answer
+            status = ids.STATUS_ERR_DDS_ERROR
+            self._agent.failed(error)
         self._status(request_id, object_id, status, stream)
 
     def _refused(self, kind: int, object_id: int, why: str) -> None:
@@ -254,12 +297,17 @@ class Client:
                 if not replace:
                     return ids.STATUS_ERR_MISMATCH
             self._forget(old)
-        check_room(self.objects, [kind])
-        if self._kept + thing.kept > MAX_KEPT:
-            raise TooMany(f"over {MAX_KEPT} bytes of representations")
+        limits = self._agent.limits
+        check_room(self.objects, [kind], limits)
+        if self._kept + thing.kept > limits.representations:
+            raise TooMany(f"over {limits.representations} bytes of representations")
+        if not self._agent.budget.admit(OBJECT_BYTES + thing.kept):
+            raise TooMany("the memory for all clients is used up (see --max-memory)")
         about = self._make(thing)
         self.objects[object_id] = thing
         self._kept += thing.kept
+        if self._agent.keeper is not None:
+            self._agent.keeper.created(self, thing, (form, content, kind, parent, little))
         name = KIND_NAMES[kind]
         self._log(
             INFO, "ProxyClient", f"create_{name}", f"{name} created",
@@ -297,6 +345,7 @@ class Client:
             thing.endpoint = self._make_endpoint(thing, spec, parent, node)
         else:
             service = thing.settings.service(spec.service())
+            thing.named = service.request_topic, service.request_type
             ready = self._on_ready(thing)
             if thing.kind == ids.KIND_REQUESTER:
                 thing.endpoint = RequesterEndpoint(node, service, thing.object_id, ready)
@@ -307,7 +356,8 @@ class Client:
 
     def _make_parts(self, thing: XrceObject, spec: ApplicationSpec) -> None:
         """All entities of an application, or none."""
-        check_room(self.objects, [thing.kind, *(it.kind for it in spec.items)])
+        kinds = [thing.kind, *(it.kind for it in spec.items)]
+        check_room(self.objects, kinds, self._agent.limits)
         try:
             for item in spec.items:
                 object_id = item.object_id
@@ -340,8 +390,10 @@ class Client:
         given = node_name(spec.name)
         settings = agent.control.settings(self.key, agent.address(self.key), names.join(*given))
         domain = self._domain(spec, settings)
+        use(self._domains, domain, agent.limits.domains, "domains")
         namespace, name = settings.node(*given)
         thing.settings = settings
+        thing.named = names.join(namespace, name), str(domain)
         thing.node = agent.middleware.create_node(domain, namespace, name, spec.localhost_only)
         return f", domain_id: {domain}, node: {names.join(namespace, name)}"
 
@@ -361,6 +413,8 @@ class Client:
     ) -> Endpoint:
         topic, settings = self._topic(spec), thing.settings
         name = settings.topic(topic.name)
+        use(self._types, topic.type_name, self._agent.limits.types, "types")
+        thing.named = name, topic.type_name
         qos = copy(spec.qos)
         if isinstance(group.spec, GroupSpec) and group.spec.partitions and not qos.partitions:
             qos.partitions = group.spec.partitions
@@ -433,7 +487,15 @@ class Client:
             )  # fmt: skip
         self._status(request_id, object_id, status, stream)
 
+    def recreate(
+        self, object_id: int, form: int, content: str | bytes, kind: int, parent: int, little: bool
+    ) -> None:
+        """Make an object of before the agent's start again. Raises what making it raises."""
+        self._create_object(object_id, kind, form, content, parent, little, 0)
+
     def _forget(self, thing: XrceObject) -> None:
+        if self._agent.keeper is not None:
+            self._agent.keeper.deleted(self, thing.object_id)
         self._close_object(thing)
         self._kept -= thing.kept
         del self.objects[thing.object_id]
@@ -446,14 +508,14 @@ class Client:
         thing.delivery = None
         self.session.writers.pop(thing.object_id, None)
         if thing.endpoint is not None:
-            thing.endpoint.close()
+            self._agent.closing.add(thing.endpoint.close)
             thing.endpoint = None
         node, thing.node = thing.node, None
         if node is not None and thing.kind == ids.KIND_PARTICIPANT:
             for child in self.objects.values():
                 if child.node is node:
                     self._close_object(child)
-            node.close()
+            self._agent.closing.add(node.close)
 
     # --- data ------------------------------------------------------------------
 
@@ -487,7 +549,6 @@ class Client:
         request_id, object_id, stream_id, data_format, content_filter, control = (
             data.pull_read_data(r)
         )
-        now = self._agent.now()
         thing = self.objects.get(object_id)
         status = ids.STATUS_OK
         if thing is None or thing.endpoint is None or isinstance(thing.endpoint, WriterEndpoint):
@@ -505,16 +566,42 @@ class Client:
         assert thing.endpoint is not None and not isinstance(thing.endpoint, WriterEndpoint)
         if control is not None and control[0] == 0:
             thing.delivery = None
+            if self._agent.keeper is not None:
+                self._agent.keeper.reading(self, object_id, None)
             # C clients wait a second for this and the C++ agent never sends it;
             # best effort, so that the numbers of the reliable stream stay as there.
             self._status(request_id, object_id, ids.STATUS_OK, ids.STREAM_BEST_EFFORT)
             return
-        if isinstance(thing.endpoint, GraphEndpoint):
-            thing.endpoint.anew()
+        self._deliver(thing, thing.endpoint, request_id, stream_id, control)
+
+    def _deliver(
+        self,
+        thing: XrceObject,
+        source: ReaderEndpoint | RequesterEndpoint | ReplierEndpoint | GraphEndpoint,
+        request_id: int,
+        stream_id: int,
+        control: tuple[int, int, int, int] | None,
+    ) -> None:
+        now = self._agent.now()
+        if isinstance(source, GraphEndpoint):
+            source.anew()
         thing.delivery = Delivery(
-            self.session, thing.endpoint, request_id, object_id, stream_id, control, now
+            self.session, source, request_id, thing.object_id, stream_id, control, now
         )
+        if self._agent.keeper is not None:
+            self._agent.keeper.reading(self, thing.object_id, (request_id, stream_id, control))
         self._pump(thing, now)
+
+    def read(
+        self, object_id: int, request_id: int, stream_id: int,
+        control: tuple[int, int, int, int] | None,
+    ) -> bool:  # fmt: skip
+        """Go on with a READ_DATA of before the agent's start; whether there is what it reads."""
+        thing = self.objects.get(object_id)
+        if thing is None or thing.endpoint is None or isinstance(thing.endpoint, WriterEndpoint):
+            return False
+        self._deliver(thing, thing.endpoint, request_id, stream_id, control)
+        return True
 
     def _pump(self, thing: XrceObject, now: int) -> None:
         delivery = thing.delivery
@@ -526,6 +613,10 @@ class Client:
             # The middleware calls us for all clients in turn: theirs must not fail with ours.
             thing.delivery = None
             self.fault("delivery ended", f"{object_label(thing.object_id)}, {error}")
+            return
+        except Exception as error:  # likewise
+            thing.delivery = None
+            self._agent.failed(error)
             return
         if delivery.finished(now):
             thing.delivery = None
@@ -547,12 +638,15 @@ class Client:
         )  # fmt: skip
 
     def _timestamp(self, r: Reader) -> None:
-        received = divmod(time.time_ns(), 1_000_000_000)
+        received = wall_clock()
         originate = messages.pull_timestamp(r)
+        self.clock_offset = (
+            originate[0] - received[0] + (originate[1] - received[1]) / 1_000_000_000
+        )
         self.session.answer(
             ids.TIMESTAMP_REPLY, ids.STREAM_NONE, self._agent.now(),
             lambda w: messages.push_timestamp_reply(
-                w, divmod(time.time_ns(), 1_000_000_000), received, originate
+                w, wall_clock(), received, originate
             ),
         )  # fmt: skip
 
@@ -570,6 +664,10 @@ class Client:
             self._agent.log(
                 level, part, function, what, f"client_key: 0x{self.key:08X}, {about}"
             )
+
+
+def _is_farewell(kind: int, payload: memoryview) -> bool:
+    return kind == ids.DELETE and len(payload) >= 4 and payload[3] & 0x0F == ids.KIND_CLIENT
 
 
 def _hint(error: str) -> str:

@@ -25,7 +25,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from ipaddress import ip_address, ip_network
 from pathlib import Path
@@ -40,6 +39,8 @@ from ..qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from .owners_values import ControlError as ControlError
+from .owners_values import key_of, listed, only, shown, table_of, whole
 
 Write = Callable[[memoryview], bool]
 
@@ -85,10 +86,6 @@ _NUMBERS: Final = {
 }
 _SELECTORS: Final = ("key", "address", "node")
 _ACTIONS: Final = ("domain", "namespace", "remap", "qos", "max_rate", "max_size")
-
-
-class ControlError(ValueError):
-    """A rule that cannot be; the text says where, what, and what would be right."""
 
 
 @dataclass
@@ -219,6 +216,8 @@ class Control:
 
     def __init__(self) -> None:
         self._rules: list[Rule] = []
+        # The tables [admission] of files, by name, as they are: see .admission.
+        self.admission: list[tuple[str, Any]] = []
 
     def load(self, path: str | Path) -> int:
         """Add a file's rules; how many. Raises ControlError naming the file."""
@@ -242,6 +241,8 @@ class Control:
         except ControlError as error:
             raise ControlError(f"{path}: {error}") from error
         self._rules.extend(rules)
+        if "admission" in document:
+            self.admission.append((str(path), document["admission"]))
         return len(rules)
 
     def add(self, table: Mapping[str, Any]) -> None:
@@ -255,23 +256,24 @@ class Control:
 
 
 def _is_at(address: str, pattern: str) -> bool:
-    host = re.sub(r":[0-9]+$| \([0-9]+\)$", "", address).strip("[]")
+    where = re.sub(r" \(CN=[^()]*\)$", "", address)  # of a TLS client, whose name may be matched
+    host = re.sub(r":[0-9]+$| \([0-9]+\)$", "", where).strip("[]")
     try:
         return ip_address(host) in ip_network(pattern, strict=False)
     except ValueError:
-        return fnmatchcase(address, pattern) or fnmatchcase(host, pattern)
+        return any(fnmatchcase(it, pattern) for it in (address, where, host))
 
 
 # --- from TOML ----------------------------------------------------------------------
 
 
 def _rules(document: Mapping[str, Any]) -> list[Rule]:
-    _only(document, ("client",), "the file")
+    only(document, ("client", "admission"), "the file")
     tables = document.get("client", [])
     if not isinstance(tables, list) or not all(isinstance(it, dict) for it in tables):
         raise ControlError("rules are [[client]] tables, with two brackets")
-    if not tables:
-        raise ControlError("there is no [[client]] table in it")
+    if not tables and "admission" not in document:
+        raise ControlError("there is no [[client]] table in it, and no [admission]")
     rules = []
     for number, table in enumerate(tables, 1):
         try:
@@ -283,86 +285,44 @@ def _rules(document: Mapping[str, Any]) -> list[Rule]:
 
 def parse_rule(table: Mapping[str, Any]) -> Rule:
     """A rule from a ``[[client]]`` table. Raises ControlError."""
-    _only(table, _SELECTORS + _ACTIONS, "a rule")
+    only(table, _SELECTORS + _ACTIONS, "a rule")
     if not any(key in table for key in _ACTIONS):
         raise ControlError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
     rule = Rule(
-        keys=frozenset(_key(it) for it in _listed(table.get("key", []))),
-        addresses=tuple(_address(it) for it in _listed(table.get("address", []))),
+        keys=frozenset(key_of(it) for it in listed(table.get("key", []))),
+        addresses=tuple(_address(it) for it in listed(table.get("address", []))),
         nodes=tuple(
-            names.absolute(_pattern(it, "node")) for it in _listed(table.get("node", []))
+            names.absolute(_pattern(it, "node")) for it in listed(table.get("node", []))
         ),
     )
     if "domain" in table:
-        rule.domain = _whole(table["domain"], "domain", 0, MAX_DOMAIN)
+        rule.domain = whole(table["domain"], "domain", 0, MAX_DOMAIN)
     if "namespace" in table:
         rule.namespace = _namespace(table["namespace"])
-    remap = _table(table.get("remap", {}), "remap")
+    remap = table_of(table.get("remap", {}), "remap")
     rule.remap = {_name(old, "remap"): _name(new, "remap") for old, new in remap.items()}
-    for pattern, fields in _table(table.get("qos", {}), "qos").items():
+    for pattern, fields in table_of(table.get("qos", {}), "qos").items():
         about = f'qos."{pattern}"'
-        rule.qos[names.absolute(_pattern(pattern, "qos"))] = _qos(_table(fields, about), about)
+        rule.qos[names.absolute(_pattern(pattern, "qos"))] = _qos(table_of(fields, about), about)
     if "max_rate" in table:
         rule.max_rate = _rate(table["max_rate"])
     if "max_size" in table:
-        rule.max_size = _whole(table["max_size"], "max_size", 1, _MAX_MS)
+        rule.max_size = whole(table["max_size"], "max_size", 1, _MAX_MS)
     return rule
-
-
-def _only(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
-    for key in table:
-        if key not in known:
-            close = get_close_matches(key, known, 1, 0.6)
-            hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
-            raise ControlError(f"{what} has no {key!r}{hint}")
-
-
-def _shown(value: Any) -> str:
-    """A value of the file, as short as a line can bear."""
-    try:
-        text = repr(value)
-    except ValueError:  # Python writes no number of over 4300 digits
-        return "a very long number"
-    return text if len(text) <= 100 else f"{text[:100]}..."
-
-
-def _listed(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
-
-
-def _table(value: Any, what: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ControlError(f"{what} is {_shown(value)}, not a table such as {{ … = … }}")
-    return value
-
-
-def _key(value: Any) -> int:
-    """A client's key, as the log writes it or as a number."""
-    if isinstance(value, str) and re.fullmatch(r"0[xX][0-9A-Fa-f]{1,8}", value):
-        return int(value, 16)
-    return _whole(value, "key", 0, 0xFFFFFFFF, ' or a text such as "0x4B0CBE99"')
-
-
-def _whole(value: Any, what: str, low: int, high: int, also: str = "") -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ControlError(
-            f"{what} is {_shown(value)}, not a whole number from {low} to {high}{also}"
-        )
-    return value
 
 
 def _rate(value: Any) -> float:
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not number or not 0.0 < value < 1e9:
         raise ControlError(
-            f"max_rate is {_shown(value)}, not a number of messages a second above 0"
+            f"max_rate is {shown(value)}, not a number of messages a second above 0"
         )
     return float(value)
 
 
 def _pattern(value: Any, what: str) -> str:
     if not isinstance(value, str) or not value:
-        raise ControlError(f"{what} is {_shown(value)}, not a text")
+        raise ControlError(f"{what} is {shown(value)}, not a text")
     return value
 
 
@@ -373,7 +333,9 @@ def _address(value: Any) -> str:
         try:
             ip_network(pattern, strict=False)
         except ValueError as error:
-            raise ControlError(f"address is {value!r}, which is no network: {error}") from error
+            raise ControlError(
+                f"address is {shown(value)}, which is no network, such as 192.168.1.0/24"
+            ) from error
     return pattern
 
 
@@ -381,7 +343,7 @@ def _name(value: Any, what: str) -> str:
     name = names.absolute(value) if isinstance(value, str) else ""
     if not names.is_valid(name):
         raise ControlError(
-            f"{what}: {_shown(value)} is no ROS name: letters, digits and _ between slashes, no"
+            f"{what}: {shown(value)} is no ROS name: letters, digits and _ between slashes, no"
             " part beginning with a digit"
         )
     return name
@@ -392,14 +354,14 @@ def _namespace(value: Any) -> str:
 
 
 def _qos(fields: Mapping[str, Any], about: str) -> dict[str, int]:
-    _only(fields, (*_POLICIES, *_NUMBERS), about)
+    only(fields, (*_POLICIES, *_NUMBERS), about)
     found = {}
     for key, value in fields.items():
         if key in _NUMBERS:
-            found[key] = _whole(value, f"{about}.{key}", *_NUMBERS[key])
+            found[key] = whole(value, f"{about}.{key}", *_NUMBERS[key])
         elif isinstance(value, str) and value in _POLICIES[key]:
             found[key] = _POLICIES[key][value]
         else:
             known = " or ".join(_POLICIES[key])
-            raise ControlError(f"{about}.{key} is {_shown(value)}, not {known}")
+            raise ControlError(f"{about}.{key} is {shown(value)}, not {known}")
     return found

@@ -62,6 +62,11 @@ class Delivery:
             return True
         return self._end is not None and ticks_diff(now, self._end) >= 0
 
+    @property
+    def remaining(self) -> int | None:
+        """Samples that are still to be sent; None: no end."""
+        return self._remaining
+
     def next_deadline(self) -> int | None:
         """When :meth:`pump` can go on by time alone, or None."""
         return self._next

@@ -41,6 +41,10 @@ class WriterEndpoint:
         self.written += done
         return done
 
+    def matched(self) -> int:
+        """How many readers the samples reach."""
+        return self._writer.matched()
+
     def close(self) -> None:
         self._writer.close()
 
@@ -48,7 +52,7 @@ class WriterEndpoint:
 class ReaderEndpoint:
     """A datareader."""
 
-    __slots__ = ("_reader",)
+    __slots__ = ("_reader", "taken")
 
     def __init__(
         self,
@@ -61,10 +65,13 @@ class ReaderEndpoint:
         if qos.history == HistoryPolicy.KEEP_ALL:
             qos = copy(qos)
             qos.history, qos.depth = HistoryPolicy.KEEP_LAST, MAX_UNREAD
+        self.taken = 0  # samples, for the agent's owner
         self._reader: Reader = node.create_reader(topic, type_name, qos, on_ready)
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        return [(sample[1] & 1, sample[4:]) for sample in self._reader.take(limit)]
+        samples = [(sample[1] & 1, sample[4:]) for sample in self._reader.take(limit)]
+        self.taken += len(samples)
+        return samples
 
     def close(self) -> None:
         self._reader.close()
@@ -73,13 +80,14 @@ class ReaderEndpoint:
 class RequesterEndpoint:
     """A requester: remembers which of the client's requests a reply belongs to."""
 
-    __slots__ = ("_object_id", "_pending", "_requester")
+    __slots__ = ("_object_id", "_pending", "_requester", "taken")
 
     def __init__(
         self, node: Node, service: Service, object_id: int, on_ready: Callable[[], None]
     ) -> None:
         self._object_id = object_id.to_bytes(2, "big")
         self._pending: dict[int, bytes] = {}
+        self.taken = 0  # replies
         self._requester = node.create_requester(service, services_profile(), on_ready)
 
     def write(self, flags: int, payload: memoryview) -> bool:
@@ -103,6 +111,7 @@ class RequesterEndpoint:
                     out.append((sample[1] & 1, request_id + self._object_id + sample[4:]))
             if not replies:
                 break
+        self.taken += len(out)
         return out
 
     def close(self) -> None:
@@ -112,9 +121,10 @@ class RequesterEndpoint:
 class ReplierEndpoint:
     """A replier: the identity of the asker travels to the client and back."""
 
-    __slots__ = ("_replier",)
+    __slots__ = ("_replier", "taken")
 
     def __init__(self, node: Node, service: Service, on_ready: Callable[[], None]) -> None:
+        self.taken = 0  # requests
         self._replier = node.create_replier(service, services_profile(), on_ready)
 
     def write(self, flags: int, payload: memoryview) -> bool:
@@ -133,6 +143,7 @@ class ReplierEndpoint:
             identity = bytearray(SAMPLE_IDENTITY_SIZE)
             push_sample_identity(identity, 0, guid, sequence)
             out.append((sample[1] & 1, bytes(identity) + sample[4:]))
+        self.taken += len(out)
         return out
 
     def close(self) -> None:

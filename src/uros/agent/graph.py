@@ -219,6 +219,7 @@ class GraphEndpoint:
         self._key = key
         self._told: bytes | None = None
         self._left_out = ""
+        self.taken = 0  # graphs, for the agent's owner
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """The graph, where it is another than before."""
@@ -226,6 +227,7 @@ class GraphEndpoint:
         if limit < 1 or message == self._told or (self._told is None and not any(message)):
             return []  # an empty one is no news to begin with: nothing is discovered yet
         self._told = message
+        self.taken += 1
         if left_out != self._left_out:
             self._left_out = left_out
             self._domain.cut(self._key, left_out)

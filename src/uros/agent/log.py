@@ -31,6 +31,10 @@ MAX_LINES: Final = 50
 # Lines that may wait for a terminal or pipe that takes none; then they are lost.
 _MAX_WAITING: Final = 10_000
 _MAX_CHARACTERS: Final = 16 * 1024 * 1024
+# Attack: clients that come and go, or create and delete, as fast as they can. Lines of info at
+# once, and in a second; -v 5 has all.
+_INFO_BURST: Final = 5000
+_INFO_RATE: Final = 500
 # Attack: names of 64 kB, one line after the other. Messages as they are (-v 6) stay whole.
 _MAX_ABOUT: Final = 2000
 
@@ -49,6 +53,9 @@ class Log:
         self._waiting: queue.Queue[str | None] = queue.Queue(_MAX_WAITING)
         self._thread: threading.Thread | None = None
         self._lost = 0
+        self._info = float(_INFO_BURST)
+        self._info_at = 0.0
+        self._left_out = 0
         self._put = 0  # characters, by the one thread
         self._taken = 0  # and by the other
         try:
@@ -61,10 +68,15 @@ class Log:
     def __call__(self, level: int, part: str, function: str, what: str, about: str = "") -> None:
         if level > self.level:
             return
+        if level == INFO == self.level and not self._admit_info():
+            return
         if level < DEBUG and len(about) > _MAX_ABOUT:
             about = f"{about[:_MAX_ABOUT]}... ({len(about)} characters)"
         now = time.time_ns() // 1000
         name = f"{_NAMES[level]:<8}"
+        if self._left_out and (level != INFO or self._info > 1):
+            about += f" ({self._left_out} lines of info were left out before: too many at once)"
+            self._left_out = 0
         if self._colour:
             name = f"{_COLOURS[level]}{name}\033[0m"
         line = (
@@ -82,6 +94,16 @@ class Log:
             self._put += len(line)
         except queue.Full:
             self._lost += 1
+
+    def _admit_info(self) -> bool:
+        now = time.monotonic()
+        self._info = min(_INFO_BURST, self._info + (now - self._info_at) * _INFO_RATE)
+        self._info_at = now
+        if self._info < 1:
+            self._left_out += 1
+            return False
+        self._info -= 1
+        return True
 
     def _drain(self) -> None:
         while True:

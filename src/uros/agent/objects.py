@@ -13,6 +13,7 @@ from .control import NOTHING, Settings
 from .delivery import Delivery
 from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
 from .graph import GraphEndpoint
+from .limits import Limits, TooMany
 from .profiles import Profile, References
 from .representation import QosProfileSpec, Spec, TypeSpec
 
@@ -50,11 +51,6 @@ PARENT_KINDS: Final = {
     ids.KIND_DATAWRITER: ids.KIND_PUBLISHER,
     ids.KIND_DATAREADER: ids.KIND_SUBSCRIBER,
 }
-# Attack: a client that creates all 65536 objects its ids can name.
-MAX_OBJECTS = 4096
-# Attack: one client takes the places of all on the network, which holds some thousand
-# nodes at most, or starts all 233 domains.
-MAX_PARTICIPANTS = 32
 
 # The number of an application's first entity that has none of its own: beyond what 12 bits name.
 UNNAMED: Final = 0x1000
@@ -65,15 +61,15 @@ def object_label(object_id: int) -> str:
     return f"0x{object_id >> 4:03X}({object_id & 15})"
 
 
-def check_room(objects: Mapping[int, XrceObject], kinds: list[int]) -> None:
+def check_room(objects: Mapping[int, XrceObject], kinds: list[int], limits: Limits) -> None:
     """Raises TooMany where a client with these objects may not have such ones as well."""
-    if len(objects) + len(kinds) > MAX_OBJECTS:
-        raise TooMany(f"over {MAX_OBJECTS} objects")
+    if len(objects) + len(kinds) > limits.objects:
+        raise TooMany(f"over {limits.objects} objects (see --max-objects)")
     new = kinds.count(ids.KIND_PARTICIPANT)
-    if new and MAX_PARTICIPANTS < new + sum(
+    if new and limits.participants < new + sum(
         it.kind == ids.KIND_PARTICIPANT for it in objects.values()
     ):
-        raise TooMany(f"over {MAX_PARTICIPANTS} participants")
+        raise TooMany(f"over {limits.participants} participants")
 
 
 def broken(thing: XrceObject, objects: Mapping[int, XrceObject]) -> bool:
@@ -104,6 +100,8 @@ class XrceObject:
     # What CREATE said: format, content, parent or domain. None: an application's part.
     representation: tuple[int, str | bytes, int] | None = None
     parts: list[XrceObject] = field(default_factory=list)  # of an application
+    # What an endpoint is on the network: (topic, type); a participant: (node, domain).
+    named: tuple[str, str] = ("", "")
 
     @property
     def kind(self) -> int:
@@ -118,10 +116,6 @@ class XrceObject:
     def kept(self) -> int:
         """Bytes of the representation."""
         return len(self.representation[1]) if self.representation is not None else 0
-
-
-class TooMany(Exception):
-    """More objects than one client may have."""
 
 
 class Taken(Exception):

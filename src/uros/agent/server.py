@@ -13,17 +13,36 @@ import itertools
 import selectors
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final, Protocol
 
 from ..middleware.base import MiddlewareError
 from ..middleware.wake import Wake
 from ..transport.base import ServerTransport
 from ..wire.streams import ticks_diff
-from .agent import Agent, trace
+from .agent import Agent
 from .client import Client
-from .log import DEBUG
+from .pace import PAUSE
 from .session import Session
+from .taps import CLIENT
+
+# How long timers that are due may take in one turn, in seconds.
+_MOST_DUE: Final = 0.005
+# How long nothing is asked of a middleware that failed, and how often in a row it may before, where
+# it fails to dispatch: there it may be one client's doing.
+_AGAIN: Final = 0.1
+_PATIENCE: Final = 10
+
+
+class Attachment(Protocol):
+    """What else lives in the server's thread, from its start to its end."""
+
+    def open(self, server: Server) -> None:
+        """Begin. Raises TransportError, and then the agent does not start."""
+
+    def close(self) -> None:
+        """End; also where it was not opened. Twice is once."""
 
 
 class Server:
@@ -32,15 +51,27 @@ class Server:
     def __init__(self, agent: Agent, transports: list[ServerTransport]) -> None:
         self.agent = agent
         self.transports = transports
+        self.attachments: list[Attachment] = []
+        self.started = time.monotonic()
         agent.middleware.batching = True
         self._selector = selectors.DefaultSelector()
         self._wake = Wake()
         self._stopping = False
         self._calls: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
+        self._soon: deque[Callable[[], None]] = deque()
         # The time each client's timer is set to; other heap entries of it are stale.
         self._timers: dict[Client, float] = {}
-        self._trace = agent.log.level >= DEBUG
+        self._taps = agent.taps
+        # A middleware that fails is asked again, but not at once.
+        self._failures = 0
+        self._tick_after = 0.0
+        # For a watchdog.
+        self.turns = 0
+        self.asleep = False
+        self.thread: int | None = None
+        agent.pace.on = True
+        agent.closing.later = lambda: self.wake_at(PAUSE, agent.closing.work)
         self.ready = threading.Event()
 
     # --- what transports call (see transport.base.Host) --------------------------
@@ -51,21 +82,32 @@ class Server:
     def stray(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
-        if self._trace:
-            trace(self.agent.log, transport, "recv", view, length, 0)
-        self.agent.stray(transport, peer, buf, view, length)
+        if self._taps:
+            self._taps(transport, peer, CLIENT, view, length, 0)
+        try:
+            self.agent.stray(transport, peer, buf, view, length)
+        except Exception as error:  # whatever it is, what else is in the burst counts
+            self._report(error)
 
     def received(
         self, transport: ServerTransport, session: Session, buf: bytearray, view: memoryview,
         length: int, now: int,
     ) -> None:  # fmt: skip
-        if self._trace:
-            trace(self.agent.log, transport, "recv", view, length, session.key)
-        if session.receive(buf, view, length, now):
+        if self._taps:
+            peer = self.agent.place(session.key)[1]
+            self._taps(transport, peer, CLIENT, view, length, session.key)
+        try:
+            if session.receive(buf, view, length, now):
+                self.agent.attended.add(session)
+        except Exception as error:  # likewise
+            self._report(error)
             self.agent.attended.add(session)
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
         self.agent.gone(transport, peer)
+
+    def resident(self, transport: ServerTransport, peer: Any) -> bool:
+        return self.agent.resident(transport, peer)
 
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if writing else 0)
@@ -89,6 +131,20 @@ class Server:
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
         heapq.heappush(self._calls, (time.monotonic() + seconds, next(self._order), call))
 
+    def soon(self, call: Callable[[], None]) -> None:
+        """Call once, in the server's thread; from any thread."""
+        self._soon.append(call)
+        self._wake.set()
+
+    def _woken(self) -> None:
+        self._wake.clear()
+        for _ in range(len(self._soon)):
+            call = self._soon.popleft()
+            try:
+                call()
+            except Exception as error:  # whatever it is, the boards go on
+                self._report(error)
+
     # --- the loop -------------------------------------------------------------------
 
     def run(self) -> None:
@@ -99,36 +155,80 @@ class Server:
         """
         middleware = self.agent.middleware
         try:
-            self.watch(self._wake.fileno(), self._wake.clear)
+            self.watch(self._wake.fileno(), self._woken)
+            self.agent.start(self.wake_at, self.transports)
             for transport in self.transports:
                 transport.open(self)
-            self.watch(middleware.fileno(), middleware.dispatch)
+            for attachment in self.attachments:
+                attachment.open(self)
+            self.watch(middleware.fileno(), self._dispatch)
+            self.thread = threading.get_ident()
             self.ready.set()
             while not self._stopping:
                 self._turn()
         finally:
+            self._stopping = True
+            self.asleep = False
             self.ready.set()
-            self.agent.close()
-            self._attend()
-            for transport in self.transports:
-                transport.close()
-            middleware.close()
-            self._selector.close()
-            self._wake.close()
+            ends = [attachment.close for attachment in self.attachments]
+            ends += [self.agent.close, self.agent.closing.finish, self._attend]
+            ends += [transport.close for transport in self.transports]
+            ends += [middleware.close, self._selector.close, self._wake.close]
+            for end in ends:
+                try:
+                    end()
+                except Exception as error:  # whatever it is, the others must be closed
+                    self._report(error)
+                self.turns += 1
+            self.thread = None
 
     def stop(self) -> None:
         """End :meth:`run` soon; from any thread or a signal handler."""
         self._stopping = True
         self._wake.set()
 
+    @property
+    def stopping(self) -> bool:
+        """Whether :meth:`stop` was called."""
+        return self._stopping
+
+    def _deadline(self) -> float | None:
+        """When the middleware wants to be called."""
+        try:
+            deadline = self.agent.middleware.next_deadline()
+        except Exception as error:  # whatever it is, the boards go on
+            self._report(error)
+            deadline = self._tick_after = time.monotonic() + _AGAIN
+        if deadline is not None and deadline < self._tick_after:
+            deadline = self._tick_after
+        return deadline
+
+    def _dispatch(self) -> None:
+        middleware = self.agent.middleware
+        try:
+            middleware.dispatch()
+            self._failures = 0
+        except Exception as error:  # likewise
+            self._report(error)
+            self._failures += 1
+            if self._failures > _PATIENCE:
+                fileno = middleware.fileno()
+                self.unwatch(fileno)
+                self.wake_at(_AGAIN, lambda: self.watch(fileno, self._dispatch))
+
     def _turn(self) -> None:
         """Sleep until something happens, and do it."""
-        middleware = self.agent.middleware
-        deadline = middleware.next_deadline()
+        middleware, agent = self.agent.middleware, self.agent
+        deadline = self._deadline()
         if self._calls and (deadline is None or self._calls[0][0] < deadline):
             deadline = self._calls[0][0]
         timeout = None if deadline is None else max(0.0, deadline - time.monotonic())
-        for key, _ in self._selector.select(timeout):
+        self.asleep = True
+        ready = self._selector.select(timeout)
+        self.asleep = False
+        self.turns += 1
+        agent.closing.turn()
+        for key, _ in ready:
             try:
                 key.data()
             except Exception as error:  # whatever it is, the other boards go on
@@ -140,50 +240,63 @@ class Server:
             middleware.dispatch_local()
         except Exception as error:  # likewise
             self._report(error)
-        if self.agent.attended:
+        if agent.attended:
             self._attend()
+        if agent.budget.since > agent.budget.room:
+            try:
+                agent.budget.settle(self.now())
+            except Exception as error:  # likewise
+                self._report(error)
 
     def _due(self, now: float) -> None:
         while self._calls and self._calls[0][0] <= now:
+            if time.monotonic() - now > _MOST_DUE:
+                break  # others have their turn; the rest is due in the next
             call = heapq.heappop(self._calls)[2]
             try:
                 call()
             except Exception as error:  # likewise
                 self._report(error)
+        if now < self._tick_after:
+            return
         try:
             self.agent.middleware.tick()
-        except MiddlewareError as error:
-            self.agent.log.error("Middleware", "tick", "middleware error", str(error))
         except Exception as error:  # likewise: boards are told the graph from there
-            self._report(error)
+            self._tick_after = now + _AGAIN
+            if not isinstance(error, MiddlewareError):
+                self._report(error)
+            elif (times := self.agent.faults.times("tick")) is not None:
+                self.agent.log.error("Middleware", "tick", "middleware error", f"{error}{times}")
 
     def _report(self, error: Exception) -> None:
-        kept = self.agent.faults.admit(f"internal {type(error).__name__}")
-        if kept:
-            frame = error.__traceback__
-            while frame is not None and frame.tb_next is not None:
-                frame = frame.tb_next
-            where = f"{frame.tb_frame.f_code.co_filename}:{frame.tb_lineno}" if frame else "?"
-            self.agent.log.error(
-                "Server", "run", "internal error",
-                f"{type(error).__name__}: {error} at {where}"
-                " (this is a fault of uros: please report it)",
-            )  # fmt: skip
+        self.agent.failed(error)
 
     def _attend(self) -> None:
         """Acknowledge, send and set timers for the sessions that something happened to."""
         attended = self.agent.attended
         now = self.now()
         while attended:
-            session = attended.pop()
-            try:
-                session.finish(now)
-                self.agent.flush(session)
-                client = self.agent.clients.get(session.key)
-                if client is not None:
-                    self._set_timer(client, now)
-            except Exception as error:  # likewise
-                self._report(error)
+            sessions = list(attended)
+            attended.clear()
+            if self.agent.keeper is not None:
+                self._keep(sessions, now)
+            for session in sessions:
+                try:
+                    session.finish(now)
+                    self.agent.flush(session)
+                    client = self.agent.clients.get(session.key)
+                    if client is not None:
+                        self._set_timer(client, now)
+                except Exception as error:  # likewise
+                    self._report(error)
+
+    def _keep(self, sessions: list[Session], now: int) -> None:
+        """Write down what clients will be told, before they are."""
+        try:
+            if self.agent.keeper is not None:
+                self.agent.keeper.keep(sessions, now)
+        except Exception as error:  # likewise
+            self._report(error)
 
     def _set_timer(self, client: Client, now: int) -> None:
         deadline = client.next_deadline()

@@ -14,7 +14,7 @@ Whatever a client sends, nothing is raised: its handler hears of it by ``fault``
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
 from ..middleware.base import MiddlewareError
@@ -22,7 +22,13 @@ from ..wire import ids
 from ..wire.cdr import Reader, Writer
 from ..wire.errors import DecodeError, LimitError
 from ..wire.header import MessageWriter, header_size, push_header, push_subheader
-from ..wire.session import acknack_message, pull_acknack, pull_heartbeat, push_heartbeat
+from ..wire.session import (
+    acknack_message,
+    pull_acknack,
+    pull_heartbeat,
+    push_get_info,
+    push_heartbeat,
+)
 from ..wire.streams import (
     MAX_MESSAGE,
     BestEffortIn,
@@ -34,6 +40,7 @@ from ..wire.streams import (
     ticks_add,
     ticks_diff,
 )
+from .budget import MESSAGE_BYTES, Budget, unlimited
 
 WriteSample = Callable[[memoryview], bool]
 
@@ -49,7 +56,9 @@ MAX_STREAMS: Final = 8
 MAX_HELD: Final = 4096
 # Attack: the same with long answers. Bytes that may be held when one more is asked for.
 MAX_ANSWERS: Final = 1024 * 1024
+# A stalled message is tried again so soon, and less and less often while nothing gets through.
 STALL_RETRY_MS: Final = 5
+STALL_RETRY_MOST_MS: Final = 40
 # A C client puts together what fits the history of its stream, 4 messages by default; one that
 # gets more stands still for ever. It does not tell how many.
 SAFE_FRAGMENTS: Final = 4
@@ -83,9 +92,9 @@ class _In:
 
     __slots__ = ("ack_due", "fragments", "stalled", "stream")
 
-    def __init__(self) -> None:
+    def __init__(self, limit: int) -> None:
         self.stream = ReliableIn()
-        self.fragments = Fragments()
+        self.fragments = Fragments(limit)
         self.ack_due = False
         # Messages that wait for a writer's room, in order; all but the last of a
         # datagram are reassembled ones.
@@ -108,28 +117,56 @@ class Session:
     __slots__ = (
         "_best_effort_in",
         "_best_effort_out",
+        "_budget",
         "_asking_since",
         "_handler",
         "_heard_before",
         "_in",
+        "_limit",
         "_out",
+        "_resumed",
         "_retry_at",
+        "_retry_ms",
         "_scratch",
         "_warned",
         "dropped",
         "heard",
         "key",
+        "lost",
         "mtu",
         "outgoing",
+        "received",
+        "received_bytes",
+        "resent",
+        "sent",
+        "sent_bytes",
         "session_id",
         "writers",
     )
 
-    def __init__(self, key: int, session_id: int, mtu: int, handler: Handler) -> None:
+    def __init__(
+        self,
+        key: int,
+        session_id: int,
+        mtu: int,
+        handler: Handler,
+        budget: Budget | None = None,
+        limit: int = MAX_MESSAGE,
+    ) -> None:
+        """``limit``: the longest message either way. What it keeps is charged to ``budget``."""
+        self._budget = budget or unlimited()
+        self._limit = limit
         self.key = key
         self.session_id = session_id
         self.mtu = mtu
         self.heard = 0
+        # What an agent's owner may ask, see snapshot.py. What is sent the agent counts.
+        self.received = 0  # messages, and their bytes
+        self.received_bytes = 0
+        self.lost = 0  # numbers of best-effort streams that never came, or came too late
+        self.sent = 0
+        self.sent_bytes = 0
+        self.resent = 0  # messages that were sent again, each time counts
         self.dropped = 0  # samples that found no room on a best-effort stream
         self.outgoing: list[bytes] = []
         self.writers: dict[int, WriteSample] = {}  # datawriters' object ids
@@ -144,10 +181,16 @@ class Session:
         self._in: dict[int, _In] = {}
         self._out: dict[int, ReliableOut] = {}
         self._retry_at: int | None = None
+        self._retry_ms = STALL_RETRY_MS
+        self._resumed = False  # a session of before the agent's start
         # What `heard` was at the last heartbeat (-1: none is known), and since when
         # heartbeats go out without anything heard.
         self._heard_before = -1
         self._asking_since = 0
+
+    def end(self) -> None:
+        """The client is gone: hold nothing of it, but what is still to be sent."""
+        self._clear()
 
     def reset(self) -> None:
         """Forget all streams: the client starts anew (RESET, CREATE_CLIENT)."""
@@ -167,6 +210,8 @@ class Session:
         deadline.
         """
         self.heard = now
+        self.received += 1
+        self.received_bytes += length
         stream_id = buf[1]
         sequence = buf[2] | buf[3] << 8
         start = 4 if buf[0] & 0x80 else 8
@@ -180,8 +225,15 @@ class Session:
                     self._handler.fault("too many streams", f"stream: {stream_id}")
                     return False
                 stream = self._best_effort_in[stream_id] = BestEffortIn()
-            if not stream.accept(sequence):
+                if self._resumed:
+                    stream.last = (sequence - 1) & 0xFFFF
+            gap = (sequence - stream.last) & 0xFFFF
+            if gap == 1:
+                stream.last = sequence  # what accept() does, without two calls
+            elif not stream.accept(sequence):
                 return False
+            else:
+                self.lost += gap - 1
         try:
             self._submessages(buf, view, start, length, stream_id, now)
         except DecodeError as error:
@@ -203,7 +255,7 @@ class Session:
             if len(self._in) >= MAX_STREAMS:
                 self._handler.fault("too many streams", f"stream: {stream_id}")
                 return
-            incoming = self._in[stream_id] = _In()
+            incoming = self._in[stream_id] = _In(self._limit)
         incoming.ack_due = True
         stream = incoming.stream
         if incoming.stalled:
@@ -214,8 +266,12 @@ class Session:
                 stream.waiting[sequence] = bytes(view[start:length])
                 if sequence_after(sequence, stream.announced):
                     stream.announced = sequence
+            if not self._budget.keep(length - start):
+                stream.waiting.pop(sequence, None)
             return
         if not stream.receive(sequence, view[start:length]):
+            if sequence in stream.waiting and not self._budget.keep(length - start):
+                del stream.waiting[sequence]  # it comes again
             return
         if self._handle(incoming, buf, view, start, length, stream_id, now) and stream.waiting:
             self._catch_up(incoming, stream_id, now)
@@ -238,7 +294,7 @@ class Session:
                 incoming.stalled.append(buf)  # a copy of ours already
             elif stalled.offset < end:
                 incoming.stalled.append(bytearray(view[stalled.offset : end]))
-            self._retry_at = ticks_add(now, STALL_RETRY_MS)
+            self._retry_at = ticks_add(now, self._retry_ms)
             return False
         except DecodeError as error:
             self._handler.fault("deserialization error", str(error))
@@ -280,6 +336,9 @@ class Session:
                 except MiddlewareError as error:
                     self._handler.fault("middleware error", str(error))
                     done = True
+                except Exception as error:  # what comes behind it counts
+                    self._handler.fault("internal error", f"{type(error).__name__}: {error}")
+                    done = True
                 if not done:
                     buf[start : start + 4] = kept
             elif kind == ids.ACKNACK:
@@ -288,6 +347,8 @@ class Session:
             elif kind == ids.HEARTBEAT:
                 self._heartbeat(Reader(view, start, stop, bool(flags & 1)), stream_id, now)
                 done = True
+            elif kind == ids.FRAGMENT and not self._budget.keep(stop - start):
+                done = False
             elif kind == ids.FRAGMENT:
                 if not self._fragment(stream_id, flags, view[start:stop], now):
                     raise _Stalled(stop + (-stop & 3))
@@ -309,8 +370,10 @@ class Session:
         if incoming is None:
             raise DecodeError("a fragment outside of a reliable stream")
         if len(self._in) > 1:  # all streams together hold no more than one may
-            kept = sum(it.fragments.pending for it in self._in.values())
-            incoming.fragments.limit = MAX_MESSAGE - kept + incoming.fragments.pending
+            kept = sum(
+                it.fragments.pending + sum(map(len, it.stalled)) for it in self._in.values()
+            )
+            incoming.fragments.limit = self._limit - kept + incoming.fragments.pending
         whole = incoming.fragments.add(part, bool(flags & ids.FLAG_LAST_FRAGMENT))
         if whole is None:
             return True
@@ -331,7 +394,10 @@ class Session:
         if stream is None:
             return
         had_room = stream.room() > 0
-        self.outgoing.extend(stream.acknack(first, missing, now))
+        sent = stream.sent
+        messages = stream.acknack(first, missing, now)
+        self.resent += len(messages) - ((stream.sent - sent) & 0xFFFF)
+        self.outgoing.extend(messages)
         if not had_room and stream.room() > 0:
             self._handler.room(stream_id)
 
@@ -344,7 +410,7 @@ class Session:
         if incoming is None:
             if len(self._in) >= MAX_STREAMS:
                 raise LimitError("too many streams")
-            incoming = self._in[stream_id] = _In()
+            incoming = self._in[stream_id] = _In(self._limit)
         incoming.ack_due = True
         if incoming.stalled:
             return
@@ -376,6 +442,78 @@ class Session:
                     acknack_message(self.session_id, self.key, first, missing, stream_id)
                 )
 
+    def held(self) -> int:
+        """Bytes kept for the client, about."""
+        return sum(
+            stream.size + MESSAGE_BYTES * len(stream) for stream in self._out.values()
+        ) + sum(
+            it.fragments.pending
+            + sum(len(message) + MESSAGE_BYTES for message in it.stalled)
+            + sum(len(message) + MESSAGE_BYTES for message in it.stream.waiting.values())
+            for it in self._in.values()
+        )
+
+    def streams(self) -> tuple[dict[int, _In], dict[int, ReliableOut], dict[int, int]]:
+        """Reliable ones from and to the client, and the next numbers of best-effort ones to it.
+
+        For the keeper, which writes down how far they are. Other dictionaries: they are new."""
+        return self._in, self._out, self._best_effort_out
+
+    def resume(
+        self,
+        incoming: Mapping[int, tuple[int, bytearray, bool]],
+        outgoing: Mapping[int, tuple[int, int, int, dict[int, bytes]]],
+        best_effort: Mapping[int, int],
+        now: int,
+    ) -> None:
+        """Go on where an agent before us has ended.
+
+        ``incoming``: the next number, an unfinished fragmented message, whether its rest is to be
+        dropped. ``outgoing``: first number not acknowledged, next to be sent, next to be given,
+        and the messages from the first on.
+        """
+        self._resumed = True
+        for stream_id, (number, part, skip) in incoming.items():
+            stream = self._in[stream_id] = _In(self._limit)
+            stream.stream.next = number
+            stream.stream.announced = (number - 1) & 0xFFFF
+            stream.fragments._whole, stream.fragments._skip = part, skip
+        for stream_id, (acked, sent, after, held) in outgoing.items():
+            out = self._out[stream_id] = ReliableOut(limit=MAX_HELD)
+            out.acked, out.sent, out.next = acked, sent, after
+            out._held = dict(held)
+            out.size = sum(map(len, held.values()))
+            long_ago = ticks_add(now, -SILENT_CHECK_MS)
+            for count in range((sent - acked) & 0xFFFF):
+                out._sent_at[(acked + count) & 0xFFFF] = long_ago
+            if sent != acked:
+                out.deadline = now
+        self._best_effort_out.update(best_effort)
+
+    def nudge(self) -> None:
+        """Ask for all that the client holds on its reliable streams.
+
+        A C client that looks at its session more often than each 100 ms sends no HEARTBEAT, ever:
+        what was lost with the agent before us would be missing, and it would wait for us.
+        """
+        for stream_id, incoming in self._in.items():
+            if not incoming.stalled:
+                self.outgoing.append(
+                    acknack_message(
+                        self.session_id, self.key, incoming.stream.next, 0xFFFF, stream_id
+                    )
+                )
+
+    def queues(self) -> tuple[int, int, int, int]:
+        """What it holds: messages not acknowledged, messages that wait for a writer's room,
+        messages that came early, and bytes of fragments."""
+        return (
+            sum(len(stream) for stream in self._out.values()),
+            sum(len(it.stalled) for it in self._in.values()),
+            sum(len(it.stream.waiting) for it in self._in.values()),
+            sum(it.fragments.pending for it in self._in.values()),
+        )
+
     def next_deadline(self) -> int | None:
         """When :meth:`poll` has something to do, or None."""
         soonest = self._retry_at
@@ -389,6 +527,7 @@ class Session:
         """Send the heartbeats that are due, try stalled writes again."""
         if self._retry_at is not None and ticks_diff(now, self._retry_at) >= 0:
             self._retry_at = None
+            self._retry_ms = min(2 * self._retry_ms, STALL_RETRY_MOST_MS)
             for stream_id, incoming in list(self._in.items()):
                 if incoming.stalled:
                     self._retry(incoming, stream_id, now)
@@ -428,6 +567,7 @@ class Session:
                 if stream_id in self._in:
                     incoming.stalled.extend(messages[index + 1 :])
                 return
+            self._retry_ms = STALL_RETRY_MS
         self._catch_up(incoming, stream_id, now)
 
     # --- sending ---------------------------------------------------------------
@@ -436,6 +576,21 @@ class Session:
         w = MessageWriter(self._scratch, self.session_id, ids.STREAM_NONE, 0, self.key)
         w.begin(kind)
         return w
+
+    def probe(self) -> None:
+        """Ask for a sign of life, which any message is.
+
+        C clients answer GET_INFO. Others may know HEARTBEAT only, where they have a reliable
+        stream; it announces nothing but what is in it.
+        """
+        w = self._message(ids.GET_INFO)
+        push_get_info(w, 0, ids.OBJECT_CLIENT, 0)
+        self.outgoing.append(w.finish())
+        stream = self._out.get(ids.STREAM_RELIABLE)
+        first, after = (0, 0) if stream is None else (stream.acked, stream.sent)
+        w = self._message(ids.HEARTBEAT)
+        push_heartbeat(w, first, (after - 1) & 0xFFFF, ids.STREAM_RELIABLE)
+        self.outgoing.append(w.finish())
 
     def room(self, stream_id: int) -> int:
         """How many messages the stream would send at once. Best effort: always some."""
@@ -468,6 +623,8 @@ class Session:
         """
         head = header_size(self.session_id)
         size = len(payload)
+        if size > self._limit:
+            return self._too_large(size, stream_id)
         if kind != ids.DATA and stream_id in self._out and self._out[stream_id].size > MAX_ANSWERS:
             raise LimitError(f"over {MAX_ANSWERS} bytes of answers are not acknowledged")
         if head + 4 + size <= self.mtu:
@@ -519,4 +676,5 @@ class Session:
             self.outgoing.append(message)
         else:
             stream.put(message)
+            self._budget.since += len(message)
             self.outgoing.extend(stream.take(now))

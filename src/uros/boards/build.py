@@ -35,6 +35,8 @@ PORTABLE: Final = (
     "transport.canboard",
     "transport.datagram",
     "transport.stream",
+    "transport.tcpboard",
+    "transport.tlsboard",
     "interfaces",
     "interfaces.codec",
     "interfaces.errors",

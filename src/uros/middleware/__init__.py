@@ -3,16 +3,17 @@
 ``open_middleware(name)`` returns a :class:`~uros.middleware.base.Middleware`;
 each lives in a module or package of its own that is imported only when asked for.
 
-==========  ====================================================================
-``base``    the contract
-``graph``   what a middleware can tell of the ROS graph
-``memory``  a network inside this process
-``dds``     Cyclone DDS, in the ROS 2 network
-``ros2``    rclpy, on whatever RMW it uses
-``auto``    topics over ``dds``, services over ``ros2``
-``late``    ends of services that are asked for before they can be made
-``wake``    waking a selector from another thread
-==========  ====================================================================
+============  ==================================================================
+``base``      the contract
+``graph``     what a middleware can tell of the ROS graph
+``memory``    a network inside this process
+``dds``       Cyclone DDS, in the ROS 2 network
+``ros2``      rclpy, on whatever RMW it uses
+``auto``      topics over ``dds``, services over ``ros2``
+``late``      ends of services that are asked for before they can be made
+``security``  that there is none of ROS 2's
+``wake``      waking a selector from another thread
+============  ==================================================================
 """
 
 from __future__ import annotations
@@ -40,12 +41,15 @@ def open_middleware(name: str) -> Middleware:
     """A middleware by name, not opened to the network until its first node.
 
     Raises ValueError for an unknown name, and
-    :class:`~uros.middleware.base.MiddlewareError` where it cannot run here.
+    :class:`~uros.middleware.base.MiddlewareError` where it cannot run here, or where the
+    environment demands a security that it has not (see :mod:`.security`).
     """
+    from . import security
     from .base import MiddlewareError
 
     if name not in NAMES:
         raise ValueError(f"no middleware {name!r}; there are: {', '.join(sorted(NAMES))}")
+    security.check(name)
     module, remedy = NAMES[name]
     try:
         opened: Middleware = import_module(module).create()

@@ -59,6 +59,10 @@ class Writer(ABC):
     def write(self, cdr: Bytes) -> bool:
         """Hand over one sample. False: no room now, try again; nothing was sent."""
 
+    def matched(self) -> int:
+        """How many readers it has, as far as that is known, those of this process included."""
+        return 0
+
     @abstractmethod
     def close(self) -> None:
         """Leave the topic. Twice is once."""

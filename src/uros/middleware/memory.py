@@ -66,6 +66,12 @@ class MemoryWriter(Writer):
             self.past.append(sample)
         return True
 
+    def matched(self) -> int:
+        with self._bus.lock:
+            if self not in self._bus.writers.get(self._key, ()):
+                return 0
+            return sum(it.matches(self) for it in self._bus.readers.get(self._key, ()))
+
     def close(self) -> None:
         with self._bus.lock:
             _leave(self._bus.writers, self._key, self)

@@ -5,6 +5,7 @@ The agent's ends:
 ===================  ============================================================
 ``base``             the contract of an agent's transport
 ``udp``, ``tcp``     over IPv4 and IPv6; ``ip`` is what they share
+``tls``              TCP in TLS; ``certificates``: the files it needs
 ``discovery``        how boards find the agent; ``addresses``: this machine's
 ``line``             frames in a stream of bytes, and a line that comes back
 ``serial``           devices and pseudo-terminals, by termios
@@ -19,7 +20,7 @@ The agent's ends:
 ``memory``           boards and agent in one process
 ===================  ============================================================
 
-A board's ends, which run on MicroPython: ``stream`` for lines, ``datagram`` for UDP, ``canboard``
-for CAN FD. Where a board's program runs on CPython, ``device``, ``portable_serial`` and
-``canport`` are their ports.
+A board's ends, which run on MicroPython: ``stream`` for lines, ``datagram`` for UDP,
+``tcpboard`` for TCP, ``tlsboard`` for TLS, ``canboard`` for CAN FD. Where a board's program runs on
+CPython, ``device``, ``portable_serial`` and ``canport`` are their ports.
 """

@@ -55,6 +55,9 @@ class Host(Protocol):
     def gone(self, transport: ServerTransport, peer: Any) -> None:
         """The peer's connection is closed for good."""
 
+    def resident(self, transport: ServerTransport, peer: Any) -> bool:
+        """Whether a client talks from there; seldom asked, as all are looked at."""
+
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
         """Call ``ready`` when the descriptor is readable (or writable too)."""
 
@@ -74,9 +77,24 @@ class ServerTransport(ABC):
     name = ""  # as the log knows it: UDPv4Agent
     kind = ""  # in arrows of messages: UDP
     mtu = 0xFFFF  # the longest message it carries
+    # Whether a peer has the same address after a restart of the agent, and goes on there.
+    lasting = True
 
     def __init__(self) -> None:
         self.sessions: dict[Any, Any] = {}
+        # Whether an IP address may talk to the agent, where not all may. Set before open().
+        self.admits: Callable[[str], bool] | None = None
+        self.messages = 0  # that came, whosever they are, and their bytes
+        self.bytes = 0
+
+    def label(self) -> str:
+        """What it listens on, as a person reads it: port 8888, /dev/ttyACM0."""
+        return ""
+
+    def counters(self) -> dict[str, int]:
+        """What it has counted since it was made; what else than messages, kinds of transport
+        differ in."""
+        return {"messages": self.messages, "bytes": self.bytes}
 
     @abstractmethod
     def open(self, host: Host) -> None:
@@ -90,6 +108,10 @@ class ServerTransport(ABC):
     def address(self, peer: Any) -> str:
         """The peer as a person reads it."""
 
+    def host_of(self, peer: Any) -> str | None:
+        """The IP address that the peer talks from, in numbers; None: it does not talk over IP."""
+        return None
+
     @abstractmethod
     def close(self) -> None:
         """Close everything. Twice is once."""
@@ -98,6 +120,8 @@ class ServerTransport(ABC):
         self, host: Host, peer: Any, buf: bytearray, view: memoryview, length: int, now: int
     ) -> None:
         """Pass one message on to the session it names, or as a stray."""
+        self.messages += 1
+        self.bytes += length
         session = self.sessions.get(peer)
         if session is not None and length > 7 and buf[0] == session.session_id and buf[0] & 0x80:
             host.received(self, session, buf, view, length, now)

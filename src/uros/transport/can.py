@@ -91,6 +91,13 @@ class CanServer(ServerTransport):
     def dropped(self) -> int:
         return self._dropped.count
 
+    def label(self) -> str:
+        return self._device
+
+    def counters(self) -> dict[str, int]:
+        names = ("malformed", "foreign", "dropped")
+        return {**super().counters(), **{name: getattr(self, name) for name in names}}
+
     # --- a bus that comes and goes ---------------------------------------------------------
 
     def open(self, host: Host) -> None:

@@ -112,6 +112,9 @@ class CustomServer(ServerTransport):
     def dropped(self) -> int:
         return self._dropped.count
 
+    def counters(self) -> dict[str, int]:
+        return {**super().counters(), "malformed": self.malformed, "dropped": self.dropped}
+
     def open(self, host: Host) -> None:
         self._host = host
         self._begin()

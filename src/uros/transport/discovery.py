@@ -237,6 +237,8 @@ class DiscoveryServer(ServerTransport):
             except OSError as error:
                 self._host.note(ERROR, self.name, "receive", "socket error", str(error))
                 return
+            if self.admits is not None and not self.admits(peer[0]):
+                continue
             try:
                 question = read_question(self._buf, length)
             except DecodeError as error:

@@ -14,9 +14,11 @@ from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 from ..wire.framing import FLAG, Deframer, frame, frame_size
-from .base import INFO, WARNING, Host, ServerTransport
+from .base import ERROR, INFO, WARNING, Host, ServerTransport
 
 AGENT_ADDRESS: Final = 0
+# What a line counts.
+COUNTERS: Final = ("frames", "crc_errors", "foreign", "skipped", "dropped")
 # How often a line that is away is looked for, in seconds.
 RETRY: Final = 0.5
 # A line that takes nothing for so long loses messages, as a full UART does.
@@ -225,6 +227,10 @@ class Line:
                 " (nobody reads there, or it is slower than what is sent)",
             )  # fmt: skip
 
+    def counters(self) -> dict[str, int]:
+        """What is counted of it."""
+        return {name: getattr(self, name) for name in COUNTERS}
+
     # --- out --------------------------------------------------------------------
 
     def send(self, address: int, datagram: bytes) -> None:
@@ -288,7 +294,10 @@ class LineServer(ServerTransport):
 
     def _try(self) -> None:
         if not self._closed and self._host is not None:
-            self._begin(self._host)
+            try:
+                self._begin(self._host)
+            except Exception as error:  # no descriptor is left, or whatever: it was there before
+                self._failed(ERROR, "open device error", str(error))
 
     @abstractmethod
     def _begin(self, host: Host) -> None:
@@ -327,6 +336,12 @@ class LineServer(ServerTransport):
 
     def send(self, peer: int, datagram: bytes) -> None:
         self.line.send(peer, datagram)
+
+    def label(self) -> str:
+        return self.device
+
+    def counters(self) -> dict[str, int]:
+        return {**super().counters(), **self.line.counters()}
 
     def address(self, peer: int) -> str:
         return f"{self.device} ({peer})"

@@ -144,6 +144,7 @@ class PseudoTerminalServer(LineServer):
     """A pseudo-terminal: a program opens the device whose name the log tells."""
 
     name = "PseudoTtyAgent"
+    lasting = False  # another device each time
 
     def __init__(self, baud: int = 115200) -> None:
         super().__init__("")

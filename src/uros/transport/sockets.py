@@ -14,7 +14,7 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
-from .line import Line, LineServer, SocketStream
+from .line import COUNTERS, Line, LineServer, SocketStream
 from .remedies import socket_trouble
 from .worker import Tally
 
@@ -251,6 +251,18 @@ class StreamListener(ServerTransport):
         line = self.lines.get(peer[0])
         if line is not None:
             line.send(peer[1], datagram)
+
+    def label(self) -> str:
+        return self.where
+
+    def counters(self) -> dict[str, int]:
+        lines = [line.counters() for line in self.lines.values()]
+        return {
+            **super().counters(),
+            **{name: sum(it[name] for it in lines) for name in COUNTERS},
+            "connections": sum(line.stream is not None for line in self.lines.values()),
+            "refused": self._refused.count,
+        }
 
     def address(self, peer: tuple[str, int]) -> str:
         return f"{peer[0]} ({peer[1]})"

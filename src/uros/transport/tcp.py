@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import socket
+import time
+from collections import Counter
+from ipaddress import IPv6Address
 from typing import Final
 
 from ..wire.framing import LengthDeframer
@@ -25,17 +28,63 @@ _PAUSE: Final = 0.5
 MAX_UNSENT: Final = 4 * 1024 * 1024
 # Attack: connections that say nothing, a descriptor each. (The C++ agent has 100.)
 MAX_CONNECTIONS: Final = 1000
+# Attack: all of them from one address; of IPv6 from one network of 64 bits, which one machine has.
+MAX_FROM_ONE: Final = 250
+# Attack: a thousand clients that read slowly. What waits for all of them together.
+MAX_UNSENT_OF_ALL: Final = 64 * 1024 * 1024
+# Attack: connections that say nothing, or a message byte by byte. A client says at once who it is;
+# one that only pings may be as slow. And a message comes whole in that time, or never.
+IDLE_SECONDS: Final = 30.0
+_SWEEP_SECONDS: Final = 5.0
+_NO_TLS_HERE: Final = (
+    "it begins TLS, which this port does not speak: start the agent with --tls-cert and"
+    " --tls-key, or take TLS out of the board's program"
+)
 _TCP_QUICKACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)
 
 
+class _Deframer(LengthDeframer):
+    __slots__ = ()
+
+    @property
+    def pending(self) -> bool:
+        """Whether a message has begun that is not whole."""
+        return bool(self._buf)
+
+
 class _Connection:
-    __slots__ = ("address", "deframer", "sock", "unsent")
+    __slots__ = ("address", "begun", "deframer", "network", "sock", "spoke", "unsent", "whole")
 
     def __init__(self, sock: socket.socket, address: Address) -> None:
         self.sock = sock
         self.address = address
-        self.deframer = LengthDeframer()
+        self.network = _network(address)
+        self.deframer = _Deframer()
         self.unsent = bytearray()
+        self.whole = time.monotonic()  # when the last message was whole
+        self.spoke = 0  # the session id of that message
+        self.begun = 0.0  # since when one is there in part; 0: none is
+
+
+def _network(address: Address) -> str:
+    """Those who share this share :data:`MAX_FROM_ONE`."""
+    host = str(address[0]).partition("%")[0]
+    if ":" not in host:
+        return host
+    one = IPv6Address(host)
+    return str(one.ipv4_mapped or int(one) >> 64)
+
+
+def is_client_hello(chunk: bytes) -> bool:
+    """Whether TLS begins here: a handshake record with a whole ClientHello, by both lengths.
+
+    Read as messages, it would be one that never ends, and the board would wait in vain.
+    """
+    return (
+        chunk[:2] == b"\x16\x03"
+        and chunk[5:6] == b"\x01"
+        and int.from_bytes(chunk[3:5], "big") == int.from_bytes(chunk[6:9], "big") + 4
+    )
 
 
 def _acknowledge_at_once(sock: socket.socket) -> None:
@@ -55,6 +104,7 @@ class TcpServer(ServerTransport):
     """
 
     kind = "TCP"
+    lasting = False
 
     def __init__(self, port: int, host: str = "0.0.0.0") -> None:
         super().__init__()
@@ -64,6 +114,11 @@ class TcpServer(ServerTransport):
         self._socket: socket.socket | None = None
         self._connections: set[_Connection] = set()
         self._refused = Tally()
+        self._idle = Tally()
+        self._greeted = Tally()  # those who begin TLS
+        self._from: Counter[str] = Counter()  # connections of each network
+        self._unsent = 0  # bytes, of all connections
+        self._sweeping = False
 
     def open(self, host: Host) -> None:
         sock = listening_socket("TCP", self.listens_on, self.port)
@@ -96,23 +151,61 @@ class TcpServer(ServerTransport):
             self._host.unwatch(listener.fileno())
             self._host.wake_at(_PAUSE, self._listen)
             self._host.note(
-                WARNING, self.name, "tcp", "cannot accept", error.strerror or str(error)
-            )
+                WARNING, self.name, "tcp", "cannot accept",
+                f"{error.strerror or error}; connections wait (out of descriptors? raise ulimit -n,"
+                " or LimitNOFILE= of a systemd unit)",
+            )  # fmt: skip
             return
-        if len(self._connections) >= MAX_CONNECTIONS:
+        network = _network(address)
+        if self.admits is not None and not self.admits(str(address[0])):
             sock.close()
             if self._refused.add():
-                self._note(
-                    "connection refused",
-                    f"over {MAX_CONNECTIONS} connections, refused: {self._refused.count}", address,
-                )  # fmt: skip
+                about = f"it is in no network of --allow-net, refused: {self._refused.count}"
+                self._note("connection refused", about, address)
             return
+        full = len(self._connections) >= MAX_CONNECTIONS
+        if full or self._from[network] >= MAX_FROM_ONE:
+            sock.close()
+            if self._refused.add():
+                over = f"{MAX_CONNECTIONS} connections"
+                if not full:
+                    over = f"{MAX_FROM_ONE} connections from one address"
+                self._note(
+                    "connection refused", f"over {over}, refused: {self._refused.count}", address
+                )
+            return
+        self._from[network] += 1
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         _acknowledge_at_once(sock)
         connection = _Connection(sock, address)
         self._connections.add(connection)
+        if not self._sweeping:
+            self._sweeping = True
+            self._host.wake_at(_SWEEP_SECONDS, self._sweep)
         self._host.watch(sock.fileno(), lambda: self._ready(connection))
+
+    def _sweep(self) -> None:
+        """Close the connections that nothing comes of."""
+        before = time.monotonic() - IDLE_SECONDS
+        for connection in list(self._connections):
+            if connection.whole > before:
+                continue
+            if 0.0 < connection.begun <= before:
+                why = f"a message that was not whole after {IDLE_SECONDS:.0f} s"
+            elif connection in self.sessions or (
+                connection.spoke & 0x7F and self._host.resident(self, connection)
+            ):
+                continue  # a session, which may be silent: the agent probes it
+            else:
+                why = f"no session, and silent for {IDLE_SECONDS:.0f} s"
+            if self._idle.add():
+                self._note("connection closed", f"{why}, closed: {self._idle.count}",
+                           connection.address)  # fmt: skip
+            self._drop(connection)
+        self._sweeping = bool(self._connections)
+        if self._sweeping:
+            self._host.wake_at(_SWEEP_SECONDS, self._sweep)
 
     def _note(self, what: str, about: str, address: Address) -> None:
         self._host.note(WARNING, self.name, "tcp", what, f"address: {text_of(address)}, {about}")
@@ -131,9 +224,23 @@ class TcpServer(ServerTransport):
         if not chunk:
             self._drop(connection)
             return
+        if not connection.spoke and is_client_hello(chunk):
+            if self._greeted.add():
+                about = f"{_NO_TLS_HERE}, dropped: {self._greeted.count}"
+                self._note("connection dropped", about, connection.address)
+            self._drop(connection)
+            return
         _acknowledge_at_once(connection.sock)
         now = self._host.now()
-        for message in connection.deframer.feed(chunk):
+        messages = connection.deframer.feed(chunk)
+        if messages:
+            connection.whole = time.monotonic()
+            connection.spoke = messages[-1][0]
+        if not connection.deframer.pending:
+            connection.begun = 0.0
+        elif messages or not connection.begun:
+            connection.begun = time.monotonic()
+        for message in messages:
             if connection not in self._connections:
                 return  # cut off at an answer: what would be made now would never leave
             buf = bytearray(message)
@@ -150,8 +257,17 @@ class TcpServer(ServerTransport):
             return  # the length has 16 bits; the MTU field too, so this is no session's
         waiting = bool(peer.unsent)
         peer.unsent += len(datagram).to_bytes(2, "little") + datagram
+        self._unsent += 2 + len(datagram)
         if not waiting:
             self._push(peer)
+        if self._unsent > MAX_UNSENT_OF_ALL:
+            worst = max(self._connections, key=lambda it: len(it.unsent))
+            self._note(
+                "connection dropped",
+                f"{MAX_UNSENT_OF_ALL} bytes wait for clients that do not read, most for this one",
+                worst.address,
+            )
+            self._drop(worst)
 
     def _push(self, connection: _Connection) -> None:
         try:
@@ -162,15 +278,32 @@ class TcpServer(ServerTransport):
             self._drop(connection)
             return
         del connection.unsent[:sent]
+        self._unsent -= sent
         fileno = connection.sock.fileno()
         self._host.watch(fileno, lambda: self._ready(connection), bool(connection.unsent))
 
     def _drop(self, connection: _Connection) -> None:
         if connection in self._connections:
             self._connections.discard(connection)
+            self._from[connection.network] -= 1
+            if not self._from[connection.network]:
+                del self._from[connection.network]
+            self._unsent -= len(connection.unsent)
             self._host.unwatch(connection.sock.fileno())
             connection.sock.close()
             self._host.gone(self, connection)
+
+    def label(self) -> str:
+        return f"port {self.port}"
+
+    def counters(self) -> dict[str, int]:
+        return {
+            **super().counters(), "connections": len(self._connections),
+            "refused": self._refused.count,
+        }  # fmt: skip
+
+    def host_of(self, peer: _Connection) -> str | None:
+        return str(peer.address[0])
 
     def address(self, peer: _Connection) -> str:
         return text_of(peer.address)

@@ -45,22 +45,29 @@ class UdpServer(ServerTransport):
         host, buf, view, sessions = self._host, self._buf, self._view, self.sessions
         recvfrom_into, now = sock.recvfrom_into, host.now()
         left = MAX_BURST_BYTES
-        for _ in range(MAX_BURST):
-            try:
-                length, peer = recvfrom_into(buf)
-            except BlockingIOError:
-                return
-            except OSError as error:  # an ICMP error of an earlier send, on some systems
-                host.note(ERROR, self.name, "receive", "socket error", str(error))
-                return
-            session = sessions.get(peer)
-            if session is not None and length > 7 and buf[0] == session.session_id:
-                host.received(self, session, buf, view, length, now)
-            else:
-                host.stray(self, peer, buf, view, length)
-            left -= length
-            if left <= 0:
-                return
+        count = 0
+        try:
+            for count in range(MAX_BURST):  # noqa: B007  how many came before this one
+                try:
+                    length, peer = recvfrom_into(buf)
+                except BlockingIOError:
+                    return
+                except OSError as error:  # an ICMP error of an earlier send, on some systems
+                    host.note(ERROR, self.name, "receive", "socket error", str(error))
+                    return
+                session = sessions.get(peer)
+                if session is not None and length > 7 and buf[0] == session.session_id:
+                    host.received(self, session, buf, view, length, now)
+                else:
+                    host.stray(self, peer, buf, view, length)
+                left -= length
+                if left <= 0:
+                    count += 1
+                    return
+            count = MAX_BURST
+        finally:  # counted once a burst
+            self.messages += count
+            self.bytes += MAX_BURST_BYTES - left
 
     def send(self, peer: Address, datagram: bytes) -> None:
         if self._socket is not None:
@@ -68,6 +75,12 @@ class UdpServer(ServerTransport):
                 self._socket.sendto(datagram, peer)
             except OSError:
                 pass  # no room, no route, nobody there: the streams repeat what matters
+
+    def label(self) -> str:
+        return f"port {self.port}"
+
+    def host_of(self, peer: Address) -> str | None:
+        return str(peer[0])
 
     def address(self, peer: Address) -> str:
         return text_of(peer)

@@ -1,6 +1,8 @@
 """Boards made of the codecs, and an agent around them without sockets and with a clock of ours."""
 
+import heapq
 import io
+import itertools
 
 from uros.agent.agent import Agent
 from uros.agent.log import Log
@@ -9,6 +11,8 @@ from uros.middleware.memory import Bus, MemoryMiddleware
 from uros.transport.base import ServerTransport
 from uros.wire import data, entities, header, ids, session
 from uros.wire.cdr import Writer
+
+_NUMBERS = itertools.count()  # of timers, for those of the same time
 
 KEY = 0xAABBCCDD
 SESSION = 0x81
@@ -303,6 +307,8 @@ class Desk:
         self.agent = Agent(self.middleware, Log(6, self.said), self.references, **more)
         self.clock = 1000
         self.agent.now = lambda: self.clock
+        self.timers = []  # [(when, number, call)]
+        self.agent.wake_at = self.wake_at
         self.place = Place()
         self.boards = {}  # by peer
 
@@ -318,7 +324,15 @@ class Desk:
     def stray(self, transport, peer, buf, view, length):
         self.agent.stray(transport, peer, buf, view, length)
 
+    def wake_at(self, seconds, call):
+        heapq.heappush(self.timers, (self.clock + round(seconds * 1000), next(_NUMBERS), call))
+
     # what a test does
+
+    def start(self):
+        """As a server does: from now on silent clients are looked for. The same desk."""
+        self.agent.start(self.wake_at, [self.place])
+        return self
 
     def hear(self, datagram, peer=1):
         """A datagram comes in; what the agent sends at that, to anybody."""
@@ -345,12 +359,17 @@ class Desk:
                 for client in self.agent.clients.values()
                 if client.next_deadline() is not None and client.next_deadline() <= end
             ]
-            if not due:
+            at, client = min(due, key=lambda it: it[0], default=(end + 1, None))
+            if self.timers and self.timers[0][0] <= min(at, end):
+                when, _, call = heapq.heappop(self.timers)
+                self.clock = max(self.clock, when)
+                call()
+            elif client is not None:
+                self.clock = max(self.clock, at)
+                client.poll(self.clock)
+                self.agent.attend(client.session)
+            else:
                 break
-            at, client = min(due, key=lambda it: it[0])
-            self.clock = max(self.clock, at)
-            client.poll(self.clock)
-            self.agent.attend(client.session)
             out += self.settle()
         self.clock = end
         return out

@@ -45,7 +45,7 @@ from unit.agent.helpers import (
     write_data,
 )
 
-from uros.agent import objects
+from uros.agent.limits import Limits
 from uros.agent.objects import KIND_NAMES, node_name
 from uros.middleware.base import MiddlewareError
 from uros.middleware.memory import Bus
@@ -285,8 +285,8 @@ def test_the_middlewares_refusal_is_a_status(board):
     assert "domain 233 is not within 0 to 232" in board.desk.log()
 
 
-def test_most_objects(board, monkeypatch):
-    monkeypatch.setattr(objects, "MAX_OBJECTS", 5)
+def test_most_objects(board):
+    board.desk.agent.limits = Limits(objects=5)
     board.ask(participant())
     answers = board.ask(*[topic(oid(i, 2)) for i in range(6)])
     assert answers == [OK] * 4 + [ids.STATUS_ERR_RESOURCES] * 2
@@ -300,9 +300,9 @@ def test_most_participants(board):
     answers = []
     for i in range(40):
         answers += board.ask(participant(oid(i, 1)))
-    assert answers.count(OK) == objects.MAX_PARTICIPANTS
+    assert answers.count(OK) == Limits().participants
     assert set(answers) == {OK, ids.STATUS_ERR_RESOURCES}
-    assert len(board.desk.middleware.bus.nodes) == objects.MAX_PARTICIPANTS
+    assert len(board.desk.middleware.bus.nodes) == Limits().participants
 
 
 @pytest.mark.parametrize("cut", range(1, 40, 3))

@@ -41,8 +41,8 @@ from unit.agent.helpers import (
     xml,
 )
 
-from uros.agent import client
 from uros.agent import session as module
+from uros.agent.limits import Limits
 from uros.wire import entities, ids, session
 from uros.wire.cdr import Reader
 
@@ -215,8 +215,8 @@ def test_a_configuration_larger_than_a_message(desk):
     assert status == OK and not r.boolean()
 
 
-def test_what_info_needs_is_bounded(board, monkeypatch):
-    monkeypatch.setattr(client, "MAX_KEPT", 1000)
+def test_what_info_needs_is_bounded(board):
+    board.desk.agent.limits = Limits(representations=1000)
     board.ask(participant())
     kept = of(board)._kept
     assert kept > 0

@@ -49,7 +49,8 @@ from unit.agent.helpers import (
     xml,
 )
 
-from uros.agent import application, objects
+from uros.agent import application
+from uros.agent.limits import Limits
 from uros.agent.profiles import ProfileError, parse_qos_profiles, parse_types
 from uros.qos import (
     DurabilityPolicy,
@@ -310,11 +311,11 @@ def test_applications_that_mean_nothing(board, inside, why):
     assert not of(board).objects
 
 
-def test_an_application_counts_what_is_in_it(board, monkeypatch):
-    monkeypatch.setattr(objects, "MAX_OBJECTS", 10)
+def test_an_application_counts_what_is_in_it(board):
+    board.desk.agent.limits = Limits(objects=10)
     assert board.ask(xml(APPLICATION, APPLICATION_XML)) == [RESOURCES]
     assert not of(board).objects
-    monkeypatch.setattr(objects, "MAX_OBJECTS", 11)
+    board.desk.agent.limits = Limits(objects=11)
     assert board.ask(xml(APPLICATION, APPLICATION_XML)) == [OK]
     many = "<application>" + "<participant/>" * 33 + "</application>"
     assert board.ask(xml(oid(2, 12), many)) == [RESOURCES]

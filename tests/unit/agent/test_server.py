@@ -288,3 +288,54 @@ def test_a_burst_ends_after_so_many_bytes_as_after_so_many_datagrams():
             while host.seen != (80 if size == 100 else 10):
                 server._drain()
     server.close()
+
+
+# --- what else lives in its thread -----------------------------------------------------------
+
+
+class Attached:
+    def __init__(self, trouble=None):
+        self.trouble = trouble
+        self.said = []
+
+    def open(self, server):
+        self.said.append(("open", threading.current_thread()))
+        if self.trouble is not None:
+            raise self.trouble
+
+    def close(self):
+        self.said.append(("close", threading.current_thread()))
+
+
+def test_attachments_live_from_its_start_to_its_end_in_its_thread():
+    running, one = Running(), Attached()
+    running.server.attachments.append(one)
+    running.thread.start()
+    assert running.server.ready.wait(SECONDS)
+    running.server.stop()
+    running.thread.join(SECONDS)
+    assert one.said == [("open", running.thread), ("close", running.thread)]
+
+
+def test_an_attachment_that_cannot_open_ends_the_agent_with_all_closed():
+    running = Running()
+    one, two = Attached(TransportError(1, "no")), Attached()
+    running.server.attachments += [one, two]
+    with pytest.raises(TransportError, match="no"):
+        running.server.run()
+    assert [it[0] for it in one.said + two.said] == ["open", "close", "close"]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", running.udp.port))  # it is free again
+
+
+def test_calls_from_other_threads_come_in_order_and_a_faulty_one_harms_none():
+    with running_agent("udp", "memory") as running:
+        said, done = [], threading.Event()
+        running.server.soon(lambda: said.append(threading.current_thread()))
+        running.server.soon(lambda: 1 / 0)
+        running.server.soon(lambda: said.append(1))
+        running.server.soon(lambda: running.server.soon(done.set))  # from its own thread too
+        assert done.wait(SECONDS)
+        assert said == [running.thread, 1]
+        assert "ZeroDivisionError" in running.said.getvalue()
+        running.said.truncate(0)  # running_agent() finds no fault then

@@ -448,7 +448,8 @@ def test_a_stalled_stream_acknowledges_late_and_loses_nothing(talk):
     talk.hear(write_data(WRITER, b"0"), sequence=0)  # comes again, being unacknowledged
     talk.hear(heartbeat(0, 3), stream=0)
     assert talk.samples() == [] and talk.out() == []
-    assert talk.wait(2 * module.STALL_RETRY_MS) == []
+    # It is tried again after 5, 10 and 20 ms.
+    assert talk.wait(6 * module.STALL_RETRY_MS) == []
     out = talk.wait(module.STALL_RETRY_MS)
     assert talk.samples() == [b"0", b"1", b"2", b"3", b"4"]
     assert acks(out) == [(4, 0, 0x80)]
@@ -473,7 +474,7 @@ def test_a_stall_in_the_middle_of_a_message_goes_on_there(talk):
 def test_the_ids_of_a_stalled_sample_are_given_back(talk):
     talk.full = 2
     talk.hear(write_data(WRITER, b"sample"))
-    talk.wait(2 * module.STALL_RETRY_MS)
+    talk.wait(3 * module.STALL_RETRY_MS)
     assert talk.written == [b"\0\1\0\0sample"]
 
 
@@ -485,8 +486,7 @@ def test_a_stall_within_a_reassembled_message_keeps_what_comes_behind_it(talk):
     talk.hear(last, write_data(WRITER, b"behind"))
     talk.hear(write_data(WRITER, b"next message"))
     assert talk.out() == []
-    for _ in range(2):
-        assert talk.wait(module.STALL_RETRY_MS) == []
+    assert talk.wait(6 * module.STALL_RETRY_MS) == []
     out = talk.wait(module.STALL_RETRY_MS)
     assert talk.samples() == [b"F" * 250, b"behind", b"next message"]
     assert acks(out) == [(len(first) + 2, 0, 0x80)]

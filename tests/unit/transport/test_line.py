@@ -14,6 +14,7 @@ from unit.transport.bare_host import BareHost
 from uros.transport import line as module
 from uros.transport.base import ServerTransport
 from uros.transport.line import FileStream, Line, LineServer, SocketStream
+from uros.transport.serial import PseudoTerminalServer
 
 BAD = framed(b"abcdef", 1)[:-2] + b"\0\0"  # a whole frame with a wrong CRC
 
@@ -241,3 +242,27 @@ def test_a_descriptor_as_a_stream():
     assert stream.write(bytearray(b"x")) == 1 and stream.backlog() == 0
     stream.close()
     os.close(theirs)
+
+
+def test_a_line_that_cannot_be_had_again_is_tried_until_it_can(monkeypatch):
+    """No descriptor is left, or whatever: it was there before."""
+    host, server = BareHost(), PseudoTerminalServer()
+    server.open(host)
+    real, errors = os.openpty, [OSError(24, "Too many open files"), RuntimeError("a driver's")]
+
+    def fails():
+        raise errors[0]
+
+    monkeypatch.setattr(os, "openpty", fails)
+    server.line.close()
+    server._lost("unplugged")
+    for _ in range(2):
+        host.fire()
+        assert len(host.calls) == 1  # once more
+        errors.append(errors.pop(0))
+    assert "Too many open files" in host.said() and "a driver's" in host.said()
+    monkeypatch.setattr(os, "openpty", real)
+    host.fire()
+    assert host.said().count("running...") == 2
+    server.close()
+    host.close()

@@ -300,8 +300,9 @@ def test_levels_and_columns(level):
         lines = process.lines()
     assert all(not isinstance(it, str) for it in lines), process.text
     names = {it[2].strip() for it in lines}
-    wanted = {0: set(), 1: set(), 2: set(), 3: {"warning"}, 4: {"warning", "info"}}
-    assert names == wanted.get(level, {"warning", "info", "debug"})
+    wanted = [set(), set(), set(), {"warning"}, {"warning", "info"}]
+    wanted += [{"warning", "info", "debug"}, {"warning", "info", "debug", "trace"}]
+    assert names == wanted[level]
     about = {(it[3].strip(), it[4].strip(), it[5].strip()): it[6] for it in lines}
     if level >= 4:
         key = "client_key: 0x4B0CBE99"

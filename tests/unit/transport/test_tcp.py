@@ -197,7 +197,7 @@ def test_without_descriptors_it_waits_and_does_not_spin():
         server._socket = Full(listener)
         server._accept()
         assert host.watched == []
-        assert "Too many open files" in host.said[-1]
+        assert "Too many open files; connections wait" in host.said[-1][-1]
         server._socket = listener
         host.later.pop()()
         assert host.watched == [listener.fileno()]

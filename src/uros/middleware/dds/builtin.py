@@ -58,6 +58,9 @@ _qget_liveliness = function(
     ctypes.POINTER(ctypes.c_int),
     ctypes.POINTER(_int64),
 )
+_qget_ownership = function(
+    "dds_qget_ownership", ctypes.c_bool, _void_p, ctypes.POINTER(ctypes.c_int)
+)
 _qget_partition = function(
     "dds_qget_partition",
     ctypes.c_bool,
@@ -150,6 +153,8 @@ def read_qos(pointer: int) -> QoSProfile:
             LivelinessPolicy.MANUAL_BY_TOPIC if by_topic else LivelinessPolicy.AUTOMATIC
         )
         qos.liveliness_lease_ms = _milliseconds(time.value)
+    if _qget_ownership(pointer, ctypes.byref(kind)):
+        qos.ownership_exclusive = kind.value == 1
     qos.partitions = _partitions(pointer)
     data, size = _void_p(), _size()
     if _qget_userdata(pointer, ctypes.byref(data), ctypes.byref(size)) and data.value:

@@ -117,6 +117,9 @@ _take_status = function(
 _get_matched_publications = function(
     "dds_get_matched_publications", _int32, _int32, ctypes.POINTER(ctypes.c_uint64), _size
 )
+_get_matched_subscriptions = function(
+    "dds_get_matched_subscriptions", _int32, _int32, ctypes.POINTER(ctypes.c_uint64), _size
+)
 _create_waitset = function("dds_create_waitset", _int32, _int32)
 _create_guard = function("dds_create_guardcondition", _int32, _int32)
 _set_guard = function("dds_set_guardcondition", _int32, _int32, ctypes.c_bool)
@@ -283,6 +286,12 @@ def heard_writers(reader: int) -> set[int]:
         size = count
 
 
+def count_readers(writer: int) -> int:
+    """How many readers a writer reaches, local ones included."""
+    count: int = _get_matched_subscriptions(writer, None, 0)
+    return max(0, count)
+
+
 def delete(entity: int) -> None:
     """Delete an entity and what it contains. Twice is once."""
     _delete(entity)
@@ -344,6 +353,13 @@ _sertypes: dict[tuple[int, str], int] = {}
 MAX_TYPES: Final = 4096
 
 
+def _is_known(type_name: str) -> bool:
+    """Whether uros has the type itself: there are not many."""
+    from ...interfaces.typehash import known_hash
+
+    return known_hash(type_name) is not None
+
+
 def create_topic(participant: int, name: str, type_name: str) -> int:
     """A topic whose type is nothing but its name."""
     domain = ctypes.c_uint32()
@@ -359,8 +375,11 @@ def create_topic(participant: int, name: str, type_name: str) -> int:
         if topic < 0:
             _sertype_unref(known)
     else:
-        if len(_sertypes) >= MAX_TYPES:
-            raise MiddlewareError(f"more than {MAX_TYPES} types: {type_name!r} is refused")
+        if len(_sertypes) >= MAX_TYPES and not _is_known(type_name):
+            raise MiddlewareError(
+                f"more than {MAX_TYPES} types: {type_name!r} is refused until the agent is"
+                " restarted (types that uros knows are always taken)"
+            )
         kind = _types.get(type_name)
         if kind is None:
             kind = _types[type_name] = _Type(type_name)

@@ -72,6 +72,9 @@ class DdsWriter(Writer):
             return _write(self.entity, cdr)
         return _write(self.entity, _little_endian(self.type_name, cdr))
 
+    def matched(self) -> int:
+        return cyclone.count_readers(self.entity) if self._close else 0
+
     def close(self) -> None:
         if self._close:
             self._close()

@@ -56,6 +56,9 @@ class Ros2Writer(Writer):
             raise MiddlewareError(f"{self._what}: {error}") from error
         return True
 
+    def matched(self) -> int:
+        return 0 if self._entity is None else int(self._entity.get_subscription_count())
+
     def close(self) -> None:
         if self._entity is not None:
             self._entity.destroy_when_not_in_use()

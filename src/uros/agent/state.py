@@ -1,0 +1,450 @@
+"""The file of ``--state``: slots of fixed size in front, a journal behind.
+
+::
+
+    0      uros state 1, a line of JSON (boot, clean), its CRC; filled up with spaces
+    4096   4096 slots of 128 bytes, one a client: how far its streams are
+    528384 the journal: records, each with a CRC, its client's serial and a running number
+
+A slot says how many records of its client count. What is behind, or of a client without
+a slot, was never promised to anybody. So one write of 128 bytes, which no SIGKILL cuts in
+two, makes valid what was appended before it.
+
+Everything is written by ``pwrite``: a file that somebody truncates is a fault to be told
+then, and no SIGBUS as with ``mmap``. The slots are allocated beforehand, so a full disk
+stops the journal only, and the slots then say that records are missing.
+
+Nothing here raises but :class:`StateError`, by :func:`open_state`; the calls that write
+say whether they could.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+_MAGIC: Final = b"uros state "
+_VERSION: Final = b"1"
+_SLOTS_AT: Final = 4096
+SLOTS: Final = 4096
+SLOT_SIZE: Final = 128
+_JOURNAL_AT: Final = _SLOTS_AT + SLOTS * SLOT_SIZE
+# Attack: a file of many gigabytes. This much is read of a journal, and written.
+MAX_JOURNAL: Final = 64 * 1024 * 1024
+# magic, length, serial, number, CRC of the payload; then the CRC of these.
+_RECORD: Final = struct.Struct("<4sIIII")
+_CRC: Final = struct.Struct("<I")
+_RECORD_MAGIC: Final = b"\xf5uR1"
+RECORD_SIZE: Final = _RECORD.size + _CRC.size
+_BOOT_ID: Final = "/proc/sys/kernel/random/boot_id"
+_TRIES: Final = 10
+
+
+class StateError(Exception):
+    """The file cannot be used as a state file; the text says why and what to do."""
+
+
+@dataclass
+class Content:
+    """What a state file held.
+
+    ``trusted``: nothing that boards were told can be missing. After a crash of the machine
+    something may be. ``slots`` by index, those that are sound; ``records`` in order.
+    """
+
+    trusted: bool = True
+    slots: dict[int, bytes] = field(default_factory=dict)
+    records: list[tuple[int, int, bytes]] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
+
+
+def record(serial: int, number: int, payload: bytes) -> bytes:
+    """A record of the journal."""
+    head = _RECORD.pack(_RECORD_MAGIC, len(payload), serial, number, zlib.crc32(payload))
+    return head + _CRC.pack(zlib.crc32(head)) + payload
+
+
+def seal(slot: bytearray) -> None:
+    """Put the CRC into a slot's first four bytes."""
+    _CRC.pack_into(slot, 0, zlib.crc32(memoryview(slot)[4:]))
+
+
+def records_in(data: bytes) -> list[tuple[int, int, bytes]]:
+    """``(serial, number, payload)`` of all sound records; what is between them is passed over."""
+    found: list[tuple[int, int, bytes]] = []
+    at = 0
+    while True:
+        at = data.find(_RECORD_MAGIC, at)
+        if at < 0 or at + RECORD_SIZE > len(data):
+            return found
+        _, length, serial, number, crc = _RECORD.unpack_from(data, at)
+        start = at + RECORD_SIZE
+        if _CRC.unpack_from(data, start - 4)[0] != zlib.crc32(data[at : start - 4]):
+            at += 1
+            continue
+        payload = data[start : start + length]
+        if len(payload) < length:
+            at += 1  # the rest is missing; perhaps others lie in it
+            continue
+        # A sound head says where the next one is: the payload is read once, whatever it is.
+        if zlib.crc32(payload) == crc:
+            found.append((serial, number, payload))
+        at = start + length
+
+
+def _boot_id() -> str:
+    """What tells this run of the machine from others; "" where nothing does."""
+    try:
+        with open(_BOOT_ID, encoding="ascii") as file:
+            return file.read(64).strip()
+    except (OSError, ValueError):
+        return ""
+
+
+def _head(clean: bool) -> bytes:
+    line = json.dumps({"boot": _boot_id(), "clean": clean}).encode()
+    text = _MAGIC + _VERSION + b"\n" + line + b"\n%08x\n" % zlib.crc32(line)
+    return text.ljust(_SLOTS_AT - 1) + b"\n"
+
+
+def _read_head(head: bytes) -> bool | None:
+    """Whether the file is to be trusted; None where its head is damaged."""
+    lines = head.split(b"\n")
+    try:
+        if len(lines) < 3 or int(lines[2], 16) != zlib.crc32(lines[1]):
+            return None
+        known: Any = json.loads(lines[1])
+        boot = _boot_id()
+        return bool(known["clean"]) or (bool(boot) and known["boot"] == boot)
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return None
+
+
+def _refusal(path: str, error: OSError) -> StateError:
+    remedy = {
+        errno.EISDIR: "it is a directory: name a file in it",
+        errno.ENOENT: "its directory does not exist: create it",
+        errno.EACCES: "this user may not write there: choose another place, or change its owner",
+        errno.EPERM: "this user may not write there: choose another place, or change its owner",
+        errno.EROFS: "that is read-only: choose another place",
+        errno.ENOSPC: "the disk is full: make room, or choose another place such as /run",
+        errno.EDQUOT: "the quota is used up: make room, or choose another place such as /run",
+    }.get(error.errno or 0, error.strerror or str(error))
+    return StateError(f"--state {path}: {remedy}")
+
+
+def _write_all(fd: int, data: bytes | bytearray, at: int) -> None:
+    """All of it, or OSError."""
+    view = memoryview(data)
+    while view:
+        done = os.pwrite(fd, view, at)
+        if done <= 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        view, at = view[done:], at + done
+
+
+def _read_all(fd: int, size: int, at: int) -> bytes:
+    """At most ``size`` bytes."""
+    parts = []
+    while size > 0:
+        part = os.pread(fd, min(size, 1 << 20), at)
+        if not part:
+            break
+        parts.append(part)
+        size, at = size - len(part), at + len(part)
+    return b"".join(parts)
+
+
+# What a journal begins with, nobody's: where it is missing, the file was cut off.
+_MARK: Final = record(0, 0, b"")
+
+
+class StateFile:
+    """An open state file, locked. Made by :func:`open_state`."""
+
+    def __init__(self, path: str, fd: int) -> None:
+        self.path = path
+        self._fd = fd
+        self._end = 0  # where the next record goes; 0: nothing was written by us yet
+        self.error = ""  # why the last write failed
+
+    @property
+    def journal_size(self) -> int:
+        return max(0, self._end - _JOURNAL_AT)
+
+    def read(self) -> Content:
+        """What is in it. Whatever that is, nothing is raised."""
+        content = Content()
+        try:
+            size = os.fstat(self._fd).st_size
+            if size == 0:
+                return content
+            trusted = _read_head(_read_all(self._fd, _SLOTS_AT, 0))
+            slots = _read_all(self._fd, SLOTS * SLOT_SIZE, _SLOTS_AT)
+            journal = _read_all(self._fd, MAX_JOURNAL, _JOURNAL_AT)
+        except OSError as error:
+            content.damaged.append(f"it cannot be read: {error.strerror}")
+            return content
+        if trusted is None:
+            content.damaged.append("its head is damaged")
+        content.trusted = bool(trusted)
+        if len(slots) < SLOTS * SLOT_SIZE:
+            content.damaged.append("it is truncated")
+        if size > _JOURNAL_AT + MAX_JOURNAL:
+            content.damaged.append(f"it has {size} bytes")
+        broken = 0
+        for index in range(len(slots) // SLOT_SIZE):
+            slot = slots[index * SLOT_SIZE : (index + 1) * SLOT_SIZE]
+            if not slot.strip(b"\0"):
+                continue
+            if _CRC.unpack_from(slot)[0] == zlib.crc32(slot[4:]):
+                content.slots[index] = slot
+            else:
+                broken += 1
+        if broken:
+            content.damaged.append(f"{broken} slots are damaged")
+        content.records = [it for it in records_in(journal) if it[0]]
+        return content
+
+    def keep_aside(self) -> str | None:
+        """Give the damaged file another name, for a person to look at; that name, if it has one.
+
+        The next :meth:`rewrite` makes a new one."""
+        aside = self.path + ".damaged"
+        try:
+            os.replace(self.path, aside)
+        except OSError:
+            return None
+        return aside
+
+    def rewrite(
+        self, slots: Mapping[int, bytes | bytearray], journal: Iterable[bytes], sync: bool = False
+    ) -> bool:
+        """Put a new file in this one's place. False: this one stays as it is, see ``error``."""
+        beside = self.path + ".new"
+        fd = -1
+        try:
+            try:
+                os.unlink(beside)  # of an agent that was killed meanwhile: we have the lock
+            except FileNotFoundError:
+                pass
+            fd = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(fd, 0, _JOURNAL_AT)
+            else:  # macOS
+                _write_all(fd, bytes(_JOURNAL_AT), 0)
+            _write_all(fd, _head(False), 0)
+            for index, slot in slots.items():
+                _write_all(fd, slot, _SLOTS_AT + index * SLOT_SIZE)
+            end, waiting = _JOURNAL_AT, bytearray(_MARK)
+            for it in journal:
+                waiting += it
+                if len(waiting) > 1 << 20:
+                    _write_all(fd, waiting, end)
+                    end, waiting = end + len(waiting), bytearray()
+                if end + len(waiting) - _JOURNAL_AT > MAX_JOURNAL:
+                    raise OSError(errno.EFBIG, f"over {MAX_JOURNAL >> 20} MB are to be kept")
+            _write_all(fd, waiting, end)
+            end += len(waiting)
+            if sync:
+                os.fsync(fd)
+            self._check_owner()
+            os.replace(beside, self.path)
+            if sync:
+                self._sync_directory()
+        except OSError as error:
+            self.error = error.strerror or str(error)
+            if fd >= 0:
+                os.close(fd)
+                try:
+                    os.unlink(beside)
+                except OSError:
+                    pass
+            return False
+        os.close(self._fd)
+        self._fd, self._end = fd, end
+        return True
+
+    def _check_owner(self) -> None:
+        """Whoever deletes our file and starts another agent with it keeps that one's."""
+        try:
+            fd = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        except FileNotFoundError:
+            return
+        try:
+            here, there = os.fstat(self._fd), os.fstat(fd)
+            if (here.st_dev, here.st_ino) != (there.st_dev, there.st_ino):
+                fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OSError(errno.EBUSY, "another agent uses it now") from None
+        finally:
+            os.close(fd)
+
+    def clear(self) -> None:
+        """Leave nothing that a later agent could take for the truth."""
+        try:
+            os.ftruncate(self._fd, 0)
+        except OSError:
+            try:
+                os.unlink(self.path)
+            except OSError:
+                pass
+
+    def _sync_directory(self) -> None:
+        directory = os.open(os.path.dirname(self.path) or ".", os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fsync(directory)
+        finally:
+            os.close(directory)
+
+    def append(self, records: bytes | bytearray) -> bool:
+        """Append whole records. False: none of them is there, see ``error``."""
+        try:
+            if self.journal_size + len(records) > MAX_JOURNAL:
+                raise OSError(errno.EFBIG, f"over {MAX_JOURNAL >> 20} MB are to be kept")
+            _write_all(self._fd, records, self._end)
+        except OSError as error:
+            self.error = error.strerror or str(error)
+            try:
+                os.ftruncate(self._fd, self._end)  # no half of one
+            except OSError:
+                pass
+            return False
+        self._end += len(records)
+        return True
+
+    def write_slot(self, index: int, slot: bytes | bytearray) -> bool:
+        """Write one slot."""
+        try:
+            return os.pwrite(self._fd, slot, _SLOTS_AT + index * SLOT_SIZE) == SLOT_SIZE
+        except OSError as error:
+            self.error = error.strerror or str(error)
+            return False
+
+    def missing(self) -> str | None:
+        """What somebody has done to the file under us, if anything."""
+        try:
+            here = os.fstat(self._fd)
+            there = os.stat(self.path)
+        except FileNotFoundError:
+            return "the file was deleted"
+        except OSError as error:
+            return error.strerror or str(error)
+        if (here.st_dev, here.st_ino) != (there.st_dev, there.st_ino):
+            return "another file has its name"
+        try:
+            mark = os.pread(self._fd, len(_MARK), _JOURNAL_AT)
+        except OSError as error:
+            return error.strerror or str(error)
+        # Where it was cut off before, the records that came since have made it long again.
+        if here.st_size < self._end or mark != _MARK:
+            return "the file was truncated"
+        return None
+
+    def close(self, clean: bool) -> None:
+        """``clean``: everything is in it, and stays so when the machine is switched off."""
+        if self._fd < 0:
+            return
+        try:
+            if clean and self._end:
+                os.fsync(self._fd)
+                _write_all(self._fd, _head(True), 0)
+                os.fsync(self._fd)
+        except OSError:
+            pass  # it counts as long as this machine runs
+        os.close(self._fd)
+        self._fd = -1
+
+
+def open_state(path: str) -> StateFile:
+    """Open and lock a state file; make an empty one where there is none.
+
+    Raises StateError where it is none of ours, of another version, in use, or no file at all.
+    Nothing is changed then.
+    """
+    if fcntl is None:
+        raise StateError("--state is for systems with file locks, such as Linux and macOS")
+    try:
+        path = os.path.realpath(path)
+        for _ in range(_TRIES):
+            fd = _open_and_lock(path)
+            try:
+                there = os.stat(path)
+                here = os.fstat(fd)
+                if (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino):
+                    return _checked(path, fd)
+            except FileNotFoundError:
+                pass
+            except BaseException:
+                os.close(fd)
+                raise
+            os.close(fd)  # its owner has put a new one in its place meanwhile
+    except OSError as error:
+        raise _refusal(path, error) from error
+    except ValueError as error:  # a NUL in the name
+        raise StateError(f"--state {path!r}: {error}") from error
+    raise _in_use(path)
+
+
+def _in_use(path: str) -> StateError:
+    return StateError(
+        f"--state {path}: another agent uses it: end that one, or give each agent a file of its own"
+    )
+
+
+def _open_and_lock(path: str) -> int:
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise _no_file(path)
+    except FileNotFoundError:
+        pass
+    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK
+    fd = os.open(path, flags, 0o600)
+    try:
+        if not stat.S_ISREG(os.fstat(fd).st_mode):
+            raise _no_file(path)
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(fd)
+        raise _in_use(path) from None
+    except BaseException:
+        os.close(fd)
+        raise
+    return fd
+
+
+def _no_file(path: str) -> StateError:
+    what = "a directory: name a file in it" if os.path.isdir(path) else "no ordinary file"
+    return StateError(f"--state {path}: it is {what}")
+
+
+def _checked(path: str, fd: int) -> StateFile:
+    first = os.pread(fd, len(_MAGIC) + 8, 0)
+    if first:
+        if not first.startswith(_MAGIC):
+            raise StateError(
+                f"--state {path}: it is no state file of uros, and is left as it is:"
+                " give another name"
+            )
+        version = first[len(_MAGIC) :].split(b"\n")[0]
+        if version != _VERSION:
+            text = version.decode("ascii", "replace")
+            raise StateError(
+                f"--state {path}: it is of another uros (version {text!r} of the file) and is left"
+                " as it is: use that uros, or remove the file (boards then start anew)"
+            )
+        os.fchmod(fd, 0o600)
+    return StateFile(path, fd)

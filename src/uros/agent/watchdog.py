@@ -1,0 +1,146 @@
+"""Tells where the agent's one thread hangs, when it does.
+
+A library that does not return, or a call of ours that takes seconds, stops all boards. Nobody can
+go on in that thread's place, but the log can say where it stands and what to do. A thread looks at
+two fields of the server twice a second; messages cost nothing.
+
+A call that also holds Python's lock stops this thread too, and a suspended machine stops all: that
+is told afterwards.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+from types import FrameType
+from typing import Final, Protocol
+
+from .log import Log
+
+HANG_SECONDS: Final = 2.0
+# How long closing may take after a signal: a library that does not return keeps the process.
+END_SECONDS: Final = 10.0
+_LOOK: Final = 0.5
+
+_REMEDIES: Final = (
+    ("middleware/ros2/", "rclpy does not return: restart the agent, or give it -m dds"),
+    ("middleware/dds/", "DDS does not return: is the network interface gone, or a disk that"
+     " CYCLONEDDS_URI writes a trace to? If it stays so, restart the agent"),
+    ("transport/", "a device or driver does not return: unplug it, or restart the agent"),
+)  # fmt: skip
+_OTHER: Final = "if it comes again, please report it as a fault of uros, with this line"
+
+
+class Watched(Protocol):
+    """What is seen of a server."""
+
+    turns: int  # of its loop
+    asleep: bool  # it waits for something to happen
+    thread: int | None  # its ident, while it runs
+
+    @property
+    def stopping(self) -> bool:
+        """Whether it was asked to end."""
+
+
+class Watchdog:
+    """Watches ``server`` from :meth:`start` to :meth:`stop`; ``leave`` ends the process."""
+
+    def __init__(
+        self,
+        server: Watched,
+        log: Log,
+        hang: float = HANG_SECONDS,
+        end: float = END_SECONDS,
+        look: float = _LOOK,
+        leave: Callable[[int], object] = os._exit,
+    ) -> None:
+        self._server = server
+        self._log = log
+        self._hang = hang
+        self._end = end
+        self._look = look
+        self._leave = leave
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="uros-watchdog", daemon=True)
+        self._turn = -1
+        self._since = 0.0  # the turn was new
+        self._seen = 0.0  # the last look
+        self._told = False
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Nothing is said after. Twice is once."""
+        self._over.set()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(1.0)
+
+    def _run(self) -> None:
+        self._since = self._seen = time.monotonic()
+        while not self._over.wait(self._look):
+            self.look(time.monotonic())
+
+    def look(self, now: float) -> None:
+        """See whether the server goes on."""
+        server = self._server
+        if now - self._seen > self._look + self._hang:
+            self._warn(
+                "the process stood still",
+                f"for {now - self._seen:.1f} s (the machine was suspended, or has no time for the"
+                " agent, or a library held Python's lock)",
+            )
+            self._since = now
+        self._seen = now
+        turns = server.turns
+        if turns != self._turn or server.asleep or server.thread is None:
+            if self._told:
+                self._told = False
+                self._warn("the data plane goes on", f"it hung for {now - self._since:.1f} s")
+            self._turn, self._since = turns, now
+            return
+        if now - self._since < self._hang:
+            return
+        if not self._told:
+            self._told = True
+            where, remedy = standing(sys._current_frames().get(server.thread))
+            self._warn(
+                "the data plane hangs",
+                f"since {now - self._since:.1f} s in {where}; no board is served ({remedy})",
+            )
+        if server.stopping and now - self._since >= self._end:
+            self._log.error(
+                "Watchdog", "run", "ended by force",
+                f"the end took over {self._end:.0f} s (see the line before)",
+            )  # fmt: skip
+            self._log.close()
+            self._over.set()
+            self._leave(1)
+
+    def _warn(self, what: str, about: str) -> None:
+        self._log.warning("Watchdog", "run", what, about)
+
+
+def standing(frame: FrameType | None) -> tuple[str, str]:
+    """Where a thread stands, the calls of ours innermost first, and what to do about it."""
+    calls = []
+    remedy = ""
+    innermost = ""
+    while frame is not None:
+        path = frame.f_code.co_filename.replace("\\", "/")
+        place = f"{frame.f_code.co_name} ({path.rpartition('/')[2]}:{frame.f_lineno})"
+        innermost = innermost or place
+        _, ours, within = path.rpartition("/uros/")
+        if ours:
+            calls.append(f"{frame.f_code.co_name} ({within}:{frame.f_lineno})")
+            for room, text in _REMEDIES:
+                if not remedy and within.startswith(room):
+                    remedy = text
+        frame = frame.f_back
+    if innermost and (not calls or innermost.split(" ")[0] != calls[0].split(" ")[0]):
+        calls.insert(0, innermost)
+    return " < ".join(calls[:4]) or "a thread that has ended", remedy or _OTHER

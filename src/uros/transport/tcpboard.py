@@ -1,0 +1,199 @@
+"""A board's end of TCP: each message behind its length.
+
+Runs on MicroPython ports that have a network.
+"""
+
+import errno
+import select
+import socket
+
+from ..ticks import ticks_ms
+from ..wire.framing import LengthDeframer
+from ..wire.streams import ticks_add, ticks_diff
+
+try:
+    from typing import Any, Final
+
+    from ..wire.cdr import Buffer
+except ImportError:  # MicroPython
+    pass
+
+_CHUNK: Final = 1024
+# What has come is not late, but an agent that never stops must not hold a program up.
+_CHUNKS: Final = 16
+# "Not now", as systems say it.
+_LATER: Final = (errno.EAGAIN, getattr(errno, "EWOULDBLOCK", errno.EAGAIN), errno.EINPROGRESS)
+
+
+class TcpTransport:
+    """Messages to and from the agent at ``host``, ``port``, of at most ``mtu`` bytes.
+
+    ``host`` is a name, or an address of IPv4 or IPv6; of a name's addresses, the next is tried
+    where nobody answers at one. Nothing waits but the look-up of a name. What the network takes
+    only in part is kept and goes out first; messages that come meanwhile are lost and counted in
+    ``dropped``: reliable ones are sent again. An agent that leaves us without an answer for
+    ``patience_ms`` is lost, and so is one that cannot be reached so long.
+    """
+
+    def __init__(
+        self, host: str, port: int = 8888, mtu: int = 512, patience_ms: int = 10000
+    ) -> None:
+        self.mtu = mtu
+        self.dropped = 0
+        self._host = host
+        self._port = port
+        self._patience_ms = patience_ms
+        self._turn = -1  # which of the addresses
+        self._heard = False  # anything, from that one
+        self._socket: "Any" = None
+        self._line: "Any" = None  # the socket, or what speaks over it, once it is connected
+        self._poll: "Any" = None
+        self._until: "int | None" = None  # when we lose patience
+        self._out = bytearray(mtu + 2)
+        self._from = 0  # _out[_from:_to] is not sent yet
+        self._to = 0
+        self._writing = False  # it waits for the network, and for nothing that must come first
+        self._deframer = LengthDeframer()
+        self._messages: "list[bytes]" = []
+
+    def open(self) -> None:
+        """Raises OSError where the host is not known or the network is down."""
+        self.close()
+        addresses = socket.getaddrinfo(self._host, self._port, 0, socket.SOCK_STREAM)
+        if not self._heard:
+            self._turn += 1
+        self._heard = False
+        address = addresses[self._turn % len(addresses)]
+        self._deframer = LengthDeframer()
+        self._from = self._to = 0
+        self._messages.clear()
+        self._until = ticks_add(ticks_ms(), self._patience_ms)
+        self._socket = sock = socket.socket(address[0], socket.SOCK_STREAM)
+        try:
+            sock.setblocking(False)
+            if hasattr(socket, "TCP_NODELAY"):
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            sock.connect(address[-1])
+        except OSError as error:
+            if error.errno not in _LATER:
+                self.close()
+                raise
+        self._watch(sock, select.POLLOUT)
+
+    def _watch(self, line: "Any", events: int) -> None:
+        self._poll = select.poll()
+        self._poll.register(line, events)
+
+    def close(self) -> None:
+        """Twice is once."""
+        line, sock = self._line, self._socket
+        self._line = self._socket = self._poll = None
+        # Both: where TLS has failed, MicroPython's line has let go of its socket.
+        for it in (line, sock):
+            if it is not None:
+                try:
+                    it.close()
+                except OSError:
+                    pass
+
+    def send(self, message: "Buffer") -> None:
+        """See :class:`uros.client.connection.Transport`. What is sent before there is a
+        connection goes out with it."""
+        if self._line is not None:
+            self._push()
+        size = len(message)
+        if self._from < self._to or size > self.mtu:
+            self.dropped += 1
+            return
+        self._out[0] = size & 0xFF
+        self._out[1] = size >> 8
+        self._out[2 : 2 + size] = message
+        self._from = 0
+        self._to = size + 2
+        if self._line is not None:
+            if self._until is None:
+                self._until = ticks_add(ticks_ms(), self._patience_ms)
+            self._push()
+
+    def receive(self, timeout_ms: int) -> "bytes | None":
+        """See :class:`uros.client.connection.Transport`."""
+        if self._messages:
+            return self._messages.pop(0)
+        end = ticks_add(ticks_ms(), timeout_ms)
+        chunks = 0
+        while True:
+            data = self._take() if self._line is not None or self._connected() else None
+            if data:
+                self._heard = True
+                self._until = None
+                self._messages = self._deframer.feed(data)
+                if self._messages:
+                    return self._messages.pop(0)
+                chunks += 1
+                if chunks < _CHUNKS:
+                    continue
+            now = ticks_ms()
+            if self._until is not None and ticks_diff(self._until, now) <= 0:
+                raise OSError(errno.ETIMEDOUT, "no answer from " + self._where())
+            left = ticks_diff(end, now)
+            if left <= 0:
+                return None
+            if not data:
+                self._poll.poll(left)
+
+    def _where(self) -> str:
+        return "%s, port %d" % (self._host, self._port)
+
+    def _connected(self) -> bool:
+        """Whether there is a connection by now."""
+        for _, events in self._poll.poll(0):
+            if events & (select.POLLERR | select.POLLHUP):
+                raise OSError(errno.ECONNREFUSED, "nobody answers at " + self._where())
+            self._line = self._begin(self._socket)
+            self._watch(self._line, select.POLLIN)
+        return self._line is not None
+
+    def _take(self) -> "bytes | None":
+        """Send what is not sent yet, and what has come; None: nothing."""
+        self._push()
+        data: "bytes | None" = self._read()
+        if data is not None and not data:
+            raise OSError(errno.ECONNRESET, "the connection was closed by " + self._where())
+        if not data:
+            events = select.POLLIN | (select.POLLOUT if self._writing else 0)
+            self._poll.modify(self._line, events)
+        return data
+
+    def _push(self) -> None:
+        self._writing = False
+        if self._from < self._to:
+            sent = self._write(memoryview(self._out)[self._from : self._to])
+            if sent is not None:
+                self._from += sent
+                self._writing = self._from < self._to
+
+    # --- what TLS does otherwise -------------------------------------------------------------
+
+    def _begin(self, sock: "Any") -> "Any":
+        """What speaks over the connection."""
+        return sock
+
+    def _read(self) -> "bytes | None":
+        """What has come; None: nothing, and b"": nothing ever."""
+        try:
+            data: bytes = self._line.recv(_CHUNK)
+            return data
+        except OSError as error:
+            if error.errno in _LATER:
+                return None
+            raise
+
+    def _write(self, data: "Buffer") -> "int | None":
+        """How much the network took; None: something must come before it takes more."""
+        try:
+            sent: int = self._line.send(data)
+            return sent
+        except OSError as error:
+            if error.errno in _LATER:
+                return 0
+            raise

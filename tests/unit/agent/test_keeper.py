@@ -1,0 +1,779 @@
+"""Sessions that outlive the agent: killed at any write, with clients that never start anew."""
+
+import os
+import struct
+from collections import deque
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.stubborn import StubbornClient
+from unit.agent import helpers
+from unit.agent.helpers import Desk
+
+from uros.agent import client as agent_client
+from uros.agent import keeper as module
+from uros.agent import state
+from uros.agent.admission import Admission
+from uros.agent.keeper import Keeper
+from uros.agent.session import Session
+from uros.agent.state import StateFile, open_state
+from uros.middleware.base import MiddlewareError
+from uros.middleware.memory import Bus, MemoryMiddleware, MemoryWriter
+from uros.qos import DurabilityPolicy, QoSProfile
+from uros.wire import data, ids
+
+TYPE = helpers.INT32
+
+
+class Killed(BaseException):
+    """Nobody catches a SIGKILL."""
+
+
+class World:
+    """A bus, somebody far away on it, and agents that come and go. ``deaths``: before which of
+    the calls that write or send the agent of the time ends."""
+
+    def __init__(self, path, deaths=(), monkeypatch=None):
+        self.path = str(path)
+        self.bus = Bus()
+        self.clock = 1000
+        self.deaths = deque(sorted(deaths))
+        self.calls = 0
+        self.killed = 0
+        self.clients = {}
+        self.far = MemoryMiddleware(self.bus)
+        self.node = self.far.create_node(0, "/", "far")
+        self.desk = None
+        self.start()
+
+    def start(self):
+        self.desk = LastingDesk(self)
+        return self.desk
+
+    def kill(self):
+        """As SIGKILL: nothing more is written, and the network hears of it."""
+        desk, self.desk = self.desk, None
+        self.killed += 1
+        self.clock = desk.clock
+        os.close(desk.keeper._file._fd)
+        desk.middleware.close()
+        return self
+
+    def restart(self):
+        return self.kill().start()
+
+    def step(self):
+        """Something is about to be written or sent."""
+        self.calls += 1
+        if self.deaths and self.calls >= self.deaths[0]:
+            self.deaths.popleft()
+            raise Killed
+
+    def send(self, peer, message):
+        try:
+            self.desk.hear(message, peer)
+        except Killed:
+            self.restart()
+            # What the one before had sent is on its way.
+
+    def wait(self, milliseconds):
+        try:
+            self.desk.wait(milliseconds)
+        except Killed:
+            self.restart()
+        self.clock = self.desk.clock
+
+    def close(self):
+        if self.desk is not None:
+            self.kill()
+        self.far.close()
+
+
+class LastingDesk(Desk):
+    """A desk whose agent keeps its sessions in a file."""
+
+    def __init__(self, world):
+        super().__init__(world.bus)
+        self.world = world
+        self.clock = world.clock
+        self.place.send = self.sent_to
+        file = open_state(world.path)
+        self.keeper = Keeper(file, self.agent.log)
+        for name in ("append", "write_slot", "rewrite"):
+            setattr(file, name, self.mortal(getattr(file, name)))
+        try:  # it may be killed while it starts
+            self.keeper.open(
+                SimpleNamespace(agent=self.agent, transports=[self.place], wake_at=self.wake_at)
+            )
+            self.settle()
+        except Killed:
+            os.close(file._fd)
+            self.middleware.close()
+            self.__init__(world)
+
+    def mortal(self, call):
+        def counted(*args):
+            self.world.step()
+            return call(*args)
+
+        return counted
+
+    def sent_to(self, peer, message):
+        self.world.step()
+        if peer in self.world.clients:
+            self.world.clients[peer].inbox.append(bytes(message))
+
+    def settle(self):
+        self.middleware.dispatch()
+        while self.agent.attended:
+            sessions = list(self.agent.attended)
+            self.agent.attended.clear()
+            self.keeper.keep(sessions, self.clock)
+            for session in sessions:
+                session.finish(self.clock)
+                self.agent.flush(session)
+        return []
+
+
+class Client(StubbornClient):
+    """A stubborn client in such a world."""
+
+    def __init__(self, world, key=0xA1, session_id=0x81):
+        self.world = world
+        self.peer = key
+        world.clients[key] = self
+        self.inbox = deque()
+        super().__init__(None, key, session_id)
+
+    def _connect(self, port):
+        pass
+
+    def _send(self, message):
+        self.world.send(self.peer, message)
+
+    def _receive(self, seconds):
+        if not self.inbox:
+            self.world.wait(20)
+        return self.inbox.popleft() if self.inbox else None
+
+    def _now(self):
+        return self.world.clock / 1000
+
+    def turns(self, count=30):
+        for _ in range(count):
+            self.turn(0.02)
+
+
+@pytest.fixture
+def world(tmp_path):
+    made = World(tmp_path / "state")
+    yield made
+    made.close()
+
+
+def far_reader(world, topic="rt/up"):
+    reader = world.node.create_reader(topic, TYPE, QoSProfile(depth=10_000), lambda: None)
+    return lambda: [struct.unpack_from("<I", it, 4)[0] for it in reader.take(10_000)]
+
+
+def publisher(world, topic="rt/up", key=0xA1, **more):
+    client = Client(world, key)
+    client.topic(topic, TYPE)
+    client.writer(**more)
+    return client
+
+
+def number(value, size=4):
+    return struct.pack("<I", value) + bytes(size - 4)
+
+
+def settled(client):
+    client.until(lambda: not client._out, "not everything is acknowledged")
+
+
+# --- what comes back ------------------------------------------------------------------------
+
+
+def test_a_client_goes_on_publishing(world):
+    heard = far_reader(world)
+    client = publisher(world)
+    for value in range(5):
+        client.write(0x15, number(value))
+    settled(client)
+    world.restart()
+    for value in range(5, 10):
+        client.write(0x15, number(value))
+    settled(client)
+    assert heard() == list(range(10))
+    assert "session restored" in world.desk.log()
+
+
+def test_a_client_that_sends_no_heartbeats_goes_on_too(world):
+    """Nor that the first question for what it holds is lost."""
+    heard = far_reader(world)
+    client = publisher(world)
+    client.shy = True
+    settled(client)
+    client._send = lambda message: None
+    for value in range(16):
+        client.write(0x15, number(value))
+    del client._send
+    world.restart()
+    client.inbox.clear()
+    settled(client)
+    assert heard() == list(range(16))
+
+
+def test_the_first_fragments_of_a_message_are_kept(world):
+    heard = far_reader(world)
+    client = publisher(world)
+    whole = StubbornClient.write
+    sent = []
+    client._send = sent.append
+    whole(client, 0x15, number(7, 1400))
+    del client._send
+    for message in sent[:2]:
+        world.send(client.peer, message)
+    client.until(lambda: client.acknowledged >= client.acknowledged, "")
+    client.turns(5)
+    assert len(client._out) == len(sent) - 2 > 0  # the first two are acknowledged, and freed
+    world.restart()
+    settled(client)
+    assert heard() == [7]
+
+
+def test_what_is_stalled_comes_again(world, monkeypatch):
+    heard = far_reader(world)
+    client = publisher(world)
+    with monkeypatch.context() as patch:
+        patch.setattr(MemoryWriter, "write", lambda self, cdr: False)
+        world.restart()  # endpoints keep what they call
+        client.write(0x15, number(1))
+        client.write(0x15, number(2, 1400))
+        client.turns(5)
+        world.wait(1500)
+        world.restart()
+        client.turns(5)
+        assert len(client._out) == 4 and heard() == []
+    world.restart()
+    settled(client)
+    assert heard() == [1, 2]
+
+
+def test_messages_to_a_client_are_sent_again_as_they_were(world):
+    client = Client(world)
+    client.topic("rt/down", TYPE)
+    client.reader()
+    client.turns()
+    writer = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=100))
+    for value in range(6):
+        writer.write(b"\0\1\0\0" + number(value, 1200 if value == 3 else 4))
+    # All but the last fragment of the large one are lost on their way.
+    world.desk.settle()
+    client.inbox = deque(it for it in client.inbox if len(it) < 480)
+    world.restart()
+    client.until(lambda: len(client.samples) == 6, "samples are missing")
+    assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(range(6))
+    writer.write(b"\0\1\0\0" + number(6))
+    client.until(lambda: len(client.samples) == 7, "it does not go on")
+
+
+def test_best_effort_streams_go_on_both_ways(world):
+    heard = far_reader(world)
+    client = publisher(world)
+    client.reader(ids.STREAM_BEST_EFFORT)
+    client.turns()
+    client.write_best_effort(0x15, number(0))
+    client.turns(5)
+    client._best_effort_out = 0x9000  # far beyond what a new stream would take for news
+    world.restart()
+    client.write_best_effort(0x15, number(1))
+    client.write_best_effort(0x15, number(2))
+    client.turns()
+    assert heard() == [0, 1, 2]
+    got = [struct.unpack_from("<I", it)[0] for it in client.samples]
+    assert got == [0, 1, 2]  # its own reader: numbers of the agent that it takes for news
+
+
+def test_what_was_deleted_stays_deleted(world):
+    client = publisher(world)
+    helpers_delete(client, 0x15)
+    world.restart()
+    (kept,) = world.desk.agent.clients.values()
+    assert sorted(kept.objects) == [0x11, 0x12, 0x13]
+    client.create(0x15, 0x13, helpers_endpoint, 0x12, ids.QOS_RELIABLE, 10)
+    heard = far_reader(world)
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+
+
+def helpers_delete(client, thing):
+    from uros.wire import session
+
+    client.request(ids.DELETE, session.push_request, thing)
+
+
+def helpers_endpoint(w, *values):
+    from uros.wire import entities
+
+    entities.push_binary_endpoint(w, *values)
+
+
+def test_a_client_that_said_goodbye_is_gone(world):
+    client = publisher(world)
+    world.desk.agent.delete_client(client.key)
+    world.restart()
+    assert not world.desk.agent.clients
+
+
+def test_a_client_that_starts_anew_does_so_with_its_numbers(world):
+    heard = far_reader(world)
+    client = publisher(world)
+    client.write(0x15, number(1))
+    settled(client)
+    again = Client(world)  # the same key, the same address; its objects stay
+    world.restart()
+    again.write(0x15, number(2))
+    settled(again)
+    assert heard() == [1, 2]
+
+
+def test_a_session_by_key_moves_and_goes_on_where_it_is(world):
+    heard = far_reader(world)
+    client = Client(world, session_id=0x01)
+    client.topic("rt/up", TYPE)
+    client.writer()
+    world.clients[0xA2] = client
+    world.desk.agent.take_over(client.key, world.desk.place, 0xA2, None)
+    world.restart()
+    assert world.desk.agent.place(client.key)[1] == 0xA2
+    client.peer = 0xA2
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+
+
+def test_read_data_of_some_samples_is_not_begun_anew(world):
+    client = Client(world)
+    client.topic("rt/down", TYPE)
+    client.reader()
+    from uros.wire import data
+
+    client.request(
+        ids.READ_DATA, data.push_read_data, 0x16, ids.STREAM_RELIABLE, 0, None, (5, 0, 0, 0),
+        wait=False,
+    )  # fmt: skip
+    client.turns()
+    writer = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=100))
+    for value in range(3):
+        writer.write(b"\0\1\0\0" + number(value))
+    client.turns()
+    world.restart()
+    for value in range(3, 9):
+        writer.write(b"\0\1\0\0" + number(value))
+    client.turns()
+    assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(range(5))
+    world.restart()
+    client.turns()
+    assert len(client.samples) == 5
+
+
+def test_replies_find_their_way_after_a_restart(world):
+    """A board that serves: the request came before, its answer goes out after."""
+    from uros.middleware.base import Service
+    from uros.qos import services_profile
+    from uros.wire import entities
+
+    client = Client(world)
+    client.create(0x11, 0, entities.push_binary_participant, "server", None)
+    client.create(
+        0x18, 0x11, entities.push_binary_service, "add", helpers.ADD_REQUEST, helpers.ADD_REPLY,
+        "rq/addRequest", "rr/addReply",
+    )  # fmt: skip
+    client.request(
+        ids.READ_DATA, data.push_read_data, 0x18, ids.STREAM_RELIABLE, 0, None, (0xFFFF, 0, 0, 0),
+        wait=False,
+    )  # fmt: skip
+    service = Service("rq/addRequest", helpers.ADD_REQUEST, "rr/addReply", helpers.ADD_REPLY)
+    client.turns()
+    asker = world.node.create_requester(service, services_profile(), lambda: None)
+    asked = asker.request(b"\0\1\0\0" + number(1))
+    client.until(lambda: client.samples, "no request")
+    world.restart()
+    client.write(0x18, client.samples[0][:24] + number(2))
+    settled(client)
+    assert asker.take(5) == [(asked, b"\0\1\0\0" + number(2))]
+
+
+# --- writers and their readers ----------------------------------------------------------------
+
+
+def test_a_restored_writer_waits_for_the_readers_it_had(world, monkeypatch):
+    heard = far_reader(world)
+    client = publisher(world)
+    world.wait(1500)  # readers are counted each second
+    matched = MemoryWriter.matched
+    monkeypatch.setattr(MemoryWriter, "matched", lambda self: 0)  # discovery takes its time
+    world.restart()
+    client.write(0x15, number(1))
+    client.turns()
+    assert heard() == [] and len(client._out) == 1  # stalled, not acknowledged
+    monkeypatch.setattr(MemoryWriter, "matched", matched)
+    settled(client)
+    assert heard() == [1]
+
+
+def test_readers_that_have_left_are_not_waited_for_longer_than_some_seconds(world, monkeypatch):
+    client = publisher(world)
+    reader = world.node.create_reader("rt/up", TYPE, QoSProfile(depth=10), lambda: None)
+    world.wait(1500)
+    reader.close()
+    now = 0.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    world.restart()
+    client.write(0x15, number(1))
+    client.turns()
+    assert client._out
+    now = module.HOLD_SECONDS + 0.1
+    settled(client)
+
+
+def test_the_last_sample_of_a_transient_local_writer_is_there_again(world):
+    qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
+    client = publisher(world, qos=qos, depth=1)
+    for value in range(3):
+        client.write(0x15, number(value))
+    client.write_best_effort(0x15, number(9))
+    settled(client)
+    world.restart()
+    profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert late.take(5) == [b"\0\1\0\0" + number(9)]
+
+
+# --- transports ----------------------------------------------------------------------------------
+
+
+def test_sessions_of_a_transport_that_is_not_there_wait_for_it(world, monkeypatch):
+    heard = far_reader(world)
+    client = publisher(world)
+    with monkeypatch.context() as patch:
+        patch.setattr(helpers.Place, "name", "OtherAgent")
+        world.restart()
+        assert not world.desk.agent.clients
+        assert "session kept asleep" in world.desk.log()
+        world.restart()
+    world.restart()
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+
+
+def test_but_not_for_ever(world, monkeypatch):
+    publisher(world)
+    now = 1e9
+    monkeypatch.setattr(module.time, "time", lambda: now)
+    with monkeypatch.context() as patch:
+        patch.setattr(helpers.Place, "name", "OtherAgent")
+        world.restart()
+        now += module.ASLEEP_SECONDS + 1
+        world.wait(11_000)
+        world.restart()
+        assert "asleep" not in world.desk.log()
+    world.restart()
+    assert not world.desk.agent.clients
+
+
+@pytest.mark.parametrize("why", ["connection", "address"])
+def test_what_ends_with_its_connection_is_not_kept(world, monkeypatch, why):
+    if why == "connection":
+        monkeypatch.setattr(helpers.Place, "lasting", False)
+    else:
+        monkeypatch.setattr(module, "can_be_kept", lambda peer: False)
+    publisher(world)
+    monkeypatch.undo()
+    world.restart()
+    assert not world.desk.agent.clients
+
+
+@pytest.mark.parametrize("by", ["key", "network"])
+def test_who_may_not_come_in_any_more_does_not_come_back(world, monkeypatch, by):
+    publisher(world)
+    if by == "key":
+        monkeypatch.setattr(Admission, "admits_key", lambda self, key: False)
+    else:
+        monkeypatch.setattr(helpers.Place, "host_of", lambda self, peer: "10.0.0.1")
+        monkeypatch.setattr(Admission, "admits_host", lambda self, host: host != "10.0.0.1")
+    world.restart()
+    assert not world.desk.agent.clients
+    assert "it may not come in any more" in world.desk.log()
+
+
+def test_a_client_that_comes_back_otherwise_ends_the_waiting(world, monkeypatch):
+    publisher(world)
+    with monkeypatch.context() as patch:
+        patch.setattr(helpers.Place, "name", "OtherAgent")
+        world.restart()
+        publisher(world)
+    world.restart()
+    assert not world.desk.agent.clients  # the old place's session is no longer its
+
+
+# --- the file fails -----------------------------------------------------------------------------
+
+
+def full(monkeypatch, *names):
+    """The disk takes nothing more; what gives it room again."""
+    room = monkeypatch.context()
+    patch = room.__enter__()
+    for name in names:
+        def fails(self, *args, **more):
+            self.error = "No space left on device"
+            return False
+
+        patch.setattr(StateFile, name, fails)
+    return lambda: room.__exit__(None, None, None)
+
+
+def revive(world):
+    """The desk of a world without its count of calls, whose methods tests replace."""
+    file = world.desk.keeper._file
+    for name in ("append", "write_slot", "rewrite"):
+        delattr(file, name)
+
+
+def test_a_full_disk_is_told_once_and_boards_are_served(world, monkeypatch):
+    heard = far_reader(world)
+    client = publisher(world)
+    revive(world)
+    give_room = full(monkeypatch, "append", "rewrite")
+    helpers_delete(client, 0x15)
+    client.create(0x15, 0x13, helpers_endpoint, 0x12, ids.QOS_RELIABLE, 10)
+    world.wait(25_000)
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+    assert world.desk.log().count("state not kept") == 1
+    assert "make room" in world.desk.log()
+    give_room()
+    world.wait(10_000)
+    assert "state kept again" in world.desk.log()
+    world.restart()
+    client.write(0x15, number(2))
+    settled(client)
+    assert heard() == [2]
+
+
+def test_killed_while_the_disk_is_full_a_client_is_left_out_and_not_harmed(world, monkeypatch):
+    client = publisher(world)
+    other = Client(world, 0xA2)
+    other.topic("rt/other", TYPE)
+    settled(other)
+    revive(world)
+    give_room = full(monkeypatch, "append", "rewrite")
+    helpers_delete(client, 0x15)  # told to it, but not in the journal
+    give_room()
+    world.restart()
+    assert list(world.desk.agent.clients) == [0xA2]
+    assert "client 0x000000A1 is left out: record" in world.desk.log()
+
+
+def test_where_not_even_slots_can_be_written_nothing_old_is_left(world, monkeypatch):
+    client = publisher(world)
+    revive(world)
+    give_room = full(monkeypatch, "append", "write_slot", "rewrite")
+    client.write(0x15, number(1))
+    settled(client)
+    give_room()
+    world.restart()
+    assert not world.desk.agent.clients
+    assert "damaged" not in world.desk.log()
+
+
+@pytest.mark.parametrize("how", ["deleted", "truncated", "another"])
+def test_a_file_that_is_taken_away_is_written_anew(world, tmp_path, how):
+    heard = far_reader(world)
+    client = publisher(world)
+    if how == "deleted":
+        os.unlink(world.path)
+    elif how == "truncated":
+        os.truncate(world.path, 5000)
+    else:
+        (tmp_path / "other").write_text("")
+        os.replace(tmp_path / "other", world.path)
+    world.wait(11_000)
+    assert "it is written anew" in world.desk.log()
+    world.restart()
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+
+
+def test_a_damaged_file_is_kept_aside_and_the_others_come_back(world):
+    heard = far_reader(world)
+    client = publisher(world)
+    other = Client(world, 0xA2)
+    other.topic("rt/other", TYPE)
+    settled(other)
+    world.kill()
+    whole = bytearray((path := Path(world.path)).read_bytes())
+    whole[whole.index(b"rt/other")] ^= 1
+    path.write_bytes(whole)
+    world.start()
+    assert list(world.desk.agent.clients) == [0xA1]
+    assert "client 0x000000A2 is left out: record" in world.desk.log()
+    assert Path(world.path + ".damaged").read_bytes() == whole
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+
+
+def test_after_a_crash_of_the_machine_boards_start_anew(world, monkeypatch):
+    publisher(world)
+    world.kill()
+    monkeypatch.setattr(state, "_boot_id", lambda: "another")
+    world.start()
+    assert not world.desk.agent.clients
+    assert "switched off without the agent being stopped" in world.desk.log()
+
+
+def test_an_object_that_cannot_be_made_again_is_left_out(world, monkeypatch):
+    heard = far_reader(world)
+    client = publisher(world)
+    client.create(0x22, 0x11, helpers_topic, "rt/other", TYPE)
+    recreate = agent_client.Client.recreate
+
+    def refuse(self, object_id, *what):
+        if object_id == 0x22:
+            raise MiddlewareError("out of topics")
+        recreate(self, object_id, *what)
+
+    monkeypatch.setattr(agent_client.Client, "recreate", refuse)
+    world.restart()
+    assert "object_id: 0x0022, out of topics" in world.desk.log()
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+
+
+def test_a_client_that_cannot_be_made_again_harms_nobody(world, monkeypatch):
+    publisher(world)
+    client = publisher(world, key=0xA2)
+    heard = far_reader(world)
+
+    resume = Session.resume
+
+    def fails(self, *what):
+        if self.key == 0xA1:
+            raise RuntimeError("whatever it is")
+        resume(self, *what)
+
+    monkeypatch.setattr(Session, "resume", fails)
+    world.restart()
+    monkeypatch.undo()
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+    assert list(world.desk.agent.clients) == [0xA2]
+    assert "whatever it is" in world.desk.log()
+
+
+def test_the_journal_is_compacted(world, monkeypatch):
+    monkeypatch.setattr(module, "JOURNAL_SIZE", 5000)
+    world.restart()
+    client = Client(world)
+    client.topic("rt/down", TYPE)
+    client.reader()
+    client.turns()
+    writer = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=100))
+    sizes = []
+    for value in range(300):
+        writer.write(b"\0\1\0\0" + number(value, 200))
+        client.turns(2)
+        sizes.append(world.desk.keeper._file.journal_size)
+    assert max(sizes) < 12_000
+    world.restart()
+    client.until(lambda: len(client.samples) == 300, "some are missing")
+
+
+# --- killed at any moment -------------------------------------------------------------------------
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    steps=st.lists(st.integers(0, 5), min_size=5, max_size=30),
+    deaths=st.lists(st.integers(1, 400), max_size=6, unique=True),
+)
+def test_killed_between_any_two_writes(tmp_path_factory, steps, deaths):
+    """Whatever the moment, nothing acknowledged is missing, and numbers are never behind."""
+    world = World(tmp_path_factory.mktemp("world") / "state")
+    try:
+        heard = far_reader(world)
+        client = Client(world)
+        client.topic("rt/up", TYPE)
+        client.writer(depth=1000)
+        client.create(0x22, 0x11, helpers_topic, "rt/down", TYPE)
+        client.create(0x14, 0x11, helpers_group, None, None)
+        client.create(0x16, 0x14, helpers_reader, 0x22, ids.QOS_RELIABLE, 100)
+        client.request(
+            ids.READ_DATA, data.push_read_data, 0x16, ids.STREAM_RELIABLE, 0, None,
+            (0xFFFF, 0, 0, 0), wait=False,
+        )  # fmt: skip
+        settled(client)
+        down = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=1000))
+        world.calls = 0
+        world.deaths = deque(sorted(deaths))
+        written, told = [], 0
+        for step in [*steps, 5]:
+            if step == 0 and client.room > 1:
+                written.append(client.write(0x15, number(len(written))))
+            elif step == 1 and client.room > 4:
+                written.append(client.write(0x15, number(len(written), 1400)))
+            elif step == 2:
+                down.write(b"\0\1\0\0" + number(told))
+                told += 1
+            elif step == 3:
+                down.write(b"\0\1\0\0" + number(told, 1400))
+                told += 1
+            elif step == 4:
+                world.restart()
+            elif step == 5:
+                client.turns(10)
+        world.deaths.clear()
+        settled(client)
+        got = heard()
+        assert sorted(set(got)) == list(range(len(written)))
+        before = len(client.samples)
+        client.turns()
+        down.write(b"\0\1\0\0" + number(told))
+        client.until(lambda: client.samples and last(client) == told, "the way down is blocked")
+        came = [struct.unpack_from("<I", it)[0] for it in client.samples]
+        assert came == sorted(set(came)), (before, came)
+    finally:
+        world.close()
+
+
+def last(client):
+    return struct.unpack_from("<I", client.samples[-1])[0]
+
+
+def helpers_topic(w, *values):
+    from uros.wire import entities
+
+    entities.push_binary_topic(w, *values)
+
+
+def helpers_group(w, *values):
+    from uros.wire import entities
+
+    entities.push_binary_group(w, *values)
+
+
+def helpers_reader(w, *values):
+    from uros.wire import entities
+
+    entities.push_binary_endpoint(w, *values, reader=True)

@@ -1,0 +1,301 @@
+"""--metrics: what Prometheus gets, and that no asker hurts the agent."""
+
+import json
+import socket
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+
+import pytest
+from prometheus_client import CollectorRegistry
+from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
+from prometheus_client.parser import text_string_to_metric_families
+from support.agent import RunningAgent, serving
+from support.client import XrceClient
+from support.lines import SECONDS
+from unit.transport.test_process import agent as process
+
+from uros.agent import metrics as module
+from uros.agent.metrics import Metrics, families
+from uros.agent.snapshot import pieces
+from uros.transport.base import TransportError
+from uros.wire import ids
+
+TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
+
+
+@contextmanager
+def measured(transport="udp", host="127.0.0.1"):
+    running = RunningAgent(transport, "memory", 0, 4)
+    running.metrics = Metrics(host, 0)
+    running.server.attachments.append(running.metrics)
+    with serving(running):
+        yield running
+
+
+def get(running, path="/metrics", **headers):
+    host = running.metrics.host
+    where = f"[{host}]" if ":" in host else host
+    request = urllib.request.Request(
+        f"http://{where}:{running.metrics.port}{path}", headers=headers
+    )
+    with urllib.request.urlopen(request, timeout=SECONDS) as answer:
+        return answer.read().decode(), answer.headers["Content-Type"]
+
+
+def status(running, path="/metrics"):
+    """The status of an answer that is an error, and what it says."""
+    with pytest.raises(urllib.error.HTTPError) as caught:
+        get(running, path)
+    with caught.value as error:
+        return error.code, error.read().decode()
+
+
+def samples(text, parse=text_string_to_metric_families):
+    """(name, labels without their order) → value."""
+    return {
+        (it.name, *sorted(it.labels.items())): it.value
+        for family in parse(text)
+        for it in family.samples
+    }
+
+
+def value(found, name, **labels):
+    return found[(name, *sorted(labels.items()))]
+
+
+def board(running, key=0x77, writes=3):
+    client = XrceClient(running.line(), key)
+    assert client.open() == ids.STATUS_OK
+    writer = client.writer("talker", "rt/numbers", TYPE)
+    for _ in range(writes):
+        client.write(writer, b"\0" * 8)
+    assert client.ping() == 1
+    return client
+
+
+# --- what is told --------------------------------------------------------------------------
+
+
+def test_a_scrape_has_what_the_snapshot_has():
+    with measured() as running:
+        board(running)
+        text, form = get(running)
+        assert form.startswith("text/plain")
+        found = samples(text)
+        seen = running.snapshot()
+        key = "0x00000077"
+        (client,) = seen["clients"]
+        for name, part, field in (
+            ("received_messages_total", "received", "messages"),
+            ("received_bytes_total", "received", "bytes"),
+            ("lost_messages_total", "received", "lost"),
+            ("sent_messages_total", "sent", "messages"),
+            ("resent_messages_total", "sent", "resent"),
+            ("dropped_messages_total", "sent", "dropped"),
+            ("stalled_messages", "queues", "stalled"),
+        ):
+            assert value(found, f"uros_client_{name}", key=key) == client[part][field], name
+        assert value(found, "uros_clients") == 1 and value(found, "uros_refused_clients") == 0
+        assert value(
+            found, "uros_client_info", key=key, transport="UDPv4Agent",
+            address=client["address"], node="/talker",
+        ) == 1  # fmt: skip
+        where = {"transport": "UDPv4Agent", "where": f"port {running.transport.port}"}
+        messages = value(found, "uros_transport_received_messages_total", **where)
+        assert messages == seen["transports"][0]["messages"] > 5
+        assert value(found, "process_resident_memory_bytes") > 1_000_000
+        assert value(found, "process_open_fds") > 2
+        assert value(found, "process_cpu_seconds_total") > 0
+        assert value(found, "uros_agent_uptime_seconds") > 0
+        assert get(running, "/")[0].splitlines()[0] == text.splitlines()[0]
+
+
+def test_the_newer_format_where_it_is_asked_for():
+    with measured("serial") as running:
+        board(running, 0x10)
+        text, form = get(running, Accept="application/openmetrics-text; version=1.0.0")
+        assert form.startswith("application/openmetrics-text")
+        found = samples(text, openmetrics)
+        where = {"transport": "SerialAgent", "where": running.transport.device}
+        assert value(found, "uros_transport_frames_total", **where) > 5
+        assert value(found, "uros_transport_crc_errors_total", **where) == 0
+
+
+def test_names_are_prometheus_and_texts_of_boards_cannot_break_the_page():
+    evil = 'a"} 1\nuros_clients 99\n\\ \ud800é'
+    with measured() as running:
+        board(running)
+        text = "".join(pieces(running.server))
+    snapshot = json.loads(text)
+    snapshot["clients"][0]["nodes"] = [{"name": evil, "domain": 0}]
+    snapshot["clients"][0]["address"] = evil
+    snapshot["transports"][0]["label"] = evil
+    page, _ = module._page(snapshot, "")
+    found = samples(page.decode("utf-8"))
+    assert value(found, "uros_clients") == 1
+    assert any(dict(it[1:]).get("node") == evil.replace("\ud800", "?") for it in found)
+    for family in families(snapshot):
+        assert family.documentation and family.name.startswith("uros_")
+
+
+def test_boards_beyond_a_number_are_one_series(monkeypatch):
+    monkeypatch.setattr(module, "MAX_SERIES", 2)
+    with measured() as running:
+        for key in (1, 2, 3, 4):
+            board(running, key, writes=key)
+        found = samples(get(running)[0])
+        seen = running.snapshot()
+    name = "uros_client_received_messages_total"
+    keys = [dict(it[1:])["key"] for it in found if it[0] == name]
+    assert keys == ["0x00000001", "0x00000002", "other"]
+    rest = sum(it["received"]["messages"] for it in seen["clients"][2:])
+    assert value(found, name, key="other") == rest
+    assert value(found, "uros_clients") == 4
+
+
+# --- askers that are slow, mad or many ------------------------------------------------------
+
+
+def test_other_paths_and_methods():
+    with measured() as running:
+        assert status(running, "/secret")[0] == 404
+        with socket.create_connection(("127.0.0.1", running.metrics.port)) as sock:
+            sock.settimeout(SECONDS)
+            sock.sendall(b"DELETE /metrics HTTP/1.0\r\n\r\n")
+            assert b" 501 " in sock.recv(100)
+        for junk in (b"\0" * 1000, b"GET\r\n\r\n", b"\xff" * 70_000, b"GET / HTTP/9.9\r\n\r\n"):
+            with socket.create_connection(("127.0.0.1", running.metrics.port)) as sock:
+                try:
+                    sock.sendall(junk)
+                except ConnectionError:
+                    pass
+        board(running)
+        get(running)
+        assert "internal error" not in running.said.getvalue()
+
+
+def test_an_agent_that_hangs_is_503_and_then_well_again(monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE", 0.1)
+    with measured() as running:
+        go_on, hangs = threading.Event(), threading.Event()
+
+        def hang():
+            hangs.set()
+            go_on.wait(SECONDS)
+
+        running.server.soon(hang)
+        assert hangs.wait(SECONDS)
+        code, said = status(running)
+        assert code == 503 and "the agent is busy" in said
+        go_on.set()
+        monkeypatch.setattr(module, "PATIENCE", SECONDS)
+        assert "uros_clients 0.0" in get(running)[0]
+
+
+def ended(sock):
+    """Whether it is cut off; one byte more of a request goes out before."""
+    try:
+        sock.sendall(b"x")
+        return not sock.recv(100)
+    except TimeoutError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def test_scrapes_at_a_time_are_bounded_and_slow_ones_cut_off(monkeypatch):
+    monkeypatch.setattr(module, "MAX_SECONDS", 0.5)
+    with measured() as running:
+        held = []
+        for _ in range(module.MAX_SCRAPES):
+            held.append(socket.create_connection(("127.0.0.1", running.metrics.port)))
+            held[-1].settimeout(SECONDS)
+            held[-1].sendall(b"GET /met")  # and nothing more
+        deadline = time.monotonic() + SECONDS
+        while len(running.metrics._http._since) < module.MAX_SCRAPES:
+            assert time.monotonic() < deadline
+            time.sleep(0.002)  # a poll with a deadline
+        assert status(running)[0] == 503
+        assert board(running).ping() == 1
+        for sock in held:
+            sock.settimeout(0.02)
+            while not ended(sock):  # a byte now and then does not help it
+                assert time.monotonic() < deadline
+            sock.close()
+        while True:  # their places are free in a moment
+            try:
+                assert "uros_clients 1.0" in get(running)[0]
+                return
+            except urllib.error.HTTPError as error:
+                error.close()
+                assert time.monotonic() < deadline + SECONDS
+
+
+def test_a_fault_of_ours_in_a_scrape_is_told(monkeypatch):
+    with measured() as running:
+        monkeypatch.setattr(module, "_page", lambda *_: 1 / 0)
+        with pytest.raises(OSError):
+            get(running)
+        deadline = time.monotonic() + SECONDS
+        while "internal error" not in running.said.getvalue():
+            assert time.monotonic() < deadline
+            time.sleep(0.002)  # a poll with a deadline
+        assert "ZeroDivisionError" in running.said.getvalue()
+        running.said.truncate(0)  # serving() finds no fault then
+
+
+# --- opening it -------------------------------------------------------------------------------
+
+
+def test_an_address_of_ipv6():
+    with measured(host="::1") as running:
+        assert "uros_clients 0.0" in get(running)[0]
+
+
+def test_the_agent_tells_its_port_and_a_second_on_it_says_what_to_do():
+    with process("udp4", "-p", 0, "-m", "memory", "--metrics", 0) as first:
+        port = int(first.until(r"Metrics .*port: (\d+), http://127\.0\.0\.1:\d+/metrics")[1])
+        url = f"http://127.0.0.1:{port}/metrics"
+        with urllib.request.urlopen(url, timeout=SECONDS) as answer:
+            assert b"uros_clients 0.0" in answer.read()
+        with process("udp4", "-p", 0, "-m", "memory", "--metrics", port) as second:
+            second.until(
+                f"uros: --metrics: TCP port {port} is in use, perhaps by another agent: choose"
+                " another, or 0 for any that is free"
+            )
+            while second.read():
+                pass
+            assert second.popen.wait(SECONDS) == 1
+        assert first.end() == 0
+
+
+@pytest.mark.parametrize(
+    "host, why",
+    [("192.0.2.1", "this machine has no address"), ("no.such.host.invalid", "there is no host")],
+)
+def test_an_address_that_cannot_be(host, why):
+    metrics = Metrics(host, 0)
+    with pytest.raises(TransportError, match=why):
+        metrics.open(None)
+    metrics.close()
+
+
+def test_without_the_library_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "prometheus_client", None)
+    with pytest.raises(TransportError, match=r"pip install 'uros\[metrics\]'"):
+        Metrics("127.0.0.1", 0).open(None)
+
+
+def test_nothing_is_left_in_the_library_s_own_registry():
+    """Who uses the agent in a program of his own may have metrics of his own."""
+    with measured() as running:
+        get(running)
+        get(running)
+    from prometheus_client import REGISTRY
+
+    assert isinstance(REGISTRY, CollectorRegistry)
+    assert not any(it.startswith("uros_") for it in REGISTRY._names_to_collectors)

@@ -1,0 +1,188 @@
+"""The files of an agent's TLS: whatever is wrong with one is named, with the remedy."""
+
+import datetime
+import os
+import ssl
+import subprocess
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.certificates import Authority
+
+from uros.transport import certificates as module
+from uros.transport.base import TransportError
+from uros.transport.certificates import Certificates
+
+
+@pytest.fixture(scope="module")
+def authority(tmp_path_factory):
+    return Authority(tmp_path_factory.mktemp("ca"))
+
+
+@pytest.fixture
+def files(authority, tmp_path):
+    """(certificate, key), which a test may spoil."""
+    there = []
+    for path, name in zip(authority.agent(), ("agent.pem", "agent.key"), strict=True):
+        (tmp_path / name).write_bytes(Path(path).read_bytes())
+        there.append(tmp_path / name)
+    return there
+
+
+def refused(cert, key, ca=None):
+    with pytest.raises(TransportError) as caught:
+        Certificates(str(cert), str(key), ca and str(ca))
+    return caught.value.strerror
+
+
+def test_sound_files(files, authority):
+    for ca in (None, authority.ca):
+        made = Certificates(str(files[0]), str(files[1]), ca)
+        context = made.context()
+        assert made.doubt() == ""
+        assert context.minimum_version == ssl.TLSVersion.TLSv1_2
+        assert context.verify_mode == (ssl.CERT_NONE if ca is None else ssl.CERT_REQUIRED)
+
+
+@pytest.mark.parametrize("option", ["--tls-cert", "--tls-key", "--tls-ca"])
+def test_a_file_that_is_not_there_or_no_file(files, tmp_path, option):
+    given = {"--tls-cert": files[0], "--tls-key": files[1], "--tls-ca": files[0]}
+    for path, why in (
+        (tmp_path / "none", "No such file or directory: mend the name"),
+        (tmp_path, "Is a directory"),
+        ("a\0b", "null"),
+    ):
+        said = refused(*{**given, option: path}.values())
+        assert said.startswith(f"{option} {path} cannot be read: ") and why in said
+
+
+def test_a_file_that_one_may_not_read(files, monkeypatch):
+    """As root, everything can be read."""
+    real = open
+
+    def denied(path, *rest):
+        if str(path) == str(files[1]):
+            raise PermissionError(13, "Permission denied")
+        return real(path, *rest)
+
+    monkeypatch.setattr(module, "open", denied, raising=False)
+    assert "--tls-key" in refused(*files) and "let the agent's user read it" in refused(*files)
+
+
+def test_an_endless_file(files):
+    assert "is over 1048576 bytes" in refused("/dev/zero", files[1])
+
+
+@pytest.mark.parametrize("text", [b"", b"hello", b"\xff\xfe\x80", b"0\x82\x01\x0a\x02"])
+def test_what_is_no_certificate_or_key(files, tmp_path, text):
+    other = tmp_path / "other"
+    other.write_bytes(text)
+    assert f"--tls-cert {other} holds no sound certificate" in refused(other, files[1])
+    assert "openssl x509 -inform DER" in refused(other, files[1])
+    assert f"--tls-key {other} holds no private key" in refused(files[0], other)
+    assert f"--tls-ca {other} holds no sound certificate" in refused(*files, other)
+
+
+def test_a_certificate_in_the_place_of_the_key_and_the_other_way_round(files):
+    cert, key = files
+    assert f"--tls-key {cert} holds no private key" in refused(cert, cert)
+    assert f"--tls-cert {key} holds no sound certificate" in refused(key, key)
+    assert f"--tls-ca {key} holds no sound certificate" in refused(cert, key, key)
+
+
+def test_spoilt_ones(files):
+    cert, key = files
+    for path, said in ((cert, "holds no sound certificate"), (key, "holds a key that cannot")):
+        text = path.read_text()
+        lines = text.splitlines()
+        path.write_text("\n".join([lines[0], "A" * 64, *lines[2:]]))
+        assert said in refused(cert, key)
+        path.write_text(text)
+
+
+def test_words_around_a_certificate_do_no_harm(files):
+    cert, key = files
+    cert.write_bytes("Issuer: Müller\n".encode() + cert.read_bytes())
+    made = Certificates(str(cert), str(key), str(cert))
+    assert made.doubt() == ""
+
+
+def test_a_key_of_another_certificate(authority, files):
+    other = authority.issue("other")[1]
+    assert f"--tls-key {other} does not belong to the certificate {files[0]}" in refused(
+        files[0], other
+    )
+
+
+@pytest.mark.parametrize("form", [["pkcs8", "-topk8", "-v2", "aes256"], ["ec", "-aes256"]])
+def test_an_encrypted_key_is_refused_and_nobody_asked(files, tmp_path, form):
+    locked = tmp_path / "locked.key"
+    subprocess.run(
+        ["openssl", *form, "-in", files[1], "-out", locked, "-passout", "pass:secret"],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    assert "is encrypted" in refused(files[0], locked)
+    assert f"openssl pkey -in {locked} -out NEW" in refused(files[0], locked)
+
+
+def test_a_key_that_is_too_short(tmp_path):
+    cert, key = tmp_path / "c.pem", tmp_path / "k.pem"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:1024", "-nodes", "-subj", "/CN=old",
+         "-out", cert, "-keyout", key], check=True, capture_output=True,
+    )  # fmt: skip
+    said = refused(cert, key)
+    assert "is too weak (ee key too small): make a new one" in said
+
+
+def test_doubts_about_dates(authority, tmp_path):
+    day = datetime.timedelta(days=1)
+    now = datetime.datetime.now(datetime.timezone.utc)
+    old = Authority(tmp_path).agent(not_after=now - day)
+    assert Certificates(*old).doubt() == "certificate has expired"
+    early = Authority(tmp_path).agent(not_before=now + day)
+    assert Certificates(*early).doubt() == "certificate is not yet valid"
+
+
+def test_files_that_change(authority, files):
+    cert, key = files
+    made = Certificates(str(cert), str(key))
+    first = made.context()
+    assert made.context() is first
+    cert.write_text("half a certifi")
+    with pytest.raises(TransportError):
+        made.context()
+    assert made.context() is first  # told once, and it goes on
+    for path, other in zip(files, authority.issue("new"), strict=True):
+        path.write_bytes(Path(other).read_bytes())
+    assert made.context() is not first
+    os.unlink(cert)
+    with pytest.raises(TransportError):
+        made.context()
+    assert made.context() is made.context()
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_whatever_a_file_holds_it_is_used_or_refused(files, data):
+    pieces = st.sampled_from(
+        [b"-----BEGIN CERTIFICATE-----\n", b"-----END CERTIFICATE-----\n",
+         b"-----BEGIN PRIVATE KEY-----\n", b"-----END PRIVATE KEY-----\n",
+         b"-----BEGIN ENCRYPTED PRIVATE KEY-----\n", b"Proc-Type: 4,ENCRYPTED\n\n",
+         *(it.read_bytes() for it in files)],
+    )  # fmt: skip
+    made = st.lists(st.one_of(pieces, st.binary(max_size=40)), max_size=6).map(b"".join)
+    paths = []
+    for number, it in enumerate(files):
+        path = it.with_suffix(f".{number}")
+        path.write_bytes(data.draw(st.one_of(st.just(it.read_bytes()), made)))
+        paths.append(str(path))
+    ca = data.draw(st.sampled_from([None, paths[0], paths[1]]))
+    try:
+        made = Certificates(*paths, ca)
+    except TransportError as error:
+        assert error.strerror.startswith("--tls-")
+    else:
+        made.doubt()
