@@ -9,6 +9,14 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
+from . import (
+    agent_admission,
+    agent_capture,
+    agent_inspection,
+    agent_limits,
+    agent_state,
+    agent_status,
+)
 from .agent_transports import (
     DEFAULT_DISCOVERY_PORT,
     TRANSPORTS,
@@ -48,6 +56,11 @@ _COMMON: Final[dict[str, Any]] = {
     "discovery": None,
     "p2p": None,
     "stop_at_eof": False,
+    **agent_inspection.DEFAULTS,
+    **agent_admission.DEFAULTS,
+    **agent_capture.DEFAULTS,
+    **agent_limits.DEFAULTS,
+    **agent_state.DEFAULTS,
 }
 _EPILOG: Final = """\
 'uros agent TRANSPORT --help' tells more. One agent may serve several transports:
@@ -55,6 +68,8 @@ _EPILOG: Final = """\
   uros agent udp4 --port 8888
   uros agent serial --dev /dev/ttyACM0 --baudrate 921600
   uros agent udp4 --port 8888 tcp4 --port 8888 serial --dev /dev/ttyUSB0 -v 5
+
+'uros agent status' shows how a running agent is.
 """
 
 
@@ -73,6 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="another transport with its options",
         )  # fmt: skip
         more.required = False
+    agent_status.add_parser(transports)
     parser.set_defaults(parse_more=parser.parse_args)
 
 
@@ -129,6 +145,11 @@ def _common_options() -> argparse.ArgumentParser:
         "--control", metavar="FILE", action="append",
         help="TOML file of rules for single boards; may be repeated (docs/agent.md)",
     )  # fmt: skip
+    agent_admission.add_options(common)
+    agent_limits.add_options(common)
+    agent_state.add_options(common)
+    agent_capture.add_options(common)
+    agent_inspection.add_options(common)
     return common
 
 
@@ -144,6 +165,8 @@ def run(args: argparse.Namespace) -> int:
     from ..agent.profiles import ProfileError
     from ..transport.base import TransportError
 
+    if args.transport == agent_status.NAME:
+        return agent_status.run(args)
     parts = _parts(args)
     try:
         return _serve(_common(parts), parts)
@@ -159,6 +182,8 @@ def _parts(args: argparse.Namespace) -> list[argparse.Namespace]:
     parts = [args]
     while parts[-1].more:
         parts.append(parse(parts[-1].more))
+        if parts[-1].transport == agent_status.NAME:
+            raise ToolError("status is no transport: ask a running agent by 'uros agent status'")
     return parts
 
 
@@ -179,20 +204,27 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     from ..agent.log import INFO, WARNING, Log
     from ..agent.profiles import References
     from ..agent.server import Server
+    from ..agent.watchdog import Watchdog
     from ..middleware import open_middleware
 
     references = References()
     for file in options.refs:
         references.load(file)
     control = _control(options)
+    admission = agent_admission.make_admission(options, control)
     transports = [it for part in parts for it in make(part)]
     if options.discovery is not None:
         transports.append(make_discovery(options.discovery, transports))
     domain_of_agent = _domain_of_agent()
     middleware = open_middleware(_MIDDLEWARES[options.middleware])
     log = Log(options.verbose)
-    agent = Agent(middleware, log, references, domain_of_agent, options.domain, control)
+    agent = Agent(
+        middleware, log, references, domain_of_agent, options.domain, control, admission,
+        options.dead_time, agent_limits.limits(options),
+    )  # fmt: skip
     server = Server(agent, transports)
+    _stop_on_signals(server)  # before anything is said: who reads it may want us to end
+    watchdog = Watchdog(server, log)
     log(INFO, "Root", "set_verbose_level", "logger setup", f"verbose_level: {options.verbose}")
     if options.p2p is not None:
         log(WARNING, "Root", "main", "option ignored", "--p2p is not supported")
@@ -200,13 +232,21 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
         log(INFO, "Root", "main", "domain overridden", f"domain_id: {options.domain}")
     elif domain_of_agent:
         log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain_of_agent} (for 255)")
-    _stop_on_signals(server)
+    capture = agent_capture.open_capture(options, agent)
+    keeper = agent_state.make_keeper(options, log)
+    if keeper is not None:
+        server.attachments.append(keeper)
+    agent_inspection.attach(options, server)
     if options.stop_at_eof:
         threading.Thread(target=_stop_at_eof, args=(server,), daemon=True).start()
+    watchdog.start()
     try:
         server.run()
         log(INFO, "Server", "stop", "server stopped")
     finally:
+        watchdog.stop()
+        if capture is not None:
+            capture.close()
         log.close()
     return 0
 

@@ -22,6 +22,11 @@ TRANSPORTS: Final = {
 }
 DEFAULT_PORT: Final = 8888
 DEFAULT_DISCOVERY_PORT: Final = 7400
+_TLS: Final = {
+    "--tls-cert": "speak TLS: the agent's certificate, PEM, and below it those that lead to its CA",
+    "--tls-key": "private key of the certificate, PEM, not encrypted",
+    "--tls-ca": "only clients with a certificate that this CA has signed, PEM (docs/security.md)",
+}
 _BY_PORT: Final = ("udp4", "udp6", "tcp4", "tcp6")
 
 
@@ -38,6 +43,9 @@ def add_transport(name: str, parser: argparse.ArgumentParser) -> None:
             "-p", "--port", type=port, default=DEFAULT_PORT, metavar="N",
             help=f"port to listen on (default {DEFAULT_PORT}; 0: any that is free)",
         )  # fmt: skip
+        if name.startswith("tcp"):
+            for option, help_text in _TLS.items():
+                parser.add_argument(option, metavar="FILE", help=help_text)
         return
     if name == "canfd":
         parser.add_argument("-D", "--dev", metavar="NAME", required=True, help="such as can0")
@@ -119,6 +127,11 @@ def _udp(args: argparse.Namespace) -> list[ServerTransport]:
 
 
 def _tcp(args: argparse.Namespace) -> list[ServerTransport]:
+    if args.tls_cert is not None or args.tls_key is not None or args.tls_ca is not None:
+        from ..transport.tls import tls_server
+
+        where = _anywhere(args.transport)
+        return [tls_server(args.port, where, args.tls_cert, args.tls_key, args.tls_ca)]
     from ..transport.tcp import TcpServer
 
     return [TcpServer(args.port, _anywhere(args.transport))]

@@ -53,6 +53,8 @@ _ROOT: Final = Group(
                 "info": Verb("show what a node publishes, subscribes to and serves", "node_info"),
             },
         ),
+        "trace": Verb("show what boards and agent say to each other", "trace"),
+        "replay": Verb("play a capture's boards to an agent, compare its answers", "replay"),
         "board": Group(
             "run virtual boards, build programs for real ones",
             {
@@ -61,6 +63,7 @@ _ROOT: Final = Group(
                 "build": Verb("write the files that a board's program needs", "board_build"),
             },
         ),
+        "doctor": Verb("find out why boards and ROS 2 do not meet", "doctor"),
     },
 )
 

@@ -1,0 +1,44 @@
+"""The options of ``uros agent`` about captures."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any, Final
+
+from .common import positive_int
+from .errors import ToolError
+
+if TYPE_CHECKING:
+    from ..agent.agent import Agent
+    from ..agent.capture import Capture
+
+DEFAULT_SIZE: Final = 100
+DEFAULTS: Final[dict[str, Any]] = {"capture": None, "capture_size": DEFAULT_SIZE}
+
+
+def add_options(common: argparse.ArgumentParser) -> None:
+    group = common.add_argument_group(
+        "what boards say", "A capture is read by 'uros trace', and by Wireshark."
+    )
+    group.add_argument(
+        "--capture", metavar="FILE",
+        help="write every message both ways to FILE: as pcapng where it ends with .pcapng,"
+        " else as text",
+    )  # fmt: skip
+    group.add_argument(
+        "--capture-size", type=positive_int, metavar="MB",
+        help="when FILE is so large, it becomes FILE.1 and a new one is begun"
+        f" (default {DEFAULT_SIZE})",
+    )  # fmt: skip
+
+
+def open_capture(options: argparse.Namespace, agent: Agent) -> Capture | None:
+    """What ``--capture`` asks for, listening to the agent. Raises ToolError."""
+    if options.capture is None:
+        return None
+    from ..agent.capture import Capture, CaptureError
+
+    try:
+        return Capture(options.capture, options.capture_size * 1_000_000, agent.log, agent.taps)
+    except CaptureError as error:
+        raise ToolError(str(error)) from error

@@ -1,0 +1,37 @@
+"""``uros agent --state``: the option, and what is made of it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any, Final
+
+from .errors import ToolError
+
+if TYPE_CHECKING:
+    from ..agent.keeper import Keeper
+    from ..agent.log import Log
+
+DEFAULTS: Final[dict[str, Any]] = {"state": None}
+
+
+def add_options(common: argparse.ArgumentParser) -> None:
+    """Declare it."""
+    group = common.add_argument_group("restarts")
+    group.add_argument(
+        "--state", metavar="FILE",
+        help="keep boards' sessions in FILE, such as /run/uros.state: after a restart or a crash of"
+        " the agent they go on as if nothing had been",
+    )  # fmt: skip
+
+
+def make_keeper(options: argparse.Namespace, log: Log) -> Keeper | None:
+    """What keeps sessions, if anything: an attachment of the server. Raises ToolError."""
+    if options.state is None:
+        return None
+    from ..agent.keeper import Keeper
+    from ..agent.state import StateError, open_state
+
+    try:
+        return Keeper(open_state(options.state), log)
+    except StateError as error:
+        raise ToolError(str(error)) from error
