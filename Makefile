@@ -3,6 +3,9 @@
 #   make demo [SECONDS=20]   a virtual board, through the agent, on the ROS 2 network
 #   make test                all tests that a change must pass
 #   make test-full           these and the slow ones
+#   make coverage            how much of wire and agent their own tests reach
+#   make fuzz [TARGET=...] [SECONDS=600]   any bytes against one part, or all
+#   make soak [SECONDS=3600] a hundred boards that come and go
 #   make lint                ruff, and mypy for hosts and for boards
 #   make bench [ARGS=...]    the agent beside the bare relay
 #   make clean               removes everything that the others have made
@@ -11,7 +14,7 @@
 
 PYTHON ?= python3
 
-.PHONY: demo test test-full lint bench clean
+.PHONY: demo test test-full coverage fuzz soak lint bench clean
 
 demo:
 	@$(PYTHON) scripts/env.py run
@@ -24,6 +27,19 @@ test:
 test-full:
 	@$(PYTHON) scripts/env.py test
 	@.venv/bin/python tests/run.py --full $(ARGS)
+	@$(if $(ARGS),,.venv/bin/python scripts/cover.py)
+
+coverage:
+	@$(PYTHON) scripts/env.py test
+	@.venv/bin/python scripts/cover.py
+
+fuzz:
+	@$(PYTHON) scripts/env.py fuzz
+	@.venv/bin/python fuzz/run.py $(or $(TARGET),all) --seconds $(or $(SECONDS),600)
+
+soak:
+	@$(PYTHON) scripts/env.py test
+	@.venv/bin/python tests/soak/soak.py --seconds $(or $(SECONDS),3600)
 
 lint:
 	@$(PYTHON) scripts/env.py dev

@@ -1,6 +1,8 @@
 """Makes the environments that `make` runs in, and keeps them current.
 
-    env.py run | test | dev    .venv with uros, with what its tests need, with the linters
+    env.py run | test | dev | fuzz
+                               .venv with uros, with what its tests need, with the linters, with
+                               the fuzzing engine
     env.py micropython         build/micropython: MicroPython as WebAssembly, and a node to run it
     env.py ros                 .venv-ros: real ROS 2 for tests/interop
 
@@ -193,7 +195,7 @@ class Stamp:
 
 
 def uros(extra: str) -> None:
-    """.venv with uros installed in place; extra is 'run', 'test' or 'dev'."""
+    """.venv with uros installed in place; extra is 'run', 'test', 'dev' or 'fuzz'."""
     stamp = Stamp(VENV)
     python = VENV / "bin" / "python"
     base = {"root": str(ROOT), "python": version_of(sys.executable)}
@@ -205,7 +207,7 @@ def uros(extra: str) -> None:
     if fresh and was.get("pins") == pins and extra in extras:
         return
 
-    size = {"run": "70 MB", "test": "170 MB", "dev": "260 MB"}[extra]
+    size = {"run": "70 MB", "test": "170 MB", "dev": "260 MB", "fuzz": "130 MB"}[extra]
     say(f"installing uros ({extra}) into .venv: {size}, usually under a minute")
     if not fresh:
         stamp.start(base)
@@ -217,6 +219,13 @@ def uros(extra: str) -> None:
     pip(python, "-c", "constraints.txt", "hatchling", "editables")
     pip(python, "-c", "constraints.txt", "--no-build-isolation", "-e", f".[{wanted}]")
     stamp.write(dict(base, pins=pins, extras=sorted(extras)))
+
+
+def tshark() -> None:
+    """Wireshark's reader, by which captures are tested. Without it those tests fail, saying so."""
+    if not shutil.which("tshark") and not apt_install("tshark"):
+        say("there is no tshark, so the tests of captures will FAIL: install it (Debian, Ubuntu:")
+        say("sudo apt-get install tshark; elsewhere it comes with Wireshark)")
 
 
 def find_node() -> tuple:
@@ -304,8 +313,9 @@ def use_supported_python() -> None:
 
 def main(arguments: list) -> None:
     kinds = {"micropython": micropython, "ros": ros}
-    for extra in ("run", "test", "dev"):
+    for extra in ("run", "test", "dev", "fuzz"):
         kinds[extra] = lambda extra=extra: uros(extra)
+    kinds["test"] = lambda: (uros("test"), tshark())
     if len(arguments) != 1 or arguments[0] not in kinds:
         sys.exit("usage: env.py " + " | ".join(sorted(kinds)))
     try:

@@ -4,8 +4,10 @@ The environment is set when this file is imported, before any test can load a DD
 processes that tests start inherit it.
 """
 
+import atexit
 import fcntl
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -37,6 +39,9 @@ os.environ["CYCLONEDDS_URI"] = (
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION", "ROS_DISTRO"):
     os.environ.pop(name, None)
+# Where agents have their sockets for `uros agent status`: those of this run are nobody else's.
+os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="uros-run-")
+atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
 
 
 @contextmanager

@@ -16,15 +16,19 @@ import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TextIO
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 
 import env  # noqa: E402  (scripts/env.py, found by the line above)
 
-GROUPS = ("unit", "contract", "replay", "interop", "mpy")
+GROUPS = ("unit", "contract", "replay", "interop", "mpy", "soak")
+# It takes its time and little of the machine: it runs beside the others, which have the screen.
+BESIDE = "soak"
 PREPARE = {"interop": (env.micropython, env.ros), "mpy": (env.micropython,)}
 EXCUSE = "not on this platform:"
 
@@ -85,10 +89,11 @@ def count(result: Result, report: Path) -> None:
         result.trouble = "no tests"
 
 
-def run_group(group: str, full: bool) -> Result:
+def run_group(group: str, full: bool, output: TextIO | None = None) -> Result:
+    """Its tests; what they print goes to ``output``."""
     result = Result(group)
     started = time.monotonic()
-    print(f"\n=== {group} ===", flush=True)
+    print(f"\n=== {group} ===", file=output, flush=True)
     if not (ROOT / "tests" / group).is_dir():
         result.trouble = f"no tests: there is no folder tests/{group}"
         return result
@@ -106,7 +111,9 @@ def run_group(group: str, full: bool) -> Result:
             command += ["-m", "not slow"]
         limit = GROUP_SECONDS_FULL if full else GROUP_SECONDS
         try:
-            status = subprocess.run(command, cwd=ROOT, timeout=limit).returncode
+            status = subprocess.run(
+                command, cwd=ROOT, timeout=limit, stdout=output, stderr=output
+            ).returncode
             count(result, report)
         except subprocess.TimeoutExpired:
             status = -1
@@ -129,7 +136,13 @@ def main() -> int:
     chosen = [group for group in GROUPS if group in (options.group or GROUPS)]
     in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
-    results = [run_group(group, options.full) for group in chosen]
+    with ThreadPoolExecutor() as pool, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
+        beside = pool.submit(run_group, BESIDE, options.full, said) if BESIDE in chosen else None
+        results = [run_group(group, options.full) for group in chosen if group != BESIDE]
+        if beside is not None:
+            results.append(beside.result())
+            said.seek(0)
+            print(said.read())
 
     print()
     for result in results:

@@ -18,6 +18,7 @@ PAGES = [
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 AGENT = ROOT / "docs" / "agent.md"
+ROBUSTNESS = ROOT / "docs" / "robustness.md"
 NAMED = re.compile(r"`([\w/.]+\.py)::(\w+)`")
 
 # Options on the page of the agent that are not its own.
@@ -75,6 +76,19 @@ def test_every_line_about_the_agent_has_its_test():
             assert re.match(r"no\b", cells[2]), about
         else:
             assert all(NAMED.fullmatch(it) for it in cells[3].split(", ")), about
+
+
+def test_every_attack_on_the_page_has_its_test():
+    lines = [
+        [it.strip() for it in re.split(r"(?<!\\)\|", line)[1:-1]]
+        for line in ROBUSTNESS.read_text("utf-8").splitlines()
+        if line.startswith("|")
+    ]
+    lines = [it for it in lines if it[0] != "attack or fault" and set(it[0]) != {"-"}]
+    assert len(lines) > 70
+    for cells in lines:
+        assert len(cells) == 3 and all(cells), cells[0]
+        assert all(NAMED.fullmatch(it) for it in cells[2].split(", ")), cells[0]
 
 
 # --- the command line ---------------------------------------------------------------------------

@@ -1,0 +1,359 @@
+"""Fuzzes one part of uros, guided by what of the code each input reaches.
+
+    python fuzz/run.py TARGET [--seconds 600] [--jobs 1]     until so many seconds are full
+    python fuzz/run.py TARGET --replay FILE...               play inputs in plain Python
+    python fuzz/run.py TARGET --minimise                     put what was found into the kept corpus
+    python fuzz/run.py all [--seconds 600]                   one target after the other
+
+A run can be cut at any time and goes on where it was: the seconds of all runs add up in
+build/fuzz/TARGET/progress.json, and the inputs found are kept beside it. Begin anew with
+``--anew``. A finding is saved with the command that plays it again, and the exit status is 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import importlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+KEPT = ROOT / "fuzz" / "corpus"
+BUILD = ROOT / "build" / "fuzz"
+sys.path[:0] = [str(ROOT / "src"), str(ROOT / "fuzz"), str(ROOT / "tests")]
+
+from targets import TARGETS  # noqa: E402  (fuzz/targets, found by the line above)
+
+# One input that takes longer is a finding, as is more memory than so much.
+INPUT_SECONDS = 20
+MEMORY_MB = 2048
+MAX_LENGTH = 16_384
+# An input of the kept corpus may be as large as this, and all of a target's together.
+KEPT_INPUT = 4096
+KEPT_BYTES = 34_000
+HASH = 40  # the length of names that the engine gives
+_TELL = 10.0  # seconds between lines
+_SAVE = 1.0  # between writings of a worker's count
+
+
+# --- the process that fuzzes ----------------------------------------------------------
+
+
+class Count:
+    """Executions and seconds of one process, written where its parent finds them."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._parent = os.getppid()
+        self._executions = 0
+        self._began = self._saved = time.monotonic()
+
+    def one(self) -> None:
+        self._executions += 1
+        if self._executions & 15 == 0:
+            now = time.monotonic()
+            if now - self._saved >= _SAVE:
+                self._saved = now
+                self.save()
+                if os.getppid() != self._parent:
+                    os._exit(0)  # who was to stop us is gone
+
+    def save(self) -> None:
+        seconds = time.monotonic() - self._began
+        write(self._path, {"executions": self._executions, "seconds": round(seconds, 2)})
+
+
+def work(target: str, job: int, arguments: list[str]) -> None:
+    """Runs in a process of its own, which the engine ends."""
+    import atheris
+
+    with atheris.instrument_imports(include=["uros"]):
+        module = importlib.import_module(f"targets.{target}")
+    mutate = getattr(module, "mutate", None)
+    count: Count | None = None
+
+    def one_input(data: bytes) -> None:
+        nonlocal count
+        if count is None:
+            count = Count(BUILD / target / f"job-{job}.json")
+        module.one_input(data)
+        count.one()
+
+    def mutated(data: bytes, most: int, seed: int) -> bytes:
+        chance = random.Random(seed)
+
+        def by_engine(part: bytes) -> bytes:
+            return atheris.Mutate(part, len(part) + 64)
+
+        if chance.random() < 0.1:
+            return atheris.Mutate(data, most)
+        return mutate(data, chance, by_engine)[:most]
+
+    options = {} if mutate is None else {"custom_mutator": mutated}
+    atheris.Setup([sys.argv[0], *arguments], one_input, **options)
+    atheris.Fuzz()
+
+
+# --- the process that the user started ---------------------------------------------------
+
+
+def write(path: Path, what: dict) -> None:
+    """All of it or nothing, whenever this is cut."""
+    fresh = path.with_suffix(f".{os.getpid()}.new")
+    fresh.write_text(json.dumps(what))
+    fresh.replace(path)
+
+
+def read(path: Path) -> dict:
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {"executions": 0, "seconds": 0.0}
+
+
+def total(before: dict, folder: Path) -> dict:
+    """Of all runs; the seconds of jobs at the same time count once."""
+    jobs = [read(it) for it in folder.glob("job-*.json")]
+    return {
+        "executions": before["executions"] + sum(it["executions"] for it in jobs),
+        "seconds": round(before["seconds"] + max((it["seconds"] for it in jobs), default=0.0), 2),
+    }
+
+
+def settle(folder: Path) -> dict:
+    """Count what a run left that was cut, and what there is in all."""
+    progress = total(read(folder / "progress.json"), folder)
+    write(folder / "progress.json", progress)
+    for it in folder.glob("job-*.json"):
+        it.unlink()
+    return progress
+
+
+def check_engine() -> None:
+    done = subprocess.run([sys.executable, "-c", "import atheris"], capture_output=True)
+    if done.returncode:
+        sys.exit(
+            "fuzz: the fuzzing engine is not installed: it needs Linux and Python 3.11 or newer,"
+            " then: python -m pip install -e '.[fuzz]'"
+            " (kept inputs are played without it: --replay)"
+        )
+
+
+def found(folder: Path) -> list[Path]:
+    return sorted(
+        it for kind in ("crash", "timeout", "oom", "leak") for it in folder.glob(f"{kind}-*")
+    )
+
+
+def seed(target: str, folder: Path) -> None:
+    """Valid inputs, beside the kept ones."""
+    from targets import datagrams
+
+    folder.mkdir(parents=True, exist_ok=True)
+    if target in TARGETS and datagrams.CAPTURES.is_dir():
+        for name, data in importlib.import_module(f"targets.{target}").seeds():
+            (folder / name).write_bytes(data)
+
+
+def fuzz(target: str, seconds: float, jobs: int) -> int:
+    """Until so many seconds are full, or something is found."""
+    check_engine()
+    folder = BUILD / target
+    corpus = folder / "corpus"
+    corpus.mkdir(parents=True, exist_ok=True)
+    before = settle(folder)
+    left = seconds - before["seconds"]
+    if found(folder):
+        return tell(target, folder)
+    if left <= 0:
+        print(f"fuzz {target}: full: {line(before)} (--anew begins anew)", flush=True)
+        return 0
+    seed(target, folder / "seeds")
+    kept = KEPT / target
+    kept.mkdir(parents=True, exist_ok=True)
+    workers = []
+    for job in range(jobs):
+        arguments = [
+            f"-artifact_prefix={folder}/", f"-max_total_time={int(left) + 1}",
+            f"-timeout={INPUT_SECONDS}", f"-rss_limit_mb={MEMORY_MB}", f"-max_len={MAX_LENGTH}",
+            "-print_final_stats=1", "-reload=1", str(corpus), str(kept), str(folder / "seeds"),
+        ]  # fmt: skip
+        log = (folder / f"job-{job}.log").open("wb")
+        command = [sys.executable, __file__, target, "--work", str(job), *arguments]
+        # A session of its own: Ctrl-C is for us, and we tell them.
+        workers.append(
+            subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
+        )
+        log.close()
+    def cut(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, cut)
+    status = 0
+    try:
+        told = time.monotonic()
+        while any(it.poll() is None for it in workers):
+            time.sleep(0.2)
+            if any(it.poll() for it in workers):
+                break  # one has found something
+            progress = total(before, folder)
+            if progress["seconds"] >= seconds:
+                break
+            if time.monotonic() - told >= _TELL:
+                told = time.monotonic()
+                print(f"fuzz {target}: {line(progress)} of {seconds:g} s", flush=True)
+    except KeyboardInterrupt:
+        status = 130
+    for it in workers:
+        if it.poll() is None:
+            it.send_signal(signal.SIGKILL)
+        it.wait()
+    progress = settle(folder)
+    print(f"fuzz {target}: {line(progress)} of {seconds:g} s", flush=True)
+    if found(folder):
+        return tell(target, folder)
+    if any(it.returncode not in (0, -signal.SIGKILL) for it in workers):
+        print((folder / "job-0.log").read_text(errors="replace")[-3000:])
+        print(f"fuzz {target}: the engine failed, see {folder}/job-*.log")
+        return 1
+    return status
+
+
+def line(progress: dict) -> str:
+    return f"{progress['executions']} executions in {progress['seconds']:.0f} s"
+
+
+def tell(target: str, folder: Path) -> int:
+    for log in sorted(folder.glob("job-*.log")):
+        text = log.read_text(errors="replace")
+        at = text.find("=== Uncaught Python exception")
+        if at >= 0:
+            print(text[at : at + 4000])
+    for it in found(folder):
+        print(f"fuzz {target}: FOUND {it}")
+        print(f"  play it again: {sys.executable} fuzz/run.py {target} --replay {it}")
+    print(f"  when it is mended, keep it as a test: mv FILE fuzz/corpus/{target}/")
+    return 1
+
+
+def replay(target: str, files: list[Path]) -> int:
+    """Raises what the target raises."""
+    module = importlib.import_module(f"targets.{target}")
+    for file in files:
+        began = time.monotonic()
+        module.one_input(file.read_bytes())
+        print(f"fuzz {target}: {file}: nothing found, {time.monotonic() - began:.3f} s")
+    return 0
+
+
+def reached(one_input: Callable[[bytes], None], data: bytes) -> set[tuple[str, int, int]]:
+    """The steps from line to line within uros that an input takes."""
+    source = str(ROOT / "src" / "uros")
+    steps: set[tuple[str, int, int]] = set()
+
+    def called(frame: FrameType, event: str, _: object) -> Any:
+        name = frame.f_code.co_filename
+        if not name.startswith(source):
+            return None
+        last = 0
+
+        def line(frame: FrameType, event: str, _: object) -> Any:
+            nonlocal last
+            if event == "line":
+                steps.add((name, last, frame.f_lineno))
+                last = frame.f_lineno
+            return line
+
+        return line
+
+    sys.settrace(called)
+    try:
+        one_input(data)
+    finally:
+        sys.settrace(None)
+    return steps
+
+
+def minimise(target: str) -> int:
+    """Keep the smallest inputs that together reach all that was reached, as far as there is room.
+
+    Those with names stay: valid ones, and those of findings.
+    """
+    module = importlib.import_module(f"targets.{target}")
+    folder = BUILD / target
+    seed(target, folder / "seeds")
+    kept = KEPT / target
+    kept.mkdir(parents=True, exist_ok=True)
+    names: dict[bytes, str] = {}
+    for source in (kept, folder / "seeds"):
+        for it in source.iterdir():
+            if len(it.name) != HASH:
+                names[it.read_bytes()] = it.name
+            elif source == kept:
+                names.setdefault(it.read_bytes(), "")
+    for it in (folder / "corpus").glob("*"):
+        names.setdefault(it.read_bytes(), "")
+    known: set[tuple[str, int, int]] = set()
+    room = KEPT_BYTES
+    chosen = {}
+    for data, name in sorted(names.items(), key=lambda it: (not it[1], len(it[0]))):
+        if len(data) > min(room, KEPT_INPUT):
+            continue
+        steps = reached(module.one_input, data)
+        if name or not steps <= known:
+            known |= steps
+            room -= len(data)
+            chosen[name or hashlib.sha1(data).hexdigest()] = data
+    for it in kept.iterdir():
+        it.unlink()
+    for name, data in chosen.items():
+        (kept / name).write_bytes(data)
+    print(f"fuzz {target}: {len(chosen)} inputs kept, {KEPT_BYTES - room} bytes", flush=True)
+    return 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Fuzzes one part of uros.")
+    parser.add_argument("target", choices=(*TARGETS, "all"), metavar="TARGET",
+                        help=", ".join(TARGETS) + ", or all")  # fmt: skip
+    parser.add_argument("--seconds", type=float, default=600.0, help="in all runs together (600)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes at the same time (1)")
+    parser.add_argument("--anew", action="store_true", help="forget earlier runs and findings")
+    parser.add_argument("--replay", nargs="+", type=Path, metavar="FILE", help="play inputs")
+    parser.add_argument("--minimise", action="store_true", help="renew the kept corpus")
+    if "--work" in sys.argv:
+        at = sys.argv.index("--work")
+        target, job, arguments = sys.argv[1], int(sys.argv[at + 1]), sys.argv[at + 2 :]
+        sys.argv = sys.argv[:1]
+        work(target, job, arguments)
+        return 0
+    options = parser.parse_args()
+    chosen = TARGETS if options.target == "all" else (options.target,)
+    status = 0
+    for target in chosen:
+        if options.anew:
+            shutil.rmtree(BUILD / target, ignore_errors=True)
+        if options.replay:
+            status = replay(target, options.replay) or status
+        elif options.minimise:
+            status = minimise(target) or status
+        else:
+            status = fuzz(target, options.seconds, max(1, options.jobs)) or status
+            if status == 130:
+                break
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

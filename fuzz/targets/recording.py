@@ -1,0 +1,112 @@
+"""Recordings that ``uros trace`` and ``uros replay`` read: pcapng and JSON lines, of any bytes.
+
+Whatever a message in one is, it is described in one line that no terminal takes for anything else.
+"""
+
+import json
+from collections.abc import Iterator
+from random import Random
+
+from uros.agent.describe import MAX_LINE, describe
+from uros.agent.pcapng import Packets
+from uros.agent.taps import Passing
+from uros.tools.recordings import RecordingError, parser_for, read
+
+from . import records, submessages
+from .datagrams import CAPTURES, captured
+from .world import BARE_PING, Place, must
+from .xml import scratch
+
+_MESSAGE = 1  # in the first byte: no file, but one message
+
+
+def _described(message: bytes) -> None:
+    line = describe(message)
+    must(len(line) <= MAX_LINE + 100, f"a line of {len(line)} characters")
+    must(line.isprintable() or not line, f"a line with {line!r}")
+
+
+def one_input(data: bytes) -> None:
+    if data[:1] == bytes((_MESSAGE,)):
+        _described(data[1:])
+        return
+    data = data[1:]
+    path = scratch()
+    path.write_bytes(data)
+    whole = []
+    trouble = ""
+    try:
+        for it in read(path):
+            whole.append(it)
+    except RecordingError as error:
+        trouble = str(error)
+        must(str(path) in trouble, f"the file is not named: {trouble[:200]}")
+        must(len(trouble) < 2000, "a text for people")
+    for it in whole[:200]:
+        must(isinstance(it.message, bytes) and 0 <= it.key < 1 << 32, f"a record: {it!r:.200}")
+        _described(it.message)
+    # In pieces, as from a file that is written meanwhile, it is the same.
+    if trouble or not data:
+        return
+    try:
+        parser = parser_for(data, str(path))
+        pieces = [
+            it for at in range(0, len(data), 7) for it in parser.feed(data[at : at + 7])
+        ]
+    except RecordingError as error:
+        must(False, f"in pieces it is broken: {error}")
+    must(pieces == whole, "in pieces it is another one")
+
+
+def _pcapng() -> bytes:
+    """A capture as the agent writes it."""
+    packets, place = Packets(), Place()
+    said = (("client", BARE_PING), ("agent", BARE_PING), ("client", bytes(70_000)))
+    return b"".join(
+        packets.encode(Passing(place, 1, who, message[:900], 1_700_000_000_000_000, 7), lost)
+        for lost, (who, message) in enumerate(said)
+    )
+
+
+def seeds() -> Iterator[tuple[str, bytes]]:
+    yield "pcapng", b"\0" + _pcapng()
+    for name in ("ping", "serial_ping", "tcp_publish", "service"):
+        lines = (CAPTURES / f"{name}.jsonl").read_bytes().splitlines(True)
+        yield name, b"\0" + b"".join(lines[:8])
+    for name, said in captured():
+        if name in ("binary_entities", "rclc_trigger", "publish_reliable"):
+            for number, (_, message) in enumerate(said[:6]):
+                yield f"message_{name}_{number}", bytes((_MESSAGE,)) + message
+
+
+_WORDS = (
+    b"\x0a\x0d\x0d\x0a", b"\x4d\x3c\x2b\x1a", b"\x06\0\0\0", b"\x01\0\0\0", b"\xff\xff\xff\xff",
+    b"{", b"}", b'"hex": ""', b"null", b"1e999", b"NaN", b'"t": -1', b"[" * 50, b"\\ud800", b"\n",
+)  # fmt: skip
+_bodies: list[bytes] = []
+
+
+def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
+    if not _bodies:
+        _bodies.extend(message[4:] for _, said in captured() for _, message in said)
+    head, body = data[:1] or b"\0", data[1:]
+    if head == bytes((_MESSAGE,)):
+        return head + body[:4] + submessages.change(body[4:], random, mutate_bytes, _bodies)
+    what = random.random()
+    if what < 0.4:
+        return head + mutate_bytes(body)
+    if what < 0.7:
+        at = random.randrange(len(body) + 1)
+        return head + body[:at] + random.choice(_WORDS) + body[at:]
+    lines = body.split(b"\n")
+    at = random.randrange(len(lines))
+    if what < 0.8:
+        del lines[at]
+    elif what < 0.9:
+        lines.insert(at, random.choice(lines))
+    else:
+        message = b"\x81\x80\0\0" + random.choice(_bodies)
+        line = {"t": random.random(), "from": random.choice(("client", "agent"))}
+        line |= {"client": random.randrange(3), "hex": message.hex()}
+        lines.insert(at, json.dumps(line).encode())
+    return head + b"\n".join(lines)

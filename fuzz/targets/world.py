@@ -1,0 +1,352 @@
+"""A whole agent without sockets, on the memory middleware and in made-up time, and what must be
+true of it whatever comes in.
+
+A witness, a well-behaved client on an address of its own, asks for service after everything that
+happens: no other client may be harmed.
+"""
+
+import io
+
+from uros.agent.admission import MAX_CLIENTS
+from uros.agent.agent import Agent
+from uros.agent.limits import Limits
+from uros.agent.log import Log, RateLimit
+from uros.agent.session import MAX_HELD, MAX_STREAMS
+from uros.agent.taps import CLIENT
+from uros.middleware.memory import Bus, MemoryMiddleware
+from uros.qos import QoSProfile
+from uros.transport.base import ServerTransport
+from uros.wire import entities, ids, session
+from uros.wire.cdr import Writer
+from uros.wire.header import MessageWriter, header_size, pull_header, push_header, push_subheader
+from uros.wire.streams import TIME_MASK, WINDOW, ticks_diff
+
+WITNESS = 0  # its peer
+WITNESS_KEY = 0x5EC0DD17
+# What a transport hands over at most.
+MAX_DATAGRAM = 0xFFFF
+# A step of time is cut into such pieces: the witness talks in each.
+SLICE_MS = 2000
+MAX_STEP_MS = 40_000
+# Attack: none may get much more out of the agent than it puts in. The witness's pings are free.
+MAX_SENT = 16 * 1024 * 1024
+MAX_TURN = 1024 * 1024
+
+INT32 = "std_msgs::msg::dds_::Int32_"
+OUTSIDE_TOPICS = ("rt/chatter", "rt/std_msgs_msg_Int32", "HelloWorldTopic", "rt/other")
+
+
+class Finding(AssertionError):
+    """Something that must not be."""
+
+
+def must(truth: bool, what: str) -> None:
+    if not truth:
+        raise Finding(what)
+
+
+def submessage(kind: int, payload: bytes, flags: int = 1) -> bytes:
+    """One with its header, filled up to a multiple of 4."""
+    head = bytearray(4)
+    push_subheader(head, 0, kind, flags, len(payload))
+    return bytes(head) + payload + bytes(-len(payload) % 4)
+
+
+def built(push: object, *values: object) -> bytes:
+    """What one of the codecs' push functions writes."""
+    w = Writer(bytearray(4096))
+    push(w, *values)  # type: ignore[operator]
+    return bytes(w.buf[: w.offset])
+
+
+def message(session_id: int, stream: int, sequence: int, key: int, body: bytes) -> bytes:
+    head = bytearray(header_size(session_id))
+    push_header(head, session_id, stream, sequence, key)
+    return bytes(head) + body
+
+
+def create_client(key: int, session_id: int, mtu: int = 512) -> bytes:
+    outside = ids.SESSION_NONE_WITHOUT_KEY if session_id & 0x80 else ids.SESSION_NONE_WITH_KEY
+    w = MessageWriter(bytearray(64), outside, ids.STREAM_NONE, 0, key)
+    w.begin(ids.CREATE_CLIENT)
+    session.push_create_client(w, key, session_id, mtu, None)
+    return w.finish()
+
+
+PING = submessage(ids.GET_INFO, built(session.push_get_info, 7, ids.OBJECT_AGENT, 2))
+BARE_PING = message(ids.SESSION_NONE_WITHOUT_KEY, 0, 0, 0, PING)
+OWN_PING = message(0x81, 0, 0, WITNESS_KEY, PING)
+_ENTITIES = b"".join(
+    submessage(
+        ids.CREATE, built(entities.push_create, 1, object_id, ids.IN_BINARY, content, parent)
+    )
+    for object_id, content, parent in (
+        (0x011, built(entities.push_binary_participant, "witness", None), 0),
+        (0x012, built(entities.push_binary_topic, "rt/witness", INT32), 0x011),
+        (0x013, built(entities.push_binary_group, None, None), 0x011),
+        (0x015, built(entities.push_binary_endpoint, 0x012, ids.QOS_RELIABLE, 5), 0x013),
+    )
+)
+_SAMPLE = b"\x2a\x00\x00\x00"
+
+
+class _Sink(io.TextIOBase):
+    """A log that is formatted and thrown away; a fault of uros in it is a finding."""
+
+    def __init__(self) -> None:
+        self.trouble: list[str] = []  # not raised here: the agent would catch it
+
+    def write(self, text: str) -> int:
+        if "internal error" in text or text.count("\n") != 1 or not text.isascii():
+            self.trouble.append(text)
+        return len(text)
+
+
+class _Always(RateLimit):
+    """Every line is written: what a line says must not depend on how fast this runs."""
+
+    def __init__(self) -> None:
+        super().__init__(0.0)
+
+    def admit(self, kind: str) -> int:
+        return 1
+
+
+class Place(ServerTransport):
+    """The network: peers are numbers."""
+
+    name = "FuzzAgent"
+    kind = "FUZZ"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sent: list[tuple[object, bytes]] = []
+
+    def open(self, host: object) -> None:
+        """It is open."""
+
+    def send(self, peer: object, datagram: bytes) -> None:
+        self.sent.append((peer, bytes(datagram)))
+
+    def address(self, peer: object) -> str:
+        return f"peer {peer}"
+
+    def close(self) -> None:
+        """It is closed."""
+
+
+class World:
+    """See the module. ``limits``: of each client and of all, None for those of ``uros agent``."""
+
+    def __init__(self, level: int = 4, limits: Limits | None = None) -> None:
+        self.clock = 1000
+        self.bus = Bus()
+        self.middleware = MemoryMiddleware(self.bus)
+        self.outside = MemoryMiddleware(self.bus)
+        self._sink = _Sink()
+        self.agent = Agent(self.middleware, Log(level, self._sink), limits=limits)
+        self.agent.now = lambda: self.clock  # type: ignore[method-assign]
+        self.agent.faults = self.agent.strangers = _Always()
+        self.place = Place()
+        self.bytes_sent = 0
+        self.tampered = False  # somebody used the witness's key: its session may be taken over
+        self.calls: list[tuple[int, object]] = []
+        self.agent.start(self.wake_at, [self.place])
+        node = self.outside.create_node(0, "/", "outside")
+        qos = QoSProfile(depth=20)
+        self.writers = [node.create_writer(it, INT32, qos) for it in OUTSIDE_TOPICS]
+        self.readers = [node.create_reader(it, INT32, qos, lambda: None) for it in OUTSIDE_TOPICS]
+        self._witnessed = node.create_reader("rt/witness", INT32, qos, lambda: None)
+        self.hear(WITNESS, create_client(WITNESS_KEY, 0x81))
+        self.hear(WITNESS, message(0x81, 0x80, 0, WITNESS_KEY, _ENTITIES))
+
+    # --- what a transport asks of its server -----------------------------------------
+
+    def now(self) -> int:
+        return self.clock
+
+    def received(self, transport, session, buf, view, length, now) -> None:  # type: ignore
+        self._look(transport, view[:length])
+        if self.agent.taps:
+            self.agent.taps(transport, 0, CLIENT, view, length, session.key)
+        if session.receive(buf, view, length, now):
+            self.agent.attend(session)
+
+    def stray(self, transport, peer, buf, view, length) -> None:  # type: ignore
+        self._look(transport, view[:length], peer)
+        if self.agent.taps:
+            self.agent.taps(transport, peer, CLIENT, view, length, 0)
+        self.agent.stray(transport, peer, buf, view, length)
+
+    def _look(self, transport: object, datagram: memoryview, peer: object = None) -> None:
+        if transport is not self.place or peer != WITNESS:
+            self.tampered |= WITNESS_KEY.to_bytes(4, "big") in bytes(datagram)
+
+    def gone(self, transport, peer) -> None:  # type: ignore
+        self.agent.gone(transport, peer)
+
+    def watch(self, fileno: int, ready: object, writing: bool = False) -> None:
+        pass
+
+    def unwatch(self, fileno: int) -> None:
+        pass
+
+    def note(self, level: int, part: str, function: str, what: str, about: str) -> None:
+        self.agent.log(level, part, function, what, about)
+
+    def wake_at(self, seconds: float, call: object) -> None:
+        self.calls.append((self.clock + int(seconds * 1000), call))
+
+    # --- what happens ------------------------------------------------------------------
+
+    def hear(self, peer: object, datagram: bytes) -> list[tuple[object, bytes]]:
+        """A datagram comes in; what the agent sends at that, to anybody."""
+        buf = bytearray(datagram[:MAX_DATAGRAM])
+        self.place.deliver(self, peer, buf, memoryview(buf), len(buf), self.clock)
+        return self.settle()
+
+    def settle(self) -> list[tuple[object, bytes]]:
+        """What the agent's loop does after a burst."""
+        agent = self.agent
+        self.middleware.dispatch()
+        turns = 0
+        while agent.attended:
+            turns += 1
+            must(turns < 10_000, "sessions want attention for ever")
+            attended = list(agent.attended)
+            agent.attended.clear()
+            if agent.keeper is not None:
+                agent.keeper.keep(attended, self.clock)
+            for it in attended:
+                it.finish(self.clock)
+                agent.flush(it)
+        if agent.budget.since > agent.budget.room:
+            agent.budget.settle(self.clock)
+        must(not self._sink.trouble, "".join(self._sink.trouble))
+        sent, self.place.sent = self.place.sent, []
+        for peer, datagram in sent:
+            self._sound(peer, datagram)
+        self.bytes_sent += sum(len(it) for _, it in sent)
+        return sent
+
+    def _sound(self, peer: object, datagram: bytes) -> None:
+        """What goes out is a message, and no longer than its receiver wants."""
+        pull_header(datagram, len(datagram))
+        session = self.place.sessions.get(peer)
+        if session is not None:
+            # A bare answer says what it has to, however little a client takes.
+            must(len(datagram) <= max(session.mtu, 64), f"{len(datagram)} bytes, mtu {session.mtu}")
+
+    def advance(self, milliseconds: int) -> None:
+        """Time passes, timers fire."""
+        end = self.clock + milliseconds
+        turns = 0
+        while True:
+            turns += 1
+            must(turns < 20_000, "timers fire for ever")
+            due = [it for it in self.calls if it[0] <= end]
+            for client in self.agent.clients.values():
+                at = client.next_deadline()
+                if at is not None and ticks_diff(at, end & TIME_MASK) <= 0:
+                    due.append((at, client))
+            if not due:
+                break
+            first = min(due, key=lambda it: it[0])
+            at, what = first
+            self.clock = max(self.clock, at)
+            if first in self.calls:
+                self.calls.remove(first)
+                what()  # type: ignore[operator]
+            else:
+                what.poll(self.clock)  # type: ignore[attr-defined]
+                self.agent.attend(what.session)  # type: ignore[attr-defined]
+            self.settle()
+        self.clock = end
+        self.middleware.tick()
+        self.settle()
+
+    def step(self, milliseconds: int) -> None:
+        """Time passes, and the witness is there all the while."""
+        left = min(milliseconds, MAX_STEP_MS)
+        while left > 0:
+            self.advance(min(left, SLICE_MS))
+            left -= SLICE_MS
+            self.witness()
+
+    def publish(self, topic: int, sample: bytes) -> None:
+        """Somebody else on the network writes a sample."""
+        self.writers[topic % len(self.writers)].write(b"\0\1\0\0" + sample)
+        self.settle()
+
+    # --- what must be true ---------------------------------------------------------------
+
+    def witness(self) -> None:
+        """The witness is served."""
+        answers = self.hear(WITNESS, BARE_PING)
+        must(any(peer == WITNESS for peer, _ in answers), "a ping is not answered")
+        if not self.tampered:
+            answers = self.hear(WITNESS, OWN_PING)
+            must(
+                any(peer == WITNESS and it[0] == 0x81 for peer, it in answers),
+                "the ping of another client within its session is not answered",
+            )
+
+    def check(self) -> None:
+        """Nothing has grown beyond its limit, and the books agree."""
+        agent = self.agent
+        must(len(agent.clients) <= MAX_CLIENTS, "too many clients")
+        must(set(agent._places) == set(agent.clients), "places and clients differ")
+        for peer, it in self.place.sessions.items():
+            known = agent._places.get(it.key)
+            must(known == (self.place, peer), f"a session of peer {peer} that is not there")
+        must(self.bytes_sent <= MAX_SENT, "it sends without end")
+        held = 0
+        for client in agent.clients.values():
+            self._check_client(client)
+            held += client.held()
+        # A turn may pass the limit by what it sends; here a turn is one message.
+        must(held <= agent.limits.memory + MAX_TURN, f"{held} bytes held for all clients")
+
+    def _check_client(self, client) -> None:  # type: ignore[no-untyped-def]
+        session = client.session
+        must(not session.outgoing, "messages that nobody sends")
+        must(len(session._in) <= MAX_STREAMS, "input streams")
+        must(len(session._out) <= MAX_STREAMS, "output streams")
+        must(len(session._best_effort_in) <= MAX_STREAMS, "best-effort streams")
+        pending = 0
+        for incoming in session._in.values():
+            must(len(incoming.stream.waiting) <= WINDOW, "early messages")
+            pending += incoming.fragments.pending
+        limits = self.agent.limits
+        must(pending <= limits.message, f"{pending} bytes of fragments")
+        for stream in session._out.values():
+            must(len(stream) <= MAX_HELD, "held messages")
+            must(stream.size == sum(map(len, stream._held.values())), "bytes held are miscounted")
+            must((stream.sent - stream.acked) & 0xFFFF <= WINDOW, "a window overrun")
+        kept = sum(thing.kept for thing in client.objects.values())
+        must(client._kept == kept, f"{client._kept} bytes of representations, not {kept}")
+        must(kept <= limits.representations, "representations")
+        must(len(client.objects) <= limits.objects, "objects")
+        must(session.writers.keys() <= client.objects.keys(), "writers of no object")
+
+    def close(self) -> None:
+        """The witness still gets its sample through; then nothing is left behind."""
+        if not self.tampered:
+            self._witnessed.take(100)
+            client = self.agent.clients.get(WITNESS_KEY)
+            must(client is not None, "another client is gone")
+            number = (client.session.last_received(0x80) + 1) & 0xFFFF
+            write = submessage(ids.WRITE_DATA, b"\0\1\0\x15" + _SAMPLE)
+            self.hear(WITNESS, message(0x81, 0x80, number, WITNESS_KEY, write))
+            samples = [bytes(it) for it in self._witnessed.take(100)]
+            must(samples == [b"\0\1\0\0" + _SAMPLE], f"another client's sample: {samples}")
+        self.agent.close()
+        self.settle()
+        self.middleware.close()
+        must(not self.agent.clients and not self.agent._places, "clients after the end")
+        must(not self.place.sessions, "sessions after the end")
+        self.outside.close()
+        left = [it.full_name for it in self.bus.nodes]
+        must(not left, f"nodes after the end: {left}")
+        must(not any(self.bus.readers.values()), "readers after the end")
+        must(not any(self.bus.writers.values()), "writers after the end")

@@ -1,0 +1,272 @@
+"""The board's end of TCP and TLS on MicroPython, whose build for tests has neither socket nor ssl.
+
+What stands for them behaves as MicroPython 1.27's: a socket says EINPROGRESS and EAGAIN, and what
+``ssl`` makes of it reads and writes None; a refused certificate is a ValueError, after which the
+line has let go of its socket; certificates are DER and nothing else.
+"""
+
+from collections.abc import Iterator
+
+import pytest
+from mpy.harness import PORTABLE, MicroPython, portable_sources
+
+SOCKET = '''
+import errno
+
+AF_INET, SOCK_STREAM = 2, 1
+made = []
+known = [(2, 1, 0, "", ("192.0.2.7", 8888))]
+
+def getaddrinfo(host, port, family=0, kind=0):
+    return known
+
+class socket:
+    def __init__(self, family, kind):
+        self.connected = False
+        self.refused = False
+        self.incoming = b""
+        self.ended = False
+        self.room = 10000
+        self.sent = b""
+        self.closed = 0
+        made.append(self)
+
+    def setblocking(self, flag):
+        assert not flag
+
+    def connect(self, address):
+        assert address == known[0][-1]
+        raise OSError(errno.EINPROGRESS)
+
+    def recv(self, size):
+        if not self.incoming:
+            if self.ended:
+                return b""
+            raise OSError(errno.EAGAIN)
+        data, self.incoming = self.incoming[:size], self.incoming[size:]
+        return data
+
+    def send(self, data):
+        if not self.room:
+            raise OSError(errno.EAGAIN)
+        size = min(self.room, len(data))
+        self.room -= size
+        self.sent += bytes(data[:size])
+        return size
+
+    def close(self):
+        self.closed += 1
+'''
+SELECT = '''
+POLLIN, POLLOUT, POLLERR, POLLHUP = 1, 4, 8, 16
+polled = []
+
+class poll:
+    def register(self, it, events):
+        self.it, self.events = it, events
+
+    def modify(self, it, events):
+        assert it is self.it
+        self.events = events
+
+    def poll(self, timeout_ms):
+        polled.append((self.events, timeout_ms))
+        sock = getattr(self.it, "sock", self.it)
+        if sock.refused:
+            return [(self.it, POLLERR | POLLHUP)]
+        return [(self.it, POLLOUT)] if sock.connected and self.events & POLLOUT else []
+'''
+SSL = '''
+PROTOCOL_TLS_CLIENT, CERT_NONE, CERT_REQUIRED = 0, 0, 2
+made = []
+refusal = None
+
+class SSLContext:
+    def __init__(self, protocol):
+        assert protocol == PROTOCOL_TLS_CLIENT
+        self.verify_mode = CERT_NONE  # as micropython-lib's does
+        self.ca = self.chain = None
+
+    def load_verify_locations(self, cafile=None, cadata=None):
+        if cadata[:1] != b"0":
+            raise ValueError("invalid cert")
+        self.ca = cadata
+
+    def load_cert_chain(self, cert, key):
+        if cert[:1] != b"0" or key[:1] != b"0":
+            raise ValueError("invalid key")
+        self.chain = cert, key
+
+    def wrap_socket(self, sock, server_side=False, do_handshake_on_connect=True,
+                    server_hostname=None):
+        if self.verify_mode == CERT_REQUIRED and server_hostname is None:
+            raise ValueError("CERT_REQUIRED requires server_hostname")
+        assert not do_handshake_on_connect  # it would wait
+        return SSLSocket(self, sock, server_hostname)
+
+class SSLSocket:
+    def __init__(self, context, sock, name):
+        self.context, self.sock, self.name = context, sock, name
+        self.shaken = False
+        made.append(self)
+
+    def _shake(self):
+        if refusal:
+            self.raw, self.sock = self.sock, None
+            raise ValueError(refusal)
+
+    def read(self, size):
+        self._shake()
+        if not self.shaken:
+            return None
+        try:
+            return self.sock.recv(size)
+        except OSError:
+            return None
+
+    def write(self, data):
+        self._shake()
+        if not self.shaken:
+            return None
+        try:
+            return self.sock.send(data)
+        except OSError:
+            return None
+
+    def close(self):
+        if self.sock is not None:
+            self.sock.close()
+            self.sock = None
+'''
+
+PARTS = (*PORTABLE, "transport/tcpboard.py", "transport/tlsboard.py")
+
+
+@pytest.fixture
+def board() -> Iterator[MicroPython]:
+    with MicroPython() as it:
+        it.install({"socket.py": SOCKET, "select.py": SELECT, "ssl.py": SSL})
+        it.install(portable_sources(PARTS))
+        # The build's own select, if it has one, is built in and goes first.
+        it.run("import sys\nfor it in ('socket', 'select', 'ssl'):\n    sys.modules.pop(it, None)\n"
+               "sys.path.insert(0, '/lib')")  # fmt: skip
+        it.write("/lib/ca.pem", "-----BEGIN CERTIFICATE-----\nMAEC\n-----END CERTIFICATE-----\n")
+        it.write("/lib/board.key", b"0key")
+        it.run("import socket, select, ssl\nassert hasattr(socket, 'known') and"
+               " hasattr(select, 'polled')")  # fmt: skip
+        yield it
+
+
+COMMON = """
+from uros.transport.tcpboard import TcpTransport
+from uros.transport.tlsboard import TlsTransport
+
+def raises(call, *arguments):
+    try:
+        call(*arguments)
+    except OSError as error:
+        return str(error)
+    raise AssertionError("nothing raised")
+"""
+
+
+def test_tcp(board: MicroPython) -> None:
+    board.run(COMMON + """
+t = TcpTransport("agent.local")
+t.open()
+sock = socket.made[-1]
+t.send(b"ping")
+assert t.receive(0) is None and sock.sent == b""
+sock.connected = True
+assert t.receive(0) is None and sock.sent == b"\\4\\0ping"
+sock.incoming = b"\\2\\0ok\\3\\0wel"
+assert t.receive(1000) == b"ok"
+sock.incoming = b"l"
+assert t.receive(1000) == b"wel"
+sock.room = 3
+t.send(b"large")
+t.send(b"lost")
+assert t.dropped == 1
+assert t.receive(0) is None
+sock.room = 100
+assert t.receive(0) is None and sock.sent == b"\\4\\0ping\\5\\0large"
+sock.ended = True
+assert "closed by agent.local, port 8888" in raises(t.receive, 0)
+t.close()
+assert sock.closed and t.close() is None
+
+t.open()
+socket.made[-1].refused = True
+assert "nobody answers at agent.local" in raises(t.receive, 0)
+t = TcpTransport("agent.local", patience_ms=30)
+t.open()
+assert "no answer from agent.local" in raises(t.receive, 1000)
+""")
+
+
+def test_tls(board: MicroPython) -> None:
+    board.run(COMMON + """
+t = TlsTransport("agent.local", ca="/lib/ca.pem", cert=b"0cert", key="/lib/board.key")
+t.open()
+sock = socket.made[-1]
+t.send(b"ping")
+assert t.receive(0) is None and not ssl.made
+sock.connected = True
+assert t.receive(0) is None
+line = ssl.made[-1]
+assert line.name == "agent.local" and line.context.verify_mode == ssl.CERT_REQUIRED
+assert line.context.ca == b"0\\1\\2" and line.context.chain == (b"0cert", b"0key")
+assert sock.sent == b""  # the handshake is not done
+line.shaken = True
+assert t.receive(0) is None and sock.sent == b"\\4\\0ping"
+sock.incoming = b"\\2\\0ok"
+assert t.receive(1000) == b"ok"
+sock.room = 0
+t.send(b"more")
+assert t.receive(0) is None
+sock.room = 99
+assert t.receive(0) is None and sock.sent == b"\\4\\0ping\\4\\0more"
+sock.ended = True
+raises(t.receive, 0)
+t.close()
+assert sock.closed
+
+t.open()  # and again
+assert socket.made[-1] is not sock
+t.close()
+""")
+
+
+def test_a_certificate_that_is_refused(board: MicroPython) -> None:
+    board.run(COMMON + """
+t = TlsTransport("agent.local", ca="/lib/ca.pem", name="robot")
+t.open()
+sock = socket.made[-1]
+sock.connected = True
+ssl.refusal = "\\nThe certificate is not correctly signed by the trusted CA\\n"
+said = raises(t.receive, 0)
+assert said == "the agent's certificate is refused: " + ssl.refusal.strip(), said
+assert ssl.made[-1].name == "robot"
+t.close()
+assert sock.closed == 1  # though the line has let go of it
+
+bad = TlsTransport("agent.local", ca=b"no certificate")
+assert "cannot be used: invalid cert" in raises(bad.open)
+bad = TlsTransport("agent.local", ca="/lib/none.pem")
+raises(bad.open)
+free = TlsTransport("agent.local", verify=False)
+ssl.refusal = None
+free.open()
+socket.made[-1].connected = True
+free.receive(0)
+assert ssl.made[-1].context.verify_mode == ssl.CERT_NONE
+""")
+
+
+def test_what_its_import_takes_of_the_heap(board: MicroPython) -> None:
+    board.run("import uros.client, uros.transport.stream")
+    before = board.heap()
+    board.run("import uros.transport.tlsboard")
+    cost = board.heap() - before
+    print(f"\ntransport.tlsboard, .py: {cost} bytes")
+    assert 0 < cost <= 9_000

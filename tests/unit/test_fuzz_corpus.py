@@ -1,0 +1,215 @@
+"""What fuzzing has kept: each input is played once, in plain Python, and must find nothing.
+
+The fuzzers themselves are ``make fuzz``; here only their harnesses run. Two faults planted in
+memory show that these would tell.
+"""
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+from random import Random
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "fuzz"))
+
+from targets import TARGETS, records, world  # noqa: E402
+
+KEPT = ROOT / "fuzz" / "corpus"
+MAX_KEPT = 300_000
+
+
+def target(name):
+    return importlib.import_module(f"targets.{name}")
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_nothing_is_found_in_what_was_kept(name: str) -> None:
+    files = sorted((KEPT / name).iterdir())
+    assert files
+    for file in files:
+        try:
+            target(name).one_input(file.read_bytes())
+        except BaseException as error:
+            raise AssertionError(f"fuzz/run.py {name} --replay {file}") from error
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_nothing_is_found_in_valid_inputs(name: str) -> None:
+    for _, data in target(name).seeds():
+        target(name).one_input(data)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_nothing_is_found_in_what_the_mutators_make(name: str) -> None:
+    """A hundred inputs, the same each time: that the harness works, not that uros does."""
+    chance = Random(name)
+    seeds = [data for _, data in target(name).seeds()]
+
+    def mutate_bytes(part: bytes) -> bytes:
+        edited = bytearray(part or b"\0")
+        edited[chance.randrange(len(edited))] = chance.randrange(256)
+        return bytes(edited)
+
+    for _ in range(100):
+        data = chance.choice(seeds)
+        for _ in range(3):
+            data = target(name).mutate(data, chance, mutate_bytes)
+        target(name).one_input(data)
+
+
+def test_what_is_kept_is_small() -> None:
+    sizes = [file.stat().st_size for file in KEPT.rglob("*") if file.is_file()]
+    assert sum(sizes) < MAX_KEPT
+
+
+def test_every_target_has_a_corpus_and_every_corpus_a_target() -> None:
+    assert {it.name for it in KEPT.iterdir()} == set(TARGETS)
+
+
+def test_records_are_those_that_were_packed() -> None:
+    some = [(0, b""), (255, b"abc"), (7, bytes(65535))]
+    assert list(records.unpack(records.pack(some))) == some
+    assert list(records.unpack(b"\1\xff\xff" + b"cut")) == [(1, b"cut")]
+    assert not list(records.unpack(b"\1\2"))
+
+
+# --- that they would tell -----------------------------------------------------------------
+
+
+def kept_as(name: str, which: str) -> bytes:
+    return dict(target(name).seeds())[which]
+
+
+def test_an_exception_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.agent.session import Session
+
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Session, "_acknack", broken)
+    with pytest.raises(ZeroDivisionError):
+        target("datagrams").one_input(kept_as("datagrams", "subscribe_reliable"))
+
+
+def test_a_limit_that_does_not_hold_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.wire.streams import ReliableIn
+
+    made = ReliableIn.__init__
+    monkeypatch.setattr(ReliableIn, "__init__", lambda self, depth=16: made(self, 1000))
+    bare = target("datagrams")
+    gaps = [(bare.RELIABLE << 2, b"")]
+    gaps += [(0, b"\x81\x80" + n.to_bytes(2, "little") + b"\x0b\1\0\0") for n in range(2, 40)]
+    with pytest.raises(world.Finding, match="early messages"):
+        bare.one_input(b"\0" + records.pack(gaps))
+
+
+def test_another_client_that_is_harmed_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.agent.agent import Agent
+
+    def gone(self, transport, peer):
+        for key in list(self.clients):
+            self.delete_client(key)
+
+    monkeypatch.setattr(Agent, "gone", gone)
+    with pytest.raises(world.Finding):
+        target("datagrams").one_input(kept_as("datagrams", "again"))
+
+
+def test_an_internal_error_in_the_log_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.agent import client as agent_client
+
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(agent_client.Client, "_make_endpoint", broken)
+    with pytest.raises(world.Finding, match="internal error"):
+        target("datagrams").one_input(kept_as("datagrams", "publisher"))
+
+
+def test_lost_frames_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.wire.framing import Deframer
+
+    feed = Deframer.feed
+    noise = []
+
+    def deaf(self, data):
+        """After noise it hears nothing any more."""
+        noise.extend([data] if b"ESP" in data else [])
+        return feed(self, b"" if noise else data)
+
+    monkeypatch.setattr(Deframer, "feed", deaf)
+    with pytest.raises(world.Finding):
+        target("serial").one_input(kept_as("serial", "publish_reliable"))
+
+
+def test_chunks_that_matter_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.wire.framing import LengthDeframer
+
+    feed = LengthDeframer.feed
+
+    def forgetful(self, data):
+        out = feed(self, data)
+        if len(data) == 7:
+            self._buf = bytearray()
+        return out
+
+    monkeypatch.setattr(LengthDeframer, "feed", forgetful)
+    with pytest.raises(world.Finding):
+        target("tcp").one_input(kept_as("tcp", "publish_reliable"))
+
+
+def test_a_frame_that_lies_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.transport import can
+
+    monkeypatch.setattr(can, "can_frame", lambda message: bytearray(message).ljust(64, b"\0"))
+    with pytest.raises(world.Finding):
+        target("can").one_input(kept_as("can", "talk"))
+
+
+def test_xml_that_raises_anything_else_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.agent import profiles
+
+    monkeypatch.setattr(profiles, "_number", lambda text, what: int(text))
+    broken = kept_as("xml", "writer").replace(b"<depth>5", b"<depth>x")
+    with pytest.raises(ValueError, match="invalid literal"):
+        target("xml").one_input(broken)
+
+
+def test_a_rule_that_cannot_be_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.agent import control
+
+    monkeypatch.setattr(control, "_namespace", lambda value: value)
+    with pytest.raises(world.Finding):
+        target("toml").one_input(b'[[client]]\nnamespace = "hall"')
+
+
+def test_a_state_that_is_not_sound_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.agent.keeper import Keeper
+
+    def restored(self, kept):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Keeper, "_restore", restored)
+    with pytest.raises(ZeroDivisionError):
+        target("state").one_input(kept_as("state", "one"))
+
+
+def test_a_description_that_harms_terminals_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(target("recording"), "describe", lambda message: "\033[2J")
+    with pytest.raises(world.Finding):
+        target("recording").one_input(kept_as("recording", "ping"))
+
+
+# --- the command ---------------------------------------------------------------------------
+
+
+def test_replay_is_for_everybody(tmp_path: Path) -> None:
+    file = tmp_path / "input"
+    file.write_bytes(kept_as("toml", "all"))
+    command = [sys.executable, str(ROOT / "fuzz" / "run.py"), "toml", "--replay", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=50)
+    assert done.returncode == 0, done.stderr
+    assert "nothing found" in done.stdout
