@@ -38,7 +38,7 @@ from targets import TARGETS  # noqa: E402  (fuzz/targets, found by the line abov
 # One input that takes longer is a finding, as is more memory than so much.
 INPUT_SECONDS = 20
 MEMORY_MB = 2048
-MAX_LENGTH = 16_384
+MAX_LENGTH = 8192
 # An input of the kept corpus may be as large as this, and all of a target's together.
 KEPT_INPUT = 4096
 KEPT_BYTES = 34_000

@@ -37,7 +37,7 @@ SKIP, POLITE = 0x20, 0x40
 OPS = tuple(range(0x80))
 CAPTURES = Path(__file__).resolve().parents[2] / "tests" / "captures"
 # Attack inputs of the engine are cheap; time that passes is not.
-_MAX_MS = 120_000
+_MAX_MS = 45_000
 
 
 def key_of(peer: int) -> int:

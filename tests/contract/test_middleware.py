@@ -186,7 +186,7 @@ def test_what_is_written_is_taken_as_it_was_in_order(network):
 
 
 def test_a_writer_knows_how_many_readers_it_has(network):
-    """Others, of another type, do not count."""
+    """Those of its own process count too."""
     node = network.node()
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     assert writer.matched() == 0

@@ -182,7 +182,8 @@ class Agent:
             r = Reader(view, start, stop, bool(flags & ids.FLAG_LITTLE_ENDIAN))
             if session_id in (ids.SESSION_NONE_WITH_KEY, ids.SESSION_NONE_WITHOUT_KEY):
                 if kind == ids.CREATE_CLIENT:
-                    r.end = length  # C clients with properties do not count them in
+                    if stop > start:
+                        r.end = length  # C clients with properties do not count them in
                     self._create_client(transport, peer, r)
                 elif kind == ids.GET_INFO:
                     self._ping(transport, peer, r, session_id, key or 0)

@@ -102,7 +102,8 @@ class Packets:
     ) -> tuple[_Endpoint, _Endpoint]:
         port = getattr(transport, "port", None)
         port = port if isinstance(port, int) and 0 < port <= 0xFFFF else _PORT
-        host, _, theirs = address.rpartition(":")
+        # Behind a space, TLS has the name in the client's certificate.
+        host, _, theirs = address.partition(" ")[0].rpartition(":")
         try:
             ip = ipaddress.ip_address(host.strip("[]"))
             client = ip.packed, int(theirs) & 0xFFFF

@@ -22,6 +22,7 @@ from . import addresses
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
 from .ip import Address, bind_trouble, family_of, text_of
 from .tcp import TcpServer
+from .tls import TlsServer
 from .udp import UdpServer
 
 DEFAULT_PORT: Final = 7400
@@ -102,7 +103,11 @@ class DiscoveryServer(ServerTransport):
         super().__init__()
         self.port = port
         self.faults = 0
-        found = [it for it in transports if isinstance(it, (UdpServer, TcpServer))]
+        # Not TLS: a client that asks would speak plain TCP there.
+        found = [
+            it for it in transports
+            if isinstance(it, (UdpServer, TcpServer)) and not isinstance(it, TlsServer)
+        ]  # fmt: skip
         # A client that looks at the first only is one that speaks UDP over IPv4.
         self._servers = sorted(
             found, key=lambda it: (it.kind != "UDP", family_of(it.listens_on) == socket.AF_INET6)

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.certificates import Authority
 from support.client import XrceClient
 from support.lines import SECONDS, UdpLine
 from unit.agent.helpers import create_client, get_info, message, sub
@@ -20,6 +21,7 @@ from uros.agent.server import Server
 from uros.middleware.memory import MemoryMiddleware
 from uros.transport import addresses, discovery
 from uros.transport.base import TransportError
+from uros.transport.certificates import Certificates
 from uros.transport.discovery import (
     GROUP,
     MAX_ANSWERS,
@@ -33,6 +35,7 @@ from uros.transport.discovery import (
 )
 from uros.transport.memory import MemoryServer
 from uros.transport.tcp import TcpServer
+from uros.transport.tls import TlsServer
 from uros.transport.udp import UdpServer
 from uros.wire import ids, session
 from uros.wire.cdr import Reader
@@ -183,6 +186,13 @@ def test_udp_and_tcp_on_one_port_are_one_locator():
     server = DiscoveryServer([UdpServer(8888), TcpServer(8888), TcpServer(8889)])
     found = server.locators(("127.0.0.1", 9))
     assert found == [(LOOPBACK4, 8888), (LOOPBACK4, 8889)]
+
+
+def test_a_port_with_tls_is_not_offered_to_clients_that_would_speak_plain(tmp_path):
+    made = Authority(tmp_path)
+    tls = TlsServer(8889, "0.0.0.0", Certificates(*made.agent(), made.ca))
+    server = DiscoveryServer([tls, TcpServer(8888)])
+    assert server.locators(("127.0.0.1", 9)) == [(LOOPBACK4, 8888)]
 
 
 def test_no_more_locators_than_a_c_client_has_room_for():
