@@ -10,7 +10,7 @@ from pathlib import Path
 from random import Random
 
 from uros.agent import representation
-from uros.agent.objects import KIND_NAMES
+from uros.agent.kinds import KIND_NAMES
 from uros.agent.profiles import MAX_XML, ProfileError, References
 from uros.agent.representation import ApplicationSpec, EndpointSpec, UnknownReference
 from uros.wire import entities, ids

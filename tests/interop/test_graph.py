@@ -7,11 +7,12 @@ import time
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from support.agent import running_agent
+from support.agent import RunningAgent, running_agent, serving
 from support.client import XrceClient
 from support.lines import UdpLine
 
 from uros.agent.graph import TOPIC, TYPE
+from uros.agent.liveliness import Liveliness
 from uros.interfaces import load as load_type
 from uros.interfaces.codec import to_cdr
 from uros.wire import ids
@@ -201,6 +202,17 @@ def test_nothing_is_left_of_a_board_whose_tcp_connection_is_closed(domain, peer)
         assert_there(peer)
         agent.lines[0].close()
         assert_gone(peer)
+
+
+def test_nothing_is_left_of_a_board_that_is_switched_off_when_its_time_is_over(domain, peer):
+    """By UDP nothing tells the agent but silence."""
+    running = RunningAgent("udp", "dds", domain, 4)
+    running.agent.liveliness = Liveliness(running.agent, dead_time=3)
+    with serving(running) as agent:
+        board(agent, 0x52000016)
+        assert_there(peer)
+        agent.lines[0].close()
+        assert_gone(peer, seconds=3 * SOON)
 
 
 def test_nothing_is_left_of_a_board_that_comes_again_as_another(agent, peer):

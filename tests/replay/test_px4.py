@@ -15,6 +15,7 @@ from support.px4 import PUBLICATIONS, SUBSCRIPTIONS, Px4, counter, sample, type_
 
 from uros.middleware.base import Service
 from uros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from uros.wire import ids
 
 NODE = "/px4_micro_xrce_dds"
 SENSOR_DATA = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -364,10 +365,26 @@ def test_on_a_serial_line_another_key_takes_the_place_of_the_one_before(place, g
     )
 
 
-def test_two_vehicles_with_the_same_key_take_it_from_each_other(udp, ground):
-    """As with the C++ agent: keys must differ. The one that lost it hears nothing any more."""
-    first = udp.fly(Px4, ground)
-    second = udp.fly(Px4, ground)
+def test_of_two_vehicles_with_the_same_key_the_first_keeps_it(udp, ground):
+    first = udp.fly(Px4, ground, key=6)
+    second = Px4(udp.link(), key=6)
+    second.others = ground, first.session  # which answers the agent's question
+    second.session.greet()
+    second.until(lambda: second.session.agent_status is not None, "no answer to CREATE_CLIENT")
+    assert second.session.agent_status == ids.STATUS_ERR_DENIED
+    assert first.in_session()
+    assert ground.graph.nodes().count(NODE) == 1
+    second.until(
+        lambda: any(
+            "client key in use" in it and "a key of its own" in it for it in udp.complaints()
+        ),
+        "the log does not say what to do",
+    )
+
+
+def test_a_vehicle_that_does_not_answer_loses_its_key_to_another(udp, ground):
+    first = udp.fly(Px4, ground, key=7)
+    second = udp.fly(Px4, ground, key=7)
     assert second.in_session() and not first.in_session(0.2)
     assert ground.graph.nodes().count(NODE) <= 1
 

@@ -14,6 +14,7 @@ from support.client import XrceClient
 from support.replay import CAPTURES
 from support.tshark import packets
 
+from uros.agent.admission import Admission
 from uros.agent.capture import Capture
 from uros.tools import cli
 from uros.tools.errors import ToolError
@@ -200,6 +201,16 @@ def test_another_answer_is_found_and_shown(monkeypatch):
         said
     )
     assert said.endswith("the answers differ\n")
+
+
+def test_an_agent_that_refuses_the_session_is_told():
+    with running_agent("udp", "memory") as agent:
+        agent.agent.admission = Admission(keys=frozenset([1]))
+        path = CAPTURES / "rclc_int32_publisher.jsonl"
+        status, said = replay(path, address(agent), "--patience", 0.2)
+    assert status == 1
+    assert "refused the session (STATUS_AGENT ERR_DENIED)" in said
+    assert said.endswith("replay to an agent that was just started\n")
 
 
 def test_samples_that_do_not_come_are_missing_and_it_says_why():

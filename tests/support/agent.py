@@ -3,12 +3,12 @@
 import io
 import os
 import threading
-import time
 import tty
 from contextlib import contextmanager
 
 from support import serials
 from support.lines import SECONDS, SerialLine, SharedTerminal, TcpLine, TlsLine, UdpLine
+from support.waiting import eventually
 from uros.agent.agent import Agent
 from uros.agent.log import Log
 from uros.agent.server import Server
@@ -134,10 +134,7 @@ class RunningAgent:
 
     def _custom_port(self):
         """The line is opened in a thread of its own."""
-        deadline = time.monotonic() + SECONDS
-        while not self._custom.port:
-            assert time.monotonic() < deadline
-            time.sleep(0.001)  # a poll with a deadline
+        eventually(lambda: self._custom.port)
         return self._custom.port
 
     def snapshot(self):

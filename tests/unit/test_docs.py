@@ -1,24 +1,35 @@
-"""What the pages say is there: the tests they name, the options, the links, the example."""
+"""What the pages say is there: tests, options, files, links, metrics, lines of output, commands."""
 
 import argparse
 import ast
 import re
+import shutil
+import ssl
+import subprocess
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+from unit.test_house import ALLOWED
 
 from uros.agent.control import Control
 from uros.qos import QoSProfile, ReliabilityPolicy
-from uros.tools import agent
+from uros.tools import agent, cli
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
-    *(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")),
+    *(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")),
     *sorted((ROOT / "docs").glob("*.md")),
 ]
+README = ROOT / "README.md"
+ARCHITECTURE = ROOT / "ARCHITECTURE.md"
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 AGENT = ROOT / "docs" / "agent.md"
+DOCTOR = ROOT / "docs" / "doctor.md"
 ROBUSTNESS = ROOT / "docs" / "robustness.md"
+SECURITY = ROOT / "docs" / "security.md"
+SEEING = ROOT / "docs" / "seeing.md"
 NAMED = re.compile(r"`([\w/.]+\.py)::(\w+)`")
 
 # Options on the page of the agent that are not its own.
@@ -49,46 +60,145 @@ def test_every_test_that_a_page_names_exists(page):
     assert not missing, "rename or take out of the page: " + ", ".join(missing)
 
 
-def rows():
-    """``(section, cells)`` of the tables on the page of the agent that name tests."""
-    section, within = "", False
-    for line in AGENT.read_text("utf-8").splitlines():
+def cells_of(line):
+    return [it.strip() for it in re.split(r"(?<!\\)\|", line)[1:-1]]
+
+
+def tables(page):
+    """``(section, header, rows)`` of each table on a page."""
+    section, found, within = "", [], False
+    for line in page.read_text("utf-8").splitlines():
         if line.startswith("#"):
             section = line.lstrip("# ")
         if not line.startswith("|"):
             within = False
-            continue
-        cells = [it.strip() for it in re.split(r"(?<!\\)\|", line)[1:-1]]
-        if cells[-1] == "test":
+        elif not within:
             within = True
-        elif within and set(cells[0]) != {"-"}:
-            yield section, cells
+            found.append((section, cells_of(line), []))
+        elif set(line) - set("|-: "):
+            found[-1][2].append(cells_of(line))
+    return found
 
 
-def test_every_line_about_the_agent_has_its_test():
-    """But those that say what it does not do: "no", to begin with."""
-    lines = list(rows())
-    assert len(lines) > 150
-    for section, cells in lines:
-        about = f"{section}: {cells[0]}"
-        assert len(cells) == 4 and all(cells), about
-        if cells[3] == "–":
-            assert re.match(r"no\b", cells[2]), about
-        else:
-            assert all(NAMED.fullmatch(it) for it in cells[3].split(", ")), about
+def table(page, *header):
+    """The rows of the one table on the page with this header."""
+    (rows,) = [rows for _, head, rows in tables(page) if head == list(header)]
+    return rows
 
 
-def test_every_attack_on_the_page_has_its_test():
-    lines = [
-        [it.strip() for it in re.split(r"(?<!\\)\|", line)[1:-1]]
-        for line in ROBUSTNESS.read_text("utf-8").splitlines()
-        if line.startswith("|")
-    ]
-    lines = [it for it in lines if it[0] != "attack or fault" and set(it[0]) != {"-"}]
-    assert len(lines) > 70
-    for cells in lines:
-        assert len(cells) == 3 and all(cells), cells[0]
-        assert all(NAMED.fullmatch(it) for it in cells[2].split(", ")), cells[0]
+# How many lines the pages have that name tests, at least: a table that is not found proves nothing.
+LINES = {AGENT: 200, ROBUSTNESS: 70, DOCTOR: 25, SECURITY: 8}
+
+
+@pytest.mark.parametrize("page", LINES, ids=name_of)
+def test_every_line_of_a_table_with_tests_has_its_test(page):
+    """But those that say what the agent does not do: "no", to begin with."""
+    count = 0
+    for section, header, rows in tables(page):
+        if header[-1] != "test":
+            continue
+        for cells in rows:
+            about = f"{section}: {cells[0]}"
+            assert len(cells) == len(header) and all(cells), about
+            if page == AGENT and cells[-1] == "–":
+                assert re.match(r"no\b", cells[-2]), about
+            else:
+                assert all(NAMED.fullmatch(it) for it in cells[-1].split(", ")), about
+        count += len(rows)
+    assert count >= LINES[page]
+
+
+@pytest.mark.parametrize("page", LINES, ids=name_of)
+def test_no_table_of_a_page_says_a_thing_twice(page):
+    for section, _, rows in tables(page):
+        names = [cells[0] for cells in rows]
+        assert len(names) == len(set(names)), section
+
+
+def test_every_page_is_named_where_people_begin():
+    text = README.read_text("utf-8")
+    names = [f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")]
+    names += ["ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+    assert not [it for it in sorted(names) if it not in text]
+
+
+# --- the house --------------------------------------------------------------------------------
+
+
+def test_the_rooms_on_the_page_are_those_of_the_house():
+    (house,) = re.findall(r"^src/uros/\n((?:  .*\n)+)", ARCHITECTURE.read_text("utf-8"), re.M)
+    named = re.findall(r"^  (\w+)(?:/|\.py) ", house, re.M)
+    source = ROOT / "src" / "uros"
+    rooms = {it.parent.name for it in source.glob("*/__init__.py")}
+    assert sorted(named) == sorted(rooms | {"qos", "ticks", "names"})
+
+
+def test_the_walls_on_the_page_are_those_that_are_tested():
+    told = {}
+    for rooms, may in table(ARCHITECTURE, "room", "may import"):
+        named = set() if may == "nothing" else set(may.split(", "))
+        for room in rooms.split(", "):
+            told[room] = set(ALLOWED) - {room} if may == "all above" else named
+    for room in ("boards", "tools"):  # each of them is in the same line as the other
+        told[room] -= {"boards", "tools"}
+    wanted = {room: may - {"boards", "tools"} for room, may in ALLOWED.items()}
+    assert told == wanted
+
+
+def test_the_numbers_on_the_page_are_those_of_the_sources():
+    from uros.agent import admission, keeper, liveliness, pace, rivals, session, state, watchdog
+    from uros.agent.limits import Limits
+    from uros.transport import tcp, tls
+    from uros.wire.streams import MAX_MESSAGE
+
+    told = {what: value for what, value, _ in table(ARCHITECTURE, "what", "value", "where")}
+    it = Limits()
+    assert (pace.SHARE_OF_ONE, pace.SHARE_OF_ALL, tls.SHARE) == (0.25, 0.5, 0.25)
+    for what, value in (
+        ("fragmented message", f"{MAX_MESSAGE >> 20} MiB at most"),
+        ("streams of one client; its objects, participants, domains, types",
+         f"{session.MAX_STREAMS}; {it.objects}, {it.participants}, {it.domains}, {it.types}"),
+        ("memory that clients make the agent hold", f"{it.memory >> 20} MB in all"),
+        ("time for creating and deleting", "a quarter for one client, a half for all"),
+        ("TCP: connections, of one address; idle without a session",
+         f"{tcp.MAX_CONNECTIONS}, {tcp.MAX_FROM_ONE}; {tcp.IDLE_SECONDS:.0f} s"),
+        ("TLS handshakes: at once, each, share of the time",
+         f"{tls.MAX_HANDSHAKES}, {tls.HANDSHAKE_SECONDS:.0f} s, a quarter"),
+        ("the data plane hangs; the end hangs",
+         f"is told after {watchdog.HANG_SECONDS:.0f} s;"
+         f" is forced after {watchdog.END_SECONDS:.0f} s"),
+        ("state file: clients; journal",
+         f"{state.SLOTS}; {state.MAX_JOURNAL >> 20} MiB,"
+         f" written anew from {keeper.JOURNAL_SIZE >> 20} MiB on"),
+        ("a restored writer waits for its readers; a session for its transport",
+         f"{keeper.HOLD_SECONDS:.0f} s; a day"),
+        ("clients; domains", f"{admission.MAX_CLIENTS}; 32"),
+        ("a silent client: asked after, forgotten after",
+         f"{min(liveliness.DEAD_TIME / 10, 30):.0f} s, {liveliness.DEAD_TIME:.0f} s"),
+        ("one with hard liveliness: asked each, forgotten after",
+         f"{liveliness.MIN_HARD_MS / 1000:g} s to an hour, three questions"),
+        ("a second one with its key waits for", f"{sum(rivals.WAIT_MS) / 1000:g} s"),
+        ("representations kept of one client; answers it does not acknowledge",
+         f"{it.representations >> 20} MiB; {session.MAX_ANSWERS >> 20} MiB"),
+    ):  # fmt: skip
+        assert told[what] == value
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_file_of_python_that_a_page_names_exists(page):
+    places = [ROOT, ROOT / "src" / "uros", ROOT / "tests", ROOT / "src" / "uros" / "agent"]
+    text = page.read_text("utf-8")
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S)
+    named = {it for it in re.findall(r"`([\w./]+\.(?:py|toml))`", text) if "/" in it}
+    missing = [it for it in sorted(named) if not any((place / it).is_file() for place in places)]
+    assert not missing
+
+
+def test_what_make_does_is_what_the_page_says():
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    (targets,) = re.findall(r"^\.PHONY: (.+)$", makefile, re.M)
+    told = re.findall(r"^\| `make ([\w-]+)` \|", CONTRIBUTING.read_text("utf-8"), re.M)
+    assert sorted(told) == sorted(targets.split())
 
 
 # --- the command line ---------------------------------------------------------------------------
@@ -148,9 +258,209 @@ def test_every_variable_that_the_agent_reads_is_on_its_page():
     assert not [name for name in sorted(read) if f"`{name}`" not in text]
 
 
+def verbs(group=cli._ROOT, name="uros"):
+    """``(words, parser)`` of each command but ``uros agent``, which has parsers of its own."""
+    for word, member in group.members.items():
+        if isinstance(member, cli.Group):
+            yield from verbs(member, f"{name} {word}")
+        elif word != "agent":
+            parser = argparse.ArgumentParser()
+            import_module(f"uros.tools.{member.module}").add_arguments(parser)
+            yield f"{name} {word}", parser
+    if group is cli._ROOT:
+        yield "uros agent status", parsers()["status"]
+
+
+VERBS = dict(verbs())
+
+
+def options_of(verb):
+    found = {option for it in VERBS[verb]._actions for option in it.option_strings}
+    return found - {"-h", "--help"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_option_of_a_tool_on_a_page_exists(page):
+    """In commands, ``uros topic echo /x --once``, as long as nothing else begins."""
+    text = page.read_text("utf-8")
+    for verb in VERBS:
+        for said in re.findall(rf"{verb}(?![\w-])([^`\n#|;&]*)", text):
+            used = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", said))
+            assert not used - options_of(verb) - {"-h", "--help"}, f"{verb}{said}"
+
+
+@pytest.mark.parametrize(
+    ("verb", "page"),
+    [
+        ("uros agent status", SEEING), ("uros trace", SEEING), ("uros replay", SEEING),
+        ("uros doctor", DOCTOR),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_every_option_of_a_tool_is_on_its_page(verb, page):
+    text = page.read_text("utf-8")
+    by_action = [it.option_strings for it in VERBS[verb]._actions if it.option_strings]
+    missing = [
+        names[0]
+        for names in by_action
+        if "--help" not in names and not any(spelled(text, it) for it in names)
+    ]
+    assert not missing
+
+
+def test_the_defaults_of_the_agent_on_its_page_are_those_it_has():
+    from uros.agent.admission import MAX_CLIENTS
+    from uros.agent.limits import Limits
+    from uros.agent.liveliness import DEAD_TIME, MAX_DEAD_TIME
+    from uros.tools.agent_capture import DEFAULT_SIZE
+
+    def line(option):
+        (cells,) = [
+            it
+            for section, _, rows in tables(AGENT)
+            for it in rows
+            if section == "Command line" and it[0].startswith(f"`{option} ")
+        ]
+        return cells[2]
+
+    limits = Limits()
+    assert f"{DEAD_TIME:.0f} if not given, at most {MAX_DEAD_TIME:.0f}" in line("--dead-time")
+    assert f"{DEFAULT_SIZE} if not given" in line("--capture-size")
+    for number in (limits.objects, limits.message, limits.memory >> 20):
+        assert re.search(rf"\b{number}\b", line("--max-objects"))
+    (clients,) = [
+        it[2]
+        for section, _, rows in tables(AGENT)
+        for it in rows
+        if section == "Limits" and it[0] == "clients"
+    ]
+    assert str(MAX_CLIENTS) in clients
+
+
 def test_the_default_middleware_is_the_one_on_the_page():
     (line,) = re.findall(r"^\| `-m (\w+)` \(default\)", AGENT.read_text("utf-8"), re.M)
     assert agent._common([argparse.Namespace()]).middleware == line
+
+
+# --- what is shown ------------------------------------------------------------------------------
+
+
+def test_the_trace_on_the_page_is_what_it_shows(capsys):
+    (text,) = re.findall(r"^```\n(-- client 0 .+?)^```$", SEEING.read_text("utf-8"), re.M | re.S)
+    recording = "tests/captures/rclc_int32_publisher.jsonl"
+    assert f"`{recording}`" in SEEING.read_text("utf-8")
+    assert cli.main(["trace", str(ROOT / recording)]) == 0
+    shown = iter(capsys.readouterr().out.splitlines())
+    assert not [line for line in text.splitlines() if line not in shown]  # in this order
+
+
+def test_the_page_of_status_is_how_it_looks():
+    from uros.tools.agent_status import page
+
+    def board(key, address, nodes, heard, rates, lost):
+        return {
+            "key": key, "address": address, "nodes": nodes, "heard_ago": heard, "rate_over": 9.6,
+            "received": {"lost": lost, "rate": rates[0]}, "sent": {"resent": 0, "rate": rates[1]},
+            "queues": {"unacknowledged": 0, "stalled": 0, "early": 0},
+        }  # fmt: skip
+
+    snapshot = {
+        "pid": 4711, "uptime": 7500, "middleware": "auto", "cpu": 12, "rss": 61_000_000, "fds": 23,
+        "transports": [
+            {"name": "UDPv4Agent", "label": "port 8888", "messages": 12345, "bytes": 1_200_000},
+            {"name": "SerialAgent", "label": "/dev/ttyACM0", "messages": 7, "bytes": 80,
+             "crc_errors": 3, "skipped": 120},
+        ],
+        "clients": [
+            board("0x4B0CBE99", "192.168.1.7:2018", [{"name": "/left/board", "domain": 0}], 0,
+                  (26.5, 28.7), 0),
+            board("0x4B0CBE9A", "192.168.1.9:2018", [{"name": "/imu", "domain": 3}], 0.4,
+                  (2.2, 0), 4),
+        ],
+        "refused": [{"key": "0x4B0CBE99", "address": "192.168.1.8:2018", "times": 12, "ago": 3,
+                     "why": "client key in use"}],
+    }  # fmt: skip
+    (text,) = re.findall(r"^```\n(agent \d+, .+?)^```$", SEEING.read_text("utf-8"), re.M | re.S)
+    assert text.splitlines() == page(snapshot, width=10_000)
+
+
+def test_the_findings_on_the_page_of_the_doctor_are_how_they_look():
+    from uros.tools.doctor import lines
+    from uros.tools.doctor_agents import check_agents
+    from uros.tools.doctor_finding import problem
+
+    page = DOCTOR.read_text("utf-8")
+    (text,) = re.findall(r"^```\n\$ uros doctor [^\n]*\n(.+?)^```$", page, re.M | re.S)
+    found = [
+        check_agents([{"pid": 4242, "clients": [{}]}]),
+        problem(
+            "permission", "me may not open /dev/ttyACM0: its group is dialout",
+            "sudo usermod -aG dialout $USER, then log out and in again",
+        ),
+        problem(
+            "qos", "nothing that /board publishes on /temp reaches /listener: reliability offered"
+            " is best_effort, requested reliable",
+            "start the agent with --qos /temp:reliability=reliable",
+        ),
+    ]  # fmt: skip
+    assert text == "".join(lines(it) + "\n" for it in found)
+
+
+def test_every_metric_is_on_the_page_and_no_other():
+    from uros.agent import metrics
+
+    told = []
+    for names, _, _ in table(SEEING, "metric", "labels", "what it is"):
+        stem = ""
+        for name in re.findall(r"`([\w…]+)`", names):
+            stem = stem if name.startswith("…") else re.match(r"uros_[a-z]+_|", name).group()
+            told.append(name.replace("…_", stem))
+    wanted = {"uros_agent_info", "uros_agent_uptime_seconds", "uros_clients",
+              "uros_refused_clients", "uros_client_info", "uros_client_silence_seconds",
+              "uros_transport_connections"}  # fmt: skip
+    wanted |= {f"uros_client_{name}{'_total' * counts}" for name, _, counts, _ in metrics._CLIENT}
+    wanted |= {f"uros_transport_{name}_total" for name, _, _ in metrics._TRANSPORT}
+    assert sorted(told) == sorted(wanted)
+    assert f"the first {metrics.MAX_SERIES} are one" in " ".join(SEEING.read_text("utf-8").split())
+
+
+def test_what_the_log_says_of_tls_is_in_the_sources():
+    source = ROOT / "src" / "uros" / "transport"
+    said = "".join((source / name).read_text("utf-8") for name in ("tls.py", "tcp.py"))
+    said = re.sub(r'"\n\s*f?"', "", said)
+    said = said.replace("{HANDSHAKE_SECONDS:.0f}", "10")
+    assert not [it for it, _ in table(SECURITY, "the log says", "and means") if it not in said]
+
+
+@pytest.fixture(scope="module")
+def certified(tmp_path_factory):
+    """A folder in which the commands of the page were run."""
+    folder = tmp_path_factory.mktemp("certificates")
+    (commands,) = re.findall(r"^```sh\n(.+?)^```$", SECURITY.read_text("utf-8"), re.M | re.S)
+    assert shutil.which("openssl"), "this test needs openssl"
+    subprocess.run(["sh", "-ec", commands], cwd=folder, check=True, capture_output=True)
+    return folder
+
+
+def test_the_certificates_of_the_page_are_good_for_agent_and_board(certified):
+    from uros.transport.certificates import Certificates
+
+    files = Certificates(*(str(certified / it) for it in ("agent.pem", "agent.key", "ca.pem")))
+    assert not files.doubt()
+    board = ssl.create_default_context(cafile=str(certified / "ca.pem"))
+    board.load_cert_chain(certified / "left.pem", certified / "left.key")
+    for name in ("robot.local", "192.168.1.20"):
+        there, back = ssl.MemoryBIO(), ssl.MemoryBIO()
+        asking = board.wrap_bio(back, there, server_hostname=name)
+        answering = files.context().wrap_bio(there, back, server_side=True)
+        for _ in range(3):
+            for side in (asking, answering):
+                try:
+                    side.do_handshake()
+                except ssl.SSLWantReadError:
+                    pass
+        assert ("commonName", "left") in answering.getpeercert()["subject"][0]
+        assert asking.version() in ("TLSv1.2", "TLSv1.3")
 
 
 # --- links --------------------------------------------------------------------------------------

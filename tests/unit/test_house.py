@@ -1,6 +1,7 @@
 """Which room may import which: the walls of ARCHITECTURE.md."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -77,6 +78,29 @@ def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
     assert done.stdout.splitlines()[-1] == "HEAVY []", done.stderr
 
 
+def test_an_agent_loads_what_its_options_ask_for_and_no_more() -> None:
+    program = (
+        "import sys\n"
+        "from uros.tools import cli\n"
+        "cli.main(['agent', 'udp4', '-p', '0', '-m', 'memory', '-v', '0', '--stop-at-eof'])\n"
+        "parts = ('keeper', 'state', 'capture', 'pcapng', 'metrics', 'describe')\n"
+        "more = {'ssl', 'prometheus_client', 'http.server', 'asyncio', 'ctypes', 'numpy'}\n"
+        "more |= {'uros.agent.' + it for it in parts}\n"
+        "print('MORE', sorted(more & set(sys.modules)))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], stdin=subprocess.DEVNULL, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines()[-1:] == ["MORE []"], done.stdout + done.stderr
+
+
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SOURCE)))
 def test_no_module_is_a_warehouse(path: Path) -> None:
     assert len(path.read_text("utf-8").splitlines()) <= 700
+
+
+@pytest.mark.parametrize("room", ["agent", "transport"])
+def test_a_large_room_says_what_each_of_its_modules_is_for(room: str) -> None:
+    told = ast.get_docstring(ast.parse((SOURCE / room / "__init__.py").read_text("utf-8"))) or ""
+    named = set(re.findall(r"``(\w+)``", told))
+    assert named == {path.stem for path in (SOURCE / room).glob("*.py")} - {"__init__"}

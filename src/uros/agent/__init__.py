@@ -1,19 +1,44 @@
 """The agent: the server that speaks for boards on the ROS 2 network.
 
+One client, from the network in:
+
 ====================  ==========================================================
-``session``           one client's streams: datagrams in, submessages out of them
-``client``            one client's objects, and the rules of creating them
+``session``           its streams: datagrams in, submessages out of them
+``handler``           what a session needs of its client
+``client``            its objects, and the rules of creating them
 ``representation``    what a CREATE says, whichever of three formats it uses
 ``profiles``          XML representations and reference files
 ``application``       XML documents that list entities, made and deleted as one
-``objects``           what is kept of a client's objects; where references are looked up
+``kinds``             kinds of objects, and how ids are written
+``objects``           what is kept of its objects; where references are looked up
+``making``            what a CREATE makes on the network
 ``info``              answers to GET_INFO about objects
 ``control``           what the agent's owner decides for clients
+``owners_values``     values that the owner writes
 ``endpoint``          writers, readers, requesters and repliers at work
 ``delivery``          READ_DATA: how many samples, how fast
 ``graph``             the ROS graph, for boards that ask for it
-``agent``             all clients: who may come in, who is who
+====================  ==========================================================
+
+All of them:
+
+====================  ==========================================================
+``agent``             who is who, who comes and goes
+``admission``         who may come in, and who was refused
+``rivals``            two who say that they are the same client
+``liveliness``        who is still there
+``limits``            what one may have, and all together
+``budget``            the account of memory; ``pace``: that of time
 ``server``            the one thread: sockets, timers, middleware
+``clock``             its time
+``watchdog``          tells where it hangs
 ``log``               lines in the columns that readers of the C++ agent know
 ====================  ==========================================================
+
+What outlives it (``--state``): ``keeper`` has it written, ``entry`` knows how much of a client is,
+``kept`` what that adds up to, ``state`` is the file.
+
+What a person sees of it: ``taps``, where messages are listened to; ``describe``, what one means;
+``capture``, a file of them in the form of ``jsonlines`` or ``pcapng``; ``snapshot``, how the agent
+and its clients are, asked for by ``inspection`` and ``metrics``.
 """

@@ -18,13 +18,17 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Any, Final, NamedTuple
 
-from .owners_values import ControlError, key_of, listed, only, shown, whole
+from .owners_values import ControlError, key_of, listed, only, shown, typed, whole
 
 # Attack: CREATE_CLIENT with one key after the other. Those that made nothing and were silent
 # the longest go first, a sixteenth of all at a time.
 MAX_CLIENTS: Final = 4096
 # Attack: the same with keys that are refused. So many are remembered, the latest.
 MAX_REFUSALS: Final = 256
+# Why somebody is refused. These are what the owner's tools know it by, too.
+KEY_IN_USE: Final = "client key in use"
+KEY_NOT_ALLOWED: Final = "client key not allowed"
+ADDRESS_NOT_ALLOWED: Final = "address not allowed"
 # Attack: packets in the name of all addresses. Answers for so many are remembered.
 _MAX_HOSTS: Final = 1024
 
@@ -80,7 +84,7 @@ def make_admission(
         except ControlError as error:
             raise ControlError(f"{name}: [admission]: {error}") from error
     if keys:
-        _add(made, {"keys": [_number(it) for it in keys]})
+        _add(made, {"keys": [typed(it) for it in keys]})
     if networks:
         _add(made, {"networks": list(networks)})
     if max_clients is not None:
@@ -103,11 +107,6 @@ def _table(value: Any) -> Mapping[str, Any]:
     if not isinstance(value, dict):
         raise ControlError("it is a table, with one bracket on each side")
     return value
-
-
-def _number(text: str) -> int | str:
-    """A key of the command line, where numbers are texts too."""
-    return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else text
 
 
 def _network(value: Any) -> IPv4Network | IPv6Network:

@@ -22,15 +22,22 @@ from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.header import MessageWriter, pull_header, pull_subheader
 from ..wire.streams import ticks_diff
-from .admission import MAX_CLIENTS, Admission, Refusals
+from .admission import (
+    ADDRESS_NOT_ALLOWED,
+    KEY_NOT_ALLOWED,
+    MAX_CLIENTS,
+    Admission,
+    Refusals,
+)
 from .budget import CLIENT_BYTES, Budget
 from .client import Client
 from .clock import Clock
 from .control import Control
 from .graph import Graphs
+from .kinds import key_label
 from .limits import Limits
 from .liveliness import DEAD_TIME, LOOK_MS, Liveliness
-from .log import WARNING, Log, RateLimit
+from .log import WARNING, Log, RateLimit, unexpected
 from .pace import Closing, Pace
 from .profiles import References
 from .rivals import Request, Rivals
@@ -112,7 +119,7 @@ class Agent:
             if not admission.admits_key(key) or not (host is None or admission.admits_host(host)):
                 self.log.warning(
                     "Root", "start", "client not allowed any more",
-                    f"client_key: 0x{key:08X}, address: {transport.address(peer)}: forgotten"
+                    f"client_key: {key_label(key)}, address: {transport.address(peer)}: forgotten"
                     " (see --allow-key, --allow-net)",
                 )  # fmt: skip
                 self.delete_client(key)
@@ -149,10 +156,8 @@ class Agent:
                 frame = frame.tb_next
             where = f"{frame.tb_frame.f_code.co_filename}:{frame.tb_lineno}" if frame else "?"
             self.log.error(
-                "Server", "run", "internal error",
-                f"{type(error).__name__}: {error} at {where}"
-                " (this is a fault of uros: please report it)",
-            )  # fmt: skip
+                "Server", "run", "internal error", unexpected(error, f" at {where}")
+            )
 
     def _type_conflict(self, topic: str, here: str, there: str) -> None:
         """Say once that samples of a topic do not reach each other."""
@@ -234,8 +239,8 @@ class Agent:
         elif mtu < MIN_MTU:
             status, what = ids.STATUS_ERR_INVALID_DATA, f"MTU of {mtu} is under {MIN_MTU}"
         elif not self.admission.admits_key(key):
-            status, what = ids.STATUS_ERR_DENIED, "client key not allowed"
-            remedy = f" (to let it in: --allow-key 0x{key:08X})"
+            status, what = ids.STATUS_ERR_DENIED, KEY_NOT_ALLOWED
+            remedy = f" (to let it in: --allow-key {key_label(key)})"
         elif not self._has_room(key):
             over = self.admission.max_clients
             status, what = ids.STATUS_ERR_RESOURCES, f"over {over} clients"
@@ -255,7 +260,7 @@ class Agent:
         if (times := self.faults.times(f"create_client {what}")) is not None:
             self.log.warning(
                 "Root", "create_client", what,
-                f"client_key: 0x{key:08X}, address: {transport.address(peer)}{remedy}{times}",
+                f"client_key: {key_label(key)}, address: {transport.address(peer)}{remedy}{times}",
             )  # fmt: skip
         self._answer_create(key, transport, peer, session_id, status)
 
@@ -294,14 +299,14 @@ class Agent:
             return False
         count = self.strangers.admit(f"outside {host}")
         if count:
-            address, what = transport.address(peer), "address not allowed"
+            address, what = transport.address(peer), ADDRESS_NOT_ALLOWED
             key = key_of_newcomer(message)
             if key is not None:
                 self.refusals.note(key, what, address, time.monotonic(), count)
             self.log.warning(
                 transport.name, "receive", what,
                 f"address: {address}, it is in no network of --allow-net"
-                + (f", client_key: 0x{key:08X}" if key is not None else "")
+                + (f", client_key: {key_label(key)}" if key is not None else "")
                 + (f" ({count} messages)" if count > 1 else ""),
             )  # fmt: skip
         return True
@@ -327,7 +332,7 @@ class Agent:
         if client is not None and client.session.session_id != session_id:
             self.delete_client(key)
             client = None
-        about = f"client_key: 0x{key:08X}, session_id: 0x{session_id:02X}"
+        about = f"client_key: {key_label(key)}, session_id: 0x{session_id:02X}"
         if client is None:
             client = self.clients[key] = Client(self, key, session_id, mtu)
             self.log.info("Root", "create_client", "create", about)
@@ -363,7 +368,7 @@ class Agent:
             transport.sessions[peer] = client.session
         self.log.info(
             "SessionManager", "establish_session", "session established",
-            f"client_key: 0x{client.key:08X}, address: {transport.address(peer)}",
+            f"client_key: {key_label(client.key)}, address: {transport.address(peer)}",
         )  # fmt: skip
 
     def _ping(
@@ -435,7 +440,7 @@ class Agent:
         if place is not None:
             place[0].sessions.pop(place[1], None)
             self._left = {key: place}
-        about = f"client_key: 0x{key:08X}"
+        about = f"client_key: {key_label(key)}"
         self.log.info("Root", "delete_client", "delete", about)
         if place is not None:
             self.log.info(
@@ -450,7 +455,7 @@ class Agent:
         if times is not None:
             self.log.warning(
                 "Root", "budget", "memory used up",
-                f"client_key: 0x{key:08X} held {held} bytes and is forgotten"
+                f"client_key: {key_label(key)} held {held} bytes and is forgotten"
                 f" (all clients together may hold {self.limits.memory}: raise --max-memory, or find"
                 f" out what it does){times}",
             )  # fmt: skip

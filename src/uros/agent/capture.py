@@ -1,40 +1,38 @@
 """``--capture FILE``: every message that passes the agent, both ways, in a file.
 
-The text form has one JSON line a message, as the recordings of C++ agents in ``tests/captures``
-have, and says more::
-
-    {"t": 1763750000.123456, "from": "client", "client": 0, "transport": "UDPv4Agent",
-     "address": "192.0.2.7:2018", "key": "0x4B0CBE99", "hex": "8180..."}
-
-``t`` is in seconds since 1970, ``client`` counts the addresses. The other form is
-:mod:`.pcapng`. A thread writes them, because boards must not wait for a disk; it writes whole
-records, so that a file is readable whatever ends the agent.
+It has the form of :mod:`.jsonlines` or of :mod:`.pcapng`. A thread writes it, because boards must
+not wait for a disk; it writes whole records, so that a file is readable whatever ends the agent.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
-import json
 import os
 import queue
 import stat
 import threading
+import time
 from typing import Final, Protocol
 
-from ..transport.base import ServerTransport
-from .log import Log, RateLimit
+from .jsonlines import Lines
+from .log import Log, RateLimit, unexpected
 from .pcapng import MAGIC, Packets
 from .taps import Passing, Taps
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 # What may wait for the disk; beyond it messages are not captured. A message has its overhead.
 MAX_WAITING: Final = 16 * 1024 * 1024
 _OVERHEAD: Final = 300
 # Written at once where so much waits.
 _CHUNK: Final = 64 * 1024
-# Attack: messages from one address after the other; their numbers start anew then.
-_MAX_CLIENTS: Final = 65536
-# How long the end of the agent waits for the disk, in seconds.
+# How long the end of the agent waits for the disk, in seconds, and for one that takes nothing.
 _PATIENCE: Final = 5.0
+_STILL: Final = 1.0
 # Windows would change line ends, and elsewhere a terminal would become ours.
 _NEW: Final = (
     os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
@@ -51,42 +49,14 @@ class _Form(Protocol):
     def encode(self, passing: Passing, lost: int) -> bytes: ...
 
 
-class Lines:
-    """Makes the lines of the text form."""
-
-    def __init__(self) -> None:
-        # What the lines of a place have in common.
-        self._places: dict[tuple[ServerTransport, str], str] = {}
-
-    def reset(self) -> None:
-        """Clients keep their numbers in the file that follows."""
-
-    def encode(self, passing: Passing, lost: int) -> bytes:
-        """The line of a message; ``lost``: how many before it are not in the file."""
-        transport, _, direction, message, now, key = passing
-        address = transport.address(passing.peer)
-        where = self._places.get((transport, address))
-        if where is None:
-            if len(self._places) >= _MAX_CLIENTS:
-                self._places.clear()
-            where = f'{len(self._places)}, "transport": {json.dumps(transport.name)}'
-            where += f', "address": {json.dumps(address)}'
-            self._places[transport, address] = where
-        named = f', "key": "0x{key:08X}"' if key else ""
-        missing = f', "lost": {lost}' if lost else ""
-        return (
-            f'{{"t": {now // 1_000_000}.{now % 1_000_000:06d}, "from": "{direction}", "client":'
-            f' {where}{named}{missing}, "hex": "{message.hex()}"}}\n'
-        ).encode()
-
-
 class Capture:
     """A tap that writes to ``path``: pcapng where that ends with ``.pcapng``, else text.
 
     A file that reaches ``limit`` bytes becomes ``path`` with ``.1`` behind it, and a new one is
-    begun: the last two are kept. Where the disk is full, the capture ends with a warning and the
-    agent goes on. Raises CaptureError where nothing can be written, or something else would be
-    overwritten.
+    begun: the last two are kept. So does a capture that is there already: what an agent wrote
+    before it crashed is not lost by starting it again. Where the disk is full, the capture ends
+    with a warning and the agent goes on. Raises CaptureError where nothing can be written, or
+    something else would be overwritten.
     """
 
     def __init__(self, path: str, limit: int, log: Log, taps: Taps) -> None:
@@ -135,7 +105,11 @@ class Capture:
         """Write what waits, as far as the disk takes it in a few seconds."""
         self._taps.drop(self.tap)
         self._waiting.put(None)
-        self._thread.join(_PATIENCE)
+        end = time.monotonic() + _PATIENCE
+        before = -1
+        while self._thread.is_alive() and time.monotonic() < end and before != self._taken:
+            before = self._taken
+            self._thread.join(_STILL)
         if self._thread.is_alive():
             self._log.warning(
                 "Capture", "close", "capture is cut off", f"file: {self.path}, it takes no more"
@@ -162,10 +136,8 @@ class Capture:
         except Exception as error:  # whatever it is, boards go on
             self._ended = True
             self._log.error(
-                "Capture", "write", "internal error",
-                f"{type(error).__name__}: {error}; the capture ends"
-                " (this is a fault of uros: please report it)",
-            )  # fmt: skip
+                "Capture", "write", "internal error", unexpected(error, "; the capture ends")
+            )
         finally:
             if self._file >= 0:
                 os.close(self._file)
@@ -222,12 +194,14 @@ class Capture:
         os.close(file)  # Windows renames none that is open
         os.replace(self.path, f"{self.path}.1")
         self._file = os.open(self.path, _NEW, 0o666)
+        _lock(self._file)
         self._size = 0
         self._form.reset()
 
 
 def _open(path: str) -> tuple[int, bool]:
     """The descriptor of an empty file, and whether it is one that can be renamed."""
+    file = -1
     try:
         for it in (path, f"{path}.1"):
             if os.path.isfile(it) and not is_capture(it):
@@ -237,16 +211,49 @@ def _open(path: str) -> tuple[int, bool]:
                 )
         # A pipe that nobody reads yet must not keep the agent from starting.
         piped = os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode)
+        if os.path.isfile(path) and os.path.getsize(path):
+            _check_free(path)
+            # Not where the file alone is mounted in a container: that one cannot be renamed.
+            with contextlib.suppress(OSError):
+                os.replace(path, f"{path}.1")
         file = os.open(path, os.O_RDWR if piped else _NEW, 0o666)
         regular = stat.S_ISREG(os.fstat(file).st_mode)
-        if regular and os.path.isfile(f"{path}.1"):
-            os.remove(f"{path}.1")
+        if regular:
+            _lock(file)
+    except BlockingIOError:
+        if file >= 0:
+            os.close(file)
+        raise CaptureError(
+            f"--capture {path}: another agent captures into it: end that one, or name another file"
+        ) from None
     except (OSError, ValueError) as error:
         raise CaptureError(
             f"--capture {path}: {getattr(error, 'strerror', None) or error}: name a file in a"
             " folder that exists and that you may write to"
         ) from error
     return file, regular
+
+
+def _lock(file: int) -> None:
+    """The file is ours while it is open. Raises BlockingIOError where it is another agent's."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        pass  # a file system without locks
+
+
+def _check_free(path: str) -> None:
+    """Raises BlockingIOError where another agent captures into the file.
+
+    A second agent that is started by mistake must not spoil it before it finds its port in use."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        _lock(file)
+    finally:
+        os.close(file)
 
 
 def is_capture(path: str) -> bool:

@@ -24,69 +24,35 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from copy import copy
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
-from .. import names
-from ..middleware.base import Middleware, MiddlewareError, Node
+from ..middleware.base import Middleware, MiddlewareError
 from ..wire import data, entities, ids
 from ..wire import session as messages
 from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.streams import ticks_diff
 from . import representation
-from .application import DOMAIN_FROM_AGENT
 from .budget import CLIENT_BYTES, OBJECT_BYTES, Budget
 from .clock import wall_clock
-from .control import Control, Settings
+from .control import Control
 from .delivery import Delivery
-from .endpoint import (
-    MAX_UNREAD,
-    ReaderEndpoint,
-    ReplierEndpoint,
-    RequesterEndpoint,
-    WriterEndpoint,
-)
-from .graph import TOPIC as GRAPH_TOPIC
-from .graph import TYPE as GRAPH_TYPE
+from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
 from .graph import GraphEndpoint, Graphs
 from .info import send_info
-from .limits import Limits, TooMany, use
+from .kinds import KIND_NAMES, key_label, object_label, parent_id
+from .limits import Limits, TooMany
 from .log import INFO, TRACE, WARNING, Log, RateLimit
-from .objects import (
-    KIND_NAMES,
-    UNNAMED,
-    Endpoint,
-    Known,
-    Taken,
-    XrceObject,
-    broken,
-    check_room,
-    node_name,
-    object_label,
-    parent_id,
-)
+from .making import Maker
+from .objects import Known, Taken, XrceObject, broken, check_room
 from .pace import Closing, Pace
 from .profiles import ProfileError, References
-from .representation import (
-    ApplicationSpec,
-    EndpointSpec,
-    GroupSpec,
-    ParticipantSpec,
-    QosProfileSpec,
-    TopicSpec,
-    TypeSpec,
-    UnknownReference,
-)
+from .representation import UnknownReference
 from .session import Session
 
 if TYPE_CHECKING:
     from .keeper import Keeper
-
-# Topics, requests and replies of ROS 2 (design.ros2.org, "Topic and Service name mapping").
-_ROS_PREFIXES = ("rt/", "rq/", "rr/")
-
 
 
 class Surroundings(Protocol):
@@ -127,29 +93,21 @@ class Client:
 
     def __init__(self, agent: Surroundings, key: int, session_id: int, mtu: int) -> None:
         self.key = key
-        self.session = Session(
-            key, session_id, mtu, self, agent.budget, agent.limits.message
-        )
+        self.session = Session(key, session_id, mtu, self, agent.budget, agent.limits.message)
         self.objects: dict[int, XrceObject] = {}
-        self.closed = False
         self.born = time.monotonic()
         # The client's own time minus ours, in seconds, when its last TIMESTAMP came.
         self.clock_offset: float | None = None
         self._agent = agent
         self._known = Known(self.objects, agent.references)
+        self._maker = Maker(agent, self.objects, self._known)
         self._kept = 0  # bytes of all representations
         self._account = agent.pace.account()
-        # What the client has used of the middleware that is not given back before the end.
-        self._types: set[str] = set()
-        self._domains: set[int] = set()
-        self._unnamed = UNNAMED
 
     # --- what the session reports ---------------------------------------------
 
     def submessage(self, kind: int, flags: int, stream: int, payload: memoryview) -> bool:
-        """See :class:`~uros.agent.session.Handler`."""
-        if self.closed:
-            return True  # it said goodbye in the same message: nothing may be made after
+        """See :class:`~uros.agent.handler.Handler`."""
         r = Reader(payload, 0, len(payload), bool(flags & ids.FLAG_LITTLE_ENDIAN))
         if kind == ids.WRITE_DATA:
             return self._write_data(flags, stream, payload)
@@ -187,11 +145,11 @@ class Client:
     def fault(self, what: str, about: str) -> None:
         times = self._agent.faults.times(f"{self.key:08X} {what}")
         if times is not None:
-            self._log(WARNING, "Session", "receive", what, f"{about}{times}")
+            self.log(WARNING, "Session", "receive", what, f"{about}{times}")
 
     def many_fragments(self, size: int, count: int) -> None:
-        """See :class:`~uros.agent.session.Handler`."""
-        self._log(
+        """See :class:`~uros.agent.handler.Handler`."""
+        self.log(
             INFO, "Session", "send", "large message",
             f"{size} bytes in {count} fragments (a C client needs a history that holds them:"
             " RMW_UXRCE_STREAM_HISTORY)",
@@ -225,12 +183,11 @@ class Client:
 
     def close(self) -> None:
         """Delete all objects, endpoints before participants."""
-        self.closed = True
         for thing in reversed(list(self.objects.values())):
-            self._close_object(thing)
+            self.close_object(thing)
         self.objects.clear()
         self.session.writers.clear()
-        self.session.end()  # now, and not when Python looks for circles
+        self.session.end()
 
     # --- CREATE and DELETE -----------------------------------------------------
 
@@ -265,7 +222,7 @@ class Client:
         if times is None:
             return  # a board may try again and again, as fast as it can
         name = KIND_NAMES.get(kind, f"kind {kind}")
-        self._log(
+        self.log(
             WARNING, "ProxyClient", f"create_{name}", f"{name} refused",
             f"object_id: {object_label(object_id)}, {why}{times}",
         )  # fmt: skip
@@ -303,161 +260,24 @@ class Client:
             raise TooMany(f"over {limits.representations} bytes of representations")
         if not self._agent.budget.admit(OBJECT_BYTES + thing.kept):
             raise TooMany("the memory for all clients is used up (see --max-memory)")
-        about = self._make(thing)
+        about = self._maker.make(self, thing)
         self.objects[object_id] = thing
         self._kept += thing.kept
         if self._agent.keeper is not None:
             self._agent.keeper.created(self, thing, (form, content, kind, parent, little))
         name = KIND_NAMES[kind]
-        self._log(
+        self.log(
             INFO, "ProxyClient", f"create_{name}", f"{name} created",
             f"{name}_id: {object_label(object_id)}{about}",
         )  # fmt: skip
         return ids.STATUS_OK
 
-    def _make(self, thing: XrceObject) -> str:
-        """Bring the object to life; what the log says of it besides its id."""
-        spec = thing.spec
-        if isinstance(spec, ParticipantSpec):
-            return self._make_node(thing, spec)
-        if isinstance(spec, (TypeSpec, QosProfileSpec)):
-            return ""
-        if isinstance(spec, ApplicationSpec):
-            self._make_parts(thing, spec)
-            return f", entities: {len(thing.parts)}"
-        parent = self.objects.get(thing.parent)
-        if parent is None:
-            raise UnknownReference(
-                f"its {KIND_NAMES[thing.parent & 15]} {object_label(thing.parent)} does not exist"
-            )
-        about = f", {KIND_NAMES[parent.kind]}_id: {object_label(parent.object_id)}"
-        if isinstance(spec, TopicSpec) and not spec.name.startswith(_ROS_PREFIXES):
-            self._log(
-                INFO, "ProxyClient", "create_topic", "not a ROS topic",
-                f"topic: {spec.name}, ROS 2 nodes see names that begin with rt/ only",
-            )  # fmt: skip
-        if isinstance(spec, (TopicSpec, GroupSpec)):
-            return about
-        participant = self._participant_of(parent)
-        node, thing.settings = participant.node, participant.settings
-        assert node is not None
-        if isinstance(spec, EndpointSpec):
-            thing.endpoint = self._make_endpoint(thing, spec, parent, node)
-        else:
-            service = thing.settings.service(spec.service())
-            thing.named = service.request_topic, service.request_type
-            ready = self._on_ready(thing)
-            if thing.kind == ids.KIND_REQUESTER:
-                thing.endpoint = RequesterEndpoint(node, service, thing.object_id, ready)
-            else:
-                thing.endpoint = ReplierEndpoint(node, service, ready)
-        thing.node = node
-        return about
-
-    def _make_parts(self, thing: XrceObject, spec: ApplicationSpec) -> None:
-        """All entities of an application, or none."""
-        kinds = [thing.kind, *(it.kind for it in spec.items)]
-        check_room(self.objects, kinds, self._agent.limits)
-        try:
-            for item in spec.items:
-                object_id = item.object_id
-                if object_id is None:
-                    object_id = self._unnamed << 4 | item.kind
-                    self._unnamed += 1
-                elif object_id in self.objects or object_id == thing.object_id:
-                    raise Taken(f"its {object_label(object_id)} exists already")
-                made = thing.parts
-                parent = made[item.parent].object_id if item.kind != ids.KIND_PARTICIPANT else 0
-                own = representation.from_profile(
-                    item.kind, item.profile, item.parent, self._known
-                )
-                part = XrceObject(object_id, parent, own)
-                self._make(part)
-                self.objects[object_id] = part
-                made.append(part)
-        except Exception:
-            self._close_object(thing)
-            raise
-
-    def _domain(self, spec: ParticipantSpec, settings: Settings) -> int:
-        for domain in (settings.domain, self._agent.domain_override):
-            if domain is not None:
-                return domain
-        return self._agent.domain_of_agent if spec.domain == DOMAIN_FROM_AGENT else spec.domain
-
-    def _make_node(self, thing: XrceObject, spec: ParticipantSpec) -> str:
-        agent = self._agent
-        given = node_name(spec.name)
-        settings = agent.control.settings(self.key, agent.address(self.key), names.join(*given))
-        domain = self._domain(spec, settings)
-        use(self._domains, domain, agent.limits.domains, "domains")
-        namespace, name = settings.node(*given)
-        thing.settings = settings
-        thing.named = names.join(namespace, name), str(domain)
-        thing.node = agent.middleware.create_node(domain, namespace, name, spec.localhost_only)
-        return f", domain_id: {domain}, node: {names.join(namespace, name)}"
-
-    def _participant_of(self, thing: XrceObject) -> XrceObject:
-        participant = thing
-        if thing.kind != ids.KIND_PARTICIPANT:
-            found = self.objects.get(thing.parent)
-            if found is None:
-                raise UnknownReference(
-                    f"its participant {object_label(thing.parent)} does not exist"
-                )
-            participant = found
-        return participant
-
-    def _make_endpoint(
-        self, thing: XrceObject, spec: EndpointSpec, group: XrceObject, node: Node
-    ) -> Endpoint:
-        topic, settings = self._topic(spec), thing.settings
-        name = settings.topic(topic.name)
-        use(self._types, topic.type_name, self._agent.limits.types, "types")
-        thing.named = name, topic.type_name
-        qos = copy(spec.qos)
-        if isinstance(group.spec, GroupSpec) and group.spec.partitions and not qos.partitions:
-            qos.partitions = group.spec.partitions
-        qos.depth = min(qos.depth, MAX_UNREAD)  # the agent's owner may want more
-        settings.apply(qos, topic.name)
-        if thing.kind == ids.KIND_DATAREADER:
-            if (topic.name, topic.type_name) == (GRAPH_TOPIC, GRAPH_TYPE):
-                participant = self.objects[group.parent].spec
-                assert isinstance(participant, ParticipantSpec)
-                graph = self._agent.graphs.reader(
-                    self._domain(participant, settings),
-                    lambda: self.session.mtu,
-                    self._on_ready(thing),
-                    self.key,
-                )
-                if graph is not None:
-                    return graph
-            return ReaderEndpoint(node, name, topic.type_name, qos, self._on_ready(thing))
-        writer = WriterEndpoint(node.create_writer(name, topic.type_name, qos))
-        self.session.writers[thing.object_id] = settings.limited(
-            writer.write, lambda why: self._limited(thing, why)
-        )
-        return writer
-
-    def _limited(self, thing: XrceObject, why: str) -> None:
+    def limited(self, thing: XrceObject, why: str) -> None:
+        """What the client writes to the object is over a limit of the owner's."""
         self.fault("message too large", f"{object_label(thing.object_id)}, {why}")
 
-    def _topic(self, spec: EndpointSpec) -> TopicSpec:
-        if spec.topic_id is not None:
-            topic_id = (spec.topic_id & 0xFFF0) | ids.KIND_TOPIC
-            found = self.objects.get(topic_id)
-            if found is None or not isinstance(found.spec, TopicSpec):
-                raise UnknownReference(f"its topic {object_label(topic_id)} does not exist")
-            return found.spec
-        assert spec.topic is not None
-        for thing in self.objects.values():
-            if isinstance(thing.spec, TopicSpec) and thing.spec.name == spec.topic.name:
-                return thing.spec
-        if not spec.topic.type_name:
-            raise UnknownReference(f"the type of topic {spec.topic.name!r} is not known")
-        return spec.topic
-
-    def _on_ready(self, thing: XrceObject) -> Callable[[], None]:
+    def on_ready(self, thing: XrceObject) -> Callable[[], None]:
+        """What its endpoint calls when it has something to read."""
         def ready() -> None:
             if thing.delivery is not None:
                 self._pump(thing, self._agent.now())
@@ -481,7 +301,7 @@ class Client:
         else:
             status = ids.STATUS_OK
             self._forget(thing)
-            self._log(
+            self.log(
                 INFO + 1, "ProxyClient", "delete_object", "object deleted",
                 f"object_id: 0x{object_id:04X}",
             )  # fmt: skip
@@ -496,11 +316,12 @@ class Client:
     def _forget(self, thing: XrceObject) -> None:
         if self._agent.keeper is not None:
             self._agent.keeper.deleted(self, thing.object_id)
-        self._close_object(thing)
+        self.close_object(thing)
         self._kept -= thing.kept
         del self.objects[thing.object_id]
 
-    def _close_object(self, thing: XrceObject) -> None:
+    def close_object(self, thing: XrceObject) -> None:
+        """Close what the object stands for, and the parts of an application; it stays known."""
         for part in reversed(thing.parts):
             if self.objects.get(part.object_id) is part:
                 self._forget(part)
@@ -514,7 +335,7 @@ class Client:
         if node is not None and thing.kind == ids.KIND_PARTICIPANT:
             for child in self.objects.values():
                 if child.node is node:
-                    self._close_object(child)
+                    self.close_object(child)
             self._agent.closing.add(node.close)
 
     # --- data ------------------------------------------------------------------
@@ -533,7 +354,7 @@ class Client:
         thing = self.objects.get(object_id)
         if thing is not None and isinstance(thing.endpoint, (RequesterEndpoint, ReplierEndpoint)):
             write = thing.settings.limited(
-                partial(thing.endpoint.write, flags), lambda why: self._limited(thing, why)
+                partial(thing.endpoint.write, flags), lambda why: self.limited(thing, why)
             )
             try:
                 return write(payload)
@@ -659,10 +480,11 @@ class Client:
             lambda w: messages.push_status(w, request_id, object_id, status),
         )  # fmt: skip
 
-    def _log(self, level: int, part: str, function: str, what: str, about: str) -> None:
+    def log(self, level: int, part: str, function: str, what: str, about: str) -> None:
+        """A line about this client."""
         if level <= self._agent.log.level <= TRACE:
             self._agent.log(
-                level, part, function, what, f"client_key: 0x{self.key:08X}, {about}"
+                level, part, function, what, f"client_key: {key_label(self.key)}, {about}"
             )
 
 

@@ -21,6 +21,7 @@ from ..wire.entities import pull_create
 from ..wire.errors import DecodeError
 from ..wire.header import header_size, pull_subheader
 from . import profiles
+from .kinds import KIND_NAMES, PARENTS, key_label, object_label
 from .representation import (
     ApplicationSpec,
     EndpointSpec,
@@ -65,33 +66,10 @@ KINDS: Final = {
     ids.TIMESTAMP_REPLY: "TIMESTAMP_REPLY",
     PERFORMANCE: "PERFORMANCE",
 }
-_OBJECTS: Final = {
-    ids.KIND_PARTICIPANT: "participant",
-    ids.KIND_TOPIC: "topic",
-    ids.KIND_PUBLISHER: "publisher",
-    ids.KIND_SUBSCRIBER: "subscriber",
-    ids.KIND_DATAWRITER: "datawriter",
-    ids.KIND_DATAREADER: "datareader",
-    ids.KIND_REQUESTER: "requester",
-    ids.KIND_REPLIER: "replier",
-    ids.KIND_TYPE: "type",
-    ids.KIND_QOS_PROFILE: "qos_profile",
-    ids.KIND_APPLICATION: "application",
-}
 _NAMED: Final = {
     ids.OBJECT_AGENT: "agent",
     ids.OBJECT_CLIENT: "client",
     ids.OBJECT_SESSION: "session",
-}
-# In what an object is made.
-_PARENTS: Final = {
-    ids.KIND_TOPIC: ids.KIND_PARTICIPANT,
-    ids.KIND_PUBLISHER: ids.KIND_PARTICIPANT,
-    ids.KIND_SUBSCRIBER: ids.KIND_PARTICIPANT,
-    ids.KIND_DATAWRITER: ids.KIND_PUBLISHER,
-    ids.KIND_DATAREADER: ids.KIND_SUBSCRIBER,
-    ids.KIND_REQUESTER: ids.KIND_PARTICIPANT,
-    ids.KIND_REPLIER: ids.KIND_PARTICIPANT,
 }
 _FORMATS: Final = {
     ids.FORMAT_DATA: "",
@@ -179,8 +157,8 @@ def stream_name(stream: int) -> str:
 
 
 def object_name(object_id: int) -> str:
-    """As in the agent's log, ``0x001(5)``: 12 bits of number and 4 of kind."""
-    return _NAMED.get(object_id) or f"0x{object_id >> 4:03X}({object_id & 0x0F})"
+    """As in the agent's log, but those that every client has by their names."""
+    return _NAMED.get(object_id) or object_label(object_id)
 
 
 def _head(it: Description) -> str:
@@ -188,7 +166,7 @@ def _head(it: Description) -> str:
         return ""
     text = f"0x{it.session:02X}"
     if it.key is not None:
-        text += f" key 0x{it.key:08X}"
+        text += f" key {key_label(it.key)}"
     if it.stream or it.number:
         text += f" {stream_name(it.stream)} {it.number}"
     return f"{text}:"
@@ -219,7 +197,7 @@ def _part(kind: int, flags: int, payload: bytes) -> Part:
 
 def _create_client(r: Reader, flags: int) -> Iterator[str]:
     cookie, version, vendor, key, session_id, properties, mtu = messages.pull_create_client(r)
-    yield f"key 0x{key:08X} session 0x{session_id:02X} mtu {mtu}"
+    yield f"key {key_label(key)} session 0x{session_id:02X} mtu {mtu}"
     if cookie != ids.COOKIE:
         yield f"?? cookie {_octets(cookie)}"
     yield f"XRCE {version[0]}.{version[1]} vendor {vendor.hex().upper()}"
@@ -229,11 +207,11 @@ def _create_client(r: Reader, flags: int) -> Iterator[str]:
 
 def _create(r: Reader, flags: int) -> Iterator[str]:
     request, object_id, kind, form, content, parent = pull_create(r)
-    thing = _OBJECTS.get(kind, f"kind {kind}")
+    thing = KIND_NAMES.get(kind, f"kind {kind}")
     yield f"#{request} {thing} {object_name(object_id)}"
-    within = _PARENTS.get(kind)
+    within = PARENTS.get(kind)
     if within is not None:
-        yield f"in {_OBJECTS[within]} {object_name(parent)}"
+        yield f"in {KIND_NAMES[within]} {object_name(parent)}"
     elif kind == ids.KIND_PARTICIPANT:
         yield f"in domain {parent}"
     yield from _representation(kind, form, content, parent, r.little)
@@ -300,7 +278,7 @@ def _spec(spec: Spec) -> Iterator[str]:
     elif isinstance(spec, QosProfileSpec):
         yield _listed(map(plain, spec.named))
     elif isinstance(spec, ApplicationSpec):
-        kinds = [_OBJECTS.get(item.kind, "?") for item in spec.items]
+        kinds = [KIND_NAMES.get(item.kind, "?") for item in spec.items]
         yield f"of {_listed(f'{kinds.count(it)} {it}' for it in dict.fromkeys(kinds))}"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..wire.streams import MAX_HELD
+from ..wire.streams import MAX_HELD, Fragments
 from .kept import SLOT_IN, SLOT_IN_AT, SLOT_OUT, SLOT_OUT_AT, Incoming, Kept, Outgoing
 from .state import SLOT_SIZE
 
@@ -23,6 +23,11 @@ class From:
         self.pending = 0  # bytes of `whole` that are in the file
         self.whole: bytearray | None = None
         self.skip = False
+
+    def is_whole(self, fragments: Fragments) -> bool:
+        """Whether no fragment has come since the last look, nor before the last whole message."""
+        pending = self.pending or self.skip or fragments._skip or fragments._whole
+        return self.whole is fragments._whole and not pending
 
 
 class To:

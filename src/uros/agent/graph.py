@@ -21,6 +21,7 @@ from typing import Final, NamedTuple
 from .. import names
 from ..middleware.base import Middleware
 from ..middleware.graph import LiveSource, Source, living_nodes
+from .kinds import key_label
 from .log import Log
 
 TOPIC: Final = "ros_to_microros_graph"
@@ -272,7 +273,7 @@ class _Domain:
     def cut(self, key: int, left_out: str) -> None:
         self._log.warning(
             "Graph", "publish", "graph is cut" if left_out else "graph is whole",
-            f"client_key: 0x{key:08X}"
+            f"client_key: {key_label(key)}"
             + (f", left out, as it has no room for more: {left_out}" if left_out else ""),
         )  # fmt: skip
 

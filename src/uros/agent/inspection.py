@@ -6,7 +6,7 @@ a line:
 
 * ``{"ask":"status"}`` is answered by one line, the :mod:`~uros.agent.snapshot`;
 * ``{"ask":"trace"}`` by a line for each message that passes from then on, in the form of
-  :mod:`~uros.agent.capture`, until the asker goes or ends its side;
+  :mod:`~uros.agent.jsonlines`, until the asker goes or ends its side;
 * anything else by ``{"error":...}``.
 
 The server's thread does it, between what boards want: a part of a millisecond at a time, and no
@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..transport.base import INFO, WARNING
-from .capture import Lines
+from .jsonlines import Lines
 from .snapshot import RATE_SECONDS, SLICE, Rates, pieces
 from .taps import Passing
 

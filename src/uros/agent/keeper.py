@@ -48,6 +48,7 @@ from .kept import (
     object_payload,
     reading_payload,
 )
+from .kinds import key_label, object_label
 from .log import Log
 from .representation import EndpointSpec
 from .rivals import Request
@@ -125,7 +126,7 @@ class Keeper:
             try:
                 kept.append(Kept.of(slot, by_serial.get(serial, {})))
             except Unsound as error:
-                damaged.append(f"client 0x{key:08X} is left out: {error}")
+                damaged.append(f"client {key_label(key)} is left out: {error}")
         if damaged:
             aside = self._file.keep_aside()
             where = f"the old file is {aside}" if aside else "the old file is overwritten"
@@ -149,11 +150,12 @@ class Keeper:
         if self._server is None:
             self._file.close(False)
             return
-        agent = self._server.agent
-        self.keep(agent.attended, agent.now())
-        agent.keeper = None
-        self._file.close(not self._failing)
-        self._server = None
+        agent, self._server = self._server.agent, None
+        try:
+            self.keep(list(agent.attended), agent.now())
+        finally:  # else the clients that are about to be closed were forgotten here, too
+            agent.keeper = None
+            self._file.close(not self._failing)
 
     # --- bringing back ----------------------------------------------------------------
 
@@ -167,14 +169,19 @@ class Keeper:
             self._fall_asleep(kept)
             return
         agent = self._server.agent
-        host = transport.host_of(about.peer)
-        if not agent.admission.admits_key(about.key) or not (
-            host is None or agent.admission.admits_host(host)
+        host, admission = transport.host_of(about.peer), agent.admission
+        why = ""
+        if not admission.admits_key(about.key) or not (
+            host is None or admission.admits_host(host)
         ):
+            why = "it may not come in any more"
+        elif len(agent.clients) >= admission.max_clients:
+            why = f"over {admission.max_clients} clients (see --max-clients)"
+        if why:
             self._log.info(
                 "State", "open", "session not restored",
-                f"client_key: 0x{about.key:08X}, address: {transport.address(about.peer)},"
-                " it may not come in any more",
+                f"client_key: {key_label(about.key)}, address: {transport.address(about.peer)},"
+                f" {why}",
             )  # fmt: skip
             return
         about.asleep_since = 0.0
@@ -208,7 +215,7 @@ class Keeper:
         self._nudges[about.key] = NUDGES
         self._log.info(
             "State", "open", "session restored",
-            f"client_key: 0x{about.key:08X}, address: {transport.address(about.peer)},"
+            f"client_key: {key_label(about.key)}, address: {transport.address(about.peer)},"
             f" objects: {len(client.objects)}",
         )  # fmt: skip
 
@@ -222,7 +229,8 @@ class Keeper:
                 kept.deleted(object_id)
                 self._log.warning(
                     "State", "open", "object not restored",
-                    f"client_key: 0x{client.key:08X}, object_id: 0x{object_id:04X}, {error}",
+                    f"client_key: {key_label(client.key)}, object_id: {object_label(object_id)},"
+                    f" {error}",
                 )  # fmt: skip
         entry.hold_until = time.monotonic() + HOLD_SECONDS
         for object_id, thing in list(client.objects.items()):
@@ -265,7 +273,7 @@ class Keeper:
         self._asleep[about.key] = self._free.popleft(), kept
         self._log.info(
             "State", "open", "session kept asleep",
-            f"client_key: 0x{about.key:08X}, this agent has no {about.transport}",
+            f"client_key: {key_label(about.key)}, this agent has no {about.transport}",
         )  # fmt: skip
 
     @staticmethod
@@ -431,15 +439,19 @@ class Keeper:
         slot = entry.slot
         changed = entry.changed
         for stream_id, stream in incoming.items():
-            # What is stalled is not acknowledged: it comes again, as a whole.
-            if stream.stalled:
-                continue
             came = entry.streams_from.get(stream_id) or entry.stream_from(stream_id)
             number = stream.stream.next
+            if stream.stalled:
+                # What is stalled is not acknowledged, and comes again as a whole. What came
+                # before it has been written. It may take seconds: that is not written twice.
+                if not came.is_whole(stream.fragments):
+                    continue
+                number = (number - 1) & 0xFFFF
             if number != came.next:
                 came.next = number
                 if stream.fragments._whole or came.pending or stream.fragments._skip or came.skip:
                     self._keep_fragments(entry, stream_id, came)
+                came.whole = stream.fragments._whole
                 SLOT_IN.pack_into(
                     slot, came.at, stream_id, 1 | came.skip << 1, number, came.pending
                 )

@@ -68,16 +68,17 @@ class About:
 
 
 def can_be_kept(peer: Any) -> bool:
-    """Whether an address is the same one after a restart: numbers and texts."""
+    """Whether an address is the same one after a restart: numbers, texts, and None, which is
+    the one board of a line."""
     if isinstance(peer, tuple):
         return all(can_be_kept(it) for it in peer)
-    return isinstance(peer, (int, str))
+    return peer is None or isinstance(peer, (int, str))
 
 
 def _peer(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(_peer(it) for it in value)
-    if isinstance(value, (int, str)):
+    if value is None or isinstance(value, (int, str)):
         return value
     raise Unsound(f"no address: {value!r}")
 

@@ -19,6 +19,7 @@ from typing import Final, Protocol
 
 from ..wire.streams import TIME_MASK, ticks_diff
 from .client import Client
+from .kinds import key_label
 from .log import Log, RateLimit
 from .session import Session
 
@@ -95,7 +96,7 @@ class Liveliness:
         text = next((value for name, value in properties if name == HARD), None)
         if text is None:
             return
-        about = f"client_key: 0x{client.key:08X}"
+        about = f"client_key: {key_label(client.key)}"
         decimal = text.isascii() and text.isdecimal() and len(text) < 20
         if not decimal or not int(text):
             times = self._agent.faults.times(f"{client.key:08X} {HARD}")
@@ -184,7 +185,7 @@ class Liveliness:
             seconds = (self._time - silence.since) / 1000
             self._agent.log.warning(
                 "Root", "check_liveliness", "client is silent",
-                f"client_key: 0x{client.key:08X}, address: {self._agent.address(client.key)},"
+                f"client_key: {key_label(client.key)}, address: {self._agent.address(client.key)},"
                 f" nothing heard for {seconds:.{0 if seconds >= 10 else 1}f} s,"
                 f" {silence.questions} questions unanswered: forgotten ({why})",
             )  # fmt: skip

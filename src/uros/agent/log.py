@@ -81,7 +81,7 @@ class Log:
             name = f"{_COLOURS[level]}{name}\033[0m"
         line = (
             f"[{now // 1_000_000}.{now % 1_000_000:06d}] {name} | {part:<18} | {function:<24} |"
-            f" {what:<30} | {_plain(about)}".rstrip()
+            f" {what:<30} | {plain(about)}".rstrip()
             + "\n"
         )
         if self._thread is None:
@@ -146,7 +146,7 @@ class Log:
         self(DEBUG, part, function, what, about)
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """``text`` with escapes for what is not printable ASCII.
 
     Names and profiles in it are a client's words: they must not start lines, colour
@@ -158,6 +158,11 @@ def _plain(text: str) -> str:
         it if it.isascii() and it.isprintable() else it.encode("unicode_escape").decode()
         for it in text
     )
+
+
+def unexpected(error: Exception, where: str = "") -> str:
+    """What a line says of an error that nobody expects; ``where`` begins with what parts it."""
+    return f"{type(error).__name__}: {error}{where} (this is a fault of uros: please report it)"
 
 
 class RateLimit:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Final
 from .. import __version__
 from ..transport.base import ERROR, INFO, TransportError
 from ..transport.ip import address_trouble, bind_trouble, family_of, text_of
+from .log import unexpected
 from .snapshot import gather
 
 if TYPE_CHECKING:
@@ -38,12 +39,14 @@ MAX_SCRAPES: Final = 4
 MAX_SECONDS: Final = 10.0
 # How long a snapshot is waited for, in seconds: the agent may hang in its middleware.
 PATIENCE: Final = 2.0
-_POLL: Final = 0.1
+# How often slow ones are looked for. An agent that nobody asks should sleep.
+_POLL: Final = 1.0
 # Between metrics, so that the server's thread need not fight for the GIL: two hundred boards are
 # some ten milliseconds of work.
 _BREATH: Final = 0.0005
 _NOT_INSTALLED: Final = (
-    "--metrics needs prometheus_client, which is not installed: pip install 'uros[metrics]'"
+    "--metrics needs prometheus_client, which is not installed: python -m pip install"
+    " prometheus_client"
 )
 
 # (name, what it is, counter or gauge, where in a client's part of the snapshot)
@@ -211,6 +214,10 @@ class Metrics:
         """See :class:`~uros.agent.server.Attachment`."""
         http, self._http = self._http, None
         if http is not None and self._thread is not None:
+            try:
+                http.socket.shutdown(socket.SHUT_RDWR)  # its thread wakes up, except on macOS
+            except OSError:
+                pass
             http.shutdown()
             self._thread.join()
             http.server_close()
@@ -280,8 +287,8 @@ class _Http(ThreadingHTTPServer):
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Askers come and go, which is none of the agent's trouble; anything else is a fault."""
         error, server = sys.exc_info()[1], self.agent_server
-        if not isinstance(error, OSError):
-            about = f"{type(error).__name__}: {error} (this is a fault of uros: please report it)"
+        if isinstance(error, Exception) and not isinstance(error, OSError):
+            about = unexpected(error)
             server.soon(lambda: server.note(ERROR, "Metrics", "run", "internal error", about))
 
     def snapshot(self) -> dict[str, Any] | None:

@@ -13,52 +13,15 @@ from .control import NOTHING, Settings
 from .delivery import Delivery
 from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
 from .graph import GraphEndpoint
+from .kinds import WITH_NODE
 from .limits import Limits, TooMany
 from .profiles import Profile, References
 from .representation import QosProfileSpec, Spec, TypeSpec
 
 Endpoint = ReaderEndpoint | RequesterEndpoint | ReplierEndpoint | GraphEndpoint | WriterEndpoint
 
-KIND_NAMES: Final = {
-    ids.KIND_PARTICIPANT: "participant",
-    ids.KIND_TOPIC: "topic",
-    ids.KIND_PUBLISHER: "publisher",
-    ids.KIND_SUBSCRIBER: "subscriber",
-    ids.KIND_DATAWRITER: "datawriter",
-    ids.KIND_DATAREADER: "datareader",
-    ids.KIND_REQUESTER: "requester",
-    ids.KIND_REPLIER: "replier",
-    ids.KIND_TYPE: "type",
-    ids.KIND_QOS_PROFILE: "qos_profile",
-    ids.KIND_APPLICATION: "application",
-}
-# Kinds that stand on a participant of the middleware, or are one.
-WITH_NODE: Final = (
-    ids.KIND_PARTICIPANT,
-    ids.KIND_DATAWRITER,
-    ids.KIND_DATAREADER,
-    ids.KIND_REQUESTER,
-    ids.KIND_REPLIER,
-)
-# Kinds that stand on nothing; a CREATE of theirs names no parent.
-PARENTLESS: Final = (
-    ids.KIND_PARTICIPANT,
-    ids.KIND_TYPE,
-    ids.KIND_QOS_PROFILE,
-    ids.KIND_APPLICATION,
-)
-PARENT_KINDS: Final = {
-    ids.KIND_DATAWRITER: ids.KIND_PUBLISHER,
-    ids.KIND_DATAREADER: ids.KIND_SUBSCRIBER,
-}
-
 # The number of an application's first entity that has none of its own: beyond what 12 bits name.
 UNNAMED: Final = 0x1000
-
-
-def object_label(object_id: int) -> str:
-    """As in the C++ agent's log: number and kind, ``0x000(5)``."""
-    return f"0x{object_id >> 4:03X}({object_id & 15})"
 
 
 def check_room(objects: Mapping[int, XrceObject], kinds: list[int], limits: Limits) -> None:
@@ -77,13 +40,6 @@ def broken(thing: XrceObject, objects: Mapping[int, XrceObject]) -> bool:
     return thing.orphaned or any(
         objects.get(it.object_id) is not it or it.orphaned for it in thing.parts
     )
-
-
-def parent_id(kind: int, parent: int) -> int:
-    """The object id of an object's parent, whichever kind the client wrote into it."""
-    if kind in PARENTLESS:
-        return 0
-    return (parent & 0xFFF0) | PARENT_KINDS.get(kind, ids.KIND_PARTICIPANT)
 
 
 @dataclass(eq=False)

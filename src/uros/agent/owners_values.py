@@ -1,4 +1,5 @@
-"""Values in the files that the agent's owner writes: what they may be, and what is said else."""
+"""Values that the agent's owner writes, in files and on the command line: what they may be, and
+what is said else."""
 
 from __future__ import annotations
 
@@ -27,6 +28,12 @@ def shown(value: Any) -> str:
     except ValueError:  # Python writes no number of over 4300 digits
         return "a very long number"
     return text if len(text) <= 100 else f"{text[:100]}..."
+
+
+def typed(text: str) -> int | str:
+    """A value of the command line, where numbers are texts too."""
+    # No longer ones: they are nothing that is meant, and Python refuses those of 4300 digits.
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else text
 
 
 def listed(value: Any) -> list[Any]:

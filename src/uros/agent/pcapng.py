@@ -15,14 +15,14 @@ import struct
 from typing import Final
 
 from ..transport.addresses import own_address
-from ..transport.base import ServerTransport
+from ..transport.base import DEFAULT_PORT, ServerTransport
+from .kinds import key_label
 from .taps import AGENT, Passing
 
 LINKTYPE_RAW: Final = 101
 MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 # What one IPv4 packet holds besides its headers; of a longer message (TCP only) the rest is cut.
 MAX_PAYLOAD: Final = 65507
-_PORT: Final = 8888
 # Attack: messages from one address after the other.
 _MAX_ADDRESSES: Final = 4096
 
@@ -70,7 +70,7 @@ class Packets:
         payload = passing.message[:MAX_PAYLOAD]
         comment = f"{transport.name} {address}"
         if passing.key:
-            comment += f" key 0x{passing.key:08X}"
+            comment += f" key {key_label(passing.key)}"
         if len(payload) < len(passing.message):
             comment += f" (cut, of {len(passing.message)} bytes)"
         packet = _udp(agent, client, payload) if sent else _udp(client, agent, payload)
@@ -101,7 +101,7 @@ class Packets:
         self, transport: ServerTransport, address: str, number: int
     ) -> tuple[_Endpoint, _Endpoint]:
         port = getattr(transport, "port", None)
-        port = port if isinstance(port, int) and 0 < port <= 0xFFFF else _PORT
+        port = port if isinstance(port, int) and 0 < port <= 0xFFFF else DEFAULT_PORT
         # Behind a space, TLS has the name in the client's certificate.
         host, _, theirs = address.partition(" ")[0].rpartition(":")
         try:

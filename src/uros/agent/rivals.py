@@ -19,8 +19,9 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from ..transport.base import ServerTransport
 from ..wire.streams import ticks_add, ticks_diff
-from .admission import Refusals
+from .admission import KEY_IN_USE, Refusals
 from .client import Client
+from .kinds import key_label
 from .log import Log, RateLimit
 from .session import Session
 
@@ -30,7 +31,6 @@ WAIT_MS: Final = (150, 150, 200)
 DEFENDED_MS: Final = 5000
 # Attack: newcomers for all clients at once. Decisions that may be awaited; others wait.
 MAX_TRIALS: Final = 256
-IN_USE: Final = "client key in use"
 
 
 class Request(NamedTuple):
@@ -155,12 +155,12 @@ class Rivals:
         self, key: int, transport: ServerTransport, peer: Any, request: Request | None
     ) -> None:
         agent, address = self._agent, transport.address(peer)
-        agent.refusals.note(key, IN_USE, address, time.monotonic())
-        times = agent.faults.times(f"{IN_USE} {key:08X}")
+        agent.refusals.note(key, KEY_IN_USE, address, time.monotonic())
+        times = agent.faults.times(f"{KEY_IN_USE} {key:08X}")
         if times is not None:
             agent.log.warning(
-                "Root", "create_client", IN_USE,
-                f"client_key: 0x{key:08X}, refused at {address}: the client at"
+                "Root", "create_client", KEY_IN_USE,
+                f"client_key: {key_label(key)}, refused at {address}: the client at"
                 f" {agent.address(key)} answers (give each board a key of its own){times}",
             )  # fmt: skip
         if request is not None:

@@ -87,7 +87,7 @@ class Server:
         try:
             self.agent.stray(transport, peer, buf, view, length)
         except Exception as error:  # whatever it is, what else is in the burst counts
-            self._report(error)
+            self.agent.failed(error)
 
     def received(
         self, transport: ServerTransport, session: Session, buf: bytearray, view: memoryview,
@@ -100,7 +100,7 @@ class Server:
             if session.receive(buf, view, length, now):
                 self.agent.attended.add(session)
         except Exception as error:  # likewise
-            self._report(error)
+            self.agent.failed(error)
             self.agent.attended.add(session)
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
@@ -143,7 +143,7 @@ class Server:
             try:
                 call()
             except Exception as error:  # whatever it is, the boards go on
-                self._report(error)
+                self.agent.failed(error)
 
     # --- the loop -------------------------------------------------------------------
 
@@ -166,6 +166,7 @@ class Server:
             self.ready.set()
             while not self._stopping:
                 self._turn()
+            self._hand_over()
         finally:
             self._stopping = True
             self.asleep = False
@@ -178,9 +179,16 @@ class Server:
                 try:
                     end()
                 except Exception as error:  # whatever it is, the others must be closed
-                    self._report(error)
+                    self.agent.failed(error)
                 self.turns += 1
             self.thread = None
+
+    def _hand_over(self) -> None:
+        """Samples of boards are acknowledged that others have not been given yet: with ``--state``
+        these sessions go on, and nobody else has them."""
+        if self.agent.keeper is not None:
+            self._dispatch()
+            self._attend()
 
     def stop(self) -> None:
         """End :meth:`run` soon; from any thread or a signal handler."""
@@ -197,7 +205,7 @@ class Server:
         try:
             deadline = self.agent.middleware.next_deadline()
         except Exception as error:  # whatever it is, the boards go on
-            self._report(error)
+            self.agent.failed(error)
             deadline = self._tick_after = time.monotonic() + _AGAIN
         if deadline is not None and deadline < self._tick_after:
             deadline = self._tick_after
@@ -209,7 +217,7 @@ class Server:
             middleware.dispatch()
             self._failures = 0
         except Exception as error:  # likewise
-            self._report(error)
+            self.agent.failed(error)
             self._failures += 1
             if self._failures > _PATIENCE:
                 fileno = middleware.fileno()
@@ -232,21 +240,21 @@ class Server:
             try:
                 key.data()
             except Exception as error:  # whatever it is, the other boards go on
-                self._report(error)
+                self.agent.failed(error)
         if deadline is not None:
             self._due(time.monotonic())
         try:
             middleware.flush()
             middleware.dispatch_local()
         except Exception as error:  # likewise
-            self._report(error)
+            self.agent.failed(error)
         if agent.attended:
             self._attend()
         if agent.budget.since > agent.budget.room:
             try:
                 agent.budget.settle(self.now())
             except Exception as error:  # likewise
-                self._report(error)
+                self.agent.failed(error)
 
     def _due(self, now: float) -> None:
         while self._calls and self._calls[0][0] <= now:
@@ -256,7 +264,7 @@ class Server:
             try:
                 call()
             except Exception as error:  # likewise
-                self._report(error)
+                self.agent.failed(error)
         if now < self._tick_after:
             return
         try:
@@ -264,12 +272,9 @@ class Server:
         except Exception as error:  # likewise: boards are told the graph from there
             self._tick_after = now + _AGAIN
             if not isinstance(error, MiddlewareError):
-                self._report(error)
+                self.agent.failed(error)
             elif (times := self.agent.faults.times("tick")) is not None:
                 self.agent.log.error("Middleware", "tick", "middleware error", f"{error}{times}")
-
-    def _report(self, error: Exception) -> None:
-        self.agent.failed(error)
 
     def _attend(self) -> None:
         """Acknowledge, send and set timers for the sessions that something happened to."""
@@ -288,7 +293,7 @@ class Server:
                     if client is not None:
                         self._set_timer(client, now)
                 except Exception as error:  # likewise
-                    self._report(error)
+                    self.agent.failed(error)
 
     def _keep(self, sessions: list[Session], now: int) -> None:
         """Write down what clients will be told, before they are."""
@@ -296,7 +301,7 @@ class Server:
             if self.agent.keeper is not None:
                 self.agent.keeper.keep(sessions, now)
         except Exception as error:  # likewise
-            self._report(error)
+            self.agent.failed(error)
 
     def _set_timer(self, client: Client, now: int) -> None:
         deadline = client.next_deadline()

@@ -15,7 +15,7 @@ Whatever a client sends, nothing is raised: its handler hears of it by ``fault``
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Final, Protocol
+from typing import Final
 
 from ..middleware.base import MiddlewareError
 from ..wire import ids
@@ -41,6 +41,8 @@ from ..wire.streams import (
     ticks_diff,
 )
 from .budget import MESSAGE_BYTES, Budget, unlimited
+from .handler import GONE, Handler
+from .log import unexpected
 
 WriteSample = Callable[[memoryview], bool]
 
@@ -64,22 +66,6 @@ STALL_RETRY_MOST_MS: Final = 40
 SAFE_FRAGMENTS: Final = 4
 
 
-class Handler(Protocol):
-    """What a session needs of the client it belongs to."""
-
-    def submessage(self, kind: int, flags: int, stream: int, payload: memoryview) -> bool:
-        """Handle one submessage. False: no room for it now, give it again."""
-
-    def room(self, stream: int) -> None:
-        """A reliable stream can take messages again."""
-
-    def fault(self, what: str, about: str) -> None:
-        """The client broke the protocol; the rest of its message is dropped."""
-
-    def many_fragments(self, size: int, count: int) -> None:
-        """For the first time, a message needs more fragments than :data:`SAFE_FRAGMENTS`."""
-
-
 class _Stalled(Exception):
     """A writer has no room; ``offset`` is where to go on."""
 
@@ -90,11 +76,12 @@ class _Stalled(Exception):
 class _In:
     """A reliable input stream with what belongs to it at the agent."""
 
-    __slots__ = ("ack_due", "fragments", "stalled", "stream")
+    __slots__ = ("ack_due", "fragment_at", "fragments", "stalled", "stream")
 
     def __init__(self, limit: int) -> None:
         self.stream = ReliableIn()
         self.fragments = Fragments(limit)
+        self.fragment_at = 0  # the number after that of the message with the last fragment
         self.ack_due = False
         # Messages that wait for a writer's room, in order; all but the last of a
         # datagram are reassembled ones.
@@ -170,7 +157,7 @@ class Session:
         self.dropped = 0  # samples that found no room on a best-effort stream
         self.outgoing: list[bytes] = []
         self.writers: dict[int, WriteSample] = {}  # datawriters' object ids
-        self._handler = handler
+        self._handler: Handler = handler
         self._scratch = bytearray(256)
         self._warned = False
         self._clear()
@@ -189,8 +176,12 @@ class Session:
         self._asking_since = 0
 
     def end(self) -> None:
-        """The client is gone: hold nothing of it, but what is still to be sent."""
+        """The client is gone: hold nothing of it, but what is still to be sent.
+
+        Nor the client, which holds us: it would stay until Python looks for circles.
+        """
         self._clear()
+        self._handler = GONE
 
     def reset(self) -> None:
         """Forget all streams: the client starts anew (RESET, CREATE_CLIENT)."""
@@ -337,7 +328,7 @@ class Session:
                     self._handler.fault("middleware error", str(error))
                     done = True
                 except Exception as error:  # what comes behind it counts
-                    self._handler.fault("internal error", f"{type(error).__name__}: {error}")
+                    self._handler.fault("internal error", unexpected(error))
                     done = True
                 if not done:
                     buf[start : start + 4] = kept
@@ -369,6 +360,16 @@ class Session:
         incoming = self._in.get(stream_id)
         if incoming is None:
             raise DecodeError("a fragment outside of a reliable stream")
+        number = incoming.stream.next
+        if number != incoming.fragment_at:
+            # C clients give a long message up where publish() runs out of time, with some of its
+            # fragments in the stream, and go on with others (on_full_output_buffer_fragmented).
+            if incoming.fragments.pending and number != (incoming.fragment_at + 1) & 0xFFFF:
+                incoming.fragments.clear()
+                self._handler.fault(
+                    "message given up", f"its last fragment never came, stream: {stream_id}"
+                )
+            incoming.fragment_at = number
         if len(self._in) > 1:  # all streams together hold no more than one may
             kept = sum(
                 it.fragments.pending + sum(map(len, it.stalled)) for it in self._in.values()
@@ -386,6 +387,8 @@ class Session:
         except _Stalled:
             incoming.stalled.append(whole)
             return False
+        except DecodeError as error:  # of it, and not of what comes behind it
+            self._handler.fault("deserialization error", str(error))
         return True
 
     def _acknack(self, reader: Reader, now: int) -> None:
@@ -478,6 +481,7 @@ class Session:
             stream.stream.next = number
             stream.stream.announced = (number - 1) & 0xFFFF
             stream.fragments._whole, stream.fragments._skip = part, skip
+            stream.fragment_at = number
         for stream_id, (acked, sent, after, held) in outgoing.items():
             out = self._out[stream_id] = ReliableOut(limit=MAX_HELD)
             out.acked, out.sent, out.next = acked, sent, after

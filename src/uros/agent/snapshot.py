@@ -24,7 +24,8 @@ from ..wire import ids
 from ..wire.streams import ticks_diff
 from .client import Client
 from .endpoint import WriterEndpoint
-from .objects import KIND_NAMES, Endpoint, XrceObject, object_label
+from .kinds import KIND_NAMES, key_label, object_label
+from .objects import Endpoint, XrceObject
 
 if TYPE_CHECKING:
     from .server import Server
@@ -115,7 +116,7 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
     now = time.monotonic()
     refused = [
         {
-            "key": f"0x{key:08X}", "why": cut(it.why), "address": cut(it.address),
+            "key": key_label(key), "why": cut(it.why), "address": cut(it.address),
             "times": it.times, "ago": round(now - it.when, 3),
         }
         for key, it in list(agent.refusals.items())
@@ -160,7 +161,6 @@ def _text(value: object) -> str:
 
 def _head(server: Server) -> dict[str, Any]:
     agent = server.agent
-    limits = getattr(agent, "limits", None)
     return {
         "version": VERSION,
         "pid": os.getpid(),
@@ -169,7 +169,7 @@ def _head(server: Server) -> dict[str, Any]:
         "rss": resident_bytes(),
         "cpu": round(time.process_time(), 3),
         "fds": descriptors(),
-        "limits": dataclasses.asdict(limits) if limits is not None else {},
+        "limits": dataclasses.asdict(agent.limits),
         "transports": [_transport(it) for it in server.transports],
     }
 
@@ -185,16 +185,16 @@ def _transport(transport: ServerTransport) -> dict[str, Any]:
 
 def _client(server: Server, client: Client, rates: Rates) -> dict[str, Any]:
     agent, session = server.agent, client.session
-    name, address = _place(server, client.key)
+    transport, peer = agent.place(client.key)
     now = time.monotonic()
     rate_in, rate_out, over = rates.of(client, now)
     unacknowledged, stalled, early, fragments = session.queues()
     found = [it for it in client.objects.values() if it.endpoint is not None]
     made = {
-        "key": f"0x{client.key:08X}",
+        "key": key_label(client.key),
         "session_id": f"0x{session.session_id:02X}",
-        "transport": name,
-        "address": address,
+        "transport": transport.name,
+        "address": cut(transport.address(peer)),
         "mtu": session.mtu,
         "age": round(now - client.born, 3),
         "heard_ago": round(rates.heard_ago(client, now, agent.now()), 3),
@@ -225,14 +225,6 @@ def _client(server: Server, client: Client, rates: Rates) -> dict[str, Any]:
     if len(found) > MAX_ENDPOINTS:
         made["endpoints_left_out"] = len(found) - MAX_ENDPOINTS
     return made
-
-
-def _place(server: Server, key: int) -> tuple[str, str]:
-    try:
-        transport, peer = server.agent.place(key)
-    except KeyError:  # taken over from an agent before us, and not heard since
-        return "", ""
-    return transport.name, cut(transport.address(peer))
 
 
 def _endpoint(thing: XrceObject, endpoint: Endpoint) -> dict[str, Any]:

@@ -179,6 +179,7 @@ class StateFile:
         self._fd = fd
         self._end = 0  # where the next record goes; 0: nothing was written by us yet
         self.error = ""  # why the last write failed
+        self._cleared = False
 
     @property
     def journal_size(self) -> int:
@@ -275,7 +276,7 @@ class StateFile:
                     pass
             return False
         os.close(self._fd)
-        self._fd, self._end = fd, end
+        self._fd, self._end, self._cleared = fd, end, False
         return True
 
     def _check_owner(self) -> None:
@@ -294,7 +295,8 @@ class StateFile:
             os.close(fd)
 
     def clear(self) -> None:
-        """Leave nothing that a later agent could take for the truth."""
+        """Leave nothing that a later agent could take for the truth, until it is written anew."""
+        self._cleared = True
         try:
             os.ftruncate(self._fd, 0)
         except OSError:
@@ -328,6 +330,8 @@ class StateFile:
 
     def write_slot(self, index: int, slot: bytes | bytearray) -> bool:
         """Write one slot."""
+        if self._cleared:
+            return True  # alone in the file it would be nobody's, and the next agent refuse it
         try:
             return os.pwrite(self._fd, slot, _SLOTS_AT + index * SLOT_SIZE) == SLOT_SIZE
         except OSError as error:
@@ -431,9 +435,19 @@ def _no_file(path: str) -> StateError:
     return StateError(f"--state {path}: it is {what}")
 
 
+def _has_slots(fd: int) -> bool:
+    """Whether a file without a head was truncated under an agent, which wrote on and was killed."""
+    slots = _read_all(fd, SLOTS * SLOT_SIZE, _SLOTS_AT)
+    whole = range(0, len(slots) - SLOT_SIZE + 1, SLOT_SIZE)
+    each = (slots[at : at + SLOT_SIZE] for at in whole)
+    return any(it.strip(b"\0") and _CRC.unpack_from(it)[0] == zlib.crc32(it[4:]) for it in each)
+
+
 def _checked(path: str, fd: int) -> StateFile:
     first = os.pread(fd, len(_MAGIC) + 8, 0)
     if first:
+        if not first.strip(b"\0") and _has_slots(fd):
+            return StateFile(path, fd)  # damaged, as its head is missing
         if not first.startswith(_MAGIC):
             raise StateError(
                 f"--state {path}: it is no state file of uros, and is left as it is:"

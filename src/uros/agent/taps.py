@@ -12,7 +12,8 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 from ..transport.base import ServerTransport
-from .log import DEBUG, TRACE, Log
+from .kinds import key_label
+from .log import DEBUG, TRACE, Log, unexpected
 
 # Who says a message.
 CLIENT: Final = "client"
@@ -57,8 +58,7 @@ class Taps(list[Tap]):
                 self.drop(tap)
                 self._log.error(
                     "Server", "trace", "internal error",
-                    f"{type(error).__name__}: {error}; this listener hears no more"
-                    " (this is a fault of uros: please report it)",
+                    unexpected(error, "; this listener hears no more"),
                 )  # fmt: skip
 
     def drop(self, tap: Tap) -> None:
@@ -73,7 +73,7 @@ def trace(log: Log, passing: Passing) -> None:
     label = transport.kind
     sent = direction == AGENT
     function = "send_message" if sent else "recv_message"
-    about = f"client_key: 0x{key:08X}, len: {len(message)}"
+    about = f"client_key: {key_label(key)}, len: {len(message)}"
     if log.level >= TRACE:
         from .describe import describe
 

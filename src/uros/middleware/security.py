@@ -6,7 +6,6 @@ everything went in the clear.
 
 from __future__ import annotations
 
-import logging
 import os
 
 from .base import MiddlewareError
@@ -32,4 +31,6 @@ def check(middleware: str) -> None:
             f"ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but {_REMEDY}, and"
             " unset ROS_SECURITY_ENABLE for it"
         )
+    import logging  # seldom needed
+
     logging.getLogger("uros").warning("uros: ROS_SECURITY_ENABLE is true, but %s", _REMEDY)

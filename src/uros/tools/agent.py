@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from . import (
     agent_admission,
     agent_capture,
+    agent_control,
     agent_inspection,
     agent_limits,
     agent_state,
@@ -25,11 +26,10 @@ from .agent_transports import (
     make_discovery,
     port,
 )
-from .common import domain, positive_float, positive_int
+from .common import domain
 from .errors import ToolError
 
 if TYPE_CHECKING:
-    from ..agent.control import Control
     from ..agent.server import Server
 
 # What the C++ agent calls its middlewares, and what stands for them here.
@@ -41,26 +41,24 @@ _MIDDLEWARES: Final = {
     "ced": "memory",
     "rtps": "dds",
 }
+# Groups of options: each module has DEFAULTS and add_options(), and makes what they ask for.
+_PARTS: Final = (
+    agent_control,
+    agent_admission,
+    agent_limits,
+    agent_state,
+    agent_capture,
+    agent_inspection,
+)
 # Options that stand behind any of the transports, and what they are where they stand nowhere.
 _COMMON: Final[dict[str, Any]] = {
     "middleware": "auto",
     "refs": [],
     "verbose": 4,
-    "domain": None,
-    "control": [],
-    "namespace": None,
-    "remap": [],
-    "qos": [],
-    "max_rate": None,
-    "max_size": None,
     "discovery": None,
     "p2p": None,
     "stop_at_eof": False,
-    **agent_inspection.DEFAULTS,
-    **agent_admission.DEFAULTS,
-    **agent_capture.DEFAULTS,
-    **agent_limits.DEFAULTS,
-    **agent_state.DEFAULTS,
+    **{name: default for part in _PARTS for name, default in part.DEFAULTS.items()},
 }
 _EPILOG: Final = """\
 'uros agent TRANSPORT --help' tells more. One agent may serve several transports:
@@ -115,41 +113,8 @@ def _common_options() -> argparse.ArgumentParser:
     )  # fmt: skip
     common.add_argument("-P", "--p2p", type=int, metavar="PORT", help=argparse.SUPPRESS)
     common.add_argument("--stop-at-eof", action="store_true", help=argparse.SUPPRESS)
-    boards = common.add_argument_group(
-        "what boards get", "For all boards; a file of rules (--control) can say which."
-    )
-    boards.add_argument(
-        "--domain", type=domain, metavar="N",
-        help="put them into this ROS domain (default: the one each board asks for)",
-    )  # fmt: skip
-    boards.add_argument(
-        "--namespace", metavar="NS", help="put their nodes, topics and services below NS"
-    )
-    boards.add_argument(
-        "--remap", metavar="OLD:=NEW", action="append",
-        help="rename a topic or service; may be repeated",
-    )  # fmt: skip
-    boards.add_argument(
-        "--qos", metavar="TOPIC:POLICY=VALUE,...", action="append",
-        help="change the QoS of a topic, such as /odom:reliability=best_effort,depth=1;"
-        " may be repeated",
-    )  # fmt: skip
-    boards.add_argument(
-        "--max-rate", type=positive_float, metavar="HZ",
-        help="messages a second that a node may send",
-    )  # fmt: skip
-    boards.add_argument(
-        "--max-size", type=positive_int, metavar="BYTES", help="longest message that may be sent"
-    )
-    boards.add_argument(
-        "--control", metavar="FILE", action="append",
-        help="TOML file of rules for single boards; may be repeated (docs/agent.md)",
-    )  # fmt: skip
-    agent_admission.add_options(common)
-    agent_limits.add_options(common)
-    agent_state.add_options(common)
-    agent_capture.add_options(common)
-    agent_inspection.add_options(common)
+    for part in _PARTS:
+        part.add_options(common)
     return common
 
 
@@ -210,7 +175,7 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     references = References()
     for file in options.refs:
         references.load(file)
-    control = _control(options)
+    control = agent_control.make_control(options)
     admission = agent_admission.make_admission(options, control)
     transports = [it for part in parts for it in make(part)]
     if options.discovery is not None:
@@ -220,7 +185,7 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     log = Log(options.verbose)
     agent = Agent(
         middleware, log, references, domain_of_agent, options.domain, control, admission,
-        options.dead_time, agent_limits.limits(options),
+        options.dead_time, agent_limits.make_limits(options),
     )  # fmt: skip
     server = Server(agent, transports)
     _stop_on_signals(server)  # before anything is said: who reads it may want us to end
@@ -249,57 +214,6 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
             capture.close()
         log.close()
     return 0
-
-
-def _control(options: argparse.Namespace) -> Control:
-    """The rules: of the files in their order, then of the command line."""
-    from ..agent.control import Control, ControlError
-
-    control = Control()
-    for file in options.control:
-        control.load(file)
-    rule: dict[str, Any] = {
-        name: value
-        for name in ("namespace", "max_rate", "max_size")
-        if (value := getattr(options, name)) is not None
-    }
-    if options.remap:
-        rule["remap"] = _remap(options.remap)
-    for text in options.qos:
-        topic, fields = _qos(text)
-        rule.setdefault("qos", {}).setdefault(topic, {}).update(fields)
-    try:
-        if rule:
-            control.add(rule)
-    except ControlError as error:
-        raise ControlError(f"the command line: {error}") from error
-    return control
-
-
-def _remap(texts: list[str]) -> dict[str, str]:
-    renamed: dict[str, str] = {}
-    for text in texts:
-        old, new = _pair(text, ":=", "--remap", "OLD:=NEW")
-        if renamed.setdefault(old, new) != new:
-            raise ToolError(f"--remap {text!r}: {old} is renamed to {renamed[old]} already")
-    return renamed
-
-
-def _pair(text: str, sign: str, option: str, form: str) -> tuple[str, str]:
-    left, found, right = text.partition(sign)
-    if not (left and found and right):
-        raise ToolError(f"{option} {text!r} is not {form}")
-    return left, right
-
-
-def _qos(text: str) -> tuple[str, dict[str, Any]]:
-    form = "TOPIC:POLICY=VALUE,..."
-    topic, policies = _pair(text, ":", "--qos", form)
-    fields = dict(_pair(it, "=", "--qos", form) for it in policies.split(","))
-    # Longer ones are no depth and no time; Python refuses those of over 4300 digits.
-    return topic, {
-        name: int(it) if it.isdecimal() and len(it) < 20 else it for name, it in fields.items()
-    }
 
 
 def _domain_of_agent() -> int:

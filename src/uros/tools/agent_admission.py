@@ -1,4 +1,4 @@
-"""Options of ``uros agent``: who may come in, and how long one may be silent."""
+"""The options of ``uros agent`` about who may come in, and how long one may be silent."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from typing import TYPE_CHECKING, Any, Final
 
 from .common import positive_int
@@ -17,6 +18,7 @@ DEFAULTS: Final[dict[str, Any]] = {"capture": None, "capture_size": DEFAULT_SIZE
 
 
 def add_options(common: argparse.ArgumentParser) -> None:
+    """Declare them."""
     group = common.add_argument_group(
         "what boards say", "A capture is read by 'uros trace', and by Wireshark."
     )
@@ -27,9 +29,14 @@ def add_options(common: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--capture-size", type=positive_int, metavar="MB",
-        help="when FILE is so large, it becomes FILE.1 and a new one is begun"
+        help="when FILE is so large, and when the agent starts, it becomes FILE.1 and a new one is"
+        " begun"
         f" (default {DEFAULT_SIZE})",
     )  # fmt: skip
+
+
+def _same(one: str, other: str) -> bool:
+    return os.path.realpath(one) == os.path.realpath(other)
 
 
 def open_capture(options: argparse.Namespace, agent: Agent) -> Capture | None:
@@ -38,6 +45,10 @@ def open_capture(options: argparse.Namespace, agent: Agent) -> Capture | None:
         return None
     from ..agent.capture import Capture, CaptureError
 
+    if options.state is not None and _same(options.state, options.capture):
+        raise ToolError(
+            f"--state and --capture are both {options.capture}: give each a file of its own"
+        )
     try:
         return Capture(options.capture, options.capture_size * 1_000_000, agent.log, agent.taps)
     except CaptureError as error:

@@ -13,6 +13,7 @@ DEFAULTS: Final[dict[str, Any]] = {"inspection": True, "metrics": None}
 
 
 def add_options(common: argparse.ArgumentParser) -> None:
+    """Declare them."""
     group = common.add_argument_group(
         "what the owner sees", "'uros agent status' shows how a running agent is."
     )

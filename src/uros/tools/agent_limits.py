@@ -1,4 +1,4 @@
-"""The options of ``uros agent`` that say how much boards may have."""
+"""The options of ``uros agent`` about how much boards may have."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOST_MESSAGE: Final = 256 * 1024 * 1024
 
 
 def add_options(common: argparse.ArgumentParser) -> None:
-    """The group of them."""
+    """Declare them."""
     group = common.add_argument_group(
         "how much boards may have", "What is over it is refused, and the log says so."
     )
@@ -35,7 +35,7 @@ def add_options(common: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def limits(options: argparse.Namespace) -> Limits:
+def make_limits(options: argparse.Namespace) -> Limits:
     """What the options say."""
     from ..agent.limits import Limits
 

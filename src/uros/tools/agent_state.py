@@ -1,4 +1,4 @@
-"""``uros agent --state``: the option, and what is made of it."""
+"""The option of ``uros agent`` about restarts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def add_options(common: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--state", metavar="FILE",
         help="keep boards' sessions in FILE, such as /run/uros.state: after a restart or a crash of"
-        " the agent they go on as if nothing had been",
+        " the agent they go on where they were, if it is back before they miss it",
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import sys
 import time
 from typing import Any, Final
 
+from ..agent.log import plain
 from .common import positive_float, positive_int
 
 NAME: Final = "status"
@@ -177,18 +178,22 @@ def _over(snapshot: Snapshot, before: Snapshot | None) -> str:
     return f", over the last {duration(longest)}"
 
 
-# What to do about a refusal, by what its reason begins with.
-_REMEDIES: Final = (
-    ("client key in use", "another board answers with this key: give each its own (uros: key=,"
-     " micro-ROS: rmw_uros_options_set_client_key), or end that one"),
-    ("client key not allowed", "let it in by --allow-key, or take the key off a board that is"
-     " none of yours"),
-    ("address not allowed", "let its network in by --allow-net"),
-    ("over ", "raise --max-clients, or start another agent"),
-    ("memory", "raise --max-memory, or see which board holds so much (-v)"),
-    ("MTU", "give its transport a larger MTU"),
-    ("", "is it a micro-ROS client, of XRCE 1?"),
-)  # fmt: skip
+def _remedy(why: str) -> str:
+    """What to do about a refusal."""
+    from ..agent.admission import ADDRESS_NOT_ALLOWED, KEY_IN_USE, KEY_NOT_ALLOWED
+
+    remedies = (
+        (KEY_IN_USE, "another board answers with this key: give each its own (uros: key=,"
+         " micro-ROS: rmw_uros_options_set_client_key), or end that one"),
+        (KEY_NOT_ALLOWED, "let it in by --allow-key, or take the key off a board that is none of"
+         " yours"),
+        (ADDRESS_NOT_ALLOWED, "let its network in by --allow-net"),
+        ("over ", "raise --max-clients, or start another agent"),
+        ("memory", "raise --max-memory, or see which board holds so much (-v)"),
+        ("MTU", "give its transport a larger MTU"),
+        ("", "is it a micro-ROS client, of XRCE 1?"),
+    )  # fmt: skip
+    return next(text for start, text in remedies if why.startswith(start))
 
 
 def _refused(snapshot: Snapshot, width: int) -> list[str]:
@@ -200,8 +205,7 @@ def _refused(snapshot: Snapshot, width: int) -> list[str]:
     ]  # fmt: skip
     lines = _table(rows, width, "<<>><", 4, 1)
     for why in dict.fromkeys(it["why"] for it in snapshot["refused"]):
-        remedy = next(text for start, text in _REMEDIES if why.startswith(start))
-        lines += _wrapped(f"{plain(why)}: {remedy}", width)
+        lines += _wrapped(f"{plain(why)}: {_remedy(why)}", width)
     return lines
 
 
@@ -250,16 +254,6 @@ def _endpoints(client: dict[str, Any], width: int) -> list[str]:
 
 
 # --- text ------------------------------------------------------------------------------------
-
-
-def plain(text: str) -> str:
-    """A text of a client's: nothing in it must colour or clear a terminal."""
-    if text.isascii() and text.isprintable():
-        return text
-    return "".join(
-        it if it.isprintable() and it.isascii() else it.encode("unicode_escape").decode()
-        for it in text
-    )
 
 
 def duration(seconds: float) -> str:

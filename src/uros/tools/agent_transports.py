@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
+from ..transport.base import DEFAULT_PORT
+
 if TYPE_CHECKING:
     from ..transport.base import ServerTransport
 
@@ -20,7 +22,6 @@ TRANSPORTS: Final = {
     "rfcomm": "Bluetooth RFCOMM",
     "custom": "a transport of your own, a class (docs/custom_transport.md)",
 }
-DEFAULT_PORT: Final = 8888
 DEFAULT_DISCOVERY_PORT: Final = 7400
 _TLS: Final = {
     "--tls-cert": "speak TLS: the agent's certificate, PEM, and below it those that lead to its CA",

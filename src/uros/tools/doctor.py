@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final
 
+from ..transport.base import DEFAULT_PORT
 from .common import domain as domain_number
 from .common import positive_float, positive_int
-from .doctor_finding import NOTE, PROBLEM, UNKNOWN, Finding, problem, shown, unknown
+from .doctor_finding import NOTE, OK, PROBLEM, UNKNOWN, Finding, problem, shown, unknown
 from .doctor_snapshots import Agents
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ _SECONDS: Final = 3.0
 # As in transport/baud.py, which cannot be imported where there is no termios.
 _MAX_BAUD: Final = 50_000_000
 _WIDTH: Final = 100
+_LEAST_WIDTH: Final = 60
+_COLOURS: Final = {OK: "\033[32m", NOTE: "\033[33m", PROBLEM: "\033[1;31m", UNKNOWN: "\033[35m"}
 _INDENT: Final = " " * 24
 # How often agents are asked for boards that push each other out, in seconds.
 _LOOK_AGAIN: Final = 0.5
@@ -42,8 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="rate that the board should have (default 115200)",
     )  # fmt: skip
     parser.add_argument(
-        "--port", type=_port, metavar="N", help="port that an agent should have (default 8888)"
-    )
+        "--port", type=_port, metavar="N",
+        help=f"port that an agent should have (default {DEFAULT_PORT})",
+    )  # fmt: skip
     parser.add_argument(
         "--domain", type=domain_number, metavar="N", action="append", default=[],
         help="domain of your ROS 2 nodes; may be repeated (default: ROS_DOMAIN_ID, and 0)",
@@ -82,15 +87,22 @@ def run(args: argparse.Namespace, agents: Agents | None = None) -> int:
 
 
 def _print(finding: Finding) -> None:
-    print(lines(finding), flush=True)
+    width = _WIDTH
+    coloured = sys.stdout.isatty()
+    if coloured:
+        width = max(_LEAST_WIDTH, min(_WIDTH, shutil.get_terminal_size().columns))
+    text = lines(finding, width)
+    if coloured and not os.environ.get("NO_COLOR"):
+        text = f"{_COLOURS[finding.state]}{finding.state}\033[0m" + text[len(finding.state) :]
+    print(text, flush=True)
 
 
-def lines(finding: Finding) -> str:
+def lines(finding: Finding, width: int = _WIDTH) -> str:
     """A finding as it is printed: the sentence, and what mends it, each on a line of its own
     that is not broken within commands."""
     head = f"{finding.state:<9}{finding.check:<15}"
     told = textwrap.wrap(
-        shown(finding.what), _WIDTH - len(head), break_long_words=False, break_on_hyphens=False
+        shown(finding.what), width - len(head), break_long_words=False, break_on_hyphens=False
     )
     out = [head + f"\n{_INDENT}".join(told)]
     if finding.mend:
@@ -146,7 +158,7 @@ class Doctor:
         if not agents.failed:
             self._found([doctor_agents.check_agents(agents.now)])
         self._serial()
-        port = self._args.port or doctor_agents.DEFAULT_PORT
+        port = self._args.port or DEFAULT_PORT
         self._found(doctor_agents.check_port(port, agents.pids, self._args.port is not None))
         wanted = self._wanted()
         self._environment(wanted[0] if wanted else 0)
@@ -173,7 +185,7 @@ class Doctor:
             return
         found = doctor_serial.check_device(args.dev, agents)
         self._found(found)
-        if found[-1].state == "ok":
+        if found[-1].state == OK:
             line = doctor_serial.DeviceLine(args.dev)
             self._found(
                 [doctor_serial.check_line(args.dev, line, args.baudrate, args.seconds, self._say)]

@@ -8,7 +8,6 @@ from typing import Any, Final
 from . import doctor_process
 from .doctor_finding import Finding, note, ok, problem, unknown, word
 
-DEFAULT_PORT: Final = 8888
 # A board's clock that is so far off, in seconds, mixes up what is fused by time.
 CLOCK_LIMIT: Final = 0.1
 # Bytes without a frame that are a fault, and broken frames: how many, and one in how many.
@@ -53,7 +52,7 @@ def _taken(it: doctor_process.Taken, agents: Collection[int], grave: bool) -> Fi
     kill = "kill " + " ".join(str(one.pid) for one in it.holders)
     if all(one.pid in agents or one.is_uros_agent for one in it.holders):
         return ok("port", f"{where} is served by an agent of uros: {names}",
-                  f"to start another agent there: {kill}")  # fmt: skip
+                  f"only to start another agent in its place: {kill}")  # fmt: skip
     if any(one.is_foreign_agent for one in it.holders):
         names += ", eProsima's agent"
     return (problem if grave else note)(
@@ -164,7 +163,9 @@ def _refused_keys(snapshots: Sequence[Snapshot]) -> dict[str, Finding]:
 
 
 def _about_key(refused: dict[str, Any]) -> bool:
-    return "key in use" in str(refused.get("why", "")).lower()
+    from ..agent.admission import KEY_IN_USE
+
+    return refused.get("why") == KEY_IN_USE
 
 
 def _places(looks: Sequence[Sequence[Snapshot]]) -> dict[str, list[list[str]]]:

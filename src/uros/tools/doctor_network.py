@@ -252,8 +252,8 @@ def _no_network(all_up: list[Interface]) -> Finding:
     if any(it.is_loopback and it.is_up for it in all_up):
         return note(
             "multicast",
-            "this machine has no network interface with an IPv4 address: nodes meet on this"
-            " machine only",
+            "no network interface of this machine but loopback is up with an IPv4 address:"
+            " nodes meet on this machine only",
             "connect it, or: export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST",
         )
     return problem("multicast", "not even the loopback interface is up", "sudo ip link set lo up")

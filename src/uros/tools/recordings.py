@@ -5,7 +5,7 @@ A parser takes the bytes of a file as they come and gives the records that are w
     parser = parser_for(first_bytes, name)
     records = parser.feed(first_bytes)
 
-Text is one JSON line a message (see :mod:`uros.agent.capture`). Lines without ``transport`` are
+Text is one JSON line a message (see :mod:`uros.agent.jsonlines`). Lines without ``transport`` are
 recordings of eProsima's agents (``tests/captures``): a line of those is a datagram, or a chunk of
 a serial line or a TCP stream, of which the messages are found. pcapng is :mod:`.recordings_pcapng`.
 """

@@ -11,6 +11,7 @@ import re
 import struct
 from typing import Final
 
+from ..transport.base import DEFAULT_PORT
 from ..wire import ids
 from .recordings import Places, Record, RecordingError
 
@@ -20,7 +21,6 @@ MAX_INTERFACES: Final = 65536
 _SECTION, _INTERFACE, _SIMPLE, _PACKET = 0x0A0D0D0A, 1, 3, 6
 _END, _COMMENT, _FLAGS, _DROPPED, _RESOLUTION = 0, 1, 2, 4, 9
 _UDP: Final = 17
-_DEFAULT_PORT: Final = 8888
 # How far into a packet its IP header is, by link type; of Ethernet, behind its type.
 _RAW, _ETHERNET, _COOKED, _COOKED_2, _LOOPBACK = 101, 1, 113, 276, 0
 _OURS = re.compile(r"(\S+) (.+?)(?: key 0x([0-9A-F]{8}))?(?: \(cut, of \d+ bytes\))?", re.ASCII)
@@ -145,8 +145,8 @@ class PcapngParser:
         """A packet that others took: a message where it goes to an agent or comes from one."""
         if _opens_session(message) and len(self._agents) < MAX_INTERFACES:
             self._agents.add(destination)
-        from_client = destination in self._agents or destination[1] == _DEFAULT_PORT
-        if not from_client and source not in self._agents and source[1] != _DEFAULT_PORT:
+        from_client = destination in self._agents or destination[1] == DEFAULT_PORT
+        if not from_client and source not in self._agents and source[1] != DEFAULT_PORT:
             return None
         host, port = source if from_client else destination
         ip = ipaddress.ip_address(host)

@@ -193,13 +193,23 @@ class Player:
         out = board.out.setdefault(step.stream, ReliableOut())
         if not self._wait_for(lambda: out.room() > 0, self._patience):
             raise ToolError(
-                f"the agent does not acknowledge what client {step.client} sends: it stalls, or"
-                " has lost the session"
+                f"the agent does not acknowledge what client {step.client} sends:"
+                f" {self._why_silent(step.client)}"
             )
         message[2:4] = out.next.to_bytes(2, "little")
         out.put(bytes(message))
         for it in out.take(_now()):
             board.line.send(it)
+
+    def _why_silent(self, client: int) -> str:
+        for (whose, _), answers in self.got.items():
+            for it in answers if whose == client else ():
+                if it.kind == ids.STATUS_AGENT and it.payload[:1] != b"\0":
+                    return (
+                        f"it refused the session ({it}); where the board itself is connected to"
+                        " it, its key is in use: replay to an agent that was just started"
+                    )
+        return "it stalls, or has lost the session"
 
     def _put_callers(self, message: bytearray) -> None:
         """A service's reply goes to who called now."""
@@ -324,13 +334,14 @@ class Player:
     def report(self, write: Callable[[str], object]) -> bool:
         """Print the table, and whether all is as recorded."""
         from ..agent.describe import plain
+        from ..agent.kinds import key_label
 
         head = ("client", "sent", "answers", "as recorded", "differ", "missing", "more")
         rows: list[tuple[str, ...]] = [head]
         parts: list[str] = []
         same = True
         for client, board in sorted(self._boards.items()):
-            name = f"{client} 0x{board.key:08X} {plain(self._names[client])}"
+            name = f"{client} {key_label(board.key)} {plain(self._names[client])}"
             equal = differ = missing = more = 0
             keys = {key for key in (*self.expected, *self.got) if key[0] == client}
             for key in sorted(keys):

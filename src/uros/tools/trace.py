@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
+from ..agent.kinds import key_label
 from .common import positive_int
 from .errors import ToolError
 from .recordings import Parser, Record, parser_for, read
@@ -58,7 +59,7 @@ def _client(text: str) -> int | str:
     """A number, or a key as it is printed."""
     try:
         if text[:2].lower() == "0x" and 0 <= int(text, 16) <= 0xFFFFFFFF:
-            return f"0x{int(text, 16):08X}"
+            return key_label(int(text, 16))
         if text.isdecimal() and len(text) < 10:
             return int(text)
     except ValueError:
@@ -162,7 +163,7 @@ class Printer:
     def explain_nothing(self, what: str) -> None:
         about = f"{what} has no messages"
         if self._client is not None:
-            known = [f"{number} (0x{key:08X})" for number, key in sorted(self._keys.items())]
+            known = [f"{number} ({key_label(key)})" for number, key in sorted(self._keys.items())]
             about = f"{what} has no messages of client {self._client}"
             about += f"; there are {', '.join(known[:20])}" if known else ""
         print(about, file=sys.stderr)
@@ -172,7 +173,7 @@ class Printer:
         key = self._learn(record)
         if self._first is None:
             self._first = self._before = record.time
-        name = "" if key == 0 else f"0x{key:08X}"
+        name = "" if key == 0 else key_label(key)
         if self._client is not None and self._client not in (record.client, name):
             return
         self.shown += 1

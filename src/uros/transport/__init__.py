@@ -16,6 +16,7 @@ The agent's ends:
 ``can``              CAN FD, by python-can
 ``custom``           what users write
 ``worker``           threads for lines whose calls may wait
+``tally``            faults are counted, and told seldom
 ``remedies``         what the errno of a line means, and what to do
 ``memory``           boards and agent in one process
 ===================  ============================================================

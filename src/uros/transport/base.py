@@ -15,6 +15,9 @@ from typing import Any, Protocol
 # Levels of Host.note, as in the agent's log.
 ERROR, WARNING, INFO = 2, 3, 4
 
+# Where boards look for an agent, by UDP and TCP, if nobody says another.
+DEFAULT_PORT = 8888
+
 # Drain a ready socket up to so many messages, then the next: a flood must not
 # starve others.
 MAX_BURST = 64

@@ -16,7 +16,8 @@ from typing import Any, Final
 
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
 from .canboard import MTU, can_frame
-from .worker import Tally, Worker
+from .tally import Tally
+from .worker import Worker
 
 # How often an interface that is away is looked for, in seconds.
 RETRY: Final = 0.5

@@ -18,7 +18,8 @@ from typing import Any, Final
 
 from ..wire.framing import Deframer, frame, frame_size
 from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
-from .worker import LEAVE, Tally, Worker
+from .tally import Tally
+from .worker import LEAVE, Worker
 
 AGENT_ADDRESS: Final = 0
 # After a failure, a line is opened again so soon, in seconds; each time twice as late, until

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
 from .line import COUNTERS, Line, LineServer, SocketStream
 from .remedies import socket_trouble
-from .worker import Tally
+from .tally import Tally
 
 # Until the agent stops waiting for an answer to its connecting, and begins anew, in seconds.
 PATIENCE: Final = 20.0

@@ -18,7 +18,7 @@ from .ip import (
     text_of,
     warn_without_ipv6,
 )
-from .worker import Tally
+from .tally import Tally
 
 # What is handled before it is another socket's turn.
 _CHUNK: Final = 16384

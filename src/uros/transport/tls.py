@@ -20,6 +20,7 @@ from typing import Any, Final
 from .base import INFO, WARNING, Host, TransportError
 from .certificates import Certificates
 from .ip import text_of
+from .tally import Seldom
 from .tcp import TcpServer
 
 # Attack: handshakes that stop half-way. A board's own arithmetic takes some seconds.
@@ -33,12 +34,8 @@ _SAVED: Final = 0.25
 # How long those wait that come when the time is used up.
 _PAUSE: Final = 0.05
 _SWEEP_SECONDS: Final = 1.0
-# How many networks' shares are remembered, and how many kinds of faults.
+# How many networks' shares are remembered.
 _REMEMBERED: Final = 4096
-_KINDS: Final = 64
-# Attack: a fault again and again. A kind of them is told at once, then more and more seldom.
-_TOLD_FIRST: Final = 1.0
-_TOLD_LAST: Final = 60.0
 _BEGINNING: Final = b"\x16\x03"
 _WANTS: Final = (ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
@@ -91,7 +88,7 @@ class TlsServer(TcpServer):
         self._left = _SAVED
         self._left_at = clock()
         self._looking = False  # whether a look at those who take long is due
-        self._told: dict[str, _Told] = {}
+        self._told = Seldom()
 
     def open(self, host: Host) -> None:
         super().open(host)
@@ -265,13 +262,7 @@ class TlsServer(TcpServer):
         self._drop(connection)
 
     def _tell(self, what: str, why: str, where: str = "") -> None:
-        now = self._clock()
-        told = self._told.get(why)
-        if told is None:
-            if len(self._told) >= _KINDS:
-                self._told.clear()
-            told = self._told[why] = _Told()
-        often = told.add(now)
+        often = self._told.add(why, self._clock())
         if often:
             times = f" ({often} times)" if often > 1 else ""
             self._host.note(WARNING, self.name, "tls", what, f"{where}{why}{times}")
@@ -288,28 +279,6 @@ class TlsServer(TcpServer):
     def address(self, peer: Any) -> str:
         name = self._names.get(peer)
         return f"{super().address(peer)} (CN={name})" if name else super().address(peer)
-
-
-class _Told:
-    """When one kind of fault may be told again, and how many there were since it was."""
-
-    __slots__ = ("_again", "_count", "_pause")
-
-    def __init__(self) -> None:
-        self._again = float("-inf")
-        self._count = 0
-        self._pause = _TOLD_FIRST
-
-    def add(self, now: float) -> int:
-        """One more; how many to tell of, or 0."""
-        self._count += 1
-        if now < self._again:
-            return 0
-        quiet = now >= self._again + self._pause
-        self._pause = _TOLD_FIRST if quiet else min(2 * self._pause, _TOLD_LAST)
-        self._again = now + self._pause
-        count, self._count = self._count, 0
-        return count
 
 
 def _name_in(certificate: Any) -> str:

@@ -48,24 +48,6 @@ class Line(Protocol):
         """After all else, and once: but before the end of a write that takes too long."""
 
 
-class Tally:
-    """Counts faults, of which the log gets the first, the second, the fourth and so on."""
-
-    __slots__ = ("_next", "count")
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._next = 1
-
-    def add(self) -> bool:
-        """One more; whether it is for the log."""
-        self.count += 1
-        if self.count < self._next:
-            return False
-        self._next = 2 * self.count
-        return True
-
-
 class Worker:
     """Runs ``line``, ``name`` for the log. The three callbacks come in the server's thread:
 

@@ -1,6 +1,8 @@
 """Attacks by one client on what all share; another one comes afterwards and gets its service."""
 
+import gc
 import time
+import weakref
 
 import pytest
 from unit.agent.helpers import (
@@ -175,3 +177,19 @@ def test_sessions_that_come_and_go_leave_nothing_behind(desk):
     ((_, sent),) = desk.hear(create_client(0x9999), peer=8)
     assert parse(sent)[1][0][2][0] == OK
     still_works(desk)
+
+
+def test_a_client_that_leaves_is_not_kept_until_python_looks_for_circles(desk):
+    """A thousand circles of a board's size are megabytes that come and go."""
+    desk.agent.log.level = 3
+    board = Board(desk)
+    board.ask(*publisher_entities())
+    client = weakref.ref(desk.agent.clients[board.key])
+    gc.collect()
+    gc.disable()
+    try:
+        desk.agent.delete_client(board.key)
+        desk.agent.attended.clear()
+        assert client() is None
+    finally:
+        gc.enable()

@@ -16,6 +16,7 @@ from support.client import XrceClient
 from support.lines import SECONDS, UdpLine
 from support.recorded import load as load_recorded
 from support.tshark import packets
+from support.waiting import eventually
 from unit.agent.helpers import get_info, message
 
 from uros.agent import capture as captures
@@ -63,13 +64,6 @@ class Desk:
     def close(self):
         self.capture.close()
         return self.said.getvalue()
-
-
-def eventually(done):
-    deadline = time.monotonic() + SECONDS
-    while not done():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)  # a poll with a deadline
 
 
 # --- what is written ----------------------------------------------------------------------------
@@ -176,15 +170,26 @@ def test_a_full_file_makes_room_for_the_next_and_two_are_kept(tmp_path, name):
         assert packets(path)[0].comment == "TestAgent 1.2.3.4:5"
 
 
-def test_an_older_capture_is_replaced_with_its_second_file(tmp_path):
+def test_an_older_capture_is_kept_as_the_second_file(tmp_path):
+    # An agent that crashed and is started again by systemd must not destroy what led to it.
     path = tmp_path / "one.txt"
-    for count in (100, 1):
-        desk = Desk(path, limit=2000)
+    for count in (3, 2, 1):
+        desk = Desk(path)
         for _ in range(count):
             desk.say()
         desk.close()
-    assert os.listdir(tmp_path) == ["one.txt"]
-    assert len(list(read(path))) == 1
+    assert sorted(os.listdir(tmp_path)) == ["one.txt", "one.txt.1"]
+    assert len(list(read(path))) == 1 and len(list(read(f"{path}.1"))) == 2
+
+
+def test_a_capture_in_which_nothing_is_does_not_push_out_the_second_file(tmp_path):
+    path = tmp_path / "one.txt"
+    for count in (3, 0, 1):
+        desk = Desk(path)
+        for _ in range(count):
+            desk.say()
+        desk.close()
+    assert len(list(read(path))) == 1 and len(list(read(f"{path}.1"))) == 3
 
 
 @pytest.mark.parametrize("name", ["one.pcapng", "one.pcapng.1"])
@@ -307,8 +312,27 @@ def test_a_slow_disk_loses_messages_and_says_how_many(tmp_path, monkeypatch):
     assert records[-1]["lost"] > 0 and records[-1]["hex"] == b"later".hex()
 
 
+@pytest.mark.parametrize("said", [True, False])
+def test_a_second_agent_on_the_same_file_is_told_and_spoils_nothing(tmp_path, said):
+    path = tmp_path / "one.pcapng"
+    first = Desk(path, 2000)
+    for count in (1, 100):  # before its file is another one, and after
+        if said:
+            for _ in range(count):
+                first.say(bytes(50))
+            eventually(lambda: first.capture.written and first.capture._put == first.capture._taken)
+        with pytest.raises(CaptureError, match="another agent captures into it: end that one"):
+            Desk(path)
+    first.close()
+    assert sorted(os.listdir(tmp_path)) == (["one.pcapng", "one.pcapng.1"] if said else [path.name])
+    assert is_capture(path)
+    if said:
+        assert all(it.message == bytes(50) for it in read(path))
+    Desk(path).close()  # now it is free
+
+
 def test_an_end_does_not_wait_for_a_disk_for_ever(tmp_path, monkeypatch):
-    monkeypatch.setattr(captures, "_PATIENCE", 0.05)
+    monkeypatch.setattr(captures, "_STILL", 0.05)
     path = tmp_path / "pipe"
     os.mkfifo(path)
     desk = Desk(path)

@@ -45,8 +45,9 @@ from unit.agent.helpers import (
     write_data,
 )
 
+from uros.agent.kinds import KIND_NAMES
 from uros.agent.limits import Limits
-from uros.agent.objects import KIND_NAMES, node_name
+from uros.agent.objects import node_name
 from uros.middleware.base import MiddlewareError
 from uros.middleware.memory import Bus
 from uros.wire import ids, session

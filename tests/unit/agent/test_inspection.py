@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from support.agent import RunningAgent, serving
 from support.client import XrceClient
 from support.lines import SECONDS
+from support.waiting import eventually
 
 from uros.agent import inspection as module
 from uros.agent.inspection import Inspection, folders, sockets
@@ -62,16 +63,9 @@ def line_of(sock):
     return json.loads(found)
 
 
-def until(changed):
-    deadline = time.monotonic() + SECONDS
-    while not changed():
-        assert time.monotonic() < deadline, "nothing changes"
-        time.sleep(0.002)  # a poll with a deadline: nothing tells when a socket is looked at
-
-
 def tracing(running, count=1):
     """So many watch now."""
-    until(lambda: sum(it.tracing for it in list(running.inspection._askers)) == count)
+    eventually(lambda: sum(it.tracing for it in list(running.inspection._askers)) == count)
 
 
 def served(running, key=0x51):
@@ -254,7 +248,7 @@ def test_a_mad_asker_is_cut_off(data):
                 pass
         except ConnectionError:
             pass
-        until(lambda: not running.inspection._askers)
+        eventually(lambda: not running.inspection._askers)
         served(running)
         assert ask(here(running), "status")["version"] == 1
 
@@ -267,7 +261,7 @@ def test_more_askers_than_may_be_are_refused_and_may_come_again():
         with pytest.raises(ToolError, match=f"over {module.MAX_ASKERS} ask already"):
             ask(here(running), "status")
         held.pop().close()
-        until(lambda: len(running.inspection._askers) < module.MAX_ASKERS)
+        eventually(lambda: len(running.inspection._askers) < module.MAX_ASKERS)
         assert ask(here(running), "status")["version"] == 1
         for sock in held:
             sock.close()
@@ -294,7 +288,7 @@ def test_an_asker_that_does_not_read_costs_little_and_is_cut_off(monkeypatch):
         with connect(running) as slow:
             slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
             slow.sendall(b'{"ask":"status"}\n' * 20)
-            until(lambda: running.inspection._askers)
+            eventually(lambda: running.inspection._askers)
             (asker,) = running.inspection._askers
             most = 0
             deadline = time.monotonic() + SECONDS
@@ -325,7 +319,7 @@ def test_messages_that_pass_are_told_to_those_who_watch():
         assert len(running.agent.taps) == 1
         one.close()
         two.close()
-        until(lambda: not running.agent.taps)  # nobody watches: it costs nothing
+        eventually(lambda: not running.agent.taps)  # nobody watches: it costs nothing
         served(running, 2)
 
 

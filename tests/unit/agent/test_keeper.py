@@ -18,6 +18,7 @@ from uros.agent import keeper as module
 from uros.agent import state
 from uros.agent.admission import Admission
 from uros.agent.keeper import Keeper
+from uros.agent.log import Log
 from uros.agent.session import Session
 from uros.agent.state import StateFile, open_state
 from uros.middleware.base import MiddlewareError
@@ -61,6 +62,13 @@ class World:
         os.close(desk.keeper._file._fd)
         desk.middleware.close()
         return self
+
+    def stop(self):
+        """As SIGTERM."""
+        desk, self.desk = self.desk, None
+        self.clock = desk.clock
+        desk.keeper.close()
+        desk.middleware.close()
 
     def restart(self):
         return self.kill().start()
@@ -261,6 +269,37 @@ def test_what_is_stalled_comes_again(world, monkeypatch):
     world.restart()
     settled(client)
     assert heard() == [1, 2]
+
+
+def test_what_came_before_a_stall_does_not_come_twice(world, monkeypatch):
+    """A writer or a service without room for seconds, as a restored one: what was written before to
+    others is at their readers already, though it is not acknowledged."""
+    heard, held = far_reader(world), far_reader(world, "rt/held")
+    client = publisher(world)
+    client.create(0x32, 0x11, helpers_topic, "rt/held", TYPE)
+    client.create(0x35, 0x13, helpers_endpoint, 0x32, ids.QOS_RELIABLE, 10)
+    settled(client)
+    write, full = MemoryWriter.write, {"rt/up", "rt/held"}
+    monkeypatch.setattr(
+        MemoryWriter, "write", lambda self, cdr: self._key[1] not in full and write(self, cdr)
+    )
+    world.restart()  # endpoints keep what they call
+    for value in range(3):
+        client.write(0x15, number(value))
+    for value in range(3):
+        client.write(0x35, number(value, 1400 if value else 4))
+    client.turns(5)
+    full.remove("rt/up")
+    client.turns(5)
+    assert heard() == [0, 1, 2] and len(client._out) == 3 + 1 + 2 * 3  # not acknowledged
+    for _ in range(2):
+        world.restart()
+        client.turns(5)
+    assert heard() == [] and held() == []
+    full.clear()
+    client.write(0x15, number(7))
+    settled(client)
+    assert heard() == [7] and held() == [0, 1, 2]
 
 
 def test_messages_to_a_client_are_sent_again_as_they_were(world):
@@ -513,6 +552,19 @@ def test_who_may_not_come_in_any_more_does_not_come_back(world, monkeypatch, by)
     assert "it may not come in any more" in world.desk.log()
 
 
+def test_no_more_come_back_than_the_owner_wants_now(world, monkeypatch):
+    first, second = publisher(world, key=0xA1), publisher(world, key=0xA2)
+    monkeypatch.setattr(Admission, "max_clients", property(lambda it: 1, lambda it, value: None))
+    world.restart()
+    assert list(world.desk.agent.clients) == [0xA1]
+    assert "over 1 clients (see --max-clients)" in world.desk.log()
+    settled(first)
+    monkeypatch.undo()
+    world.restart()  # and the other one is not in the file any more
+    assert list(world.desk.agent.clients) == [0xA1]
+    assert second.key not in world.desk.agent.clients
+
+
 def test_a_client_that_comes_back_otherwise_ends_the_waiting(world, monkeypatch):
     publisher(world)
     with monkeypatch.context() as patch:
@@ -654,7 +706,7 @@ def test_an_object_that_cannot_be_made_again_is_left_out(world, monkeypatch):
 
     monkeypatch.setattr(agent_client.Client, "recreate", refuse)
     world.restart()
-    assert "object_id: 0x0022, out of topics" in world.desk.log()
+    assert "object_id: 0x002(2), out of topics" in world.desk.log()
     client.write(0x15, number(1))
     settled(client)
     assert heard() == [1]
@@ -698,6 +750,203 @@ def test_the_journal_is_compacted(world, monkeypatch):
     assert max(sizes) < 12_000
     world.restart()
     client.until(lambda: len(client.samples) == 300, "some are missing")
+
+
+# --- what seldom happens --------------------------------------------------------------------------
+
+
+def test_an_orderly_end_is_trusted_after_a_start_of_the_machine(world, monkeypatch):
+    heard = far_reader(world)
+    client = publisher(world)
+    client.write(0x15, number(1))
+    settled(client)
+    world.stop()
+    monkeypatch.setattr(state, "_boot_id", lambda: "another")
+    world.start()
+    client.write(0x15, number(2))
+    settled(client)
+    assert heard() == [1, 2]
+
+
+def test_an_end_in_which_something_fails_does_not_forget_anybody(world, monkeypatch):
+    publisher(world)
+    agent, keeper = world.desk.agent, world.desk.keeper
+
+    def fail(*_):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(keeper, "_commit", fail)
+    monkeypatch.setattr(keeper, "_changed", [None])
+    with pytest.raises(OSError, match="Input"):
+        keeper.close()
+    agent.close()  # as the server does then
+    world.clock = world.desk.clock
+    world.desk.middleware.close()
+    world.start()
+    assert list(world.desk.agent.clients) == [0xA1]
+
+
+def test_a_keeper_that_was_never_opened_leaves_the_file_as_it_is(world):
+    publisher(world)
+    world.stop()
+    before = Path(world.path).read_bytes()
+    keeper = Keeper(open_state(world.path), Log())
+    keeper.close()
+    assert Path(world.path).read_bytes() == before
+    world.start()
+    assert list(world.desk.agent.clients) == [0xA1]
+
+
+def test_a_disk_that_is_full_at_the_start(world, monkeypatch):
+    """What is in the file would soon be behind; boards are brought back, and served."""
+    heard = far_reader(world)
+    client = publisher(world)
+    world.kill()
+    give_room = full(monkeypatch, "rewrite")
+    world.start()
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+    assert "state not kept" in world.desk.log()
+    give_room()
+    world.restart()
+    assert not world.desk.agent.clients  # rather than with numbers of before
+
+
+def test_a_journal_that_cannot_be_compacted_goes_on(world, monkeypatch):
+    monkeypatch.setattr(module, "JOURNAL_SIZE", 3000)
+    world.restart()
+    client = publisher(world)
+    revive(world)
+    give_room = full(monkeypatch, "rewrite")
+    for _ in range(20):
+        helpers_delete(client, 0x15)
+        client.create(0x15, 0x13, helpers_endpoint, 0x12, ids.QOS_RELIABLE, 10)
+    assert world.desk.keeper._file.journal_size > 3000
+    assert "state not kept" not in world.desk.log()
+    os.unlink(world.path)  # and now it is needed
+    world.wait(11_000)
+    assert "state not kept" in world.desk.log()
+    give_room()
+    world.wait(11_000)
+    heard = far_reader(world)
+    world.restart()
+    client.write(0x15, number(1))
+    settled(client)
+    assert heard() == [1]
+
+
+def test_a_client_leaves_while_nothing_can_be_written(world, monkeypatch):
+    publisher(world)
+    revive(world)
+    give_room = full(monkeypatch, "append", "write_slot", "rewrite")
+    world.desk.agent.delete_client(0xA1)
+    assert "state not kept" in world.desk.log()
+    give_room()
+    world.restart()
+    assert not world.desk.agent.clients
+
+
+def read_data(client, *control):
+    client.request(
+        ids.READ_DATA, data.push_read_data, 0x16, ids.STREAM_RELIABLE, 0, None,
+        control, wait=False,
+    )  # fmt: skip
+    client.turns()
+
+
+def test_read_data_that_was_cancelled_stays_so(world):
+    client = Client(world)
+    client.topic("rt/down", TYPE)
+    client.reader()
+    client.turns()
+    read_data(client, 0, 0, 0, 0)
+    read_data(client, 0, 0, 0, 0)  # nothing is there to cancel
+    world.restart()
+    writer = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=100))
+    writer.write(b"\0\1\0\0" + number(1))
+    client.turns()
+    assert client.samples == []
+
+
+def test_read_data_of_what_cannot_be_made_again_is_forgotten(world, monkeypatch):
+    client = Client(world)
+    client.topic("rt/down", TYPE)
+    client.reader()
+    client.turns()
+    recreate = agent_client.Client.recreate
+
+    def refuse(self, object_id, *what):
+        if object_id == 0x16:
+            raise MiddlewareError("out of readers")
+        recreate(self, object_id, *what)
+
+    def keep_reads(self, object_id):
+        self.objects.pop(object_id, None)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(agent_client.Client, "recreate", refuse)
+        patch.setattr(module.Kept, "deleted", keep_reads)
+        world.restart()
+    (entry,) = world.desk.keeper._entries.values()
+    assert 0x16 not in entry.kept.reads and 0x16 not in entry.client.objects
+
+
+def test_a_client_that_resets_its_session(world):
+    heard = far_reader(world)
+    client = publisher(world)
+    client.write(0x15, number(1))
+    settled(client)
+    world.send(client.peer, bytes((0x81, 0, 0, 0, ids.RESET, 1, 0, 0)))
+    client.last_acknown = client.last_sent = client.last_handled = client._announced = 0xFFFF
+    world.restart()
+    client.write(0x15, number(2))
+    settled(client)
+    assert heard() == [1, 2]
+
+
+def test_who_left_is_not_asked_for_what_it_holds(world):
+    publisher(world)
+    world.restart()
+    world.desk.agent.delete_client(0xA1)
+    world.wait(3000)
+    assert not world.desk.keeper._nudges
+
+
+def test_long_samples_are_not_kept_for_late_readers(world, monkeypatch):
+    monkeypatch.setattr(module, "MAX_LATCHED", 100)
+    qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
+    client = publisher(world, qos=qos, depth=1)
+    client.write(0x15, number(1))
+    client.write(0x15, number(2, 200))
+    settled(client)
+    world.restart()
+    profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert late.take(5) == []  # nor the one before, which is the last no more
+
+
+def test_more_clients_than_slots(world, monkeypatch):
+    """Those that sleep make room; and who finds none is served, and not kept."""
+    publisher(world)
+    world.kill()
+    with monkeypatch.context() as patch:
+        patch.setattr(helpers.Place, "name", "OtherAgent")
+        world.start()
+        world.desk.keeper._free.clear()
+        publisher(world, key=0xA2)
+        assert not world.desk.keeper._asleep
+        heard = far_reader(world)
+        client = publisher(world, key=0xA3)
+        client.write(0x15, number(1))
+        settled(client)
+        assert heard() == [1]
+        world.kill()
+        monkeypatch.setattr(module, "SLOTS", 0)
+        world.start()
+        assert list(world.desk.agent.clients) == [0xA2]  # brought back, though it has no slot
+    world.restart()
+    assert not world.desk.agent.clients
 
 
 # --- killed at any moment -------------------------------------------------------------------------

@@ -70,11 +70,9 @@ class Pair:
         for _ in range(3):
             self.count += 1
             sample = self.count.to_bytes(4, "big")
-            start = time.monotonic()
             self.first.write(self.writer, sample)
             assert self.second.sample(self.reader) == sample
             assert self.first.ping() == self.second.ping() == 1
-            assert time.monotonic() - start < 1
 
 
 def status_of(client, kind, push, thing, *values):

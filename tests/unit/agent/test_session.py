@@ -402,6 +402,25 @@ def test_a_message_whose_end_is_lost_is_not_mixed_with_the_next(talk):
     assert not talk.handler.faults
 
 
+def test_a_message_that_the_client_gives_up_is_not_mixed_with_the_next(talk):
+    """A C client whose publish() runs out of time (on_full_output_buffer_fragmented)."""
+    for part in parts_of(write_data(WRITER, b"A" * 350))[:3]:
+        talk.hear(part)
+    talk.hear(write_data(WRITER, b"other"))
+    for part in parts_of(write_data(WRITER, b"B" * 350)):
+        talk.hear(part)
+    assert talk.samples() == [b"other", b"B" * 350]
+    assert [what for what, _ in talk.handler.faults] == ["message given up"]
+
+
+def test_fragments_that_make_nonsense_take_nothing_else_along(talk):
+    short = whole(write_data(WRITER, b"A" * 350))[:-13]
+    talk.hear(fragment(short[:200]))
+    talk.hear(fragment(short[200:], True), write_data(WRITER, b"other"))
+    assert talk.samples() == [b"other"]
+    assert [what for what, _ in talk.handler.faults] == ["deserialization error"]
+
+
 # --- reset ------------------------------------------------------------------------------
 
 

@@ -326,13 +326,6 @@ def test_the_boards_have_their_turn_while_one_is_made(owner, monkeypatch):
     assert not owner.calls and len(made) == 1
 
 
-def test_a_client_that_no_address_is_known_of(owner):
-    """After a restart with --state, as long as it says nothing."""
-    Board(owner.desk)
-    owner.agent._places.clear()
-    assert (owner.client()["transport"], owner.client()["address"]) == ("", "")
-
-
 # --- transports ---------------------------------------------------------------------
 
 

@@ -183,6 +183,23 @@ def test_a_file_of_somebody_else_is_left_as_it_is(tmp_path):
         assert path.read_bytes() == text
 
 
+def test_a_file_that_was_truncated_under_a_killed_agent_is_damaged_and_not_somebody_elses(tmp_path):
+    path = tmp_path / "f"
+    fill(path, 1)
+    file = open_state(str(path))
+    content = file.read()
+    assert file.rewrite(content.slots, [])
+    os.truncate(path, 0)
+    index, slot = next(iter(content.slots.items()))
+    assert file.write_slot(index, slot)
+    os.close(file._fd)  # as SIGKILL
+    again = open_state(str(path))
+    assert "its head is damaged" in again.read().damaged and not again.read().trusted
+    assert again.keep_aside() == f"{path}.damaged"
+    assert again.rewrite({}, [])
+    again.close(True)
+
+
 def test_a_newer_file_is_left_as_it_is(tmp_path):
     path = tmp_path / "f"
     whole = fill(path, 1).replace(b"uros state 1\n", b"uros state 2\n")
@@ -344,3 +361,183 @@ def test_the_content_of_a_new_file_is_nothing(tmp_path):
     assert file.read() == Content()
     file.close(True)
     assert resource.RLIMIT_FSIZE and signal.SIGXFSZ  # what the test above needs
+
+
+# --- what seldom happens ----------------------------------------------------------------------
+
+
+def failing(number=errno.EIO):
+    def fails(*_args, **_more):
+        raise OSError(number, os.strerror(number))
+
+    return fails
+
+
+def test_a_record_that_is_cut_off_hides_no_others():
+    cut = record(7, 1, bytes(1000))[: state.RECORD_SIZE + 5]
+    assert records_in(cut + record(8, 1, b"sound")) == [(8, 1, b"sound")]
+
+
+def test_a_machine_that_does_not_tell_its_runs_apart(tmp_path, monkeypatch):
+    path = tmp_path / "f"
+    monkeypatch.setattr(state, "_BOOT_ID", str(tmp_path / "nothing"))
+    for clean in (False, True):
+        file = open_state(str(path))
+        assert file.rewrite({}, [])
+        file.close(clean)
+        assert load(path)[1].trusted == clean
+
+
+def test_a_disk_that_cannot_be_read(tmp_path, monkeypatch):
+    fill(tmp_path / "f", 1)
+    file = open_state(str(tmp_path / "f"))
+    with monkeypatch.context() as patch:
+        patch.setattr(state.os, "pread", failing())
+        content = file.read()
+        assert content.damaged == ["it cannot be read: Input/output error"]
+        assert not content.slots
+    file.close(False)
+
+
+def test_a_disk_that_takes_nothing_and_says_nothing(tmp_path, monkeypatch):
+    file = open_state(str(tmp_path / "f"))
+    assert file.rewrite({}, [])
+    with monkeypatch.context() as patch:
+        patch.setattr(state.os, "pwrite", lambda *_: 0)
+        assert not file.append(record(1, 1, b"one"))
+        assert file.error == "No space left on device"
+        assert not file.write_slot(0, bytes(state.SLOT_SIZE))
+        patch.setattr(state.os, "ftruncate", failing())
+        assert not file.append(record(1, 1, b"one"))
+        patch.setattr(state.os, "pwrite", failing())
+        assert not file.write_slot(0, bytes(state.SLOT_SIZE))
+        assert file.error == "Input/output error"
+    assert file.append(record(1, 1, b"one"))
+    assert file.read().records == [(1, 1, b"one")]
+    file.close(False)
+
+
+def test_a_damaged_file_that_cannot_be_kept_aside(tmp_path):
+    file = open_state(str(tmp_path / "f"))
+    (tmp_path / "f.damaged").mkdir()
+    assert file.keep_aside() is None
+    file.close(False)
+
+
+def test_where_files_have_no_room_beforehand(tmp_path, monkeypatch):
+    """macOS."""
+    monkeypatch.delattr(state.os, "posix_fallocate", raising=False)
+    fill(tmp_path / "f", 1)
+    assert os.path.getsize(tmp_path / "f") > state._JOURNAL_AT
+    same(load(tmp_path / "f")[0][1], 1)
+
+
+def test_a_journal_has_an_end(tmp_path, monkeypatch):
+    file = open_state(str(tmp_path / "f"))
+    half = record(1, 1, bytes(1 << 20))
+    monkeypatch.setattr(state, "MAX_JOURNAL", 5 << 19)
+    assert not file.rewrite({}, [half, half, half])
+    assert "are to be kept" in file.error
+    assert os.path.getsize(tmp_path / "f") == 0
+    assert file.rewrite({}, [half, half])
+    assert not file.append(half)
+    assert "are to be kept" in file.error
+    assert len(file.read().records) == 2
+    file.close(True)
+
+
+def test_a_directory_that_forgets_nothing(tmp_path, monkeypatch):
+    """Neither may the new file come to its name nor the half one go."""
+    fill(tmp_path / "f", 1)
+    file = open_state(str(tmp_path / "f"))
+    with monkeypatch.context() as patch:
+        patch.setattr(state.os, "replace", failing(errno.EACCES))
+        patch.setattr(state.os, "unlink", failing(errno.ENOENT))
+        assert not file.rewrite({}, [])
+    assert file.error == "Permission denied"
+    file.close(False)
+    same(load(tmp_path / "f")[0][1], 1)
+    assert (tmp_path / "f.new").exists()
+    file = open_state(str(tmp_path / "f"))
+    assert file.rewrite({}, []) and not (tmp_path / "f.new").exists()
+    file.close(False)
+
+
+def test_what_must_not_be_believed_is_taken_away_somehow(tmp_path, monkeypatch):
+    fill(tmp_path / "f", 1)
+    file = open_state(str(tmp_path / "f"))
+    with monkeypatch.context() as patch:
+        patch.setattr(state.os, "ftruncate", failing())
+        with monkeypatch.context() as more:
+            more.setattr(state.os, "unlink", failing())
+            file.clear()
+        file.clear()
+    assert not (tmp_path / "f").exists()
+    file.close(False)
+
+    fill(tmp_path / "f", 1)
+    file = open_state(str(tmp_path / "f"))
+    file.clear()
+    assert file.write_slot(7, bytes(state.SLOT_SIZE))
+    assert (tmp_path / "f").read_bytes() == b""  # a slot alone would be no state file
+    assert file.rewrite({}, []) and file.write_slot(7, b"x" * state.SLOT_SIZE)
+    assert b"x" * state.SLOT_SIZE in (tmp_path / "f").read_bytes()
+    file.close(False)
+
+
+def test_a_file_that_cannot_be_looked_after(tmp_path, monkeypatch):
+    file = open_state(str(tmp_path / "f"))
+    assert file.rewrite({}, []) and file.missing() is None
+    for call in ("stat", "pread"):
+        with monkeypatch.context() as patch:
+            patch.setattr(state.os, call, failing())
+            assert file.missing() == "Input/output error"
+    with monkeypatch.context() as patch:
+        patch.setattr(state.os, "fsync", failing())
+        file.close(True)  # it counts as long as this machine runs
+    file.close(True)
+    assert load(tmp_path / "f")[1].trusted
+    with monkeypatch.context() as patch:
+        patch.setattr(state, "_boot_id", lambda: "another")
+        assert not load(tmp_path / "f")[1].trusted
+
+
+def test_a_system_without_file_locks(tmp_path, monkeypatch):
+    monkeypatch.setattr(state, "fcntl", None)
+    with pytest.raises(StateError, match="systems with file locks"):
+        open_state(str(tmp_path / "f"))
+    assert not (tmp_path / "f").exists()
+
+
+def test_a_file_system_without_locks(tmp_path, monkeypatch):
+    monkeypatch.setattr(state.fcntl, "flock", failing(errno.ENOLCK))
+    with pytest.raises(StateError, match="No locks available"):
+        open_state(str(tmp_path / "f"))
+
+
+def test_a_file_that_changes_while_it_is_opened(tmp_path, monkeypatch):
+    """Its owner puts a new one in its place again and again, or ends and takes it away."""
+    path = tmp_path / "f"
+    path.touch()
+    stat, times = os.stat, []
+
+    def renewed(name, *args, **more):
+        times.append(name)
+        if len(times) % 2 == 0:
+            if len(times) == 4:
+                raise FileNotFoundError
+            return stat(tmp_path)
+        return stat(name, *args, **more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(state.os, "stat", renewed)
+        with pytest.raises(StateError, match="another agent uses it"):
+            open_state(str(path))
+    assert len(times) == 2 * state._TRIES
+
+    # A pipe by now: opened, and then it is none.
+    with monkeypatch.context() as patch:
+        patch.setattr(state.os, "fstat", lambda _: stat("/dev/null"))
+        with pytest.raises(StateError, match="no ordinary file"):
+            open_state(str(path))
+    open_state(str(path)).close(False)  # nothing of it is locked

@@ -19,6 +19,17 @@ def made():
         one.close()
 
 
+def test_what_this_process_wrote_is_there_right_after_the_burst(made):
+    """A turn later it would be lost with an agent that is killed, and is acknowledged by then."""
+    one = made[0].create_node(0, "/", "n")
+    got = []
+    reader = one.create_reader("rt/a", INT32, QoSProfile(), lambda: got.extend(reader.take(9)))
+    made[0].dispatch_local()
+    one.create_writer("rt/a", INT32, QoSProfile()).write(b"sample")
+    made[0].dispatch_local()
+    assert got == [b"sample"]
+
+
 def watched(middleware):
     seen = []
     middleware.on_type_conflict = lambda *words: seen.append(words)

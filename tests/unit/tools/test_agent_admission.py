@@ -8,7 +8,9 @@ from support.lines import UdpLine
 from unit.tools.test_agent import options, parser, parts
 from unit.transport.test_process import agent as process
 
-from uros.tools import agent
+from uros.agent.admission import MAX_CLIENTS
+from uros.agent.liveliness import DEAD_TIME
+from uros.tools import agent, agent_control
 from uros.tools.agent_admission import make_admission
 from uros.tools.errors import ToolError
 from uros.wire import ids
@@ -16,7 +18,7 @@ from uros.wire import ids
 
 def made(line):
     got = options(line)
-    return make_admission(got, agent._control(got))
+    return make_admission(got, agent_control.make_control(got))
 
 
 def test_nothing_said_lets_all_in_and_forgets_after_the_agents_time():
@@ -82,3 +84,10 @@ def test_an_agent_started_with_them_holds_to_them():
         finally:
             here.close()
             other.close()
+
+
+def test_the_help_tells_the_defaults():
+    (udp,) = [it for it in parser()._actions if it.dest == "transport"]
+    said = udp.choices["udp4"].format_help()
+    assert f"(default and at most {MAX_CLIENTS})" in said
+    assert f"(default {DEAD_TIME:.0f}; 0: never)" in said

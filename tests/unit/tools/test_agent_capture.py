@@ -46,6 +46,14 @@ def test_what_cannot_be_captured_into_ends_the_agent_with_a_line(tmp_path):
     assert status == 1 and "name a file in a folder that exists" in said
 
 
+def test_state_and_capture_are_two_files(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "it")
+    files = "--capture", tmp_path / "it", "--state", tmp_path / "link"
+    status, said = refused("udp4", "-p", "0", "-m", "memory", *files)
+    assert status == 1 and "give each a file of its own" in said
+    assert not (tmp_path / "it").exists()
+
+
 def test_an_agent_tells_where_it_captures_and_how_much(tmp_path):
     path = tmp_path / "it.pcapng"
     with started("udp4", "-p", 0, "-m", "memory", "--capture", path) as process:

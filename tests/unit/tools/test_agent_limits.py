@@ -10,12 +10,12 @@ from uros.tools import agent_limits
 
 
 def test_what_is_not_given_is_the_default():
-    assert agent_limits.limits(options("udp4")) == Limits()
+    assert agent_limits.make_limits(options("udp4")) == Limits()
 
 
 def test_each_is_what_it_says():
     line = "udp4 --max-objects 20 --max-message 100000 tcp4 --max-memory 64"
-    assert agent_limits.limits(options(line)) == Limits(
+    assert agent_limits.make_limits(options(line)) == Limits(
         objects=20, message=100_000, memory=64 * 1024 * 1024
     )
 

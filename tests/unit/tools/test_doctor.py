@@ -8,14 +8,13 @@ import os
 import re
 import socket
 import threading
-import time
 import tty
 
 import pytest
 from conftest import leased_domain
 from support.doctor import agent, board, listener, look, one_of, spare_port
-from support.lines import SECONDS
 from support.portable import framed
+from support.waiting import eventually
 
 import uros
 from uros.agent import inspection
@@ -118,10 +117,10 @@ def test_two_boards_with_one_key(place):
         try:
             from uros.tools.inspection import ask, find_agent
 
-            deadline = time.monotonic() + SECONDS
-            while not ask(find_agent(which.pid), "status")["refused"]:
-                assert time.monotonic() < deadline, "the agent refuses nobody"
-                time.sleep(0.05)  # a poll with a deadline: the agent tells only who asks
+            eventually(
+                lambda: ask(find_agent(which.pid), "status")["refused"],
+                "the agent refuses nobody", pause=0.05,
+            )  # fmt: skip
             problems, _ = look(which, domain, port)
         finally:
             stop.set()
@@ -237,6 +236,24 @@ def test_lines_are_whole_and_commands_are_not_broken():
     assert all(len(it) <= 100 for it in text.splitlines()[:-1])
     assert doctor.lines(Finding("port", OK, "free")) == "ok       port           free"
     assert "hint:" in doctor.lines(Finding("port", NOTE, "taken", "kill 5"))
+
+
+def test_a_terminal_gets_lines_that_fit_and_the_state_in_colour(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    finding = Finding("baud", PROBLEM, "the board sends " + "slowly " * 20, "x")
+    doctor._print(finding)
+    piped = capsys.readouterr().out
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    doctor._print(finding)
+    shown = capsys.readouterr().out
+    monkeypatch.setenv("NO_COLOR", "1")
+    doctor._print(finding)
+    plain = capsys.readouterr().out
+    assert "\033" not in piped and max(map(len, piped.splitlines())) > 80
+    assert shown.startswith("\033[1;31mproblem\033[0m  baud ")
+    assert "\033" not in plain and max(map(len, plain.splitlines())) <= 80
+    assert re.sub(r"\033\[[0-9;]*m", "", shown) == plain
 
 
 def test_what_is_from_outside_does_not_reach_the_terminal_as_it_is():

@@ -12,7 +12,7 @@ from support.replay import load as load_recorded
 from support.replay import messages as recorded_messages
 from unit.agent.helpers import create_client, get_info, message
 
-from uros.agent.capture import Lines
+from uros.agent.jsonlines import Lines
 from uros.agent.pcapng import Packets
 from uros.agent.taps import AGENT, CLIENT, Passing
 from uros.tools.recordings import MAX_LINE, Record, RecordingError, TextParser, parser_for, read

@@ -13,7 +13,7 @@ from support.lines import SECONDS, UdpLine
 from support.replay import CAPTURES
 from unit.tools.test_recordings import captured
 
-from uros.agent.capture import Lines
+from uros.agent.jsonlines import Lines
 from uros.agent.pcapng import Packets
 from uros.tools import cli, trace
 from uros.tools.recordings import read

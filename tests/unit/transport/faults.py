@@ -1,9 +1,7 @@
 """What bad input must not touch: two clients whose samples and answers go on."""
 
-import time
-
 from support.client import XrceClient
-from support.lines import SECONDS
+from support.waiting import eventually
 
 from uros.wire import ids
 
@@ -36,7 +34,4 @@ class Bystanders:
 
 def wait_for(said, text, count=1):
     """Until the log says ``text`` so many times."""
-    deadline = time.monotonic() + SECONDS
-    while said().count(text) < count:
-        assert time.monotonic() < deadline, f"no {text!r} in:\n{said()}"
-        time.sleep(0.002)  # a poll with a deadline: nothing tells when a log has grown
+    eventually(lambda: said().count(text) >= count, lambda: f"no {text!r} in:\n{said()}")

@@ -253,14 +253,6 @@ def test_only_a_hello_is_taken_for_one():
     assert not tcp.is_client_hello(framed(PING))
 
 
-def test_faults_of_one_kind_are_told_more_and_more_seldom():
-    told = module._Told()
-    said = [(second, count) for second in range(1, 1001) if (count := told.add(float(second)))]
-    assert said[:4] == [(1, 1), (2, 1), (4, 2), (8, 4)]
-    assert len(said) < 25 and sum(count for _, count in said) > 940
-    assert told.add(1e6) and told.add(1e6 + 1)  # and after a quiet time as at first
-
-
 # --- what harms nobody --------------------------------------------------------------------------
 
 
