@@ -11,7 +11,6 @@ middleware; its thread's loop is played here.
 import heapq
 import io
 import random
-from types import SimpleNamespace
 
 from support.board import FakeClock
 from uros.agent import client as agent_client
@@ -95,8 +94,8 @@ class Wire:
         self._events = []
         self._order = 0
         self.start_agent()
-        self._time = agent_client.time
-        agent_client.time = SimpleNamespace(time_ns=self.epoch_ns)
+        self._wall_clock = agent_client.wall_clock
+        agent_client.wall_clock = lambda: divmod(self.epoch_ns(), 1_000_000_000)
 
     def start_agent(self):
         """An agent that knows nobody; the one before is gone without a word."""
@@ -118,7 +117,7 @@ class Wire:
         return self
 
     def __exit__(self, *_):
-        agent_client.time = self._time
+        agent_client.wall_clock = self._wall_clock
         if self.agent is not None:
             self.agent.close()
             self.middleware.close()
