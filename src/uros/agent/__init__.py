@@ -29,6 +29,7 @@ All of them:
 ``liveliness``        who is still there
 ``limits``            what one may have, and all together
 ``budget``            the account of memory; ``pace``: that of time
+``heap``              memory goes back to the system
 ``server``            the one thread: sockets, timers, middleware
 ``clock``             its time
 ``watchdog``          tells where it hangs

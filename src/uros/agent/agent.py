@@ -34,6 +34,7 @@ from .client import Client
 from .clock import Clock
 from .control import Control
 from .graph import Graphs
+from .heap import Heap
 from .kinds import key_label
 from .limits import Limits
 from .liveliness import DEAD_TIME, LOOK_MS, Liveliness
@@ -85,6 +86,7 @@ class Agent:
         self.budget = Budget(self.limits.memory, lambda: self.clients.values(), self._dismiss)
         self.pace = Pace()
         self.closing = Closing(self.failed)
+        self.heap = Heap()
         self._clock = Clock()
         # Where each client talks from: its transport and address there.
         self._places: dict[int, tuple[ServerTransport, Any]] = {}
@@ -128,6 +130,7 @@ class Agent:
         pause = LOOK_MS / 1000
         try:
             pause = self.liveliness.look()
+            self.heap.look(time.monotonic())
         finally:
             self.wake_at(pause, self._look)
 
@@ -436,6 +439,7 @@ class Agent:
         if self.keeper is not None:
             self.keeper.forget(key)
         client.close()
+        self.heap.somebody_left = True
         place = self._places.pop(key, None)
         if place is not None:
             place[0].sessions.pop(place[1], None)
