@@ -33,7 +33,7 @@ PREPARE = {"interop": (env.micropython, env.ros), "mpy": (env.micropython,)}
 EXCUSE = "not on this platform:"
 
 # pytest-timeout ends a test that hangs, but not one that hangs in C with the interpreter's lock.
-GROUP_SECONDS = 900
+GROUP_SECONDS = 1500
 GROUP_SECONDS_FULL = 3600
 
 
