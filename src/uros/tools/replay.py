@@ -175,8 +175,12 @@ class Player:
         board.line.send(w.finish())
 
     def _last_pings(self) -> None:
-        """What a ping's answer comes behind has come."""
-        for client, board in self._boards.items():
+        """What a ping's answer comes behind has come.
+
+        One ping is answered before what sessions have to say to the burst that it came in, so
+        each board sends another when the first is answered.
+        """
+        for client, board in 2 * list(self._boards.items()):
             self._ping(board)
             if not self._wait_for(lambda board=board: board.pinged, self._patience):  # type: ignore[misc]
                 raise ToolError(f"the agent no longer answers client {client}: has it ended?")
