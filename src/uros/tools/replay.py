@@ -33,6 +33,8 @@ _PATIENCE: Final = 3.0
 _LAST_REQUEST: Final = 0x7777
 _SHOWN: Final = 10
 _PING_AGAIN: Final = 0.5
+# Longer than an agent goes on with a burst without being interrupted, in seconds.
+_BURST: Final = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -177,13 +179,14 @@ class Player:
     def _last_pings(self) -> None:
         """What a ping's answer comes behind has come.
 
-        One ping is answered before what sessions have to say to the burst that it came in, so
-        each board sends another when the first is answered.
+        A ping is answered before what sessions have to say to the burst that it came in, so
+        each board sends another, for which that burst does not wait.
         """
         for client, board in 2 * list(self._boards.items()):
             self._ping(board)
             if not self._wait_for(lambda board=board: board.pinged, self._patience):  # type: ignore[misc]
                 raise ToolError(f"the agent no longer answers client {client}: has it ended?")
+            self._wait_for(lambda: False, _BURST)
 
     def _send(self, board: _Board, step: Step) -> None:
         message = bytearray(step.message)
