@@ -45,9 +45,10 @@ class Admission:
     def admits_key(self, key: int) -> bool:
         return not self.keys or key in self.keys
 
-    def admits_host(self, host: str) -> bool:
-        """``host`` is an IP address in numbers, as sockets give it; what is none stays out."""
-        if not self.networks:
+    def admits_host(self, host: str | None) -> bool:
+        """``host`` is an IP address in numbers, as sockets give it; what is none stays out.
+        None: somebody on a line, which is no network."""
+        if not self.networks or host is None:
             return True
         known = self._hosts.get(host)
         if known is None:
@@ -56,6 +57,9 @@ class Admission:
                 self._hosts.clear()
             self._hosts[host] = known
         return known
+
+    def admits(self, key: int, host: str | None) -> bool:
+        return self.admits_key(key) and self.admits_host(host)
 
     def _is_inside(self, host: str) -> bool:
         try:

@@ -111,20 +111,7 @@ class Agent:
         self.wake_at = wake_at
         for transport in transports:
             transport.admits = self.admission.admits_host if self.admission.networks else None
-        self.wake_at(0.0, self._dismiss_uninvited)
         self._look()
-
-    def _dismiss_uninvited(self) -> None:
-        """Of the clients that :meth:`resume` brought back, not all may be let in any more."""
-        for key, (transport, peer) in list(self._places.items()):
-            host, admission = transport.host_of(peer), self.admission
-            if not admission.admits_key(key) or not (host is None or admission.admits_host(host)):
-                self.log.warning(
-                    "Root", "start", "client not allowed any more",
-                    f"client_key: {key_label(key)}, address: {transport.address(peer)}: forgotten"
-                    " (see --allow-key, --allow-net)",
-                )  # fmt: skip
-                self.delete_client(key)
 
     def _look(self) -> None:
         pause = LOOK_MS / 1000
@@ -298,7 +285,7 @@ class Agent:
     def _is_outside(self, transport: ServerTransport, peer: Any, message: memoryview) -> bool:
         """Whether it comes from none of the networks that may talk to us: it gets no answer."""
         host = transport.host_of(peer)
-        if host is None or self.admission.admits_host(host):
+        if self.admission.admits_host(host):
             return False
         count = self.strangers.admit(f"outside {host}")
         if count:
@@ -355,7 +342,8 @@ class Agent:
     def resume(
         self, key: int, transport: ServerTransport, peer: Any, request: Request
     ) -> Client:
-        """A client of before our start, which goes on without a word."""
+        """A client of before our start, which goes on without a word. Whether it may come in is
+        asked before."""
         self._admit(transport, peer, key, request)
         return self.clients[key]
 

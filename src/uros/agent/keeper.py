@@ -169,12 +169,10 @@ class Keeper:
             self._fall_asleep(kept)
             return
         agent = self._server.agent
-        host, admission = transport.host_of(about.peer), agent.admission
+        admission = agent.admission
         why = ""
-        if not admission.admits_key(about.key) or not (
-            host is None or admission.admits_host(host)
-        ):
-            why = "it may not come in any more"
+        if not admission.admits(about.key, transport.host_of(about.peer)):
+            why = "it may not come in any more (see --allow-key, --allow-net)"
         elif len(agent.clients) >= admission.max_clients:
             why = f"over {admission.max_clients} clients (see --max-clients)"
         if why:

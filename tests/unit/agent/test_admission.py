@@ -26,7 +26,6 @@ from unit.agent.helpers import (
 from uros.agent.admission import MAX_REFUSALS, Admission, Refusals, make_admission
 from uros.agent.agent import key_of_newcomer
 from uros.agent.control import Control, ControlError
-from uros.agent.rivals import Request
 from uros.transport.discovery import DiscoveryServer
 from uros.transport.udp import UdpServer
 from uros.wire import ids
@@ -198,25 +197,6 @@ def test_a_key_that_is_not_allowed_is_denied_and_told_what_to_do():
         desk.log()
     )
     assert desk.agent.refusals[0x22][:3] == ("client key not allowed", "peer 2", 50)
-    desk.close()
-
-
-def test_clients_that_were_kept_from_before_are_held_to_the_lists_too():
-    desk = Desk(admission=make_admission(keys=["0x11"], networks=["10.0.0.0/8"]))
-    desk.place.host_of = lambda peer: peer
-    for key, host in ((0x11, "10.0.0.1"), (0x12, "10.0.0.2"), (0x11 + 2**8, "10.0.0.3")):
-        desk.agent.resume(key, desk.place, host, Request(0x81, 512, []))
-    desk.agent.resume(0x11, desk.place, "10.0.0.1", Request(0x81, 512, []))
-    desk.start().wait(1)
-    assert list(desk.agent.clients) == [0x11]
-    desk.close()
-    desk = Desk(admission=make_admission(networks=["10.0.0.0/8"]))
-    desk.place.host_of = lambda peer: peer
-    for key, host in ((1, "10.0.0.1"), (2, "11.0.0.1"), (3, None)):
-        desk.agent.resume(key, desk.place, host, Request(0x81, 512, []))
-    desk.start().wait(1)
-    assert list(desk.agent.clients) == [1, 3]
-    assert "client_key: 0x00000002, address: peer 11.0.0.1: forgotten (see --allow" in desk.log()
     desk.close()
 
 

@@ -16,8 +16,9 @@ from unit.agent.helpers import Desk
 from uros.agent import client as agent_client
 from uros.agent import keeper as module
 from uros.agent import state
-from uros.agent.admission import Admission
+from uros.agent.admission import Admission, make_admission
 from uros.agent.keeper import Keeper
+from uros.agent.kinds import key_label
 from uros.agent.log import Log
 from uros.agent.session import Session
 from uros.agent.state import StateFile, open_state
@@ -48,6 +49,7 @@ class World:
         self.far = MemoryMiddleware(self.bus)
         self.node = self.far.create_node(0, "/", "far")
         self.desk = None
+        self.admission = None
         self.start()
 
     def start(self):
@@ -104,7 +106,7 @@ class LastingDesk(Desk):
     """A desk whose agent keeps its sessions in a file."""
 
     def __init__(self, world):
-        super().__init__(world.bus)
+        super().__init__(world.bus, admission=world.admission)
         self.world = world
         self.clock = world.clock
         self.place.send = self.sent_to
@@ -550,6 +552,31 @@ def test_who_may_not_come_in_any_more_does_not_come_back(world, monkeypatch, by)
     world.restart()
     assert not world.desk.agent.clients
     assert "it may not come in any more" in world.desk.log()
+
+
+@pytest.mark.parametrize(
+    "lists, hosts, left",
+    [
+        (
+            {"keys": ["0x11"], "networks": ["10.0.0.0/8"]},
+            {0x11: "10.0.0.1", 0x12: "10.0.0.2", 0x11 + 2**8: "10.0.0.3"},
+            [0x11],
+        ),
+        ({"networks": ["10.0.0.0/8"]}, {1: "10.0.0.1", 2: "11.0.0.1", 3: None}, [1, 3]),
+    ],
+)
+def test_clients_that_were_kept_from_before_are_held_to_the_lists_too(
+    world, monkeypatch, lists, hosts, left
+):
+    monkeypatch.setattr(helpers.Place, "host_of", lambda self, peer: hosts[peer])
+    for key in hosts:
+        publisher(world, key=key)
+    world.admission = make_admission(**lists)
+    world.restart()
+    assert list(world.desk.agent.clients) == left
+    for key in hosts.keys() - left:
+        why = "it may not come in any more (see --allow-key, --allow-net)"
+        assert f"client_key: {key_label(key)}, address: peer {key}, {why}" in world.desk.log()
 
 
 def test_no_more_come_back_than_the_owner_wants_now(world, monkeypatch):
