@@ -216,9 +216,9 @@ class World:
             attended = list(agent.attended)
             agent.attended.clear()
             if agent.keeper is not None:
-                agent.keeper.keep(attended, self.clock)
+                agent.keeper.keep(attended)
             for it in attended:
-                it.finish(self.clock)
+                it.finish()
                 agent.flush(it)
         if agent.budget.since > agent.budget.room:
             agent.budget.settle(self.clock)

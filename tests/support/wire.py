@@ -174,7 +174,7 @@ class Wire:
         self.middleware.dispatch()
         while self.agent.attended:
             session = self.agent.attended.pop()
-            session.finish(self.agent.now())
+            session.finish()
             self.agent.flush(session)
 
     def _timers(self):

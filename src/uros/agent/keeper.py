@@ -152,7 +152,7 @@ class Keeper:
             return
         agent, self._server = self._server.agent, None
         try:
-            self.keep(list(agent.attended), agent.now())
+            self.keep(list(agent.attended))
         finally:  # else the clients that are about to be closed were forgotten here, too
             agent.keeper = None
             self._file.close(not self._failing)
@@ -410,11 +410,10 @@ class Keeper:
 
     # --- writing ------------------------------------------------------------------------
 
-    def keep(self, sessions: Iterable[Session], now: int) -> None:
-        """Acknowledge what came, and write down what these sessions are about to tell."""
+    def keep(self, sessions: Iterable[Session]) -> None:
+        """Write down what these sessions are about to tell; they acknowledge what came after it."""
         entries = self._entries
         for session in sessions:
-            session.finish(now)
             entry = entries.get(session.key)
             if entry is not None and entry.client.session is session:
                 self._collect(entry, session)
@@ -601,7 +600,7 @@ class Keeper:
             self._nudge()
             agent = server.agent
             agent.middleware.flush()  # before it counts
-            self.keep(list(agent.attended), agent.now())
+            self.keep(list(agent.attended))
             self._ticks += 1
             if self._ticks % _LOOK == 0:
                 self._look()

@@ -283,25 +283,20 @@ class Server:
         while attended:
             sessions = list(attended)
             attended.clear()
-            if self.agent.keeper is not None:
-                self._keep(sessions, now)
+            if (keeper := self.agent.keeper) is not None:
+                try:
+                    keeper.keep(sessions)  # what clients will be told, before they are
+                except Exception as error:  # likewise
+                    self.agent.failed(error)
             for session in sessions:
                 try:
-                    session.finish(now)
+                    session.finish()
                     self.agent.flush(session)
                     client = self.agent.clients.get(session.key)
                     if client is not None:
                         self._set_timer(client, now)
                 except Exception as error:  # likewise
                     self.agent.failed(error)
-
-    def _keep(self, sessions: list[Session], now: int) -> None:
-        """Write down what clients will be told, before they are."""
-        try:
-            if self.agent.keeper is not None:
-                self.agent.keeper.keep(sessions, now)
-        except Exception as error:  # likewise
-            self.agent.failed(error)
 
     def _set_timer(self, client: Client, now: int) -> None:
         deadline = client.next_deadline()

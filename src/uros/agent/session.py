@@ -435,7 +435,7 @@ class Session:
 
     # --- time ----------------------------------------------------------------
 
-    def finish(self, now: int) -> None:
+    def finish(self) -> None:
         """After a burst of datagrams: acknowledge what came, once a stream."""
         for stream_id, incoming in self._in.items():
             if incoming.ack_due and not incoming.stalled:
@@ -535,7 +535,7 @@ class Session:
             for stream_id, incoming in list(self._in.items()):
                 if incoming.stalled:
                     self._retry(incoming, stream_id, now)
-            self.finish(now)
+            self.finish()
         silent = self._silent(now)
         for stream_id, stream in self._out.items():
             due = stream.heartbeat(now)

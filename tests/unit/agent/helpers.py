@@ -344,7 +344,7 @@ class Desk:
         self.middleware.dispatch()
         while self.agent.attended:
             attended = self.agent.attended.pop()
-            attended.finish(self.clock)
+            attended.finish()
             self.agent.flush(attended)
         sent, self.place.sent = self.place.sent, []
         return sent

@@ -141,9 +141,9 @@ class LastingDesk(Desk):
         while self.agent.attended:
             sessions = list(self.agent.attended)
             self.agent.attended.clear()
-            self.keeper.keep(sessions, self.clock)
+            self.keeper.keep(sessions)
             for session in sessions:
-                session.finish(self.clock)
+                session.finish()
                 self.agent.flush(session)
         return []
 

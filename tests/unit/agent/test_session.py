@@ -89,7 +89,7 @@ class Talk:
 
     def out(self):
         """What the session sends, after it was asked to finish."""
-        self.session.finish(self.now)
+        self.session.finish()
         sent, self.session.outgoing[:] = list(self.session.outgoing), []
         return [parse(it) for it in sent]
 
