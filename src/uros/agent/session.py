@@ -249,23 +249,18 @@ class Session:
             incoming = self._in[stream_id] = _In(self._limit)
         incoming.ack_due = True
         stream = incoming.stream
-        if incoming.stalled:
-            if sequence != stream.next:
-                stream.receive(sequence, view[start:length])
-            elif sequence not in stream.waiting:
-                # It would be the next one, were the last one handled: keep it for pop().
+        if incoming.stalled and sequence == stream.next:
+            # It would be the next one, were the last one handled: keep it for pop().
+            if sequence not in stream.waiting:
                 stream.waiting[sequence] = bytes(view[start:length])
                 if sequence_after(sequence, stream.announced):
                     stream.announced = sequence
-            if not self._budget.keep(length - start):
-                stream.waiting.pop(sequence, None)
+        elif stream.receive(sequence, view[start:length]):
+            if self._handle(incoming, buf, view, start, length, stream_id, now) and stream.waiting:
+                self._catch_up(incoming, stream_id, now)
             return
-        if not stream.receive(sequence, view[start:length]):
-            if sequence in stream.waiting and not self._budget.keep(length - start):
-                del stream.waiting[sequence]  # it comes again
-            return
-        if self._handle(incoming, buf, view, start, length, stream_id, now) and stream.waiting:
-            self._catch_up(incoming, stream_id, now)
+        if sequence in stream.waiting and not self._budget.keep(length - start):
+            del stream.waiting[sequence]  # it comes again
 
     def _handle(
         self,
