@@ -139,11 +139,14 @@ class Server:
     def _woken(self) -> None:
         self._wake.clear()
         for _ in range(len(self._soon)):
-            call = self._soon.popleft()
-            try:
-                call()
-            except Exception as error:  # whatever it is, the boards go on
-                self.agent.failed(error)
+            self._try(self._soon.popleft())
+
+    def _try(self, call: Callable[..., object], *args: Any) -> None:
+        """Call it; whatever goes wrong there, the boards go on."""
+        try:
+            call(*args)
+        except Exception as error:
+            self.agent.failed(error)
 
     # --- the loop -------------------------------------------------------------------
 
@@ -176,10 +179,7 @@ class Server:
             ends += [transport.close for transport in self.transports]
             ends += [middleware.close, self._selector.close, self._wake.close]
             for end in ends:
-                try:
-                    end()
-                except Exception as error:  # whatever it is, the others must be closed
-                    self.agent.failed(error)
+                self._try(end)  # the others must be closed
                 self.turns += 1
             self.thread = None
 
@@ -251,20 +251,13 @@ class Server:
         if agent.attended:
             self._attend()
         if agent.budget.since > agent.budget.room:
-            try:
-                agent.budget.settle(self.now())
-            except Exception as error:  # likewise
-                self.agent.failed(error)
+            self._try(agent.budget.settle, self.now())
 
     def _due(self, now: float) -> None:
         while self._calls and self._calls[0][0] <= now:
             if time.monotonic() - now > _MOST_DUE:
                 break  # others have their turn; the rest is due in the next
-            call = heapq.heappop(self._calls)[2]
-            try:
-                call()
-            except Exception as error:  # likewise
-                self.agent.failed(error)
+            self._try(heapq.heappop(self._calls)[2])
         if now < self._tick_after:
             return
         try:
@@ -284,10 +277,7 @@ class Server:
             sessions = list(attended)
             attended.clear()
             if (keeper := self.agent.keeper) is not None:
-                try:
-                    keeper.keep(sessions)  # what clients will be told, before they are
-                except Exception as error:  # likewise
-                    self.agent.failed(error)
+                self._try(keeper.keep, sessions)  # what clients will be told, before they are
             for session in sessions:
                 try:
                     session.finish()
