@@ -75,8 +75,12 @@ class Pair:
             assert self.first.ping() == self.second.ping() == 1
 
 
-def status_of(client, kind, push, thing, *values):
-    return client.request(kind, push, thing, *values)
+def echo(server):
+    """A client that hears what it writes to the bad topic: it, its writer and its reader."""
+    client = server.client(1)
+    writer, reader = client.writer("n", "rt/bad", TYPE), client.reader("n", "rt/bad", TYPE)
+    client.read(reader)
+    return client, writer, reader
 
 
 def create_status(client, kind, parent, push, *values, number=9):
@@ -140,10 +144,7 @@ def test_a_write_that_fails_costs_its_sample(bad, error):
     bad.fail(MemoryWriter, "write", error, lambda this, cdr: "bad" in this._key[1])
     with running() as server:
         pair = Pair(server)
-        client = server.client(1)
-        writer = client.writer("n", "rt/bad", TYPE)
-        reader = client.reader("n", "rt/bad", TYPE)
-        client.read(reader)
+        client, writer, reader = echo(server)
         bad.armed = True
         for _ in range(5):
             client.write(writer, b"lost")
@@ -176,10 +177,7 @@ def test_a_take_that_fails_ends_the_delivery_and_is_told(bad, error):
     bad.fail(MemoryReader, "take", error, lambda this, limit: "bad" in this._key[1])
     with running() as server:
         pair = Pair(server)
-        client = server.client(1)
-        writer = client.writer("n", "rt/bad", TYPE)
-        reader = client.reader("n", "rt/bad", TYPE)
-        client.read(reader)
+        client, writer, reader = echo(server)
         bad.armed = True
         client.write(writer, b"sample")
         wanted = "delivery ended" if isinstance(error, MiddlewareError) else error_name(error)

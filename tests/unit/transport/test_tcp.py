@@ -11,7 +11,7 @@ from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import SECONDS
 from unit.agent.helpers import create_client, get_info, message
-from unit.transport.faults import TYPE, Bystanders, wait_for
+from unit.transport.faults import TYPE, wait_for
 
 from uros.transport import tcp as module
 from uros.transport.base import TransportError
@@ -26,20 +26,6 @@ PING = message([get_info()], 0, 0, 0x80)
 def agent():
     with running_agent("tcp", "memory") as running:
         yield running
-
-
-@pytest.fixture(scope="module")
-def bystanders(agent):
-    return Bystanders(agent)
-
-
-@pytest.fixture
-def raw(agent, bystanders):
-    """A connection of our own; the others still go on when we are through with it."""
-    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as sock:
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        yield sock
-    bystanders.check()
 
 
 def framed(datagram):

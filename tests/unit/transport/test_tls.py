@@ -41,19 +41,6 @@ def agent():
         yield running
 
 
-@pytest.fixture(scope="module")
-def bystanders(agent):
-    return Bystanders(agent)
-
-
-@pytest.fixture
-def raw(agent, bystanders):
-    """A connection without TLS to the port of TLS; the others still go on afterwards."""
-    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as sock:
-        yield sock
-    bystanders.check()
-
-
 @pytest.fixture
 def strict(tmp_path):
     """(agent, authority): an agent that wants certificates of its CA."""

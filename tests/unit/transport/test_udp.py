@@ -34,7 +34,7 @@ from unit.agent.helpers import (
     whole,
     write_data,
 )
-from unit.transport.faults import TYPE, Bystanders
+from unit.transport.faults import TYPE
 
 from uros.transport.base import TransportError
 from uros.transport.udp import UdpServer
@@ -52,11 +52,6 @@ EVERYTHING = [
 def agent():
     with running_agent("udp", "memory") as running:
         yield running
-
-
-@pytest.fixture(scope="module")
-def bystanders(agent):
-    return Bystanders(agent)
 
 
 class Villain:
