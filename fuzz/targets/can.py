@@ -15,12 +15,11 @@ Records; the low bits of the operation say what the bytes are:
 
 import errno
 from collections.abc import Iterator
-from random import Random
 
 from uros.transport.can import MAX_UNSENT, CanServer, python_can
 from uros.transport.canboard import MTU, can_frame
 
-from . import datagrams, records, submessages
+from . import datagrams, records
 from .world import BARE_PING, World, must
 
 OPS = tuple(range(0x40))
@@ -169,20 +168,6 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     )
 
 
-_material: list[records.Record] = []
-_bodies: list[bytes] = []
-
-
-def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
-    if not _bodies:
-        _material.extend((1 | peer << 4, message) for peer, message in _short())
-        _material.extend((2, bytes((it,))) for it in range(4))
-        _material.extend([(4, b"\x2c\x01"), (0, b"\x01\0\0\0\x08\x80\0\0\0\0\0\0\0")])
-        _bodies.extend(message[4:] for _, message in _short())
-
-    def change(op: int, body: bytes) -> bytes:
-        if op & 7 == 1 and len(body) > 4 and random.random() < 0.7:
-            return body[:4] + submessages.change(body[4:], random, mutate_bytes, _bodies)
-        return mutate_bytes(body)
-
-    return records.mutate(data, random, OPS, _material, change)
+_material: list[records.Record] = [(2, bytes((it,))) for it in range(4)]
+_material += [(4, b"\x2c\x01"), (0, b"\x01\0\0\0\x08\x80\0\0\0\0\0\0\0")]
+mutate = datagrams.Carried(OPS, (1,), _material, _short).mutate

@@ -21,7 +21,7 @@ no session yet gets one first, but for datagrams as they are.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 
@@ -159,6 +159,11 @@ def captured() -> Iterator[tuple[str, list[records.Record]]]:
         yield file.stem, found[:40]
 
 
+def all_said() -> Iterator[records.Record]:
+    for _, said in captured():
+        yield from said
+
+
 def seeds() -> Iterator[tuple[str, bytes]]:
     for name, said in captured():
         yield name, b"\0" + records.pack(said)
@@ -231,6 +236,45 @@ def made() -> Iterator[tuple[str, list[records.Record]]]:
 
 _material: list[records.Record] = []
 _bodies: list[bytes] = []
+
+
+class Carried:
+    """Mutates the records of a transport that carries messages. Those of ``kinds``, which are the
+    low three bits of an operation, have one, of the peer in the high bits. Good records to take
+    are ``material`` and ``said``, messages with their peers, each as one of the first kind."""
+
+    def __init__(
+        self,
+        ops: tuple[int, ...],
+        kinds: tuple[int, ...],
+        material: list[records.Record],
+        said: Callable[[], Iterator[records.Record]],
+    ) -> None:
+        self._ops = ops
+        self._kinds = kinds
+        self._material = material
+        self._said = said
+        self._bodies: list[bytes] = []
+
+    def mutate(self, data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
+        if not self._bodies:
+            for peer, message in self._said():
+                self._bodies.append(message[4:])
+                self._material.append((self._kinds[0] | peer << 4, message))
+
+        def change(op: int, body: bytes) -> bytes:
+            if op & 7 in self._kinds and len(body) > 4 and random.random() < 0.7:
+                return body[:4] + submessages.change(body[4:], random, mutate_bytes, self._bodies)
+            return mutate_bytes(body)
+
+        return records.mutate(data, random, self._ops, self._material, change)
+
+    def mutate_in_chunks(
+        self, data: bytes, random: Random, mutate_bytes: records.MutateBytes
+    ) -> bytes:
+        """The same, where the chunks' length stands before the records."""
+        head = data[:1] if random.random() < 0.9 else bytes((random.randrange(256),))
+        return (head or b"\0") + self.mutate(data[1:], random, mutate_bytes)
 
 
 def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:

@@ -18,12 +18,11 @@ The bytes arrive in chunks whose length the first byte of the input says.
 """
 
 from collections.abc import Iterator
-from random import Random
 
 from uros.transport.line import MAX_UNSENT, LineServer
 from uros.wire.framing import Deframer, frame, frame_size
 
-from . import datagrams, records, submessages
+from . import datagrams, records
 from .world import BARE_PING, World, must
 
 OPS = tuple(range(0x40))
@@ -186,29 +185,19 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     yield "raw", b"\0" + records.pack([(0, framed(BARE_PING, 1) + b"\x7e\x7d\x7e\x00\x00\xff\xff")])
 
 
-_material: list[records.Record] = [
-    (3, b"rst:0x1 (POWERON_RESET)"),
-    (4, b"\x05\0"),
-    (4, b"\0\0"),
-    (5, b"\x2c\x01"),
-    (6, b""),
-    (0, b"\x7e"),
-    (0, b"\x7e\x01\x00\xff\xff"),
-    (0, b"\x7d"),
-]
-_bodies: list[bytes] = []
-
-
-def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
-    if not _bodies:
-        for _, said in datagrams.captured():
-            _bodies.extend(message[4:] for _, message in said)
-            _material.extend((1 | peer << 4, message) for peer, message in said)
-
-    def change(op: int, body: bytes) -> bytes:
-        if op & 7 in (1, 7) and len(body) > 4 and random.random() < 0.7:
-            return body[:4] + submessages.change(body[4:], random, mutate_bytes, _bodies)
-        return mutate_bytes(body)
-
-    head = data[:1] if random.random() < 0.9 else bytes((random.randrange(256),))
-    return (head or b"\0") + records.mutate(data[1:], random, OPS, _material, change)
+_carried = datagrams.Carried(
+    OPS,
+    (1, 7),
+    [
+        (3, b"rst:0x1 (POWERON_RESET)"),
+        (4, b"\x05\0"),
+        (4, b"\0\0"),
+        (5, b"\x2c\x01"),
+        (6, b""),
+        (0, b"\x7e"),
+        (0, b"\x7e\x01\x00\xff\xff"),
+        (0, b"\x7d"),
+    ],
+    datagrams.all_said,
+)
+mutate = _carried.mutate_in_chunks

@@ -14,12 +14,11 @@ Records; the connection is ``op >> 4 & 3``, and the low bits say what the bytes 
 """
 
 from collections.abc import Iterator
-from random import Random
 
 from uros.transport import tcp
 from uros.wire.framing import LengthDeframer
 
-from . import datagrams, records, submessages
+from . import datagrams, records
 from .world import BARE_PING, World, must
 
 OPS = tuple(range(0x40))
@@ -181,29 +180,19 @@ def seeds() -> Iterator[tuple[str, bytes]]:
             yield name, b"\x06" + records.pack(found)
 
 
-_material: list[records.Record] = [
-    (0, b"\xff\xff"),
-    (0, b"\0\0"),
-    (0, b"\x04"),
-    (2, b"\x05\0"),
-    (2, b"\0\0"),
-    (3, b""),
-    (4, b""),
-    (5, b"\x2c\x01"),
-]
-_bodies: list[bytes] = []
-
-
-def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
-    if not _bodies:
-        for _, said in datagrams.captured():
-            _bodies.extend(message[4:] for _, message in said)
-            _material.extend((1 | peer << 4, message) for peer, message in said)
-
-    def change(op: int, body: bytes) -> bytes:
-        if op & 7 == 1 and len(body) > 4 and random.random() < 0.7:
-            return body[:4] + submessages.change(body[4:], random, mutate_bytes, _bodies)
-        return mutate_bytes(body)
-
-    head = data[:1] if random.random() < 0.9 else bytes((random.randrange(256),))
-    return (head or b"\0") + records.mutate(data[1:], random, OPS, _material, change)
+_carried = datagrams.Carried(
+    OPS,
+    (1,),
+    [
+        (0, b"\xff\xff"),
+        (0, b"\0\0"),
+        (0, b"\x04"),
+        (2, b"\x05\0"),
+        (2, b"\0\0"),
+        (3, b""),
+        (4, b""),
+        (5, b"\x2c\x01"),
+    ],
+    datagrams.all_said,
+)
+mutate = _carried.mutate_in_chunks
