@@ -146,7 +146,17 @@ def test_the_walls_on_the_page_are_those_that_are_tested():
 
 
 def test_the_numbers_on_the_page_are_those_of_the_sources():
-    from uros.agent import admission, keeper, liveliness, pace, rivals, session, state, watchdog
+    from uros.agent import (
+        admission,
+        keeper,
+        liveliness,
+        pace,
+        restoring,
+        rivals,
+        session,
+        state,
+        watchdog,
+    )
     from uros.agent.limits import Limits
     from uros.transport import tcp, tls
     from uros.wire.streams import MAX_MESSAGE
@@ -171,7 +181,7 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
          f"{state.SLOTS}; {state.MAX_JOURNAL >> 20} MiB,"
          f" written anew from {keeper.JOURNAL_SIZE >> 20} MiB on"),
         ("a restored writer waits for its readers; a session for its transport",
-         f"{keeper.HOLD_SECONDS:.0f} s; a day"),
+         f"{restoring.HOLD_SECONDS:.0f} s; a day"),
         ("clients; domains", f"{admission.MAX_CLIENTS}; 32"),
         ("a silent client: asked after, forgotten after",
          f"{min(liveliness.DEAD_TIME / 10, 30):.0f} s, {liveliness.DEAD_TIME:.0f} s"),

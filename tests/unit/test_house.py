@@ -83,7 +83,7 @@ def test_an_agent_loads_what_its_options_ask_for_and_no_more() -> None:
         "import sys\n"
         "from uros.tools import cli\n"
         "cli.main(['agent', 'udp4', '-p', '0', '-m', 'memory', '-v', '0', '--stop-at-eof'])\n"
-        "parts = ('keeper', 'state', 'capture', 'pcapng', 'metrics', 'describe')\n"
+        "parts = ('keeper', 'restoring', 'state', 'capture', 'pcapng', 'metrics', 'describe')\n"
         "more = {'ssl', 'prometheus_client', 'http.server', 'asyncio', 'ctypes', 'numpy'}\n"
         "more |= {'uros.agent.' + it for it in parts}\n"
         "print('MORE', sorted(more & set(sys.modules)))\n"

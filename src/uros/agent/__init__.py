@@ -37,7 +37,7 @@ All of them:
 ====================  ==========================================================
 
 What outlives it (``--state``): ``keeper`` has it written, ``entry`` knows how much of a client is,
-``kept`` what that adds up to, ``state`` is the file.
+``kept`` what that adds up to, ``state`` is the file; ``restoring`` brings it back.
 
 What a person sees of it: ``taps``, where messages are listened to; ``describe``, what one means;
 ``capture``, a file of them in the form of ``jsonlines`` or ``pcapng``; ``snapshot``, how the agent

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
 
+from ..qos import HistoryPolicy
 from ..wire.streams import MAX_HELD, Fragments
-from .kept import SLOT_IN, SLOT_IN_AT, SLOT_OUT, SLOT_OUT_AT, Incoming, Kept, Outgoing
+from .kept import SLOT_IN, SLOT_IN_AT, SLOT_OUT, SLOT_OUT_AT, Incoming, Kept, Outgoing, Reading
+from .representation import EndpointSpec
+from .session import Session
 from .state import SLOT_SIZE
 
 if TYPE_CHECKING:
     from .client import Client
+    from .objects import XrceObject
+
+# The last sample of a transient-local writer is kept up to this size.
+MAX_LATCHED: Final = 64 * 1024
 
 
 class From:
@@ -88,6 +96,34 @@ class Entry:
             goes = self.stream_to(stream_id)
             goes.next, goes.sent = out.next, out.sent
         self.kept.incoming, self.kept.outgoing = {}, {}
+
+    def note_limits(self, object_id: int, reading: Reading) -> None:
+        """Of READ_DATA that ends by itself, what is left is to be written."""
+        control = reading[2]
+        if control is None or control[0] != 0xFFFF or control[1]:
+            self.limited.add(object_id)
+
+    def watch_samples(self, thing: XrceObject, attend: Callable[[Session], None]) -> None:
+        """Keep the last sample of a writer that late readers can ask for it."""
+        spec, object_id, session = thing.spec, thing.object_id, self.client.session
+        writers = session.writers
+        if not isinstance(spec, EndpointSpec) or object_id not in writers or object_id > 0xFFFF:
+            return
+        qos = spec.qos
+        if not qos.transient_local or qos.history == HistoryPolicy.KEEP_ALL or qos.depth != 1:
+            return
+        write, latched, news = writers[object_id], self.kept.latched, self.news
+
+        def write_and_note(sample: memoryview) -> bool:
+            if not write(sample):
+                return False
+            # A longer one is not kept, and what was before it is the last no more.
+            latched[object_id] = bytes(sample) if len(sample) <= MAX_LATCHED else b""
+            news.add(object_id)
+            attend(session)
+            return True
+
+        writers[object_id] = write_and_note
 
     def fill(self) -> None:
         """The streams as they were written down, from what the session still holds of them."""

@@ -6,13 +6,8 @@ the server calls :meth:`Keeper.keep` for the sessions that something happened to
 middleware's flush and sending. What was made by and for a client goes into the journal, how far
 its streams are into its slot (:mod:`.state`, :mod:`.kept`).
 
-When an agent starts with the file, its clients are made again by the code that serves CREATE.
-Messages to a client that it has not acknowledged are in the file as they were, fragments too, and
-are sent again when it asks; it never sees a gap or another message in their place.
-
-A restored DDS writer has no readers until they are discovered, and who was there would miss what
-is written before. So it has "no room" until as many have matched as there were, or for
-``HOLD_SECONDS``; a reliable stream waits for that.
+When an agent starts with the file, its clients are brought back (:mod:`.restoring`); those whose
+transport it does not have are kept asleep in the file.
 
 Whatever happens to the file, the agent goes on: what could not be written is known by its slot
 to be missing, so that such a client starts anew after a restart instead of with wrong numbers.
@@ -25,7 +20,6 @@ from collections import deque
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final
 
-from ..qos import HistoryPolicy
 from ..transport.base import ServerTransport
 from ..wire.streams import ReliableOut
 from .endpoint import WriterEndpoint
@@ -38,7 +32,6 @@ from .kept import (
     Kept,
     Reading,
     Representation,
-    Unsound,
     can_be_kept,
     fragments_payload,
     id_payload,
@@ -48,24 +41,19 @@ from .kept import (
     object_payload,
     reading_payload,
 )
-from .kinds import key_label, object_label
+from .kinds import key_label
 from .log import Log
-from .representation import EndpointSpec
-from .rivals import Request
+from .restoring import restore, sound_clients
 from .session import Session
-from .state import SLOT_SIZE, SLOTS, Content, StateFile, record, seal
+from .state import SLOT_SIZE, SLOTS, StateFile, record, seal
 
 if TYPE_CHECKING:
     from .client import Client
     from .objects import XrceObject
     from .server import Server
 
-# How long a restored writer waits for the readers it had.
-HOLD_SECONDS: Final = 5.0
 # A client whose transport is not among the agent's is kept for so long.
 ASLEEP_SECONDS: Final = 86_400.0
-# The last sample of a transient-local writer is kept up to this size.
-MAX_LATCHED: Final = 64 * 1024
 # A journal of over this, and over twice what it was when it was new, is written anew.
 JOURNAL_SIZE: Final = 4 * 1024 * 1024
 TICK_SECONDS: Final = 1.0
@@ -104,8 +92,7 @@ class Keeper:
     def open(self, server: Server) -> None:
         """Bring back whom the file knows. See :class:`~uros.agent.server.Attachment`."""
         self._server = server
-        content = self._file.read()
-        kept = self._sound(content)
+        kept = sound_clients(self._file, self._log)
         server.agent.keeper = self
         self._restoring = True
         for it in kept:
@@ -114,36 +101,6 @@ class Keeper:
         if not self._rewrite(sync=True):
             self._fail(lost=True)  # what is there now will soon be behind
         server.wake_at(TICK_SECONDS, self._tick)
-
-    def _sound(self, content: Content) -> list[Kept]:
-        """The clients of whom nothing is missing; the log tells about the others."""
-        by_serial: dict[int, dict[int, bytes]] = {}
-        for serial, number, payload in content.records:
-            by_serial.setdefault(serial, {})[number] = payload
-        kept, damaged = [], list(content.damaged)
-        for slot in content.slots.values():
-            _, serial, _, key = SLOT_HEAD.unpack_from(slot)
-            try:
-                kept.append(Kept.of(slot, by_serial.get(serial, {})))
-            except Unsound as error:
-                damaged.append(f"client {key_label(key)} is left out: {error}")
-        if damaged:
-            aside = self._file.keep_aside()
-            where = f"the old file is {aside}" if aside else "the old file is overwritten"
-            more = f" and {len(damaged) - 5} more" if len(damaged) > 5 else ""
-            self._log.warning(
-                "State", "open", "state file damaged",
-                f"file: {self._file.path}, {'; '.join(damaged[:5])}{more}"
-                f" ({where}; boards that are left out and do not start anew must be reset)",
-            )  # fmt: skip
-        if kept and not content.trusted:
-            self._log.warning(
-                "State", "open", "state too old",
-                f"file: {self._file.path}, clients: {len(kept)}, the machine was switched off"
-                " without the agent being stopped: boards start anew",
-            )  # fmt: skip
-            return []
-        return kept
 
     def close(self) -> None:
         """What is known now is what a later agent starts with."""
@@ -157,7 +114,7 @@ class Keeper:
             agent.keeper = None
             self._file.close(not self._failing)
 
-    # --- bringing back ----------------------------------------------------------------
+    # --- who comes back, and who waits ------------------------------------------------
 
     def _restore(self, kept: Kept) -> None:
         about = kept.about
@@ -168,99 +125,9 @@ class Keeper:
         if transport is None:
             self._fall_asleep(kept)
             return
-        agent = self._server.agent
-        admission = agent.admission
-        why = ""
-        if not admission.admits(about.key, transport.host_of(about.peer)):
-            why = "it may not come in any more (see --allow-key, --allow-net)"
-        elif len(agent.clients) >= admission.max_clients:
-            why = f"over {admission.max_clients} clients (see --max-clients)"
-        if why:
-            self._log.info(
-                "State", "open", "session not restored",
-                f"client_key: {key_label(about.key)}, address: {transport.address(about.peer)},"
-                f" {why}",
-            )  # fmt: skip
-            return
-        about.asleep_since = 0.0
-        try:
-            request = Request(about.session_id, about.mtu, about.properties)
-            client = agent.resume(about.key, transport, about.peer, request)
-            session = client.session
-            session.resume(
-                {
-                    number: (it.next, it.fragments, it.skip)
-                    for number, it in kept.incoming.items()
-                },
-                {
-                    number: (it.acked, it.sent, it.next, it.held)
-                    for number, it in kept.outgoing.items()
-                },
-                kept.best_effort,
-                agent.now(),
-            )
-            entry = self._enter(client, kept)
-            if entry is None:
-                return
-            self._restore_objects(entry)
-            entry.resume()
-        except Exception as error:  # the others come back
-            agent.failed(error)
-            agent.delete_client(about.key)
-            return
-        session.nudge()
-        agent.attend(session)
-        self._nudges[about.key] = NUDGES
-        self._log.info(
-            "State", "open", "session restored",
-            f"client_key: {key_label(about.key)}, address: {transport.address(about.peer)},"
-            f" objects: {len(client.objects)}",
-        )  # fmt: skip
-
-    def _restore_objects(self, entry: Entry) -> None:
-        assert self._server is not None
-        client, kept = entry.client, entry.kept
-        for object_id, what in list(kept.objects.items()):
-            try:
-                client.recreate(object_id, *what)
-            except Exception as error:
-                kept.deleted(object_id)
-                self._log.warning(
-                    "State", "open", "object not restored",
-                    f"client_key: {key_label(client.key)}, object_id: {object_label(object_id)},"
-                    f" {error}",
-                )  # fmt: skip
-        entry.hold_until = time.monotonic() + HOLD_SECONDS
-        for object_id, thing in list(client.objects.items()):
-            self._watch_samples(entry, thing)
-            endpoint = thing.endpoint
-            if not isinstance(endpoint, WriterEndpoint):
-                continue
-            latched = kept.latched.get(object_id)
-            if latched:
-                endpoint.write(memoryview(latched))
-            readers = kept.matched.get(object_id, 0)
-            if readers:
-                self._hold(entry, object_id, endpoint, readers)
-        for object_id, reading in list(kept.reads.items()):
-            if client.read(object_id, *reading):
-                self._note_limits(entry, object_id, reading)
-            else:
-                del kept.reads[object_id]
-
-    @staticmethod
-    def _hold(entry: Entry, object_id: int, endpoint: WriterEndpoint, readers: int) -> None:
-        """The writer has no room until it has so many readers, or it has taken too long."""
-        writers, until = entry.client.session.writers, entry.hold_until
-        write = writers[object_id]
-
-        def write_when_matched(sample: memoryview) -> bool:
-            if endpoint.matched() < readers and time.monotonic() < until:
-                return False
-            writers[object_id] = write
-            return write(sample)
-
-        writers[object_id] = write_when_matched
+        entry = restore(kept, self._server.agent, transport, self._enter, self._log)
+        if entry is not None:
+            self._nudges[about.key] = NUDGES
 
     def _fall_asleep(self, kept: Kept) -> None:
         about = kept.about
@@ -347,10 +214,11 @@ class Keeper:
         """An object was made, by this CREATE."""
         entry = self._entry(client)
         if entry is not None:
+            assert self._server is not None
             entry.kept.objects[thing.object_id] = what
             self._add(entry, object_payload(thing.object_id, what))
             for it in (thing, *thing.parts):
-                self._watch_samples(entry, it)
+                entry.watch_samples(it, self._server.agent.attend)
 
     def deleted(self, client: Client, object_id: int) -> None:
         """An object is no more; it may be a part of another one."""
@@ -372,41 +240,11 @@ class Keeper:
             return
         entry.kept.reads[object_id] = what
         self._add(entry, reading_payload(object_id, what))
-        self._note_limits(entry, object_id, what)
-
-    @staticmethod
-    def _note_limits(entry: Entry, object_id: int, what: Reading) -> None:
-        control = what[2]
-        if control is None or control[0] != 0xFFFF or control[1]:
-            entry.limited.add(object_id)
+        entry.note_limits(object_id, what)
 
     def _entry(self, client: Client) -> Entry | None:
         entry = self._entries.get(client.key) if not self._restoring else None
         return entry if entry is not None and entry.client is client else None
-
-    def _watch_samples(self, entry: Entry, thing: XrceObject) -> None:
-        """Keep the last sample of a writer that late readers can ask for it."""
-        spec, object_id = thing.spec, thing.object_id
-        writers = entry.client.session.writers
-        if not isinstance(spec, EndpointSpec) or object_id not in writers or object_id > 0xFFFF:
-            return
-        qos = spec.qos
-        if not qos.transient_local or qos.history == HistoryPolicy.KEEP_ALL or qos.depth != 1:
-            return
-        write, latched, news = writers[object_id], entry.kept.latched, entry.news
-        assert self._server is not None
-        attend, session = self._server.agent.attend, entry.client.session
-
-        def write_and_note(sample: memoryview) -> bool:
-            if not write(sample):
-                return False
-            # A longer one is not kept, and what was before it is the last no more.
-            latched[object_id] = bytes(sample) if len(sample) <= MAX_LATCHED else b""
-            news.add(object_id)
-            attend(session)
-            return True
-
-        writers[object_id] = write_and_note
 
     # --- writing ------------------------------------------------------------------------
 

@@ -14,8 +14,9 @@ from unit.agent import helpers
 from unit.agent.helpers import Desk
 
 from uros.agent import client as agent_client
+from uros.agent import entry as module_of_entries
 from uros.agent import keeper as module
-from uros.agent import state
+from uros.agent import restoring, state
 from uros.agent.admission import Admission, make_admission
 from uros.agent.keeper import Keeper
 from uros.agent.kinds import key_label
@@ -479,7 +480,7 @@ def test_readers_that_have_left_are_not_waited_for_longer_than_some_seconds(worl
     client.write(0x15, number(1))
     client.turns()
     assert client._out
-    now = module.HOLD_SECONDS + 0.1
+    now = restoring.HOLD_SECONDS + 0.1
     settled(client)
 
 
@@ -941,7 +942,7 @@ def test_who_left_is_not_asked_for_what_it_holds(world):
 
 
 def test_long_samples_are_not_kept_for_late_readers(world, monkeypatch):
-    monkeypatch.setattr(module, "MAX_LATCHED", 100)
+    monkeypatch.setattr(module_of_entries, "MAX_LATCHED", 100)
     qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     client = publisher(world, qos=qos, depth=1)
     client.write(0x15, number(1))
