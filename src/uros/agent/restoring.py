@@ -72,12 +72,14 @@ def restore(
     the file. None: it stays away, and the log tells why."""
     about = kept.about
     assert about is not None
-    why = _refusal(agent, transport, about)
+    who = f"client_key: {key_label(about.key)}"
+    try:
+        who += f", address: {transport.address(about.peer)}"
+        why = _refusal(agent, transport, about)
+    except Exception:  # attack: a file whose addresses are none
+        why = f"{about.peer!a:.80} is no address of its transport"
     if why:
-        log.info(
-            "State", "open", "session not restored",
-            f"client_key: {key_label(about.key)}, address: {transport.address(about.peer)}, {why}",
-        )  # fmt: skip
+        log.info("State", "open", "session not restored", f"{who}, {why}")
         return None
     about.asleep_since = 0.0
     try:
@@ -93,11 +95,7 @@ def restore(
         return None
     client.session.nudge()
     agent.attend(client.session)
-    log.info(
-        "State", "open", "session restored",
-        f"client_key: {key_label(about.key)}, address: {transport.address(about.peer)},"
-        f" objects: {len(client.objects)}",
-    )  # fmt: skip
+    log.info("State", "open", "session restored", f"{who}, objects: {len(client.objects)}")
     return entry
 
 

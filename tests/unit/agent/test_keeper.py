@@ -580,6 +580,18 @@ def test_clients_that_were_kept_from_before_are_held_to_the_lists_too(
         assert f"client_key: {key_label(key)}, address: peer {key}, {why}" in world.desk.log()
 
 
+@pytest.mark.parametrize("call", ["address", "host_of"])
+def test_an_address_that_is_none_costs_its_client_alone(world, monkeypatch, call):
+    for key in (0xA1, 0xA2):
+        publisher(world, key=key)
+    monkeypatch.setattr(
+        helpers.Place, call, lambda self, peer: "10.0.0.1" if peer == 0xA2 else peer[0]
+    )
+    world.restart()
+    assert list(world.desk.agent.clients) == [0xA2]
+    assert "161 is no address of its transport" in world.desk.log()
+
+
 def test_no_more_come_back_than_the_owner_wants_now(world, monkeypatch):
     first, second = publisher(world, key=0xA1), publisher(world, key=0xA2)
     monkeypatch.setattr(Admission, "max_clients", property(lambda it: 1, lambda it, value: None))
