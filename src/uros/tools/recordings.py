@@ -55,6 +55,15 @@ class Record(NamedTuple):
     lost: int = 0
 
 
+def opening(message: bytes) -> bytes | None:
+    """What a CREATE_CLIENT says, from its cookie on and as far as it is there, sound or not; None:
+    the message is another one."""
+    if message[:1] not in (b"\x00", b"\x80"):
+        return None
+    at = 4 if message[0] else 8
+    return message[at + 4 :] if message[at : at + 1] == bytes((ids.CREATE_CLIENT,)) else None
+
+
 class Parser(Protocol):
     """See the module. ``feed`` raises RecordingError."""
 

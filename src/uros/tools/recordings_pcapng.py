@@ -13,7 +13,7 @@ from typing import Final
 
 from ..transport.base import DEFAULT_PORT
 from ..wire import ids
-from .recordings import Places, Record, RecordingError
+from .recordings import Places, Record, RecordingError, opening
 
 # Attack: a block of four gigabytes. A packet of 64 kB with its comment is far below.
 MAX_BLOCK: Final = 4 * 1024 * 1024
@@ -143,7 +143,8 @@ class PcapngParser:
         self, time: float, source: _Place, destination: _Place, message: bytes
     ) -> Record | None:
         """A packet that others took: a message where it goes to an agent or comes from one."""
-        if _opens_session(message) and len(self._agents) < MAX_INTERFACES:
+        said = opening(message) or b""
+        if said[:4] == ids.COOKIE and len(self._agents) < MAX_INTERFACES:
             self._agents.add(destination)
         from_client = destination in self._agents or destination[1] == DEFAULT_PORT
         if not from_client and source not in self._agents and source[1] != DEFAULT_PORT:
@@ -153,16 +154,6 @@ class PcapngParser:
         address = f"[{ip}]:{port}" if ip.version == 6 else f"{ip}:{port}"
         client = self._clients.number("UDP", address)
         return Record(time, from_client, client, "UDP", address, 0, message)
-
-
-def _opens_session(message: bytes) -> bool:
-    """Whether a datagram is a CREATE_CLIENT."""
-    if message[:1] not in (b"\x00", b"\x80"):
-        return False
-    at = 4 if message[0] else 8
-    return message[at : at + 1] == bytes((ids.CREATE_CLIENT,)) and (
-        message[at + 4 : at + 8] == ids.COOKIE
-    )
 
 
 def _datagram(link: int, packet: bytes) -> tuple[_Place, _Place, bytes] | None:

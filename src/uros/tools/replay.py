@@ -24,9 +24,9 @@ from ..wire.header import MessageWriter, pull_header
 from ..wire.streams import TIME_MASK, ReliableIn, ReliableOut, ticks_diff
 from .common import positive_float
 from .errors import ToolError
-from .recordings import read
+from .recordings import opening, read
 from .replay_lines import Line, Lines
-from .replay_script import Answer, Hearing, List, Script, Step, is_opening, script, submessages
+from .replay_script import Answer, Hearing, List, Script, Step, script, submessages
 
 _PATIENCE: Final = 3.0
 # The last ping asks for this, by which its answer is known.
@@ -191,7 +191,7 @@ class Player:
     def _send(self, board: _Board, step: Step) -> None:
         message = bytearray(step.message)
         board.sent += 1
-        if is_opening(step.message):
+        if opening(step.message) is not None:
             board.open(step.message)
         self._put_callers(message)
         if step.stream < ids.STREAM_RELIABLE:

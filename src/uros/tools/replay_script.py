@@ -22,7 +22,7 @@ from ..wire.data import REQUEST_SIZE, SAMPLE_IDENTITY_SIZE
 from ..wire.errors import DecodeError
 from ..wire.header import pull_header, pull_subheader
 from ..wire.streams import Fragments, ReliableIn
-from .recordings import Record
+from .recordings import Record, opening
 
 _OWN_MATTERS: Final = (ids.ACKNACK, ids.HEARTBEAT)
 _OUTSIDE: Final = (ids.SESSION_NONE_WITH_KEY, ids.SESSION_NONE_WITHOUT_KEY)
@@ -181,14 +181,6 @@ class _Speaking:
         return out
 
 
-def is_opening(message: bytes) -> bool:
-    """Whether a message opens a session."""
-    if not message or message[0] not in _OUTSIDE:
-        return False
-    at = 4 if message[0] else 8
-    return message[at : at + 1] == bytes((ids.CREATE_CLIENT,))
-
-
 def script(records: Iterable[Record], data: bool = True) -> Script:
     """The play of a capture; without ``data``, samples are not asked for."""
     turns: list[Step | Answer] = []
@@ -204,7 +196,7 @@ def script(records: Iterable[Record], data: bool = True) -> Script:
             if not record.from_client or not message or message[0] not in _OUTSIDE:
                 left_out[client] = "its session began before the capture did"
             speaking[client], hearing[client] = _Speaking(), Hearing(client, data)
-        if client in left_out and record.from_client and is_opening(message):
+        if client in left_out and record.from_client and opening(message) is not None:
             del left_out[client]  # from here on it can be played
         if client in left_out:
             continue
@@ -216,7 +208,7 @@ def script(records: Iterable[Record], data: bool = True) -> Script:
             except DecodeError:
                 pass  # the agent's own nonsense: nobody can wait for it
             continue
-        if is_opening(message):
+        if opening(message) is not None:
             hearing[client].reset()
         for stream, said in speaking[client].messages(message):
             turns.append(Step(max(0.0, record.time - first), client, said, stream))

@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from ..agent.kinds import key_label
+from ..wire import ids
 from .common import positive_int
 from .errors import ToolError
-from .recordings import Parser, Record, parser_for, read
+from .recordings import Parser, Record, opening, parser_for, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -188,8 +189,8 @@ class Printer:
         key = record.key
         if message[:1] and message[0] < 0x80 and len(message) >= 8:
             key = int.from_bytes(message[4:8], "big")
-        elif message[:1] == b"\x80" and message[4:5] == b"\x00" and message[8:12] == b"XRCE":
-            key = int.from_bytes(message[16:20], "big")
+        elif (said := opening(message) or b"")[:4] == ids.COOKIE:
+            key = int.from_bytes(said[8:12], "big")
         if len(self._keys) > 65536:  # attack: a capture of addresses
             self._keys.clear()
         if key:
