@@ -195,7 +195,7 @@ class Storm:
 def blow(good, storms, done, enough, pings=150):
     """What was done while each ping waited, until there was ``enough`` of a storm."""
     found = []
-    while len(found) < pings or not enough():
+    while len(found) < pings or not enough(found):
         for storm in storms:
             storm.blow()
         found += waits(good, 1, done)
@@ -207,9 +207,9 @@ def test_a_storm_of_creations_by_many_does_not_hold_up_others(monkeypatch):
     with running(level=3) as server:
         good = server.client(1)
         storms = [Storm(server.client(10 + number)) for number in range(8)]
-        found = blow(good, storms, done, lambda: len(done) > 100)
+        found = blow(good, storms, done, lambda found: sum(found) > 50)
         # 128 wait in the windows. 20 ms of them at once are 10.
-        assert found[len(found) // 2] <= 10 and found[-1] <= 40, found[-20:]
+        assert sum(found) > 50 and found[len(found) // 2] <= 10 and found[-1] <= 40, found[-20:]
         assert good.ping() == 1
         assert "internal error" not in server.said.getvalue()
 
@@ -285,7 +285,7 @@ def test_a_storm_on_dds(own_domain_id):
         clients = [XrceClient(agent.line(number), 10 + number) for number in (1, 2)]
         assert [it.open() for it in clients] == [ids.STATUS_OK] * 2
         storms = [Storm(it) for it in clients]
-        blow(good, storms, [], lambda: sum(it.made for it in storms) > 100)
+        blow(good, storms, [], lambda _: sum(it.made for it in storms) > 100)
         assert good.writer("a", "rt/good", TYPE)
 
 
