@@ -25,7 +25,8 @@ def own_ground(own_domain_id):
 
 
 @pytest.fixture
-def place(places, transport):
+def place(places, transport, ground):
     """An agent in the domain of ``ground``."""
     yield places[transport]
     places[transport].land()
+    ground.see_them_gone()

@@ -37,9 +37,10 @@ def own_place(transport, own_domain_id):
 
 
 @pytest.fixture
-def udp(places):
+def udp(places, ground):
     yield places["udp"]
     places["udp"].land()
+    ground.see_them_gone()
 
 
 # --- what ROS sees -------------------------------------------------------------------------

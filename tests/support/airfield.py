@@ -11,7 +11,7 @@ import time
 import tty
 from collections import defaultdict
 
-from support.autopilot import SECONDS, SerialLink, UdpLink
+from support.autopilot import SECONDS, SerialLink, UdpLink, until
 
 # --- the agent -------------------------------------------------------------------------------
 
@@ -215,6 +215,16 @@ class Ground:
         self._endpoints.clear()
         self.samples = defaultdict(list)  # DDS topic → samples, as plain CDR
         self.count = 0
+
+    def see_them_gone(self):
+        """Until nothing is left in the graph of the vehicles that have landed."""
+        self.forget()
+        graph = self.graph
+
+        def seen():
+            return len(graph.nodes()), graph.topics()
+
+        until(lambda: seen() == (1, {}), self, what=lambda: f"still there: {seen()}")
 
     def fileno(self):
         return self._middleware.fileno()
