@@ -23,15 +23,15 @@ RUN_VALUES: Final = 64
 UNROLL: Final = 36
 """Fixed arrays up to this size (a covariance) are packed within the run, without allocation."""
 
-_Attribute = Callable[[str], str]
+Attribute = Callable[[str], str]
 
 
-def sizer(message: Message, attribute: _Attribute) -> str:
+def sizer(message: Message, attribute: Attribute) -> str:
     """The source of ``cdr_size``."""
-    return _Sizer(attribute).method(message)
+    return Sizer(attribute).method(message)
 
 
-def packer(message: Message, attribute: _Attribute, aliases: Aliases) -> str:
+def packer(message: Message, attribute: Attribute, aliases: Aliases) -> str:
     """The source of ``pack_into``."""
     return _Packer(attribute, aliases).method(message)
 
@@ -46,7 +46,7 @@ def _inlined(type_: Type) -> Message | None:
     return nested if leaves(nested) <= INLINE_LEAVES else None
 
 
-def _runs(codes: list[str]) -> str:
+def runs(codes: list[str]) -> str:
     """``["d", "d", "x", "I"]`` → ``2dxI``."""
     out: list[tuple[str, int]] = []
     for code in codes:
@@ -57,11 +57,11 @@ def _runs(codes: list[str]) -> str:
     return "".join(code if count == 1 else f"{count}{code}" for code, count in out)
 
 
-def _range(name: str) -> tuple[int, int] | None:
+def range_of(name: str) -> tuple[int, int] | None:
     return (0, 1) if name == "bool" else INTEGERS.get(name)
 
 
-def _within(var: str, low: int, high: int) -> str:
+def within(var: str, low: int, high: int) -> str:
     """The condition that an integer is in range. Numbers that MicroPython does not keep in a word
     would take 16 bytes for each place where they stand."""
     bits = high.bit_length()
@@ -70,10 +70,13 @@ def _within(var: str, low: int, high: int) -> str:
     return f"-1 <= {var} >> {bits} <= 0" if low else f"{var} >> {bits} == 0"
 
 
-class _Sizer:
+class Sizer:
     """`cdr_size`: constants are summed here, only what varies is computed at run time."""
 
-    def __init__(self, attribute: _Attribute) -> None:
+    called = "cdr_size"
+    """The method of nested messages that are not inlined."""
+
+    def __init__(self, attribute: Attribute) -> None:
         self.attribute = attribute
         self.lines: list[str] = []
         self.at = Alignment()
@@ -147,7 +150,7 @@ class _Sizer:
             self.walk(nested, path)
         else:
             self.flush()
-            self.lines.append(f"o = {path}.cdr_size(o)")
+            self.lines.append(f"o = {path}.{self.called}(o)")
             self.at.know(1)
 
     def sequence(self, type_: Type, path: str) -> None:
@@ -186,14 +189,14 @@ class _Sizer:
                 f"    o = ((o + {alignment - 1}) & -{alignment}) + {size} * n",
             ]
         else:
-            self.lines += [f"for e in {path}:", "    o = e.cdr_size(o)"]
+            self.lines += [f"for e in {path}:", f"    o = e.{self.called}(o)"]
         self.at.know(1)
 
 
 class _Packer:
     """`pack_into`: gathers values into runs, each written by one ``struct.pack_into``."""
 
-    def __init__(self, attribute: _Attribute, aliases: Aliases) -> None:
+    def __init__(self, attribute: Attribute, aliases: Aliases) -> None:
         self.attribute = attribute
         self.aliases = aliases
         self.lines: list[str] = []
@@ -261,7 +264,7 @@ class _Packer:
             self.lines += [f"if not ({' and '.join(self.checks)}):", "    raise ValueError"]
             self.checks = []
         if self.codes:
-            call = f'pack_into("<{_runs(self.codes)}", buf, o, {", ".join(self.args)})'
+            call = f'pack_into("<{runs(self.codes)}", buf, o, {", ".join(self.args)})'
             self.lines += [call, f"o += {self.octets}"]
             self.codes, self.args, self.octets = [], [], 0
 
@@ -284,9 +287,9 @@ class _Packer:
 
     def number(self, type_: Type, path: str) -> None:
         code, octets = CODES[type_.name]
-        if limits := _range(type_.name):
+        if limits := range_of(type_.name):
             var = self.local("i", f"_octet({path})" if type_.name == "byte" else path)
-            self.checks.append(_within(var, *limits))
+            self.checks.append(within(var, *limits))
             path = var
         self.put(code, path, octets, octets)
 
@@ -327,7 +330,7 @@ class _Packer:
             self.elements(type_, var)
             return
         code, octets = CODES[type_.name]
-        limits = _range(type_.name)
+        limits = range_of(type_.name)
         if type_.size > UNROLL:
             self.align(octets)
             self.flush()
@@ -341,7 +344,7 @@ class _Packer:
         self.put(code, args, octets * type_.size, octets, type_.size)
 
     def array_call(self, type_: Type, var: str) -> str:
-        limits = _range(type_.name)
+        limits = range_of(type_.name)
         tail = f", {limits[0]}, {limits[1]}" if limits else ""
         return f'o = _put_array(buf, o, {var}, "{CODES[type_.name][0]}"{tail})'
 
@@ -445,7 +448,7 @@ class _Unpacker:
 
     def flush(self) -> None:
         if self.codes:
-            text = _runs(self.codes)
+            text = runs(self.codes)
             self.lines += [
                 f"if o + {self.octets} > end:",
                 f"    raise _short({self.octets}, o, end)",

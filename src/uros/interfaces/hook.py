@@ -1,4 +1,4 @@
-"""Classes at run time: `load`, and imports from ``uros.interfaces.<package>.<msg|srv>``.
+"""Classes at run time: `load`, and imports from ``uros.interfaces.<package>.<msg|srv|action>``.
 
 Host only. Every type is a module of its own, as on a board, made by the same generator:
 ``uros.interfaces.std_msgs.msg._int32``.
@@ -17,7 +17,6 @@ from typing import Any, Final
 from . import registry
 from .errors import InterfaceError
 from .generate import generate, module_name
-from .parse import Action, Message, Service
 
 PREFIX: Final = __name__.rpartition(".")[0] + "."
 
@@ -27,16 +26,13 @@ def load(name: str) -> Any:
     """The class of a type, made on first use together with what it nests, then kept.
 
     ``name`` is ``std_msgs/msg/Int32``, ``std_msgs/Int32``, ``std_msgs::msg::dds_::Int32_``, a
-    service, or one of a service's sections (``std_srvs/srv/Trigger_Request``). A name that no
-    definition has, and a definition that is broken, raise `InterfaceError`.
+    service, an action, or what these make (``std_srvs/srv/Trigger_Request``,
+    ``test_msgs/action/Fibonacci_SendGoal``). A name that no definition has, and a definition that
+    is broken, raise `InterfaceError`.
     """
     definition = registry.definition(registry.normalize(name))
     package, kind, plain = definition.type_name.split("/")
-    base = plain
-    if kind == "srv" and isinstance(definition, Message):
-        base = plain.rpartition("_")[0]
-    if isinstance(definition, Action) or kind == "action":
-        raise InterfaceError(f"{name} is an action; classes are made for messages and services")
+    base = registry.file_type(definition.type_name).rpartition("/")[2]
     module = importlib.import_module(f"{PREFIX}{package}.{kind}.{module_name(base)}")
     try:
         return getattr(module, plain)
@@ -51,7 +47,7 @@ def find_spec(fullname: str) -> ModuleSpec | None:
         return None
     if len(parts) == 1:
         return ModuleSpec(fullname, _Folder(), is_package=True)
-    if parts[1] not in ("msg", "srv"):
+    if parts[1] not in registry.KINDS:
         return None
     if len(parts) == 2:
         return ModuleSpec(fullname, _Names(parts[0], parts[1]), is_package=True)
@@ -102,9 +98,7 @@ class _Type(Loader):
         return None
 
     def get_source(self, fullname: str) -> str:
-        definition = registry.definition(self.name)
-        assert isinstance(definition, (Message, Service)), "find_spec offers nothing else"
-        return generate(definition, PREFIX)
+        return generate(registry.definition(self.name), PREFIX)
 
     def exec_module(self, module: ModuleType) -> None:
         code = compile(self.get_source(module.__name__), f"<{self.name}>", "exec")

@@ -126,6 +126,9 @@ class Alignment:
         return -self.rest % alignment
 
 
+_TAKEN: Final = {"_Message", "_array", "_Doubles", "_Row"}
+
+
 class Aliases:
     """The names under which a generated module knows the classes it nests.
 
@@ -139,7 +142,7 @@ class Aliases:
         if type_name not in self.names:
             package, _, plain = type_name.split("/")
             alias = "_" + plain
-            if alias in self.names.values() or alias in ("_Message", "_array"):
+            if alias in self.names.values() or alias in _TAKEN:
                 alias = f"_{package}__{plain}"
             self.names[type_name] = alias
         return self.names[type_name]

@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Final
 
 from . import registry
+from .board_walk import calls, is_doubles
 from .errors import InterfaceError
-from .generate import generate, generate_together, module_name
-from .parse import Action, Message, Service
+from .generate import CANCEL_GOAL, GOAL_STATUS, Parts, generate, generate_together, module_name
+from .layout import INLINE_LEAVES, leaves
+from .parse import Action, Message
+from .registry import Definition
 
 _INIT: Final = '''\
 """Names load their types on first use."""
@@ -24,50 +27,98 @@ def __getattr__(name):
 
 
 def write_package(names: Iterable[str], out_dir: str | os.PathLike[str]) -> list[Path]:
-    """Write modules for the named messages and services and for all that they nest.
+    """Write modules for the named messages, services and actions and for all that they nest.
 
     With ``out_dir`` on the board's path, ``from std_msgs.msg import Int32`` loads Int32 and what it
     nests, nothing else. The modules need ``uros.interfaces.runtime`` beside them. Returns the paths
     written, sorted; other files in ``out_dir`` are left alone.
     """
     root = Path(out_dir)
-    texts: dict[Path, str] = {}
-    owners: dict[Path, str] = {}
+    texts = module_texts(names)
+    for name, text in texts.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    return sorted(root / name for name in texts)
+
+
+def module_texts(names: Iterable[str]) -> dict[str, str]:
+    """What `write_package` writes: the text of each file, by its path below the folder."""
+    texts: dict[str, str] = {}
+    owners: dict[str, str] = {}
     for definition in _wanted(names):
         package, kind, plain = definition.type_name.split("/")
-        path = root / package / kind / (module_name(plain) + ".py")
+        path = f"{package}/{kind}/{module_name(plain)}.py"
         if owners.setdefault(path, definition.type_name) != definition.type_name:
             raise InterfaceError(
                 f"{definition.type_name} and {owners[path]} differ only in case; rename one"
             )
-        texts[root / package / "__init__.py"] = ""
-        texts[root / package / kind / "__init__.py"] = _INIT
+        texts[f"{package}/__init__.py"] = ""
+        texts[f"{package}/{kind}/__init__.py"] = _INIT
         texts[path] = generate(definition)
-    for path, text in texts.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    return sorted(texts)
+    return texts
 
 
-def modules(names: Iterable[str]) -> dict[str, str]:
-    """The sources of one module for each ``package.msg`` and ``package.srv``, by its full name.
+def modules(
+    names: Iterable[str],
+    lean: bool = False,
+    reused: bool = True,
+    bare: frozenset[str] = frozenset(),
+) -> dict[str, str]:
+    """The sources of one module for each ``package.msg`` (srv, action), by its full name.
 
     They hold the named types and all that these nest, and nothing else. A board's file system gets
-    them this way (`uros.boards.build`): all types that its program needs are known there.
+    them this way (`uros.boards.build`): all types that its program needs are known there. ``lean``,
+    ``reused`` and ``bare`` are those of `generate.Parts`.
     """
-    together: dict[str, dict[str, Message | Service]] = {}
-    for definition in _wanted(names):
+    together: dict[str, dict[str, Definition]] = {}
+    names = list(names)
+    wanted = _wanted(names)
+    for definition in wanted:
         package, kind, _ = definition.type_name.split("/")
         together.setdefault(f"{package}.{kind}", {})[definition.type_name] = definition
-    return {name: generate_together(_inner_first(types)) for name, types in together.items()}
+    named = {registry.file_type(registry.normalize(name)) for name in names}
+    parts = _parts(wanted, named, lean)._replace(reused=reused, bare=bare)
+    return {
+        name: generate_together(_inner_first(types), parts) for name, types in together.items()
+    }
 
 
-def _inner_first(types: dict[str, Message | Service]) -> list[Message | Service]:
+def _parts(wanted: list[Definition], named: set[str], lean: bool) -> Parts:
+    """What is wanted only since something else nests it."""
+    inner = {it.type_name for it in wanted if lean and isinstance(it, Message)} - named
+    if any(isinstance(it, Action) for it in wanted):
+        inner.discard(GOAL_STATUS)
+    times: dict[str, int] = {}
+    elements: set[str] = set()
+    open_ = [part for it in wanted if it.type_name not in inner for part in it.parts]
+    while open_:
+        for name, element in calls(open_.pop()):
+            nested = registry.message(name)
+            if element or leaves(nested) > INLINE_LEAVES:
+                elements.add(name)
+            if name not in times:
+                open_.append(nested)
+            times[name] = times.get(name, 0) + 1
+    once = {name for name, count in times.items() if count == 1} & inner - elements
+    alike = sorted(
+        it.type_name
+        for it in wanted
+        if it.type_name in inner and isinstance(it, Message) and is_doubles(it)
+        if len(it.fields) == 3 and not it.constants and not any(f.default for f in it.fields)
+    )
+    return Parts(
+        frozenset(inner), frozenset(times.keys() - (once if lean else set())),
+        frozenset(elements), frozenset(once), lean, alike=alike[-1] if alike else "",
+    )  # fmt: skip
+
+
+def _inner_first(types: dict[str, Definition]) -> list[Definition]:
     """The types of one module, each behind those that it nests."""
-    ordered: dict[str, Message | Service] = {}
+    ordered: dict[str, Definition] = {}
 
-    def place(definition: Message | Service) -> None:
-        for part in _parts(definition):
+    def place(definition: Definition) -> None:
+        for part in definition.parts:
             for name in part.nested:
                 if name in types:
                     place(types[name])
@@ -78,21 +129,17 @@ def _inner_first(types: dict[str, Message | Service]) -> list[Message | Service]
     return list(ordered.values())
 
 
-def _parts(definition: Message | Service) -> list[Message]:
-    if isinstance(definition, Message):
-        return [definition]
-    return [definition.request, definition.response]
-
-
-def _wanted(names: Iterable[str]) -> list[Message | Service]:
-    wanted: dict[str, Message | Service] = {}
-    for name in names:
-        definition = registry.definition(registry.normalize(name))
-        if isinstance(definition, Message) and definition.kind == "srv":
-            definition = registry.definition(definition.type_name.rpartition("_")[0])
-        if isinstance(definition, Action) or "/action/" in definition.type_name:
-            raise InterfaceError(f"{name} is an action; only messages and services are written")
+def _wanted(names: Iterable[str]) -> list[Definition]:
+    """What the files of the named types define, and all that it nests."""
+    wanted: dict[str, Definition] = {}
+    open_ = [registry.file_type(registry.normalize(name)) for name in names]
+    while open_:
+        definition = registry.definition(open_.pop())
+        if definition.type_name in wanted:
+            continue
         wanted[definition.type_name] = definition
-        for part in _parts(definition):
-            wanted.update(registry.closure(part))
+        if isinstance(definition, Action):
+            open_ += [CANCEL_GOAL, GOAL_STATUS]
+        for part in definition.parts:
+            open_ += [registry.file_type(nested) for nested in registry.closure(part)]
     return list(wanted.values())

@@ -100,7 +100,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Message:
-    """One structure: a .msg file, or one section of a .srv or .action file.
+    """One structure: a .msg file, or what a .srv or .action file makes.
 
     ``kind`` is the folder: ``msg``, ``srv`` or ``action``. ``source`` names the file in errors.
     """
@@ -111,6 +111,11 @@ class Message:
     fields: tuple[Field, ...] = ()
     constants: tuple[Constant, ...] = ()
     source: str = field(default="", compare=False)
+
+    @property
+    def parts(self) -> tuple[Message]:
+        """Itself, as other definitions give their structures."""
+        return (self,)
 
     @property
     def type_name(self) -> str:
@@ -124,21 +129,30 @@ class Message:
 
 @dataclass(frozen=True)
 class Service:
-    """A .srv file: ``Name_Request`` and ``Name_Response``."""
+    """A .srv file: ``Name_Request`` and ``Name_Response``; ``kind`` is ``action`` in an action."""
 
     package: str
     name: str
     request: Message
     response: Message
+    kind: str = "srv"
 
     @property
     def type_name(self) -> str:
-        return f"{self.package}/srv/{self.name}"
+        return f"{self.package}/{self.kind}/{self.name}"
+
+    @property
+    def parts(self) -> tuple[Message, Message]:
+        """Its structures."""
+        return self.request, self.response
 
 
 @dataclass(frozen=True)
 class Action:
-    """A .action file: ``Name_Goal``, ``Name_Result`` and ``Name_Feedback``."""
+    """A .action file: ``Name_Goal``, ``Name_Result`` and ``Name_Feedback``.
+
+    What goes over the wire is made of these: two services and the message of a topic.
+    """
 
     package: str
     name: str
@@ -149,6 +163,51 @@ class Action:
     @property
     def type_name(self) -> str:
         return f"{self.package}/action/{self.name}"
+
+    @property
+    def send_goal(self) -> Service:
+        """``Name_SendGoal``: a goal and its id; whether it is accepted, and since when."""
+        accepted = Field(Type("bool"), "accepted"), Field(_TIME, "stamp")
+        return self._service("SendGoal", (_GOAL_ID, self._field("goal")), accepted)
+
+    @property
+    def get_result(self) -> Service:
+        """``Name_GetResult``: a goal's id; how it ended, and its result."""
+        answer = Field(Type("int8"), "status"), self._field("result")
+        return self._service("GetResult", (_GOAL_ID,), answer)
+
+    @property
+    def feedback_message(self) -> Message:
+        """``Name_FeedbackMessage``: a goal's id and its feedback."""
+        return self._message("FeedbackMessage", (_GOAL_ID, self._field("feedback")))
+
+    @property
+    def parts(self) -> tuple[Message, ...]:
+        """All its structures, each behind those of them that it nests."""
+        services = self.send_goal.parts + self.get_result.parts
+        return self.goal, self.result, self.feedback, *services, self.feedback_message
+
+    def _field(self, section: str) -> Field:
+        return Field(Type(f"{self.type_name}_{section.capitalize()}"), section)
+
+    def _message(self, suffix: str, fields: tuple[Field, ...]) -> Message:
+        name, source = f"{self.name}_{suffix}", self.goal.source
+        return Message(self.package, "action", name, fields, source=source)
+
+    def _service(
+        self, suffix: str, request: tuple[Field, ...], response: tuple[Field, ...]
+    ) -> Service:
+        return Service(
+            self.package,
+            f"{self.name}_{suffix}",
+            self._message(suffix + "_Request", request),
+            self._message(suffix + "_Response", response),
+            "action",
+        )
+
+
+_TIME: Final = Type("builtin_interfaces/msg/Time")
+_GOAL_ID: Final = Field(Type("unique_identifier_msgs/msg/UUID"), "goal_id")
 
 
 def parse_msg(text: str, package: str, name: str, source: str = "") -> Message:
@@ -212,11 +271,11 @@ def _lines(text: str) -> list[tuple[int, str]]:
     return [
         (number, line)
         for number, raw in enumerate(text.lstrip("\ufeff").splitlines(), 1)
-        if (line := _strip_comment(raw.replace("\t", " ")).strip())
+        if (line := strip_comment(raw.replace("\t", " ")).strip())
     ]
 
 
-def _strip_comment(line: str) -> str:
+def strip_comment(line: str) -> str:
     """Cut a comment; a # inside a quoted default or constant belongs to the value."""
     cut = line.find("#")
     if cut < 0:

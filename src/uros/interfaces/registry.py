@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Final, Union
@@ -22,7 +23,12 @@ KINDS: Final = ("msg", "srv", "action")
 MAX_FILE: Final = 1 << 20
 """Bytes of one definition file; a bigger one is no definition."""
 _SKIP: Final = {"node_modules", "__pycache__"}
-_SECTION: Final = re.compile(r"(.+)_(Request|Response|Goal|Result|Feedback)")
+_SECTION: Final = {
+    "srv": re.compile(r"([^_]+)_(Request|Response)"),
+    "action": re.compile(
+        r"([^_]+)_(Goal|Result|Feedback|FeedbackMessage|(SendGoal|GetResult)(_Request|_Response)?)"
+    ),
+}
 _PACKAGED: Final = Path(__file__).parent / "definitions"
 
 _added: dict[str, Path] = {}
@@ -69,12 +75,12 @@ def add_folder(path: str | os.PathLike[str]) -> list[str]:
 
 def is_added(name: str) -> bool:
     """Whether `add_folder` brought the type (in its normal spelling), so no table knows it."""
-    return _base(name) in _added
+    return file_type(name) in _added
 
 
 def exists(name: str) -> bool:
     """Whether some file defines the type (in its normal spelling)."""
-    return _find(_base(name)) is not None
+    return _find(file_type(name)) is not None
 
 
 def list_types() -> list[str]:
@@ -87,6 +93,13 @@ def list_types() -> list[str]:
             for file in share.glob(f"*/{kind}/*.{kind}")
         )
     return sorted(names)
+
+
+def packages(kinds: Iterable[str] = KINDS) -> list[str]:
+    """The names of the packages that have types of any of the kinds, sorted."""
+    wanted = tuple(kinds)
+    parts = (name.split("/") for name in list_types())
+    return sorted({package for package, kind, _ in parts if kind in wanted})
 
 
 def packaged_types() -> list[str]:
@@ -114,16 +127,32 @@ def names_in(package: str, kind: str) -> list[str]:
 def definition(name: str) -> Definition:
     """The parsed definition of a type in its normal spelling.
 
-    ``pkg/srv/Name_Request`` (and Response, Goal, Result, Feedback) gives that section.
+    ``pkg/srv/Name_Request`` (and Response) gives that section; ``pkg/action/Name_Goal`` (and
+    Result, Feedback, SendGoal, SendGoal_Request, FeedbackMessage …) what the action makes.
     """
-    if (match := _SECTION.fullmatch(name)) and "/msg/" not in name:
-        section = getattr(definition(match[1]), match[2].lower(), None)
-        if isinstance(section, Message):
-            return section
+    owner = file_type(name)
+    if owner != name:
+        whole = definition(owner)
+        made: list[Definition]
+        if isinstance(whole, Action):
+            made = [*whole.parts, whole.send_goal, whole.get_result]
+        else:
+            made = list(whole.parts)
+        return next(part for part in made if part.type_name == name)
+    package, kind, plain = name.split("/")
+    text, path = source(name)
+    if kind == "msg":
+        return parse_msg(text, package, plain, path)
+    if kind == "srv":
+        return parse_srv(text, package, plain, path)
+    return parse_action(text, package, plain, path)
+
+
+def source(name: str) -> tuple[str, str]:
+    """The text of the file that defines a type (in its normal spelling), and the file's path."""
     path = _find(name)
     if path is None:
         raise InterfaceError(_unknown(name))
-    package, kind, plain = name.split("/")
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -131,14 +160,9 @@ def definition(name: str) -> Definition:
     if len(data) > MAX_FILE:
         raise InterfaceError(f"{path}: over {MAX_FILE} bytes; this is no definition")
     try:
-        text = data.decode()
+        return data.decode(), str(path)
     except UnicodeDecodeError as error:
         raise InterfaceError(f"{path}: not UTF-8 text ({error}); save it as UTF-8") from error
-    if kind == "msg":
-        return parse_msg(text, package, plain, str(path))
-    if kind == "srv":
-        return parse_srv(text, package, plain, str(path))
-    return parse_action(text, package, plain, str(path))
 
 
 def message(name: str) -> Message:
@@ -171,9 +195,12 @@ def closure(root: Message) -> dict[str, Message]:
     return found
 
 
-def _base(name: str) -> str:
-    match = _SECTION.fullmatch(name)
-    return match[1] if match and "/msg/" not in name else name
+def file_type(name: str) -> str:
+    """The type whose file defines a type (in its normal spelling); most often itself."""
+    head, _, plain = name.rpartition("/")
+    section = _SECTION.get(head.rpartition("/")[2])
+    match = section.fullmatch(plain) if section else None
+    return f"{head}/{match[1]}" if match else name
 
 
 @lru_cache(maxsize=1)

@@ -15,8 +15,8 @@ try:
 except ImportError:
     pass
 
-# Whether an error names the field. A board's build says False: there it is 3 kB for what can be
-# tried on a host.
+# Whether an error names the field, and messages can be printed and compared. A board's build says
+# False: there it is 4 kB for what can be tried on a host.
 NAMES_FIELDS: Final = True
 _LITTLE_HOST = sys.byteorder == "little"
 _CPYTHON = sys.implementation.name != "micropython"
@@ -36,7 +36,7 @@ _RANGES = {
 # A text that a board publishes over and over (a frame id) is encoded once.
 _CACHED_TEXTS = 8
 _CACHED_LENGTH = 64
-_utf8_of = {}  # type: dict[str, bytes]
+utf8_of = {}  # type: dict[str, bytes]
 
 
 class Message:
@@ -49,37 +49,71 @@ class Message:
     ``pack_into(buf, offset, start)`` – writes little-endian CDR, aligned from ``start``, and
     returns the end offset; TypeError or InterfaceError name the field that does not fit;
     ``unpack_from(buf, offset, start, end, little=True)`` – a classmethod, gives (message, end
-    offset), and raises InterfaceError for any fault in the bytes.
+    offset), and raises InterfaceError for any fault in the bytes;
+    ``unpack_into(buf, offset, start, end, little=True)`` – reads into this message, and gives the
+    end offset. On a board nested messages, fixed arrays of float64 and texts that are the same
+    stay the objects that they are, so that next to nothing is allocated. A fault in the bytes
+    leaves the message valid; on a board fields that came before it may be the new ones.
 
     A field named like one of these methods, like ``self`` or like a Python keyword has an
-    underscore appended.
+    underscore appended. The classes of boards have ``_size``, ``_pack`` and ``_load`` (see
+    `emit_board`) behind the methods of this one, those of hosts have methods of their own.
     """
 
     __slots__ = ()  # type: tuple[str, ...]
     _TYPE = ""
     _FIELDS = ()  # type: tuple[tuple[str, str], ...]
+    # The fields' attributes, where these are not __slots__.
+    _NAMES = ()  # type: tuple[str, ...]
+
+    def cdr_size(self: "Any", o: int = 0) -> int:
+        try:
+            return self._size(o)  # type: ignore[no-any-return]
+        except Exception as error:
+            return fault(self, error)
+
+    def pack_into(self: "Any", buf: "Any", offset: int, start: int) -> int:
+        try:
+            return self._pack(buf, offset, start)  # type: ignore[no-any-return]
+        except Exception as error:
+            return fault(self, error, len(buf) - offset if NAMES_FIELDS else -1)
+
+    @classmethod
+    def unpack_from(
+        cls, buf: "Any", offset: int, start: int, end: int, little: bool = True
+    ) -> "tuple[Any, int]":
+        message = cls()
+        return message, message.unpack_into(buf, offset, start, end, little)
+
+    def unpack_into(
+        self: "Any", buf: "Any", offset: int, start: int, end: int, little: bool = True
+    ) -> int:
+        view = memoryview(buf)[:end]
+        return self._load(view, offset, start, len(view), little)  # type: ignore[no-any-return]
 
     @classmethod
     def get_fields_and_field_types(cls) -> "dict[str, str]":
         """The fields with their types, spelled as rclpy spells them."""
         return dict(cls._FIELDS)
 
-    def __repr__(self) -> str:
-        parts = []
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if isinstance(value, (array, bytes, bytearray, memoryview)):
-                value = list(value)
-            parts.append("%s=%r" % (name, value))
-        return "%s(%s)" % (self._TYPE.replace("/", "."), ", ".join(parts))
+    if NAMES_FIELDS:
 
-    def __eq__(self, other: object) -> bool:
-        if type(other) is not type(self):
-            return False
-        for name in self.__slots__:
-            if not _same(getattr(self, name), getattr(other, name)):
+        def __repr__(self) -> str:
+            parts = []
+            for name in self._NAMES or self.__slots__:
+                value = getattr(self, name)
+                if isinstance(value, (array, bytes, bytearray, memoryview)):
+                    value = list(value)
+                parts.append("%s=%r" % (name, value))
+            return "%s(%s)" % (self._TYPE.replace("/", "."), ", ".join(parts))
+
+        def __eq__(self, other: object) -> bool:
+            if type(other) is not type(self):
                 return False
-        return True
+            for name in self._NAMES or self.__slots__:
+                if not _same(getattr(self, name), getattr(other, name)):
+                    return False
+            return True
 
 
 def _same(a: "Any", b: "Any") -> bool:
@@ -118,16 +152,19 @@ def fault(message: "Any", error: Exception, room: int = -1) -> int:
                 "%s needs %d octets, the buffer has %d" % (message._TYPE, message.cdr_size(), room)
             )
     elif not isinstance(error, MemoryError):
-        wrong = isinstance(error, (TypeError, AttributeError))
-        kind = TypeError if wrong else InterfaceError  # type: type[Exception]
-        raise kind("%s: a field or the buffer does not fit" % message._TYPE)
+        text = message._TYPE + " does not fit"
+        if isinstance(error, (TypeError, AttributeError)):
+            raise TypeError(text)
+        wrong = InterfaceError(text)
+        raise wrong  # a board's build takes the text off where the class is raised
     raise error
 
 
 def check(message: "Any", where: str) -> None:
     """Check every field, at any depth: TypeError or InterfaceError name the first bad one."""
+    names = message._NAMES or message.__slots__
     for i, pair in enumerate(message._FIELDS):
-        attribute = message.__slots__[i]
+        attribute = names[i]
         place = "%s.%s" % (where, pair[0])
         try:
             value = getattr(message, attribute)
@@ -168,7 +205,7 @@ def _check(value: "Any", kind: str, where: str) -> None:
             raise _wrong(value, kind, where)
     elif kind.startswith("string") or kind.startswith("wstring"):
         _check_text(value, kind, where)
-    elif getattr(value, "_TYPE", "").replace("/msg/", "/") != kind:
+    elif getattr(value, "_TYPE", "").replace("/msg/", "/").replace("/action/", "/") != kind:
         raise _wrong(value, kind, where)
     else:
         check(value, where)
@@ -213,13 +250,13 @@ def _wrong(value: "Any", kind: str, where: str) -> TypeError:
 
 def utf8(text: "Any") -> bytes:
     """The UTF-8 octets of a str."""
-    data = _utf8_of.get(text)
+    data = utf8_of.get(text)
     if data is None:
-        data = text.encode()
+        data = str.encode(text)  # a TypeError for what is no str
         if len(data) <= _CACHED_LENGTH:
-            if len(_utf8_of) >= _CACHED_TEXTS:
-                _utf8_of.clear()
-            _utf8_of[text] = data
+            if len(utf8_of) >= _CACHED_TEXTS:
+                utf8_of.clear()
+            utf8_of[text] = data
     return data
 
 

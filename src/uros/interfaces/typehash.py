@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from . import registry
 from .errors import InterfaceError
-from .parse import Field, Message, Service, Type
+from .parse import Action, Field, Message, Service, Type
 
 _TABLE: Final = Path(__file__).parent / "hashes.txt"
 _IDS: Final = {
@@ -41,19 +41,9 @@ EMPTY_MEMBER: Final = Field(Type("uint8"), "structure_needs_at_least_one_member"
 """What an empty structure holds in IDL, and so in its hash."""
 
 
-def type_hash(definition: Message | Service) -> str:
-    """The ``RIHS01_…`` of a message, of a section of a service, or of a service."""
-    if isinstance(definition, Service):
-        event = event_message(definition)
-        members = [definition.request, definition.response, event]
-        fields = [
-            Field(Type(member.type_name), f"{part}_message")
-            for part, member in zip(("request", "response", "event"), members)
-        ]
-        root = Message(definition.package, "srv", definition.name, tuple(fields))
-    else:
-        members = []
-        root = definition
+def type_hash(definition: Message | Service | Action) -> str:
+    """The ``RIHS01_…`` of a message, a service, an action, or what these two make."""
+    root, *members = _structures(definition)
     known = {member.type_name: member for member in members}
     for member in members or [root]:
         outer = Message(
@@ -73,11 +63,33 @@ def type_hash(definition: Message | Service) -> str:
     return "RIHS01_" + hashlib.sha256(text.encode()).hexdigest()
 
 
+def _structures(definition: Message | Service | Action) -> list[Message]:
+    """The definition as the structure that its hash describes, and those of its own behind it."""
+    if isinstance(definition, Message):
+        return [definition]
+    if isinstance(definition, Service):
+        members = [*definition.parts, event_message(definition)]
+        names = ["request_message", "response_message", "event_message"]
+        return [_structure(definition, names, members), *members]
+    send_goal, get_result = _structures(definition.send_goal), _structures(definition.get_result)
+    members = [definition.goal, definition.result, definition.feedback]
+    members += [send_goal[0], get_result[0], definition.feedback_message]
+    names = ["goal", "result", "feedback"]
+    names += ["send_goal_service", "get_result_service", "feedback_message"]
+    return [_structure(definition, names, members), *members, *send_goal[1:], *get_result[1:]]
+
+
+def _structure(whole: Service | Action, names: list[str], members: list[Message]) -> Message:
+    package, kind, name = whole.type_name.split("/")
+    fields = (Field(Type(m.type_name), member) for member, m in zip(names, members))
+    return Message(package, kind, name, tuple(fields))
+
+
 def event_message(service: Service) -> Message:
     """The service's ``_Event`` message, which its hash includes."""
     return Message(
         service.package,
-        "srv",
+        service.kind,
         service.name + "_Event",
         (
             Field(Type("service_msgs/msg/ServiceEventInfo"), "info"),
@@ -100,14 +112,13 @@ def known_hash(ros_type_name: str) -> str | None:
         name = registry.normalize(ros_type_name)
         if not registry.exists(name):
             return None
-        definition = registry.definition(name)
-        return _hash_once(definition) if isinstance(definition, (Message, Service)) else None
+        return _hash_once(registry.definition(name))
     except InterfaceError:
         return None
 
 
 @lru_cache(maxsize=4096)
-def _hash_once(definition: Message | Service) -> str:
+def _hash_once(definition: Message | Service | Action) -> str:
     return type_hash(definition)
 
 
@@ -122,10 +133,9 @@ def table_text() -> str:
     rows: dict[str, str] = {}
     for name in registry.packaged_types():
         definition = registry.definition(name)
-        assert isinstance(definition, (Message, Service)), "no action is packaged"
-        parts: list[Message | Service] = [definition]
-        if isinstance(definition, Service):
-            parts += [definition.request, definition.response]
+        parts: list[registry.Definition] = [definition, *definition.parts]
+        if isinstance(definition, Action):
+            parts += [definition.send_goal, definition.get_result]
         rows.update((part.type_name, type_hash(part)) for part in parts)
     return "".join(f"{name} {rows[name]}\n" for name in sorted(rows))
 

@@ -1,6 +1,7 @@
 """Random messages, and the same messages as rosbags objects: rosbags is the oracle of the codec."""
 
 import random
+import re
 import string
 from functools import cache
 from typing import Any
@@ -10,7 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from uros.interfaces import load, registry
 from uros.interfaces.generate import attribute_name
-from uros.interfaces.parse import INTEGERS, Message, Service, Type
+from uros.interfaces.parse import INTEGERS, Message, Type
 
 _DTYPES = {"bool": "bool", "byte": "int8", "char": "uint8"}  # rosbags takes byte as signed
 _LETTERS = string.ascii_letters + "äß漢😀 _/"
@@ -18,21 +19,25 @@ _LETTERS = string.ascii_letters + "äß漢😀 _/"
 
 @cache
 def store() -> Any:
-    """rosbags' types, with the sections of our services added as messages."""
+    """rosbags' types, with those that it lacks, and what services and actions make."""
     made = get_typestore(Stores.ROS2_KILTED)
-    for name in registry.packaged_types():
-        found = registry.definition(name)
-        if isinstance(found, Service):
-            for part in (found.request, found.response):
-                made.register(get_types_from_msg(text_of(part), oracle_name(part)))
+    for name in messages():
+        message = registry.message(name)
+        if oracle_name(message) not in made.fielddefs and not holds(message, "wstring"):
+            made.register(get_types_from_msg(text_of(message), oracle_name(message)))
     return made
 
 
 def text_of(message: Message) -> str:
     """A definition as .msg text without constants and defaults, for rosbags."""
-    return "".join(f"{str(f.type).replace('/msg/', '/')} {f.name}\n" for f in message.fields) or (
-        "uint8 structure_needs_at_least_one_member\n"
-    )
+    lines = (f"{re.sub('/(msg|action)/', '/', str(f.type))} {f.name}\n" for f in message.fields)
+    return "".join(lines) or "uint8 structure_needs_at_least_one_member\n"
+
+
+def holds(message: Message, primitive: str) -> bool:
+    """Whether the message has a field of the type at any depth."""
+    every = [message, *registry.closure(message).values()]
+    return any(f.type.name == primitive for m in every for f in m.fields)
 
 
 def oracle_name(message: Message) -> str:
@@ -41,15 +46,9 @@ def oracle_name(message: Message) -> str:
 
 
 def messages() -> list[str]:
-    """The names of all packaged structures: messages, and requests and responses."""
-    names = []
-    for name in registry.packaged_types():
-        found = registry.definition(name)
-        if isinstance(found, Service):
-            names += [found.request.type_name, found.response.type_name]
-        else:
-            names.append(name)
-    return names
+    """The names of all packaged structures: messages, and what services and actions make."""
+    packaged = registry.packaged_types()
+    return [part.type_name for name in packaged for part in registry.definition(name).parts]
 
 
 def scalar(type_: Type, rng: random.Random) -> Any:

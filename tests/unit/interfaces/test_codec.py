@@ -41,6 +41,8 @@ int8[] v
 """
 SOURCES = {"Inner": INNER, "Mixed": MIXED}
 CASES = [*samples.messages(), "codec_cases/msg/Inner", "codec_cases/msg/Mixed"]
+# rosbags knows no wstring; test_wstring has vectors.
+WIDE = ("example_interfaces/msg/WString", "test_msgs/msg/WStrings")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -59,7 +61,7 @@ def oracle_bytes(msg, little=True):
     return bytes(samples.store().serialize_cdr(oracle, name, little_endian=little))
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [name for name in CASES if name not in WIDE])
 def test_against_rosbags(name):
     rng = random.Random(name)
     for _ in range(12):
@@ -95,7 +97,7 @@ def test_offsets_and_stale_buffers(name):
         assert bytes(buf[offset:]) == want + b"\xaa" * 5
         end = offset + len(want)
         assert load(name).unpack_from(buf, offset, offset, end) == (msg, end)
-    for room in range(len(want)):
+    for room in range(0, len(want), 1 + len(want) // 400):
         buf = bytearray(room)
         with pytest.raises(
             InterfaceError, match=f"needs {len(want)} octets, the buffer has {room}"
@@ -108,7 +110,7 @@ def test_offsets_and_stale_buffers(name):
 def test_truncated(name):
     cls = load(name)
     data = to_cdr(samples.message(name, random.Random(name)))
-    for end in range(len(data)):
+    for end in range(0, len(data), 1 + len(data) // 2000):
         with pytest.raises(InterfaceError):
             from_cdr(cls, data[:end])
 

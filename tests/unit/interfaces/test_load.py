@@ -105,6 +105,39 @@ def test_service():
     assert repr(load("std_srvs/Empty").Request()) == "std_srvs.srv.Empty_Request()"
 
 
+def test_action():
+    """Names and hashes as rclpy has them; the hashes are in installed_hashes.txt."""
+    cls = load("test_msgs/Fibonacci")
+    assert load("test_msgs::action::dds_::Fibonacci_") is cls
+    from uros.interfaces.test_msgs.action import Fibonacci
+
+    assert Fibonacci is cls and cls.__module__ == "uros.interfaces.test_msgs.action._fibonacci"
+    impl = cls.Impl
+    for part, whole in (
+        (cls.Goal, "Goal"), (cls.Result, "Result"), (cls.Feedback, "Feedback"),
+        (impl.SendGoalService, "SendGoal"), (impl.SendGoalService.Request, "SendGoal_Request"),
+        (impl.GetResultService.Response, "GetResult_Response"),
+        (impl.FeedbackMessage, "FeedbackMessage"),
+    ):  # fmt: skip
+        name = f"test_msgs/action/Fibonacci_{whole}"
+        assert part._TYPE == name and load(name) is part
+        assert part._HASH == known_hash(name)
+        assert part._DDS_TYPE == f"test_msgs::action::dds_::Fibonacci_{whole}_"
+        assert load(part._DDS_TYPE) is part
+    assert cls._HASH == known_hash("test_msgs/action/Fibonacci")
+    assert impl.CancelGoalService is load("action_msgs/srv/CancelGoal")
+    assert impl.GoalStatusMessage is load("action_msgs/msg/GoalStatusArray")
+    assert impl.SendGoalService.Request._FIELDS == (
+        ("goal_id", "unique_identifier_msgs/UUID"), ("goal", "test_msgs/Fibonacci_Goal"),
+    )  # fmt: skip
+    assert impl.GetResultService.Response._FIELDS == (
+        ("status", "int8"), ("result", "test_msgs/Fibonacci_Result"),
+    )  # fmt: skip
+    for name in ("Fibonacci_Request", "Fibonacci_Cancel", "Fibonacci_SendGoal_Goal", "Fib_Goal"):
+        with pytest.raises(InterfaceError, match="unknown type"):
+            load("test_msgs/action/" + name)
+
+
 def test_defaults_and_constants(tmp_path):
     text = (
         "int32 A=7\nstring NAME='x'\nint32 a 5\nstring b 'hi'\nfloat32[2] c [1.5, -2]\n"
@@ -163,7 +196,7 @@ def test_import_hook():
     assert Int32.__module__ == "uros.interfaces.std_msgs.msg._int32"
     with pytest.raises(ImportError):
         from uros.interfaces.std_msgs.msg import Nothing  # noqa: F401
-    for name in ("no_such_pkg", "std_msgs.action", "std_msgs.msg._nothing", "std_msgs.msg._a.b"):
+    for name in ("no_such_pkg", "std_msgs.other", "std_msgs.msg._nothing", "std_msgs.msg._a.b"):
         with pytest.raises(ImportError):
             importlib.import_module("uros.interfaces." + name)
 
@@ -221,8 +254,7 @@ def test_workspace_flat_and_msg_folder(tmp_path):
     write(tmp_path / "my_d/Go.action", "int32 x\n---\n---\n")
     assert add_folder(tmp_path / "my_d") == ["my_d/action/Go", "my_d/msg/D"]
     assert add_folder(tmp_path / "ws/src/my_b/msg") == ["my_b/msg/B"]
-    with pytest.raises(InterfaceError, match="is an action"):
-        load("my_d/Go")
+    assert load("my_d/Go").Goal(x=3).x == 3
 
 
 def test_bad_folders(tmp_path):
@@ -325,6 +357,17 @@ def test_write_package(tmp_path):
     source = Path(uros.interfaces.__file__).parents[2]
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{source}"}
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+def test_an_action_is_written_with_what_every_action_needs(tmp_path):
+    paths = write_package(["test_msgs/action/Fibonacci_SendGoal"], tmp_path)
+    modules = {str(p.relative_to(tmp_path)) for p in paths if p.name != "__init__.py"}
+    assert modules == {
+        "action_msgs/msg/_goalinfo.py", "action_msgs/msg/_goalstatus.py",
+        "action_msgs/msg/_goalstatusarray.py", "action_msgs/srv/_cancelgoal.py",
+        "builtin_interfaces/msg/_time.py", "test_msgs/action/_fibonacci.py",
+        "unique_identifier_msgs/msg/_uuid.py",
+    }  # fmt: skip
 
 
 def test_types_that_differ_in_case(tmp_path):

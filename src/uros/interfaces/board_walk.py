@@ -1,0 +1,142 @@
+"""What packing and loading of a board's messages share, see `emit_board`. Host only."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final, NamedTuple
+
+from . import registry
+from .emit import Attribute
+from .layout import Aliases, Alignment, is_octets
+from .parse import Message
+
+HALVES: Final = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"}
+"""Their ``sec`` is kept in two halves: the seconds since 1970 are no small integer on a board."""
+INLINE_CHUNKS: Final = 12
+"""A nested message of more values or arrays than this is called."""
+
+
+def is_doubles(message: Message) -> bool:
+    """Whether the message is x, y, z and perhaps w, so that its class is a `compact.Doubles`."""
+    names = "".join(f.name for f in message.fields)
+    plain = all(f.type.name == "float64" and not f.type.array for f in message.fields)
+    return plain and names in ("xyz", "xyzw")
+
+
+@cache
+def chunks(message: Message) -> int:
+    """Numbers and arrays of the message, with those of what it nests; many where a size varies."""
+    if is_doubles(message):
+        return 1
+    count = 0
+    for field in message.fields:
+        type_ = field.type
+        if type_.name in ("string", "wstring") or type_.array in ("bounded", "unbounded"):
+            return 1000
+        if not type_.primitive:
+            count += 1000 if type_.array else chunks(registry.message(type_.name))
+        elif type_.array and type_.name != "float64" and not is_octets(type_):
+            return 1000
+        else:
+            count += 1
+    return count or 1000
+
+
+def in_place(name: str) -> Message | None:
+    """The nested message, where it is written and read with what holds it."""
+    nested = registry.message(name)
+    return nested if chunks(nested) <= INLINE_CHUNKS else None
+
+
+def calls(message: Message) -> list[tuple[str, bool]]:
+    """The types whose methods those of this message call, and whether for an array's elements."""
+    found: list[tuple[str, bool]] = []
+    for field in message.fields:
+        type_ = field.type
+        if type_.primitive:
+            continue
+        if type_.array or in_place(type_.name) is None:
+            found.append((type_.name, bool(type_.array)))
+        else:
+            found += calls(registry.message(type_.name))
+    return found
+
+
+class Names(NamedTuple):
+    """How the methods begin, and the names by which those of nested messages are called."""
+
+    size: str = "_size"
+    pack: str = "_pack"
+    size_head: str = "def _size(self, o):"
+    pack_head: str = "def _pack(self, buf, o, start):"
+    tell: str = ""
+    """What an error that is raised on purpose says."""
+    once: frozenset[str] = frozenset()
+    """Types that would be called from one place: they are written and read there."""
+    lean: bool = False
+    """Big-endian data counts as malformed; `InterfaceError` is ValueError."""
+
+
+PUBLIC: Final = Names(
+    "cdr_size",
+    "pack_into",
+    "def cdr_size(self, o=0):",
+    "def pack_into(self, buf, o, start):",
+    "(self._TYPE)",
+    lean=True,
+)
+"""Where no base class has the public methods."""
+
+
+class Walker:
+    """What packing and loading share: a run of values whose places are known from its start."""
+
+    def __init__(self, attribute: Attribute, aliases: Aliases, calls: Names) -> None:
+        self.attribute = attribute
+        self.aliases = aliases
+        self.calls = calls
+        self.lines: list[str] = []
+        self.at = Alignment()
+        self.names = 0
+        self.codes: list[str] = []
+        self.octets = 0
+
+    def name(self, letter: str) -> str:
+        self.names += 1
+        return f"{letter}{self.names}"
+
+    def local(self, letter: str, expression: str) -> str:
+        var = self.name(letter)
+        self.lines.append(f"{var} = {expression}")
+        return var
+
+    def in_place(self, name: str) -> Message | None:
+        return registry.message(name) if name in self.calls.once else in_place(name)
+
+    def flush(self) -> None:
+        """Write down what the run has gathered."""
+        raise NotImplementedError
+
+    def pad(self, alignment: int) -> None:
+        """Align at run time."""
+        raise NotImplementedError
+
+    def align(self, alignment: int) -> None:
+        padding = self.at.padding(alignment)
+        if padding is None:
+            self.flush()
+            self.pad(alignment)
+            self.at.know(alignment)
+            return
+        self.codes += ["x"] * padding
+        self.octets += padding
+        self.at.advance(padding)
+
+    def advance(self, code: str, octets: int, alignment: int) -> int:
+        """Take room in the run; gives its place, from the run's start."""
+        self.align(alignment)
+        place = self.octets
+        self.codes.append(code)
+        self.octets += octets
+        self.at.advance(octets)
+        return place
