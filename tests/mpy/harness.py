@@ -7,16 +7,27 @@
 
 Portable tests are the modules tests/unit/**/portable_*.py: plain functions test_*() with bare
 asserts that import uros, what MicroPython has and the SHARED modules below, nothing else. pytest
-runs them on CPython where they are, and test_portable.py runs the same functions here.
+runs them on CPython where they are, and test_portable.py runs the same functions here. Types of
+interfaces are named twice, as a host has them and as a board has them:
+
+    try:
+        from uros.interfaces.std_msgs.msg import Int32
+    except ImportError:  # MicroPython
+        from std_msgs.msg import Int32
 """
 
 import ast
 import base64
 import json
+import re
 import subprocess
 import threading
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
+
+from uros.boards.build import bytecode
+from uros.interfaces.package import module_texts
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNNER = Path(__file__).with_name("runner.mjs")
@@ -35,12 +46,25 @@ PORTABLE = (
     "qos.py",
     "transport/__init__.py",
     "transport/canboard.py",
+    "transport/canpyb.py",
+    "transport/esp8266.py",
+    "transport/gs2200.py",
+    "transport/modem.py",
     "transport/stream.py",
+    "transport/wlan.py",
+    # What modems talk to, for their tests.
+    "boards/__init__.py",
+    "boards/air.py",
+    "boards/esp8266.py",
+    "boards/gs2200.py",
     "client",
     "interfaces/__init__.py",
     "interfaces/codec.py",
+    "interfaces/compact.py",
+    "interfaces/dynamic.py",
     "interfaces/errors.py",
     "interfaces/runtime.py",
+    "interfaces/table.py",
 )
 
 # What tests on both sides share, in tests/: it is imported by the same name here and there.
@@ -48,8 +72,15 @@ SHARED = (
     "support/__init__.py",
     "support/board.py",
     "support/conversation.py",
+    "support/modem.py",
     "support/portable.py",
+    "support/recorder.py",
+    "support/services.py",
+    "unit/interfaces/rclpy_vectors.py",
+    "unit/interfaces/vectors.py",
 )
+
+_TYPES = r"[a-z0-9_]+\.(msg|srv|action)"
 
 # A test that takes longer is stuck: MicroPython has no time limit of its own.
 ANSWER_SECONDS = 30
@@ -75,6 +106,11 @@ class MicroPython:
 
     def __enter__(self) -> "MicroPython":
         return self
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has crashed, or was killed as stuck."""
+        return self._process.poll() is not None
 
     def __exit__(self, *_: object) -> None:
         assert self._process.stdout
@@ -137,6 +173,18 @@ def portable_sources(
     return sources
 
 
+def compiled(sources: Mapping[str, str]) -> dict[str, bytes]:
+    """The same modules as bytecode, with their asserts."""
+    return {
+        path.removesuffix(".py") + ".mpy": _bytecode(path, text) for path, text in sources.items()
+    }
+
+
+@cache
+def _bytecode(path: str, text: str) -> bytes:
+    return bytecode(text, path, path, "-O0")
+
+
 def tree(folder: Path) -> dict[str, bytes]:
     """The files of a folder, a built file system, by their paths below it."""
     files = [file for file in sorted(folder.rglob("*")) if file.is_file()]
@@ -146,6 +194,17 @@ def tree(folder: Path) -> dict[str, bytes]:
 def shared_sources() -> dict[str, str]:
     """The text of each SHARED module, by its path below /lib."""
     return {path: (ROOT / "tests" / path).read_text(encoding="utf-8") for path in SHARED}
+
+
+def type_sources(file: Path) -> dict[str, str]:
+    """A module for each type of interfaces that a test imports, and for what these nest."""
+    names = [
+        f"{node.module.replace('.', '/')}/{alias.name}"
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"), str(file)))
+        if isinstance(node, ast.ImportFrom) and re.fullmatch(_TYPES, node.module or "")
+        for alias in node.names
+    ]
+    return module_texts(names)
 
 
 def portable_tests() -> list[tuple[Path, str]]:

@@ -99,23 +99,29 @@ def test_lean_errors_are_of_the_same_kind_and_name_the_type(
     program = tmp_path / "program"
     program.mkdir()
     (program / "main.py").write_text("import app\n", encoding="utf-8")
-    (program / "app.py").write_text(PROGRAM, encoding="utf-8")
+    # Messages of a lean build are equal only to themselves, and have no text.
+    text = PROGRAM.replace("again == message", "to_cdr(again) == to_cdr(message)")
+    text = text.replace("    print(reading, reading.get_fields_and_field_types())\n", "")
+    text = text.replace("to_cdr(reading)) == reading)", "to_cdr(reading)).temperature == 21.5)")
+    (program / "app.py").write_text(text, encoding="utf-8")
     build(program, tmp_path / "out", form="mpy")
     micropython.install(tree(tmp_path / "out"))
     lines = micropython.run("import main").splitlines()
-    assert lines[:-3] == expected.splitlines()[:-3]
-    text = "sensor_msgs/msg/Temperature: a field or the buffer does not fit"
-    assert lines[-3:] == [text] * 3
+    assert lines[:-3] == expected.splitlines()[:3] + expected.splitlines()[4:-3]
+    name = "sensor_msgs/msg/Temperature"
+    assert "float" in lines[-3]
+    assert lines[-2:] == [name, "Header"]
 
 
 @pytest.mark.parametrize("options", [FORMS[0], FORMS[-1]])
 def test_portable_tests_pass(micropython: MicroPython, tmp_path: Path, options: dict) -> None:
-    """All portable tests, as one program, in one interpreter."""
+    """All portable tests, as one program, in one interpreter; but those of modems, which change a
+    module's clock: in a bundle no module has its own."""
     program = tmp_path / "program"
-    (program / "support").mkdir(parents=True)
     for path, text in shared_sources().items():
+        (program / path).parent.mkdir(parents=True, exist_ok=True)
         (program / path).write_text(text, encoding="utf-8")
-    tests = portable_tests()
+    tests = [it for it in portable_tests() if "support.modem" not in it[0].read_text("utf-8")]
     for file in {file for file, _ in tests}:
         (program / f"{module_name(file)}.py").write_bytes(file.read_bytes())
     build(program, tmp_path / "out", **options)

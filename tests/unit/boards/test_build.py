@@ -1,6 +1,7 @@
 """Building a board's file system: what is found, what is changed, what is refused."""
 
 import ast
+import re
 import subprocess
 import sys
 import textwrap
@@ -18,9 +19,11 @@ from uros.boards.build import (
     build,
 )
 from uros.boards.bundle import BUNDLE, NotBundled, bundle
+from uros.boards.flatten import flatten
 from uros.boards.rename import rename
 from uros.boards.shake import shake
 from uros.boards.shrink import Module, inline, strip
+from uros.boards.unfold import unfold
 from uros.interfaces import add_folder
 
 Make = Callable[..., Path]
@@ -169,12 +172,17 @@ def test_a_handler_stands_for_what_is_absent() -> None:
             from array import array
         except ImportError:
             array = None
+        try:
+            from uros.interfaces.std_msgs.msg import Int32
+        except ImportError:
+            from std_msgs.msg import Int32
     ''') == code('''
         TYPE_CHECKING = False
         try:
             from array import array
         except ImportError:
             array = None
+        from std_msgs.msg import Int32
     ''')  # fmt: skip
 
 
@@ -569,6 +577,21 @@ def test_names_that_two_modules_have(tmp_path: Path) -> None:
     assert out == "ainot the builtin ('b', 2, 'open') 7\n"
 
 
+def test_a_class_takes_a_name_from_its_own_module(tmp_path: Path) -> None:
+    out = run_bundled(
+        tmp_path,
+        main="from a import A\nfrom b import B\nprint(A.LEVEL, B.LEVEL, A.thing, B().f())",
+        a="LEVEL = 1\ndef thing(): pass\nclass A:\n    LEVEL = LEVEL\n    thing = LEVEL + 5",
+        b="""
+            LEVEL = [2]
+            class B:
+                LEVEL = LEVEL
+                def f(self): return LEVEL
+        """,
+    )
+    assert out == "1 [2] 6 [2]\n"
+
+
 def test_local_names_do_not_hide_what_an_alias_meant(tmp_path: Path) -> None:
     out = run_bundled(
         tmp_path,
@@ -609,6 +632,22 @@ def test_late_modules_stay_by_themselves(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+def test_what_uros_imports_late_comes_along_but_not_what_may_fail() -> None:
+    made = bundled(
+        **{
+            "main": "from uros.a import f, A\nprint(f(), A().g())",
+            "uros.a": "def f():\n    from .b import x\n    return x\nclass A:\n"
+            "    def __init__(self):\n        from .perhaps import y\n"
+            "    def g(self):\n        try:\n            from .optional import z\n"
+            "        except ImportError:\n            return 0\n        return z",
+            "uros.b": "x = 1",
+            "uros.perhaps": "y = 2",
+            "uros.optional": "import no_such_module\nz = 3",
+        }
+    )
+    assert set(made) == {"main", BUNDLE, "uros.a", "uros.perhaps", "uros.optional"}
+
+
 def test_a_module_used_as_a_value_is_refused() -> None:
     with pytest.raises(NotBundled, match="the module b is used as a value"):
         bundled(main="from a import f", a="from p import b\ndef f(): return b", **{"p.b": "x = 1"})
@@ -616,6 +655,16 @@ def test_a_module_used_as_a_value_is_refused() -> None:
         bundled(main="import a", a="from p import b\nprint(b.y)", **{"p.b": "x = 1"})
     with pytest.raises(NotBundled, match="import b"):
         bundled(main="import a", a="import b\nprint(b.x)", b="x = 1")
+
+
+def test_a_class_may_take_a_name_of_its_module_for_its_own(tmp_path: Path) -> None:
+    out = run_bundled(
+        tmp_path,
+        main="from b import INFO\nfrom a import Kinds\nprint(Kinds.INFO, Kinds.late(), INFO)",
+        a="INFO = 20\nclass Kinds:\n    INFO = INFO\n    def late(): return INFO",
+        b="INFO = 6",
+    )
+    assert out == "20 20 6\n"
 
 
 def test_a_program_alone_needs_no_bundle() -> None:
@@ -644,16 +693,168 @@ def test_parameters_and_private_attributes_take_names_from_the_rom() -> None:
     [
         ("def f(number): return number", "f(number=1)"),  # named by a call
         ("def f(number): return number\nf(number=2)", ""),
-        ("class A:\n    number = 1\n    def f(self, number): return self.number", ""),  # no gain
         ("def f(number):\n    return [number for number in x]", ""),
         ("def f(self): return self._n", "a._n"),  # the program's, too
         ("def f(self): return self._n", "x = '_n'"),
         ("class A(Foreign):\n    def f(self): return self._n", ""),
-        ("class A:\n    def _n(self): return self._n", ""),  # tracebacks show it
+        ("class A:\n    def number(self): pass", "a.number"),
+        ("class A:\n    def number(self): pass", "class B:\n    def number(self): pass"),
+        ("class A:\n    def number(self): pass", "f(number=1)"),
+        ("class A:\n    def reset(self): return machine.reset", ""),  # a board's own have it
+        ("class A(ValueError):\n    pass", ""),  # printed by its name
+        ("def number(): pass", "from whole import number"),
     ],
 )
 def test_names_that_others_may_see_stay(text: str, other: str) -> None:
     assert renamed(text, other) == code(text)
+
+
+def test_what_only_the_bundle_knows_takes_other_names() -> None:
+    text = renamed("""
+class Base:
+    limit_of_all = 3
+    def counted(self, amount): return amount + self.limit_of_all + self._hidden()
+    def _hidden(self): return self.amount
+class Heir(Base):
+    def __init__(self): self.amount = 1
+    @property
+    def doubled(self): return 2 * self.amount
+    @doubled.setter
+    def doubled(self, it): self.amount = it
+class Other:
+    def __init__(self, heir): self.theirs = heir; self.amounts = 0
+    def ask(self): return helper(self.theirs.counted(10))
+def helper(it): return it + TOTAL_OF_ALL
+TOTAL_OF_ALL = 100
+def run():
+    heir = Heir()
+    heir.doubled = 7
+    return Other(heir).ask() + heir.doubled
+""", "from whole import run\nclass Mine:\n    def abs(self): pass")  # fmt: skip
+    for name in ("counted", "_hidden", "amount", "doubled", "ask", "helper", "TOTAL", "limit_of"):
+        assert name not in text, text
+    assert ".abs" not in text  # the program has that
+    scope: dict = {}
+    exec(text, scope)
+    assert scope["run"]() == 10 + 3 + 7 + 100 + 14
+
+
+def test_a_member_named_like_what_it_is() -> None:
+    text = renamed("""
+class Status: value = 7
+class Kept:
+    Status = Status
+    KNOWN = Status.value
+class Mine:
+    Status = Status
+def run(): return Kept.Status.value + Kept.KNOWN + Mine.Status.value
+""", "from whole import run")  # fmt: skip
+    scope: dict = {}
+    exec(text, scope)
+    assert scope["run"]() == 21
+
+
+def test_families_that_only_ask_themselves_share_names() -> None:
+    text = renamed("""
+class A:
+    def __init__(self): self.first = 1
+    def f(self): return self.first
+class B:
+    def __init__(self): self.second = 2
+    def f(self): return self.second
+""", "a.f()")  # fmt: skip
+    lines = [line for line in text.splitlines() if "= " in line]
+    first, second = (line.split("self.")[1].split()[0] for line in lines)
+    assert first == second
+
+
+# --- flatten -------------------------------------------------------------------------------------
+
+
+def test_a_base_and_its_only_heir_become_one_class() -> None:
+    tree = ast.parse("""
+class Top:
+    kinds = ()
+    def __init__(self, a): self.a = a
+    def name(self): return "top"
+    def plain(self): return self.name()
+class Heir(Top):
+    kinds = (1,)
+    def __init__(self, a, b):
+        super().__init__(a)
+        self.b = b
+    def name(self): return super().name() + "heir"
+class Shared: pass
+class One(Shared): pass
+class Two(Shared): pass
+class Known: pass
+class Its(Known): pass
+class Asked: pass
+class Own(Asked): pass
+f = lambda it: isinstance(it, Asked)
+""")
+    flatten(tree, ["Known"])
+    names = [node.name for node in tree.body if isinstance(node, ast.ClassDef)]
+    assert names == ["Heir", "Shared", "One", "Two", "Known", "Its", "Asked", "Own"]
+    scope: dict = {}
+    exec(ast.unparse(tree), scope)
+    heir = scope["Heir"](1, 2)
+    assert (heir.a, heir.b, heir.kinds, heir.plain()) == (1, 2, (1,), "topheir")
+    assert scope["Heir"].__mro__[1:] == (object,)
+
+
+# --- unfold --------------------------------------------------------------------------------------
+
+
+def test_a_method_that_is_called_once_becomes_part_of_its_caller() -> None:
+    tree = ast.parse("""
+limit = 3
+class A:
+    def __init__(self): self.told = []
+    def run(self, n):
+        i = 10
+        self._note(n, i + 1)
+        if n: self._early(n)
+        try:
+            self._note_all(i)
+        except ValueError as error:
+            self.told.append(str(error))
+        return i
+    def _note(self, n, i):
+        for k in range(2): i += k
+        self.told.append((n, i))
+    def _early(self, x):
+        if x > limit: return
+        self.told.append("small")
+    def _note_all(self, n):
+        raise ValueError("no %d" % n)
+    def _twice(self): pass
+    def more(self): self._twice(); self._twice()
+    def valued(self): return self._value()
+    def _value(self): return 1
+    def looped(self, n): self._loop(n)
+    def _loop(self, n):
+        while True:
+            if n: return
+    def hiding(self):
+        limit = 5
+        self._reads()
+        return limit
+    def _reads(self): self.told.append(limit)
+    def asked(self): self._asked()
+    def _asked(self): pass
+def outside(a): return a._asked
+""")
+    unfold(tree, [])
+    (cls,) = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    left = {node.name for node in cls.body if isinstance(node, ast.FunctionDef)}
+    assert not left & {"_note", "_early", "_note_all"}
+    assert left >= {"_twice", "_value", "_loop", "_reads", "_asked"}
+    scope: dict = {}
+    exec(ast.unparse(ast.fix_missing_locations(tree)), scope)
+    a = scope["A"]()
+    assert a.run(2) == 10 and a.run(9) == 10 and a.hiding() == 5
+    assert a.told == [(2, 12), "small", "no 10", (9, 12), "no 10", 3]
 
 
 def test_inner_functions_see_the_new_name() -> None:
@@ -688,7 +889,7 @@ def test_a_program_brings_what_it_imports(built: Callable[..., dict[str, str]]) 
         "sensor_msgs/msg.py",
         "std_msgs/msg.py",
         "std_srvs/srv.py",
-        "uros/interfaces/errors.py",
+        "uros/interfaces/compact.py",
         "uros/interfaces/runtime.py",
         "uros/wire/cdr.py",
         "uros/wire/errors.py",
@@ -746,8 +947,16 @@ def test_modules_of_types_as_objects(built: Callable[..., dict[str, str]]) -> No
 
 def test_types_nest_in_order_within_their_module(built: Callable[..., dict[str, str]]) -> None:
     text = built("from geometry_msgs.msg import PoseStamped, Twist")["geometry_msgs/msg.py"]
-    places = [text.index(f"class {n}(") for n in ("Point", "Pose", "PoseStamped")]
+    places = [re.search(rf"class {n}\b", text).start() for n in ("Point", "Pose", "PoseStamped")]
     assert places == sorted(places)
+
+
+def test_actions_bring_what_goes_over_the_wire(built: Callable[..., dict[str, str]]) -> None:
+    files = built("from test_msgs.action import Fibonacci\nFibonacci.Impl.SendGoalService.Request")
+    text = files["test_msgs/action.py"]
+    assert "class Fibonacci_SendGoal_Request" in text and "SendGoalService" in text
+    assert "class Fibonacci_GetResult" not in text, "nobody asks for it"
+    assert "class UUID" in files["unique_identifier_msgs/msg.py"]
 
 
 def test_own_types(tmp_path: Path, built: Callable[..., dict[str, str]]) -> None:
@@ -766,11 +975,16 @@ def test_own_types(tmp_path: Path, built: Callable[..., dict[str, str]]) -> None
         ("from my_msgs.msg import X", r"main.py:1: no definitions of a package my_msgs.*--interf"),
         ("from std_msgs.msg import Int23", r"no type std_msgs/msg/Int23; did you mean Int"),
         ("from std_msgs.msg import *", "name the types to import"),
-        ("from std_msgs.action import X", "has no action for boards"),
+        ("from std_msgs.other import X", "has no other for boards"),
+        ("from test_msgs.action import X", "no type test_msgs/action/X"),
         ("from std_msgs import Int32", "has no Int32 for boards; write from std_msgs.msg import"),
         ("import uros.agent.server", "uros.agent.server is for hosts, boards have uros.wire"),
         ("from uros.interfaces.std_msgs.msg import X", "types are imported from std_msgs.msg"),
         ("from uros.wire import cdr\nimport uros.no", "main.py:2: uros has no module uros.no"),
+        ("import uros.client.parmeters", r"uros.client.parmeters; did you mean parameters"),
+        ("from uros.client.parmeters import X", r"uros.client.parmeters; did you mean param"),
+        ("import uros.clent.parameters", r"uros.clent.parameters; did you mean client\?$"),
+        ("import uros.xyzzy", "uros has no module uros.xyzzy$"),
         # Boards get no __init__ of uros.
         ("\nfrom uros import Node", "main.py:2: uros itself .* from uros.client import Node$"),
         ("import uros", "main.py:1: uros itself .* from uros.client import Node$"),
@@ -798,6 +1012,101 @@ def test_imports_that_nobody_provides(
         built(main)
 
 
+@pytest.mark.parametrize(
+    ("main", "message"),
+    [
+        (
+            "from uros.client import Nod",
+            r"main.py:1: uros.client has no Nod; did you mean Node\?$",
+        ),
+        ("\nfrom uros.client import Node, Nod", "main.py:2: uros.client has no Nod;"),
+        ("from uros.client.node import Nod as Node", r"client.node has no Nod; did you mean Node"),
+        (
+            "from uros.transport.stream import StreamTransprt",
+            r"uros.transport.stream has no StreamTransprt; did you mean StreamTransport\?$",
+        ),
+        ("from uros.client import parmeters", r"no parmeters; did you mean parameters"),
+        ("def f():\n  from uros.wire import cdrr", r"main.py:2: uros.wire has no cdrr; .* cdr\?$"),
+        ("from uros.wire.cdr import xyzzy", "main.py:1: uros.wire.cdr has no xyzzy$"),
+        ("from uros import clent", r"no module uros.clent; did you mean client\?$"),
+        # It is there, but somewhere else.
+        (
+            "from uros.client import Publisher",
+            "uros.client has no Publisher; write from uros.client.entities import Publisher$",
+        ),
+        ("from uros.client import node, Node, AGENT_CONNECTED", None),
+        ("from uros.transport import stream as line", None),
+        ("from uros.wire.cdr import *", None),
+        ("from uros.client import __name__ as name", None),
+        ("try:\n    from uros.client import Nod\nexcept ImportError:\n    Nod = None", None),
+        ("TYPE_CHECKING = False\nif TYPE_CHECKING:\n    from uros.qos import Nothing", None),
+    ],
+)
+@pytest.mark.parametrize("form", ["py", "mpy"])
+def test_names_that_a_module_has_not(
+    program: Make, tmp_path: Path, main: str, message: str | None, form: str
+) -> None:
+    folder, out = program(main=main), tmp_path / "out"
+    if message is None:
+        assert build(folder, out, form)
+        return
+    with pytest.raises(MissingModule, match=message):
+        build(folder, out, form)
+    assert not out.exists()
+
+
+def test_names_that_a_module_may_have(
+    program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever may bind a name does; only what nothing binds is refused."""
+    source = tmp_path / "uros"
+    rooms = {
+        "client/__init__.py": "def __getattr__(name):\n    return name\n",
+        "wire/__init__.py": "from .cdr import *\n",
+        "wire/cdr.py": "class Reader:\n    pass\n",
+        "qos.py": """
+            import sys
+            TYPE_CHECKING = False
+            if TYPE_CHECKING:
+                ForCheckers = int
+            try:
+                from time import ticks_ms as in_try
+            except ImportError:
+                def in_except():
+                    pass
+            else:
+                in_else = 1
+            if sys.implementation.name == "micropython":
+                class InIf:
+                    pass
+            for in_for, (in_tuple, *in_star) in ():
+                with sys as in_with:
+                    pass
+            if (in_walrus := 1):
+                pass
+            in_annotated: int = 1
+            only_annotated: int
+            def f():
+                global in_global
+                in_global = 1
+                in_function = 1
+            """,
+    }
+    for name, text in rooms.items():
+        file = source / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(textwrap.dedent(text))
+    monkeypatch.setattr(build_module, "_SOURCE", source)
+    names = "in_try in_except in_else InIf in_for in_tuple in_star in_with in_walrus in_annotated"
+    good = [f"from uros.qos import {name}" for name in (*names.split(), "f", "in_global", "sys")]
+    good += ["from uros.client import whatever", "from uros.wire import Reader, cdr, Unseen"]
+    for line in good:
+        build(program(main=line), tmp_path / "out")
+    for name in ("only_annotated", "in_function", "ForCheckers"):
+        with pytest.raises(MissingModule, match=f"uros.qos has no {name}"):
+            build(program(main=f"from uros.qos import {name}"), tmp_path / "out")
+
+
 def test_what_the_board_brings_can_be_named(built: Callable[..., dict[str, str]]) -> None:
     assert set(built("import sgp40, lib.x", provided=["sgp40", "lib.x"])) == {"main.py"}
 
@@ -809,6 +1118,8 @@ def test_roots_are_brought(built: Callable[..., dict[str, str]]) -> None:
     assert "class Int32" in files["std_msgs/msg.py"]
     with pytest.raises(MissingModule, match="^roots: uros has no module uros.wires"):
         built("pass", roots=["uros.wires"])
+    with pytest.raises(MissingModule, match="^roots: uros.wire.framing has no fram; did .* frame"):
+        built("pass", roots=["uros.wire.framing:fram"])
 
 
 def test_programs_that_are_none(program: Make, tmp_path: Path) -> None:
@@ -817,9 +1128,17 @@ def test_programs_that_are_none(program: Make, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(SourceError, match="no Python file"):
         build(tmp_path / "empty", tmp_path / "out")
-    folder = program(main="x = 1\ndef f(:\n")
-    with pytest.raises(SourceError, match=r"main.py:2: .*this is no Python"):
-        build(folder, tmp_path / "out")
+    folder = program(main="")
+    for text, words in {
+        "x = 1\ny = = 2\n": "main.py:2: invalid syntax: y = = 2",
+        "x = 1\n\n  y = 2  \n": "main.py:3: unexpected indent: y = 2",
+        "x = 1\ny = '\n": r"main.py:2: unterminated string literal.*: y = '",
+        "x = '\0'": "main.py:1: source code .* null bytes: this is no Python",
+    }.items():
+        (folder / "main.py").write_text(text)
+        with pytest.raises(SourceError, match=words + "$") as error:
+            build(folder, tmp_path / "out")
+        assert str(error.value).count("main.py") == 1
     (folder / "main.py").write_bytes(b"# \xff")
     with pytest.raises(SourceError, match="not UTF-8"):
         build(folder, tmp_path / "out")
