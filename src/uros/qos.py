@@ -1,7 +1,7 @@
 """Quality of service: one profile class for boards, agent and host.
 
 Names and values follow rclpy (``rmw/types.h``); times are integer
-milliseconds, None meaning unlimited. Runs on MicroPython.
+milliseconds, None or 0 meaning unlimited. Runs on MicroPython.
 """
 
 from .wire import ids
@@ -155,10 +155,35 @@ def services_profile() -> QoSProfile:
     return QoSProfile()
 
 
-def to_flags(qos: QoSProfile) -> int:
-    """The QoS flags of XRCE's binary representation (7.7.9.5)."""
+# As rclpy has them. They are shared: make a profile of your own where one is to be changed.
+qos_profile_default = QoSProfile()
+qos_profile_sensor_data = sensor_data_profile()
+qos_profile_services_default = QoSProfile()
+qos_profile_parameters = QoSProfile(1000)
+qos_profile_parameter_events = QoSProfile(1000)
+qos_profile_rosout_default = QoSProfile(
+    1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan_ms=10000
+)
+qos_profile_action_status_default = QoSProfile(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+qos_profile_system_default = QoSProfile(0, 0, 0, 0, liveliness=0)
+
+
+def to_flags(qos: QoSProfile, kind: int = 0) -> int:
+    """The QoS flags of XRCE's binary representation (7.7.9.5).
+
+    System default is what DDS has by default: a writer is reliable, a reader is not, both are
+    volatile and keep the last. With the ``kind`` of an object (``KIND_DATAWRITER`` ...) what a
+    client cannot have an agent do for it raises ValueError.
+    """
+    if kind:
+        fault = _fault(qos, kind)
+        if fault:
+            raise ValueError("no agent can be asked for " + fault + _remedy(fault, qos))
     flags = 0
-    if qos.reliability == ReliabilityPolicy.RELIABLE:
+    reliability = qos.reliability
+    if reliability == ReliabilityPolicy.RELIABLE or (
+        reliability == ReliabilityPolicy.SYSTEM_DEFAULT and kind != ids.KIND_DATAREADER
+    ):
         flags |= ids.QOS_RELIABLE
     if qos.history != HistoryPolicy.KEEP_ALL:
         flags |= ids.QOS_KEEP_LAST
@@ -171,6 +196,50 @@ def to_flags(qos: QoSProfile) -> int:
     elif qos.durability == DurabilityPolicy.PERSISTENT:
         flags |= ids.QOS_PERSISTENT
     return flags
+
+
+def _fault(qos: QoSProfile, kind: int) -> str:
+    """What a client cannot have an agent do; or nothing."""
+    service = kind > ids.KIND_DATAREADER
+    if qos.reliability not in (0, 1, 2):
+        return "that reliability"
+    if qos.durability not in ((0, 2) if service else (0, 1, 2, 5, 6)):
+        return "that durability"
+    if qos.history not in (0, 1, 2):
+        return "that history"
+    if qos.liveliness not in (0, 1) or qos.liveliness_lease_ms:
+        return "that liveliness"
+    if not 0 <= qos.depth <= 0xFFFF:
+        return "that depth"
+    for ms in (qos.deadline_ms, qos.lifespan_ms):
+        if ms and (service or not 0 < ms <= 0xFFFFFFFF):
+            return "that deadline or lifespan"
+    if (
+        qos.separation_ms or qos.partitions or qos.user_data
+        or qos.ownership_strength is not None or (service and qos.ownership_exclusive)
+    ):  # fmt: skip
+        return "partitions, separation, ownership strength or user data"
+    return ""
+
+
+if COMPARABLE:
+    _SAY = {
+        "that reliability": "; give RELIABLE or BEST_EFFORT",
+        "that durability": "; give VOLATILE or TRANSIENT_LOCAL, and VOLATILE for a service",
+        "that history": "; give KEEP_LAST or KEEP_ALL",
+        "that liveliness": "; give AUTOMATIC and no lease: the agent sees to it",
+        "that depth": "; give 0 to 65535",
+        "that deadline or lifespan": "; give None or 1 to 4294967295, and None for a service",
+    }
+
+    def _remedy(fault: str, qos: QoSProfile) -> str:
+        """What to do about it."""
+        return f"{_SAY.get(fault, '; leave them to hosts and to clients of XML')}: {qos!r}"
+
+else:
+
+    def _remedy(fault: str, qos: QoSProfile) -> str:
+        return ""
 
 
 def from_flags(flags: int, depth: "int | None") -> QoSProfile:

@@ -8,7 +8,7 @@ from uros.client.clock import Clock
 from uros.wire import data, ids, session
 from uros.wire.cdr import Reader, Writer
 from uros.wire.header import push_header, push_subheader
-from uros.wire.streams import TIME_MASK, ReliableIn, ReliableOut
+from uros.wire.streams import TIME_MASK, Fragments, ReliableIn, ReliableOut
 
 KEY = 0xAABBCCDD
 
@@ -44,6 +44,8 @@ class Number:
 
     def pack_into(self, buf, offset, start):
         at = offset + (start - offset & 3)
+        if at + 4 > len(buf):
+            raise ValueError("too short a buffer")
         buf[at : at + 4] = number_bytes(self.value)
         return at + 4
 
@@ -74,6 +76,8 @@ class Blob:
         return o + len(self.octets)
 
     def pack_into(self, buf, offset, start):
+        if offset + len(self.octets) > len(buf):
+            raise ValueError("too short a buffer")
         buf[offset : offset + len(self.octets)] = self.octets
         return offset + len(self.octets)
 
@@ -158,6 +162,7 @@ class FakeAgent:
     def streams(self):
         self.into = ReliableIn()
         self.out = ReliableOut()
+        self.fragments = Fragments(1 << 20)
 
     # --- the transport --------------------------------------------------------------------
 
@@ -171,14 +176,15 @@ class FakeAgent:
         self.is_open = False
         self.inbox.clear()
 
-    def send(self, message):
+    def send(self, message, size):
         assert self.is_open
-        assert len(message) <= self.mtu, len(message)
+        assert size <= self.mtu, size
         if self.fail_send:
             raise self.fail_send
-        self.sent.append(bytes(message))
+        message = bytes(memoryview(message)[:size])
+        self.sent.append(message)
         if not self.silent:
-            self.hear(bytes(message))
+            self.hear(message)
 
     def receive(self, timeout_ms):
         assert self.is_open
@@ -272,6 +278,10 @@ class FakeAgent:
             self.times += 1
             now = self.clock.t + self.delay[0] + self.epoch_us
             self.timestamp(now, now, session.pull_timestamp(r))
+        elif kind == ids.FRAGMENT:
+            whole = self.fragments.add(payload, bool(flags & ids.FLAG_LAST_FRAGMENT))
+            if whole is not None:
+                self.submessage(whole[0], whole[1], bytes(whole[4:]))
         elif kind == ids.WRITE_DATA:
             self.samples.append((payload[2] << 8 | payload[3], payload[4:]))
         else:
@@ -295,35 +305,7 @@ class FakeAgent:
         )
 
 
-class Recorder:
-    """Whom a Session tells: ``told`` are (name, values …) in order."""
-
-    def __init__(self):
-        self.told = []
-
-    def on_agent(self, status):
-        self.told.append(("agent", status))
-
-    def on_pong(self):
-        self.told.append(("pong",))
-
-    def on_unknown(self):
-        self.told.append(("unknown",))
-
-    def on_status(self, request_id, status):
-        self.told.append(("status", request_id, status))
-
-    def on_time(self, transmit, receive):
-        self.told.append(("time", transmit, receive))
-
-    def on_data(self, object_id, buf, start, stop, little):
-        self.told.append(("data", object_id, bytes(buf[start:stop]), little))
-
-    def samples(self):
-        return [it[2] for it in self.told if it[0] == "data"]
-
-
 __all__ = [
-    "KEY", "Ask", "Blob", "FakeAgent", "FakeClock", "Number", "Recorder", "built", "data",
+    "KEY", "Ask", "Blob", "FakeAgent", "FakeClock", "Number", "built", "data",
     "message", "number_bytes", "pattern",
 ]  # fmt: skip

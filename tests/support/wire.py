@@ -68,9 +68,10 @@ class BoardEnd:
         if self.is_open:
             self.inbox.append(datagram)
 
-    def send(self, message):
+    def send(self, message, size):
         number = self._number
-        self._wire.carry(bytes(message), lambda it: self._wire.agent_hears(number, it))
+        datagram = bytes(memoryview(message)[:size])
+        self._wire.carry(datagram, lambda it: self._wire.agent_hears(number, it))
 
     def receive(self, timeout_ms):
         self._wire.advance(timeout_ms, lambda: bool(self.inbox))

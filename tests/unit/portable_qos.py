@@ -9,6 +9,7 @@ from uros.qos import (
     from_flags,
     to_flags,
 )
+from uros.wire import ids
 
 
 def test_named_profiles_are_those_of_rmw() -> None:
@@ -83,7 +84,77 @@ def test_system_defaults_in_flags() -> None:
         durability=DurabilityPolicy.SYSTEM_DEFAULT,
         history=HistoryPolicy.SYSTEM_DEFAULT,
     )
-    assert to_flags(profile) == 0x02
+    assert to_flags(profile) == to_flags(qos.qos_profile_system_default) == 0x03
+    assert to_flags(profile, ids.KIND_DATAWRITER) == 0x03
+    assert to_flags(profile, ids.KIND_DATAREADER) == 0x02
+
+
+def test_presets_are_those_of_rclpy() -> None:
+    """tests/interop asks rclpy for them."""
+    local = DurabilityPolicy.TRANSIENT_LOCAL
+    for profile, same in (
+        (qos.qos_profile_default, QoSProfile(10)),
+        (qos.qos_profile_sensor_data, QoSProfile(5, ReliabilityPolicy.BEST_EFFORT)),
+        (qos.qos_profile_services_default, QoSProfile(10)),
+        (qos.qos_profile_parameters, QoSProfile(1000)),
+        (qos.qos_profile_parameter_events, QoSProfile(1000)),
+        (qos.qos_profile_rosout_default, QoSProfile(1000, durability=local, lifespan_ms=10000)),
+        (qos.qos_profile_action_status_default, QoSProfile(1, durability=local)),
+    ):
+        assert profile == same
+        assert to_flags(profile, ids.KIND_DATAWRITER) == to_flags(profile)
+
+
+def test_what_cannot_be_carried_is_refused_with_what_to_do() -> None:
+    writer, reader = ids.KIND_DATAWRITER, ids.KIND_DATAREADER
+    services = (ids.KIND_REQUESTER, ids.KIND_REPLIER)
+    endpoints = (writer, reader)
+    every = endpoints + services
+    for name, value, kinds, said in (
+        ("reliability", 3, every, "RELIABLE or BEST_EFFORT"),
+        ("reliability", 4, every, "RELIABLE or BEST_EFFORT"),
+        ("durability", 3, every, "TRANSIENT_LOCAL"),
+        ("durability", 4, every, "TRANSIENT_LOCAL"),
+        ("durability", DurabilityPolicy.TRANSIENT_LOCAL, services, "VOLATILE for a service"),
+        ("durability", DurabilityPolicy.PERSISTENT, services, "VOLATILE for a service"),
+        ("history", 3, every, "KEEP_ALL"),
+        ("liveliness", qos.LivelinessPolicy.MANUAL_BY_TOPIC, every, "AUTOMATIC"),
+        ("liveliness", 5, every, "AUTOMATIC"),
+        ("liveliness_lease_ms", 100, every, "None"),
+        ("depth", -1, every, "0 to 65535"),
+        ("depth", 65536, every, "0 to 65535"),
+        ("deadline_ms", -1, every, "1 to 4294967295"),
+        ("deadline_ms", 1 << 32, every, "1 to 4294967295"),
+        ("lifespan_ms", 1 << 32, every, "1 to 4294967295"),
+        ("deadline_ms", 5, services, "None for a service"),
+        ("lifespan_ms", 5, services, "None for a service"),
+        ("ownership_exclusive", True, services, "XML"),
+        ("partitions", ("a",), every, "XML"),
+        ("separation_ms", 5, every, "XML"),
+        ("ownership_strength", 0, every, "XML"),
+        ("user_data", b"x", every, "XML"),
+    ):
+        for kind in every:
+            profile = QoSProfile(**{name: value})
+            try:
+                to_flags(profile, kind)
+            except ValueError as error:
+                given = "%s=%r" % (name, value)
+                assert kind in kinds, (name, kind)
+                assert said in str(error) and given in str(error), str(error)
+            else:
+                assert kind not in kinds, (name, value, kind)
+
+
+def test_what_can_be_carried_is_not_refused() -> None:
+    for name, value in (
+        ("depth", 0), ("depth", 65535), ("deadline_ms", 0xFFFFFFFF), ("lifespan_ms", 0xFFFFFFFF),
+        ("deadline_ms", 0), ("liveliness", 0), ("liveliness_lease_ms", 0), ("separation_ms", 0),
+        ("durability", DurabilityPolicy.TRANSIENT), ("durability", DurabilityPolicy.PERSISTENT),
+        ("ownership_exclusive", True), ("history", HistoryPolicy.KEEP_ALL),
+    ):  # fmt: skip
+        for kind in (ids.KIND_DATAWRITER, ids.KIND_DATAREADER):
+            assert to_flags(QoSProfile(**{name: value}), kind) >= 0
 
 
 def test_flags_without_a_meaning_are_passed_over() -> None:

@@ -360,7 +360,7 @@ class Session:
             # C clients give a long message up where publish() runs out of time, with some of its
             # fragments in the stream, and go on with others (on_full_output_buffer_fragmented).
             if incoming.fragments.pending and number != (incoming.fragment_at + 1) & 0xFFFF:
-                incoming.fragments.clear()
+                incoming.fragments.drop()
                 self._handler.fault(
                     "message given up", f"its last fragment never came, stream: {stream_id}"
                 )

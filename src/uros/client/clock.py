@@ -13,7 +13,8 @@ STEP_US: Final = 1000000
 
 
 class Clock:
-    """Ticks, and epoch time in two halves: seconds, and microseconds that stay small integers.
+    """Ticks, and epoch time of which every part stays a small integer on a board: ``high`` and
+    ``low``, 16 bits each, are its seconds.
 
     Until :meth:`set` epoch time counts from when the clock was made. It must be asked for at
     least every eight minutes, as a spinning node does: the ticks wrap. Small corrections
@@ -22,22 +23,20 @@ class Clock:
 
     def __init__(self) -> None:
         self.synchronized = False
-        self.seconds = 0
+        self.high = self.low = 0
         self._last = self.us()
         self._us = 0
         self._ahead = 0  # microseconds that time is still too late by being early
 
-    def ms(self) -> int:
-        """Milliseconds modulo 2^30."""
-        return ticks_ms()
+    # Milliseconds and microseconds modulo 2^30; doing nothing for so many milliseconds.
+    ms = staticmethod(ticks_ms)
+    us = staticmethod(ticks_us)
+    sleep = staticmethod(sleep_ms)
 
-    def us(self) -> int:
-        """Microseconds modulo 2^30."""
-        return ticks_us()
-
-    def sleep(self, ms: int) -> None:
-        """Do nothing for so long."""
-        sleep_ms(ms)
+    @property
+    def seconds(self) -> int:
+        """Since 1970, once :attr:`synchronized`; as of the last time it was asked for."""
+        return self.high << 16 | self.low
 
     def _update(self) -> None:
         now = self.us()
@@ -49,8 +48,10 @@ class Clock:
             passed -= held
         us = self._us + passed
         if us >= 1000000:
-            self.seconds += us // 1000000
+            low = self.low + us // 1000000
             us %= 1000000
+            self.high = (self.high + (low >> 16)) & 0x7FFF
+            self.low = low & 0xFFFF
         self._us = us
 
     def now(self) -> "tuple[int, int]":
@@ -59,13 +60,15 @@ class Clock:
         return self.seconds, self._us * 1000
 
     def stamp(self, time: "Any") -> None:
-        """Write the time into a ``builtin_interfaces/Time``."""
+        """Write the time into a ``builtin_interfaces/Time``; allocates nothing."""
         self._update()
-        time.sec = self.seconds
+        time.high = self.high
+        time.low = self.low
         time.nanosec = self._us * 1000
 
     def set(self, seconds: int, nanoseconds: int) -> None:
-        """This is the time now; the nanoseconds may be more than a second."""
+        """This is the time now; the nanoseconds may be more than a second. ROS's seconds end in
+        January 2038 and begin anew at 0 here, so that a clock which is wrong stops no publisher."""
         self._update()
         us = nanoseconds // 1000
         seconds += us // 1000000
@@ -75,7 +78,8 @@ class Clock:
             self._ahead = -behind
             return
         self._ahead = 0
-        self.seconds = seconds
+        self.high = seconds >> 16 & 0x7FFF
+        self.low = seconds & 0xFFFF
         self._us = us
         self.synchronized = True
 

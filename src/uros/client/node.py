@@ -9,15 +9,19 @@ from .entities import Client, Publisher, Service, Subscription
 from .executor import Executor, Timer
 
 try:
-    from typing import Any, Callable, Final, Iterator
+    from typing import Any, Callable, Final
 
     from .clock import Clock
     from .connection import Transport
     from .entities import Future
+    from .parameter import Parameter
+    from .parameters import ParameterServer
+    from .rosout import Logger, Rosout
 except ImportError:  # MicroPython
     pass
 
 _LONGEST_MS: Final = 0x1FFFFFFF
+_SERVE_MS: Final = 20
 _LONGEST_NAME: Final = 200
 
 
@@ -26,9 +30,10 @@ class Node:
     agent but what says so.
 
     ``transport`` is the board's line (``uros.transport``), or the ``connection`` of another node
-    to share its session. ``key`` is the client key, of 32 bits: the default is made of the board's
-    own id, so that an agent knows a board again after a reset. Other ``options`` are those of
-    :class:`~uros.client.connection.Connection`.
+    to share its session; with that one's ``executor`` too, spinning either spins both. ``key`` is
+    the client key, of 32 bits: the default is made of the board's own id, so that an agent knows a
+    board again after a reset. ``remap`` is a :class:`~uros.client.remap.Remap`. Other ``options``
+    are those of :class:`~uros.client.connection.Connection`.
     """
 
     kinds = (ids.KIND_PARTICIPANT,)
@@ -40,34 +45,45 @@ class Node:
         namespace: str = "",
         domain_id: int = 0,
         key: "int | None" = None,
+        executor: "Executor | None" = None,
+        remap: "Any" = None,
         **options: "Any",
     ) -> None:
+        self._remap = remap
+        if remap is not None:
+            name, namespace = remap.node(name, namespace)
         self.name = check_name(name, "a node's name", 0)
         space = namespace.strip("/")
         self.namespace = "/" + (check_name(space, "a namespace") if space else "")
         self.domain_id = domain_id
-        self.executor = Executor()
+        if executor is None:
+            executor = Executor()
+            executor.between = self._serve
+        self.executor = executor
         self.connection: "Any" = transport
         self._owner = False
         if not hasattr(transport, "pump"):
+            if not hasattr(transport, "mtu"):
+                raise TypeError("%r is no transport, as UdpTransport(host, port) is" % transport)
             self._owner = True
             self.connection = Connection(
                 transport, board_key(name) if key is None else key, **options
             )
         # Ticks, and the time since 1970: ``node.clock.stamp(message.header.stamp)``.
         self.clock: "Clock" = self.connection.clock
-        self._entities: "list[Any]" = []
+        self._entities: "list[Any]" = []  # and timers: all that is called back
         self._more = False  # the last round had something to do
+        self._pumped = self.clock.ms()
         self.object_id = self.connection.add(self) << 4 | ids.KIND_PARTICIPANT
 
     # --- what a connection asks of its entities ---------------------------------------------
 
-    def create(self, connection: "Any") -> "Iterator[None]":
+    def create(self, connection: "Any", step: int) -> bool:
         name = self.name if self.namespace == "/" else self.namespace + "/" + self.name
         connection.create(
             self, self.object_id, self.domain_id, push_binary_participant, name, None
         )
-        yield
+        return True
 
     def on_lost(self) -> None:
         """The session has ended: there is nothing to keep."""
@@ -86,7 +102,7 @@ class Node:
 
     def create_publisher(self, msg_type: "Any", topic: str, qos_profile: "Any" = 10) -> Publisher:
         """``qos_profile`` is a depth (reliable, volatile), or a QoSProfile."""
-        publisher = Publisher(self, self._topic(topic, msg_type), msg_type, qos_profile)
+        publisher = Publisher(self, self.resolve_topic_name(topic), msg_type, qos_profile)
         self._entities.append(publisher)
         return publisher
 
@@ -94,42 +110,174 @@ class Node:
         self, msg_type: "Any", topic: str, callback: "Callable[[Any], object]",
         qos_profile: "Any" = 10,
     ) -> Subscription:  # fmt: skip
-        name = self._topic(topic, msg_type)
+        name = self.resolve_topic_name(topic)
         subscription = Subscription(self, name, msg_type, qos_profile, callback)
         self._add(subscription)
         return subscription
 
     def create_service(
-        self, srv_type: "Any", srv_name: str, callback: "Callable[[Any, Any], Any]"
-    ) -> Service:
-        name = self._topic(srv_name, srv_type.Request)
-        service = Service(self, name, srv_type, 10, callback)
+        self, srv_type: "Any", srv_name: str, callback: "Callable[[Any, Any], Any]",
+        qos_profile: "Any" = 10,
+    ) -> Service:  # fmt: skip
+        """With a profile that is best effort, requests and answers cross the line so; nothing
+        else of it is carried."""
+        name = self.resolve_topic_name(srv_name, True)
+        service = Service(self, name, srv_type, qos_profile, callback)
         self._add(service)
         return service
 
-    def create_client(self, srv_type: "Any", srv_name: str) -> Client:
-        client = Client(self, self._topic(srv_name, srv_type.Request), srv_type, 10)
+    def create_client(self, srv_type: "Any", srv_name: str, qos_profile: "Any" = 10) -> Client:
+        client = Client(self, self.resolve_topic_name(srv_name, True), srv_type, qos_profile)
         self._add(client)
         return client
 
-    def create_timer(self, timer_period_sec: float, callback: "Callable[[], object]") -> Timer:
-        timer = Timer(timer_period_sec, callback, self.clock)
+    def create_timer(
+        self, timer_period_sec: float, callback: "Callable[[], object]", autostart: bool = True
+    ) -> Timer:
+        timer = Timer(timer_period_sec, callback, self.clock, autostart)
         self.executor.add(timer)
+        self._entities.append(timer)
         return timer
 
     def destroy_timer(self, timer: Timer) -> None:
-        self.executor.remove(timer)
+        self.forget(timer)
+
+    # Each of these brings its module when it is used first.
+
+    def get_logger(self) -> "Logger":
+        """The node's log, on the console and on /rosout: see uros.client.rosout."""
+        log: "Rosout | None" = getattr(self, "_rosout", None)
+        if log is None:
+            from .rosout import Rosout
+
+            log = self._rosout = Rosout(self)
+        return log.logger
+
+    # See uros.client.parameters.
+
+    def _parameter_server(self) -> "Any":
+        server = getattr(self, "_parameters", None)
+        if server is None:
+            from .parameters import ParameterServer
+
+            server = ParameterServer(self)
+        return server
+
+    def declare_parameter(
+        self, name: str, value: "Any" = None, descriptor: "Any" = None,
+        ignore_override: bool = False,
+    ) -> "Parameter":  # fmt: skip
+        server: "ParameterServer" = self._parameter_server()
+        return server.declare_parameter(name, value, descriptor, ignore_override)
+
+    def declare_parameters(
+        self, namespace: str, parameters: "Any", ignore_override: bool = False
+    ) -> "list[Parameter]":
+        server: "ParameterServer" = self._parameter_server()
+        return server.declare_parameters(namespace, parameters, ignore_override)
+
+    def undeclare_parameter(self, name: str) -> None:
+        self._parameter_server().undeclare_parameter(name)
+
+    def has_parameter(self, name: str) -> bool:
+        return self._parameter_server().has_parameter(name)  # type: ignore[no-any-return]
+
+    def get_parameter(self, name: str) -> "Parameter":
+        return self._parameter_server().get_parameter(name)  # type: ignore[no-any-return]
+
+    def get_parameters(self, names: "list[str]") -> "list[Parameter]":
+        return self._parameter_server().get_parameters(names)  # type: ignore[no-any-return]
+
+    def get_parameter_or(
+        self, name: str, alternative_value: "Parameter | None" = None
+    ) -> "Parameter":
+        server: "ParameterServer" = self._parameter_server()
+        return server.get_parameter_or(name, alternative_value)
+
+    def get_parameters_by_prefix(self, prefix: str) -> "dict[str, Parameter]":
+        server: "ParameterServer" = self._parameter_server()
+        return server.get_parameters_by_prefix(prefix)
+
+    def get_parameter_type(self, name: str) -> "Any":
+        return self._parameter_server().get_parameter_type(name)
+
+    def get_parameter_types(self, names: "list[str]") -> "list[Any]":
+        return self._parameter_server().get_parameter_types(names)  # type: ignore[no-any-return]
+
+    def set_parameters(self, parameter_list: "list[Parameter]") -> "list[Any]":
+        return self._parameter_server().set_parameters(parameter_list)  # type: ignore[no-any-return]
+
+    def set_parameters_atomically(self, parameter_list: "list[Parameter]") -> "Any":
+        return self._parameter_server().set_parameters_atomically(parameter_list)
+
+    def describe_parameter(self, name: str) -> "Any":
+        return self._parameter_server().describe_parameter(name)
+
+    def describe_parameters(self, names: "list[str]") -> "list[Any]":
+        return self._parameter_server().describe_parameters(names)  # type: ignore[no-any-return]
+
+    def list_parameters(self, prefixes: "list[str]", depth: int) -> "Any":
+        return self._parameter_server().list_parameters(prefixes, depth)
+
+    def set_descriptor(
+        self, name: str, descriptor: "Any", alternative_value: "Any" = None
+    ) -> "Any":
+        return self._parameter_server().set_descriptor(name, descriptor, alternative_value)
+
+    def add_pre_set_parameters_callback(self, callback: "Callable[[Any], Any]") -> None:
+        self._parameter_server().add_pre_set_parameters_callback(callback)
+
+    def add_on_set_parameters_callback(self, callback: "Callable[[Any], Any]") -> None:
+        self._parameter_server().add_on_set_parameters_callback(callback)
+
+    def add_post_set_parameters_callback(self, callback: "Callable[[Any], Any]") -> None:
+        self._parameter_server().add_post_set_parameters_callback(callback)
+
+    def remove_pre_set_parameters_callback(self, callback: "Callable[[Any], Any]") -> None:
+        self._parameter_server().remove_pre_set_parameters_callback(callback)
+
+    def remove_on_set_parameters_callback(self, callback: "Callable[[Any], Any]") -> None:
+        self._parameter_server().remove_on_set_parameters_callback(callback)
+
+    def remove_post_set_parameters_callback(self, callback: "Callable[[Any], Any]") -> None:
+        self._parameter_server().remove_post_set_parameters_callback(callback)
+
+    def destroy_publisher(self, publisher: Publisher) -> None:
+        publisher.destroy()
+
+    def destroy_subscription(self, subscription: Subscription) -> None:
+        subscription.destroy()
+
+    def destroy_service(self, service: Service) -> None:
+        service.destroy()
+
+    def destroy_client(self, client: Client) -> None:
+        client.destroy()
+
+    def create_guard_condition(self, callback: "Callable[[], object]") -> "Any":
+        """Something whose ``trigger()`` has the callback called: see ``guard``."""
+        from .guard import GuardCondition
+
+        guard = GuardCondition(callback, self.clock)
+        self.executor.add(guard)
+        self._entities.append(guard)
+        return guard
+
+    def destroy_guard_condition(self, guard: "Any") -> None:
+        self.forget(guard)
 
     def destroy_node(self) -> None:
         """Take leave of the agent and close the transport; where those are another node's,
         delete what is ours."""
-        if self._owner:
-            for entity in list(self._entities):
+        for entity in reversed(list(self._entities)):
+            if self._owner or not hasattr(entity, "kinds"):
                 self.forget(entity)
+            else:
+                entity.destroy()
+        if self._owner:
+            self.executor.between = None
             self.connection.close()
         else:
-            for entity in reversed(list(self._entities)):
-                entity.destroy()
             self.connection.remove(self, (self.object_id,))
 
     # --- the rest ---------------------------------------------------------------------------
@@ -158,10 +306,18 @@ class Node:
             return space + "/" + self.name + name[1:]
         return space + "/" + name
 
-    def _topic(self, name: str, type: "Any") -> str:
-        full = self.resolve(name)
+    def resolve_topic_name(self, topic: str, service: bool = False) -> str:
+        """The full name that a topic has on the network, remapped. Raises ValueError with the
+        rule of ROS that it breaks."""
+        full = self.resolve(topic)
+        if self._remap is not None:
+            full = self._remap.name(self, topic, service)
         check_name(full[1:], "a topic's or service's name")
         return full
+
+    def resolve_service_name(self, service: str) -> str:
+        """The same for a service."""
+        return self.resolve_topic_name(service, True)
 
     def _add(self, entity: "Any") -> None:
         try:
@@ -173,7 +329,8 @@ class Node:
 
     def forget(self, entity: "Any") -> None:
         """The entity is being destroyed: it is called back no more."""
-        self._entities.remove(entity)
+        if entity in self._entities:
+            self._entities.remove(entity)
         self.executor.remove(entity)
 
     def spin_once(self, timeout_sec: "float | None" = None) -> bool:
@@ -186,12 +343,11 @@ class Node:
             end = ticks_add(self.clock.ms(), min(int(timeout_sec * 1000), _LONGEST_MS))
         while True:
             now = self.clock.ms()
-            if not (self._more and self._overfull()):
-                wait = 0
-                if not self._more:
-                    wait = executor.wait(now)
-                    if end is not None:
-                        wait = min(wait, ticks_diff(end, now))
+            if not (self._more and executor.overfull()):
+                wait = executor.wait(now)
+                if end is not None:
+                    wait = min(wait, ticks_diff(end, now))
+                self._pumped = now
                 self.connection.pump(max(0, wait))
                 now = self.clock.ms()
             self._more = executor.execute(now) > 0
@@ -202,19 +358,41 @@ class Node:
             ):
                 return self._more
 
-    def _overfull(self) -> bool:
-        return any([entity.overfull() for entity in self._entities])
+    def _serve(self) -> None:
+        """Between callbacks: a round of slow ones must not starve the session."""
+        now = self.clock.ms()
+        if ticks_diff(now, self._pumped) >= _SERVE_MS:
+            self._pumped = now
+            self.connection.pump(-1 if self.executor.overfull() else 0)
+
+    def spin_some(self, timeout_sec: float = 0.0) -> int:
+        """Wait at most so long for something to do, and do what there is, round after round,
+        while time is left; how many rounds that were."""
+        end = ticks_add(self.clock.ms(), min(int(timeout_sec * 1000), _LONGEST_MS))
+        rounds = 0
+        left = ticks_diff(end, self.clock.ms())
+        while self.spin_once(0 if rounds else max(0, left) / 1000):
+            rounds += 1
+            left = ticks_diff(end, self.clock.ms())
+            if left <= 0:
+                break
+        return rounds
 
     def spin(self) -> None:
         """Spin for ever."""
         while True:
             self.spin_once()
 
-    def spin_until_future_complete(self, future: "Future", timeout_sec: float = 10.0) -> bool:
-        """Spin until the future is done, or the time is up; whether it is done."""
-        end = ticks_add(self.clock.ms(), int(timeout_sec * 1000))
-        while not future.done() and ticks_diff(end, self.clock.ms()) > 0:
-            self.spin_once(ticks_diff(end, self.clock.ms()) / 1000)
+    def spin_until_future_complete(
+        self, future: "Future", timeout_sec: "float | None" = 10.0
+    ) -> bool:
+        """Spin until the future is done, or the time is up (None: for ever); whether it is done."""
+        end = ticks_add(self.clock.ms(), min(int((timeout_sec or 0) * 1000), _LONGEST_MS))
+        left = timeout_sec
+        while not future.done() and (left is None or left > 0):
+            self.spin_once(left)
+            if left is not None:
+                left = ticks_diff(end, self.clock.ms()) / 1000
         return future.done()
 
 
@@ -230,8 +408,9 @@ def check_name(name: str, what: str, slashes: int = 1) -> str:
             if not part or "0" <= part[0] <= "9" or "__" in part:
                 fault = "has parts that begin with a letter, without __, between single slashes"
             for char in part:
+                # "{" is behind "z", which a board's build would take for the name of a field.
                 if not (
-                    "a" <= char <= "z" or "A" <= char <= "Z" or "0" <= char <= "9" or char == "_"
+                    "a" <= char < "{" or "A" <= char <= "Z" or "0" <= char <= "9" or char == "_"
                 ):
                     fault = "is of letters, digits and _"
     if fault:

@@ -1,67 +1,32 @@
 """One XRCE session from the client's side: datagrams in, datagrams out. No I/O and no clock.
 
 Requests and reliable samples go out on stream 0x80 in the order they are made, as many at a time
-as the window holds; the rest waits here, and nothing here waits for the agent. Times are integer
-milliseconds modulo 2^30 and come from the caller.
+as the window holds; the rest waits here, and nothing here waits for the agent. What is in flight
+stands in buffers that are used again and again: once they are there, sending a sample allocates
+nothing. Times are integer milliseconds modulo 2^30 and come from the caller.
 """
 
+from struct import pack_into, unpack_from
+
 from ..wire import ids
-from ..wire.cdr import Reader
-from ..wire.data import REQUEST_SIZE
+from ..wire.cdr import Writer
 from ..wire.errors import DecodeError, EncodeError, WireError
-from ..wire.header import MessageWriter, pull_header, pull_subheader, push_header, push_subheader
-from ..wire.session import (
-    acknack_message,
-    pull_acknack,
-    pull_heartbeat,
-    pull_status,
-    pull_timestamp_reply,
-    push_create_client,
-    push_get_info,
-    push_heartbeat,
-    push_request,
-    push_timestamp,
-)
 from ..wire.streams import (
-    BestEffortIn,
+    HEARTBEAT_MS,
+    RESEND_HOLD_MS,
+    SEQUENCE_MASK,
+    WINDOW,
     Fragments,
     ReliableIn,
-    ReliableOut,
     sequence_after,
-    split,
+    ticks_add,
     ticks_diff,
 )
 
 try:
-    from typing import Any, Callable, Final, Protocol
+    from typing import Any, Callable, Final
 
     from ..wire.cdr import Buffer
-
-    class Owner(Protocol):
-        """Who is told what the agent says."""
-
-        def on_agent(self, status: int) -> None:
-            """The session was opened, or refused."""
-
-        def on_pong(self) -> None:
-            """There is an agent: the answer to a ping outside of a session."""
-
-        def on_unknown(self) -> None:
-            """The agent says that it does not know the session."""
-
-        def on_status(self, request_id: int, status: int) -> None:
-            """What became of a request."""
-
-        def on_time(
-            self, transmit: "tuple[int, int]", receive: "tuple[int, int]"
-        ) -> None:
-            """The agent's clock on sending and on receiving, in seconds and nanoseconds."""
-
-        def on_data(
-            self, object_id: int, buf: "Buffer", start: int, stop: int, little: bool
-        ) -> None:
-            """A sample; ``buf`` is the caller's only until the call returns."""
-
 except ImportError:  # MicroPython
     pass
 
@@ -70,7 +35,7 @@ LAST_SESSION_ID: Final = 0xFE
 # Smaller request ids have a meaning of their own (XRCE 7.7.3.1).
 FIRST_REQUEST: Final = 10
 GOODBYE: Final = 9
-# A message header, a submessage header, and the two ids of a WRITE_DATA.
+# A message header, a submessage header, and the two ids of a request.
 _SUBHEADER: Final = 4
 _IDS: Final = 8
 _SAMPLE: Final = 12
@@ -80,53 +45,68 @@ MAX_REQUEST: Final = 512
 # So many heartbeats, one after the other and for so long, are not late.
 _BEHIND: Final = 8
 _BEHIND_MS: Final = 2000
-# Most messages that may wait behind each other: the rest of MAX_HELD is for requests.
-_MOST: Final = 0x7000
+# The slots are a ring of this size, and buffers in it a multiple of 32 long: samples that change
+# their length a little find room where the one before was.
+_RING: Final = WINDOW - 1
+_ROUND: Final = 31
+# The least payload of each kind of submessage that agents send: shorter ones are nonsense.
+_LEAST: Final = b"\0\0\0\0\1\6\6\0\0\4\5\5\0\0\0\30"
 
 
 class Session:
-    """See the module. ``send`` gets each datagram that is to go out.
+    """See the module. ``transport.send(buf, size)`` gets each datagram that is to go out. An heir
+    is told what the agent says: ``on_agent(status)`` the session was opened or refused,
+    ``on_pong()`` there is an agent, ``on_unknown()`` it does not know the session,
+    ``on_status(request_id, status)`` what became of a request, ``on_time(transmit, receive)`` its
+    clock on sending and on receiving, ``on_data(object_id, buf, start, stop, little)`` a sample,
+    in a buffer that is the caller's until the call returns; and ``on_line(error)`` what
+    OSError the transport raised.
 
-    ``mtu`` is the largest datagram in bytes, ``limit`` how many bytes may wait in either
-    direction: a larger sample than that cannot be sent or received at all.
+    ``transport.mtu`` is the largest datagram in bytes, ``limit`` how many bytes may wait in either
+    direction: a larger sample than that cannot be sent or received at all. ``now`` is the time
+    that it was last told.
     """
 
-    def __init__(
-        self,
-        owner: "Owner",
-        send: "Callable[[Buffer], None]",
-        key: int,
-        mtu: int,
-        limit: int,
-    ) -> None:
+    on_agent: "Callable[[int], object]"
+    on_pong: "Callable[[], object]"
+    on_unknown: "Callable[[], object]"
+    on_status: "Callable[[int, int], object]"
+    on_time: "Callable[[tuple[int, ...], tuple[int, ...]], object]"
+    on_data: "Callable[[int, Buffer, int, int, bool], object]"
+    on_line: "Callable[[OSError], object]"
+
+    def __init__(self, transport: "Any", key: int, limit: int) -> None:
+        self.transport = transport
         self.key = key
         self.id = FIRST_SESSION_ID
+        mtu: int = transport.mtu
         self.mtu = mtu
         self.limit = limit
+        self.now = 0
+        self.ready = False  # whether samples may be written; set it by make_ready
+        self.starved = 0  # how often memory ended while a datagram was sent or read
         self.dropped = 0  # datagrams that made no sense, or were for another session
         self.request_id = FIRST_REQUEST
-        self._owner = owner
-        self._send = send
-        self._buf = bytearray(max(mtu, MAX_REQUEST))
         self._fragments = Fragments(limit)
         self._part = (mtu - _IDS) & ~3  # octets in a fragment
-        self._acknowledge = False
+        self._nothing = (None,) * (WINDOW + 1)
         self._reset()
+        self.trim()
 
     def _reset(self) -> None:
-        self.out = ReliableOut()
+        self.next = 0  # number of the next message to go out
+        self.acked = 0  # first number not acknowledged
+        self.deadline: "int | None" = None  # when tick() has something to send
+        self.waiting: "list[Any]" = []  # messages behind the window
+        self._queued = 0  # bytes of those that are here
+        self._split_at = 0  # this much of the first has gone out in fragments
         self._in = ReliableIn()
-        self._best_in = BestEffortIn()
-        self._best_out = 0
-        self._fragments.clear()
+        self._best_in = self._best_out = SEQUENCE_MASK  # the last numbers
+        self._fragments.drop()
         self._acknowledge = False
         self._asked: "tuple[int, int] | None" = None  # the time that the last TIMESTAMP told
         self._behind = 0  # heartbeats one after the other that told of less than has come
         self._behind_since = 0
-
-    def begun(self) -> bool:
-        """Whether anything of a reliable stream has come through, in either direction."""
-        return bool(self.out.acked or self._in.next)
 
     def renew(self) -> None:
         """Forget all of the session; the next one has another id, so that no late datagram of
@@ -134,234 +114,436 @@ class Session:
         self.id = FIRST_SESSION_ID if self.id >= LAST_SESSION_ID else self.id + 1
         self.request_id = FIRST_REQUEST
         self._reset()
+        self.trim()
 
-    # --- outside of streams -----------------------------------------------------------
+    def trim(self) -> None:
+        """Keep no more buffers than there are messages in flight."""
+        if not self.flying():
+            # By number: the buffers of messages in flight, and when they were sent again.
+            self.slots: "list[bytearray | None]" = [None] * WINDOW
+            self._again_at = [0] * WINDOW
+        # The others are a stack of ``free``, from 1 on; under it there is None.
+        self._idle: "list[bytearray | None]" = [None] * (WINDOW + 1)
+        self.free = 0
+        # For publishers: that stack, while samples may be written and the last one went out at
+        # once and in one message, as the next will if it fits the top. Else a stack of nothing.
+        self.stack: "Any" = self._nothing
+        # What is sent and forgotten, and what is being built.
+        self._spare = bytearray(_ROUND + 1)
 
-    def _message(
-        self, session_id: int, kind: int, push: "Callable[..., None]", *values: "Any"
-    ) -> None:
-        w = MessageWriter(self._buf, session_id, ids.STREAM_NONE, 0)
-        w.begin(kind)
-        push(w, *values)
-        self._send(w.finish())
+    def flying(self) -> int:
+        """Messages that are sent and not acknowledged."""
+        return (self.next - self.acked) & SEQUENCE_MASK
+
+    def held(self) -> int:
+        """Messages in flight and waiting."""
+        return self.flying() + len(self.waiting)
+
+    def size(self) -> int:
+        """Bytes of the messages held."""
+        size = self._queued
+        for i in range(self.flying()):
+            size += self._size(self.slots[(self.acked + i) & _RING])
+        return size
+
+    def _size(self, buf: "Any") -> int:
+        """The length of a message in flight, which is one submessage."""
+        length: int = buf[6] | buf[7] << 8
+        return length + _IDS
+
+    def make_ready(self, ready: bool) -> None:
+        """Whether samples may be written from now on."""
+        self.ready = ready
+        self.stack = self._nothing
+
+    def room(self) -> bool:
+        """Whether a request would go out at once if made now."""
+        return not self.waiting and self.flying() < WINDOW
+
+    # --- outside of streams -----------------------------------------------------------------
+
+    def _short(self, session_id: int, kind: int, payload: "Buffer") -> None:
+        buf = self._spare
+        pack_into("<BBHBBH", buf, 0, session_id, ids.STREAM_NONE, 0, kind, 1, len(payload))
+        size = _IDS + len(payload)
+        buf[_IDS:size] = payload
+        self.send(buf, size)
+
+    def ping(self, inside: bool) -> None:
+        """Ask whether there is an agent; ``inside``, whether it knows this session."""
+        self._short(
+            self.id if inside else ids.SESSION_NONE_WITHOUT_KEY, ids.GET_INFO,
+            b"\0\x0a\xff\xfd\2\0\0\0",  # request 10, the agent, its activity
+        )  # fmt: skip
 
     def hello(self) -> None:
-        """CREATE_CLIENT; the answer is ``on_agent``."""
-        self._message(
-            ids.SESSION_NONE_WITHOUT_KEY, ids.CREATE_CLIENT,
-            push_create_client, self.key, self.id, self.mtu,
-        )  # fmt: skip
-
-    def ping(self, within: bool) -> None:
-        """GET_INFO about the agent, within the session or without one (then ``on_pong``)."""
-        session_id = self.id if within else ids.SESSION_NONE_WITHOUT_KEY
-        self._message(
-            session_id, ids.GET_INFO,
-            push_get_info, FIRST_REQUEST, ids.OBJECT_AGENT, ids.INFO_ACTIVITY,
-        )  # fmt: skip
-
-    def ask_time(self, seconds: int, nanoseconds: int) -> None:
-        """TIMESTAMP with our own time; the answer to the last one is ``on_time``."""
-        self._asked = (seconds & 0xFFFFFFFF, nanoseconds)
-        self._message(self.id, ids.TIMESTAMP, push_timestamp, *self._asked)
+        """CREATE_CLIENT."""
+        hello = bytearray(b"XRCE\1\0\1\x0f....\0\0..")
+        pack_into(">IB", hello, 8, self.key, self.id)
+        pack_into("<H", hello, 14, self.mtu)
+        self._short(ids.SESSION_NONE_WITHOUT_KEY, ids.CREATE_CLIENT, hello)
 
     def goodbye(self) -> None:
-        """DELETE the client; the answer is ``on_status``, for request GOODBYE."""
-        self._message(self.id, ids.DELETE, push_request, GOODBYE, ids.OBJECT_CLIENT)
+        """Delete the session; on_status tells of request GOODBYE when the agent has done so."""
+        self._short(self.id, ids.DELETE, b"\0\x09\xff\xfe")
 
-    # --- reliable and best effort -----------------------------------------------------
+    def ask_time(self, seconds: int, nanoseconds: int) -> None:
+        """TIMESTAMP with our time; on_time tells the answer, once and only to the last one."""
+        self._asked = (seconds & 0xFFFFFFFF, nanoseconds)
+        asked = bytearray(8)
+        pack_into("<II", asked, 0, self._asked[0], nanoseconds)
+        self._short(self.id, ids.TIMESTAMP, asked)
 
-    def next_request(self) -> int:
-        """The request id of the next request."""
-        request = self.request_id
-        self.request_id = FIRST_REQUEST if request >= 0xFFFF else request + 1
-        return request
+    # --- requests and samples -----------------------------------------------------------------
 
-    def request(
-        self, kind: int, flags: int, now: int, push: "Callable[..., None]", *values: "Any"
-    ) -> int:
-        """A request on the reliable stream; its id, which ``push`` gets before the values.
+    def begin(self, object_id: int) -> Writer:
+        """For a request about an object: what writes all that follows the two ids."""
+        size = max(self.mtu, MAX_REQUEST)
+        if len(self._spare) < size:
+            self._spare = bytearray(size)
+        w = Writer(self._spare, _IDS)
+        w.be16(self.request_id)
+        w.be16(object_id)
+        return w
+
+    def request(self, kind: int, flags: int, w: Writer) -> int:
+        """Send a request that was begun, on the reliable stream: its id.
 
         Raises EncodeError where it is longer than the MTU and MAX_REQUEST.
         """
-        w = MessageWriter(self._buf, self.id, ids.STREAM_RELIABLE, self.out.next)
-        w.begin(kind, flags)
-        request = self.next_request()
-        push(w, request, *values)
-        self._put(w.finish(), now)
-        return request
+        size = w.offset
+        buf = self._slot(size) if size <= self.mtu and self.room() else bytearray(size)
+        buf[:size] = memoryview(self._spare)[:size]
+        return self._put(buf, size, kind, flags)
 
-    def write(
-        self, object_id: int, message: "Any", prefix: bytes, reliable: "bool | int", now: int
-    ) -> int:
+    def write(self, object_id: int, message: "Any", prefix: bytes, reliable: "bool | int") -> int:
         """WRITE_DATA of a generated message behind ``prefix``; the request id.
 
-        0 where too much waits already: nothing was sent. Raises EncodeError for a sample that
-        can never be sent, and what packing raises; nothing is half sent.
+        0 where it is not ready or too much waits already: nothing was sent. Raises EncodeError
+        for a sample that can never be sent, and what packing raises; nothing is half sent.
         """
+        if not self.ready:
+            return 0
         start = _SAMPLE + len(prefix)
-        size = start + message.cdr_size()
-        limit = self.limit if reliable else self.mtu
-        if size > limit:
+        size: int = start + message.cdr_size()
+        buf = self._buffer(size, message, reliable)
+        if buf is None:
+            return 0
+        message.pack_into(buf, start, start)
+        buf[_SAMPLE:start] = prefix
+        pack_into(">HH", buf, _IDS, self.request_id, object_id)
+        if reliable:
+            return self._put(buf, size, ids.WRITE_DATA, ids.FLAG_LITTLE_ENDIAN)
+        self._best_out = (self._best_out + 1) & SEQUENCE_MASK
+        pack_into(
+            "<BBHBBH", buf, 0, self.id, ids.STREAM_BEST_EFFORT, self._best_out,
+            ids.WRITE_DATA, ids.FLAG_LITTLE_ENDIAN, size - _IDS,
+        )  # fmt: skip
+        self.send(buf, size)
+        return self.next_request()
+
+    def _buffer(self, size: int, message: "Any", reliable: "bool | int") -> "bytearray | None":
+        """Where a sample of so many bytes can be made; None: too much waits already."""
+        most = self.limit if reliable else self.mtu
+        if size > most:
             raise EncodeError(
                 "%s takes %d bytes, the %s allows %d"
-                % (message._TYPE, size, "limit" if reliable else "mtu of best effort", limit)
+                % (message._TYPE, size, "limit" if reliable else "mtu of best effort", most)
             )
-        if reliable and (
-            size + self.out.size > self.limit
-            or len(self.out) + size // self._part >= _MOST
-        ):
-            return 0
-        buf = bytearray(size)
-        message.pack_into(buf, start, start)
-        push_subheader(buf, _SUBHEADER, ids.WRITE_DATA, ids.FLAG_LITTLE_ENDIAN, size - _IDS)
-        request = self.next_request()
-        buf[_IDS] = request >> 8
-        buf[_IDS + 1] = request & 0xFF
-        buf[_IDS + 2] = object_id >> 8
-        buf[_IDS + 3] = object_id & 0xFF
-        buf[_SAMPLE:start] = prefix
         if not reliable:
-            push_header(buf, self.id, ids.STREAM_BEST_EFFORT, self._best_out)
-            self._best_out = (self._best_out + 1) & 0xFFFF
-            self._send(buf)
-            return request
-        push_header(buf, self.id, ids.STREAM_RELIABLE, self.out.next)
-        self._put(buf, now)
+            if len(self._spare) < size:
+                self._spare = bytearray(size | _ROUND)
+            return self._spare
+        if size + self.size() > self.limit:
+            return None
+        if size <= self.mtu and self.room():
+            if self.limit >= WINDOW * self.mtu:  # more than can be in flight
+                self.stack = self._idle
+            return self._slot(size)
+        self.stack = self._nothing
+        return bytearray(size)
+
+    def next_request(self) -> int:
+        request = self.request_id
+        self.request_id = request + 1 & 0xFFFF or FIRST_REQUEST
         return request
 
-    def _put(self, buf: "bytes | bytearray", now: int) -> None:
-        """A message of the reliable stream, in fragments where it is longer than the MTU."""
-        size = len(buf)
-        if size <= self.mtu:
-            self.out.put(buf)
-        else:
-            view = memoryview(buf)
-            for first, stop, flags in split(size - _SUBHEADER, self._part):
-                part = bytearray(_IDS + stop - first)
-                push_header(part, self.id, ids.STREAM_RELIABLE, self.out.next)
-                push_subheader(part, _SUBHEADER, ids.FRAGMENT, flags, stop - first)
-                part[_IDS:] = view[_SUBHEADER + first : _SUBHEADER + stop]
-                self.out.put(part)
-        self._flush(now)
+    # --- the reliable stream out --------------------------------------------------------------
 
-    def _flush(self, now: int) -> None:
-        for message in self.out.take(now):
-            self._send(message)
+    def _slot(self, size: int) -> bytearray:
+        """The top of the stack, of ``size`` bytes or more: one that is idle, or else a new one in
+        its place. So there are never more than were in flight at once."""
+        idle = self._idle
+        top = self.free
+        for i in range(top, 0, -1):
+            buf: "Any" = idle[i]
+            if len(buf) >= size:
+                idle[i] = idle[top]
+                idle[top] = buf
+                return buf  # type: ignore[no-any-return]
+        if top:
+            self.free = top - 1
+        else:
+            top = 1
+        buf = idle[top] = bytearray(min(size | _ROUND, self.mtu))
+        self.free = top
+        return buf  # type: ignore[no-any-return]
+
+    def _put(self, buf: bytearray, size: int, kind: int, flags: int) -> int:
+        """A submessage that is complete but for its header: its request id. It goes out now if
+        ``buf`` is the slot of the next number, else as the window reaches it."""
+        # Of more than 64 kB eProsima's agent takes all there is, where the length is 0.
+        length = size - _IDS if size - _IDS <= 0xFFFF else 0
+        pack_into("<BBH", buf, _SUBHEADER, kind, flags, length)
+        if buf is self._idle[self.free]:
+            self._launch(buf, size)
+        else:
+            self.defer(buf)
+        return self.next_request()
+
+    def defer(self, buf: "Any") -> None:
+        """A complete message, or what fills parts of one, that goes out as the window reaches
+        it."""
+        self.stack = self._nothing
+        self.waiting.append(buf)
+        if isinstance(buf, bytearray):
+            self._queued += len(buf)
+        try:
+            self._flush()
+        except MemoryError:  # it is taken, and goes out when there is some
+            self.starved += 1
+
+    def _launch(self, buf: bytearray, size: int) -> None:
+        """Send the message of the next number, which is complete and in the stack's top."""
+        i = self.next & _RING
+        pack_into("<BBH", buf, 0, self.id, ids.STREAM_RELIABLE, self.next)
+        self.free -= 1
+        self.slots[i] = buf
+        self.next = (self.next + 1) & SEQUENCE_MASK
+        self.send(buf, size)
+
+    def send(self, buf: bytearray, size: int) -> None:
+        """Send a datagram; what the line does not take is lost as others are."""
+        try:
+            self.transport.send(buf, size)
+        except Exception as error:
+            self.unsent(error)
+
+    def unsent(self, error: Exception) -> None:
+        """What the transport raised."""
+        if isinstance(error, OSError):
+            self.on_line(error)
+        elif isinstance(error, MemoryError):  # if it matters, it goes out again
+            self.starved += 1
+        else:
+            raise error
+
+    def _flush(self) -> None:
+        """Send what waits, in fragments where it is longer than the MTU, as far as the window
+        reaches. Where memory ends it goes on from there at the next time."""
+        while self.waiting and self.flying() < WINDOW:
+            whole = self.waiting[0]
+            size = len(whole)
+            first = self._split_at or _SUBHEADER
+            stop = size
+            head = first
+            if size > self.mtu:
+                stop = min(size, first + self._part)
+                head = _IDS
+            part = self._slot(head + stop - first)
+            if isinstance(whole, bytearray):
+                part[head : head + stop - first] = memoryview(whole)[first:stop]
+            else:
+                whole.fill(part, head, first, stop)
+            if size > self.mtu:
+                flags = ids.FLAG_LITTLE_ENDIAN
+                if stop == size:
+                    flags |= ids.FLAG_LAST_FRAGMENT
+                pack_into("<BBH", part, _SUBHEADER, ids.FRAGMENT, flags, stop - first)
+            self._split_at = stop
+            try:
+                if stop == size:
+                    self._split_at = 0
+                    if isinstance(whole, bytearray):
+                        self._queued -= size
+                    self.waiting.pop(0)
+            finally:  # a list that shrinks wants memory, too
+                self._launch(part, head + stop - first)
+
+    def _acknowledged(self, first: int, missing: int) -> None:
+        """Forget what arrived, send again what did not, and then what waits.
+
+        An acknack for numbers never sent is a fault of the agent and ignored.
+        """
+        if (first - self.acked) & SEQUENCE_MASK > self.flying():
+            return
+        news = self.acked != first or missing
+        while self.acked != first:
+            i = self.acked & _RING
+            self.free += 1
+            self._idle[self.free] = self.slots[i]
+            self._again_at[i] = 0
+            self.acked = (self.acked + 1) & SEQUENCE_MASK
+        held_back = False
+        again = self._again_at
+        while missing and first != self.next:
+            i = first & _RING
+            if missing & 1:
+                if again[i] and ticks_diff(self.now, again[i]) < RESEND_HOLD_MS:
+                    held_back = True
+                else:
+                    again[i] = self.now or 1
+                    buf: "Any" = self.slots[i]
+                    self.send(buf, self._size(buf))
+            missing >>= 1
+            first = (first + 1) & SEQUENCE_MASK
+        self._flush()
+        if self.acked == self.next:
+            self.deadline = None
+        elif held_back:
+            self.deadline = ticks_add(self.now, RESEND_HOLD_MS)
+        elif news:
+            # Not at every acknack: the agent could put the heartbeat off for ever.
+            self.deadline = ticks_add(self.now, HEARTBEAT_MS)
 
     # --- time ---------------------------------------------------------------------------
 
     def tick(self, now: int) -> None:
         """Send what is due by time or owed to the agent: acknowledgements, heartbeats.
 
-        ``out.deadline`` tells when the next is due, if nothing comes before.
+        ``deadline`` tells when the next is due, if nothing comes before.
         """
+        self.now = now
+        self._flush()
+        if self.deadline is None and self.next != self.acked:
+            self.deadline = ticks_add(now, HEARTBEAT_MS)
         if self._acknowledge:
             self._acknowledge = False
             first, missing = self._in.acknack()
-            self._send(acknack_message(self.id, self.key, first, missing, ids.STREAM_RELIABLE))
-        beat = self.out.heartbeat(now)
-        if beat:
-            self._message(
-                self.id, ids.HEARTBEAT, push_heartbeat, beat[0], beat[1], ids.STREAM_RELIABLE
-            )
+            missing = missing >> 8 | (missing & 0xFF) << 8
+            self._report(ids.ACKNACK, first, missing)
+        if self.deadline is not None and ticks_diff(now, self.deadline) >= 0:
+            self.deadline = ticks_add(now, HEARTBEAT_MS)
+            self._report(ids.HEARTBEAT, self.acked, (self.next - 1) & SEQUENCE_MASK)
+
+    def _report(self, kind: int, first: int, second: int) -> None:
+        pack_into(
+            "<BBHBBHHHB", self._spare, 0, self.id, ids.STREAM_NONE, 0, kind,
+            ids.FLAG_LITTLE_ENDIAN, 5, first, second, ids.STREAM_RELIABLE,
+        )  # fmt: skip
+        self.send(self._spare, 13)
 
     # --- receiving ----------------------------------------------------------------------
 
     def receive(self, message: "Buffer", now: int) -> bool:
         """Take one datagram, whatever it is; whether it was the agent's, for this session."""
-        end = len(message)
-        try:
-            session_id, stream, sequence, _, start = pull_header(message, end)
-            if session_id != self.id:
-                if session_id == ids.SESSION_NONE_WITHOUT_KEY and message[start] == ids.INFO:
-                    self._owner.on_pong()
-                else:
-                    self.dropped += 1
-                return False
-            if stream == ids.STREAM_RELIABLE:
-                self._acknowledge = True
-                if self._in.receive(sequence, memoryview(message)[start:]):
-                    self._take(message, start, now)
-                    self._catch_up(now)
-            elif stream == ids.STREAM_NONE or (
-                stream == ids.STREAM_BEST_EFFORT and self._best_in.accept(sequence)
-            ):
-                self._take(message, start, now)
-        except WireError:
+        self.now = now
+        if len(message) < _IDS:
             self.dropped += 1
             return False
+        if message[0] != self.id:
+            if message[0] == ids.SESSION_NONE_WITHOUT_KEY and message[_SUBHEADER] == ids.INFO:
+                self.on_pong()
+            else:
+                self.dropped += 1
+            return False
+        stream = message[1]
+        number = message[2] | message[3] << 8
+        if stream == ids.STREAM_RELIABLE:
+            self._acknowledge = True
+            if self._in.receive(number, memoryview(message)[_SUBHEADER:]):
+                self._read(message, _SUBHEADER)
+                self._catch_up()
+        elif stream == ids.STREAM_NONE:
+            self._read(message, _SUBHEADER)
+        elif stream == ids.STREAM_BEST_EFFORT and sequence_after(number, self._best_in):
+            self._best_in = number
+            self._read(message, _SUBHEADER)
         return True
 
-    def _take(self, buf: "Buffer", at: int, now: int) -> None:
+    def _read(self, buf: "Buffer", at: int) -> None:
         """Handle a message. Nonsense in one is no reason to keep those behind it."""
         try:
-            self._submessages(buf, at, len(buf), now)
+            self._submessages(buf, at, len(buf))
         except WireError:
             self.dropped += 1
+        except MemoryError:
+            if buf[at] == ids.FRAGMENT:  # it does not come again, and its message is not whole
+                self._fragments.drop(buf[at + 1] & ids.FLAG_LAST_FRAGMENT)
+            raise
 
-    def _catch_up(self, now: int) -> None:
+    def _catch_up(self) -> None:
         body = self._in.pop()
         while body is not None:
-            self._take(body, 0, now)
+            self._read(body, 0)
             body = self._in.pop()
 
-    def _submessages(self, buf: "Buffer", at: int, end: int, now: int) -> None:
+    def _submessages(self, buf: "Buffer", at: int, end: int) -> None:
         while at + 4 <= end:
-            kind, flags, start, stop = pull_subheader(buf, at, end)
-            little = bool(flags & ids.FLAG_LITTLE_ENDIAN)
+            kind = buf[at]
+            start = at + 4
+            stop = start + (buf[at + 2] | buf[at + 3] << 8)
+            if end - start > 0xFFFF:  # its length says nothing
+                stop = end
+            if stop > end or (kind < 16 and stop - start < _LEAST[kind]):
+                raise DecodeError("truncated submessage")
+            little = bool(buf[at + 1] & ids.FLAG_LITTLE_ENDIAN)
             if kind == ids.DATA:
-                if stop - start >= REQUEST_SIZE:
-                    thing = buf[start + 2] << 8 | buf[start + 3]
-                    self._owner.on_data(thing, buf, start + REQUEST_SIZE, stop, little)
+                thing = buf[start + 2] << 8 | buf[start + 3]
+                self.on_data(thing, buf, start + 4, stop, little)
             elif kind == ids.FRAGMENT:
                 whole = self._fragments.add(
-                    memoryview(buf)[start:stop], bool(flags & ids.FLAG_LAST_FRAGMENT)
+                    memoryview(buf)[start:stop], buf[at + 1] & ids.FLAG_LAST_FRAGMENT
                 )
                 if whole is not None:
                     if whole and whole[0] == ids.FRAGMENT:  # and in it more, deeper than stacks
                         raise DecodeError("fragments of fragments")
-                    self._take(whole, 0, now)
+                    self._read(whole, 0)
             else:
-                self._control(kind, Reader(buf, start, stop, little), now)
+                self._control(kind, buf, start, little)
             at = stop + (-stop & 3)
 
-    def _control(self, kind: int, r: Reader, now: int) -> None:
-        if kind == ids.ACKNACK:
-            first, missing, stream = pull_acknack(r)
-            if stream == ids.STREAM_RELIABLE:
-                for message in self.out.acknack(first, missing, now):
-                    self._send(message)
-        elif kind == ids.HEARTBEAT:
-            first, last, stream = pull_heartbeat(r)
-            if stream == ids.STREAM_RELIABLE:
-                self._acknowledge = True
-                # A late heartbeat does so too; but that many are an agent which has begun anew.
-                if not sequence_after(self._in.next, last + 1):
-                    self._behind = 0
-                else:
-                    if not self._behind:
-                        self._behind_since = now
-                    self._behind += 1
-                    if (
-                        self._behind >= _BEHIND
-                        and ticks_diff(now, self._behind_since) >= _BEHIND_MS
-                    ):
-                        self._owner.on_unknown()
-                if self._in.heartbeat(first, last):
-                    self._fragments.lost()
-                self._catch_up(now)
-        elif kind == ids.STATUS:
-            request, _, status, _ = pull_status(r)
-            self._owner.on_status(request, status)
+    def _control(self, kind: int, buf: "Buffer", at: int, little: bool) -> None:
+        if kind == ids.STATUS:
+            self.on_status(buf[at] << 8 | buf[at + 1], buf[at + 4])
         elif kind == ids.INFO:
             # Agents from 3.0 on answer sessions that they do not know, and say 0 here.
-            if pull_status(r)[3] == 0:
-                self._owner.on_unknown()
+            if not buf[at + 5]:
+                self.on_unknown()
         elif kind == ids.STATUS_AGENT:
-            self._owner.on_agent(r.u8())
+            self.on_agent(buf[at])
         elif kind == ids.TIMESTAMP_REPLY:
-            transmit, receive, originate = pull_timestamp_reply(r)
-            if originate == self._asked:  # not a late answer to the question before
+            it = unpack_from("<6I" if little else ">6I", buf, at)
+            if it[4:] == self._asked:  # not a late answer to the question before
                 self._asked = None
-                self._owner.on_time(transmit, receive)
+                self.on_time(it[:2], it[2:4])
+        elif kind == ids.ACKNACK or kind == ids.HEARTBEAT:
+            if buf[at + 4] == ids.STREAM_RELIABLE:
+                first = self._u16(buf, at, little)
+                if kind == ids.ACKNACK:
+                    self._acknowledged(first, self._u16(buf, at + 2, False))
+                else:
+                    self._heartbeat(first, self._u16(buf, at + 2, little))
+
+    def _u16(self, buf: "Buffer", at: int, little: bool) -> int:
+        if little:
+            return buf[at] | buf[at + 1] << 8
+        return buf[at] << 8 | buf[at + 1]
+
+    def _heartbeat(self, first: int, last: int) -> None:
+        self._acknowledge = True
+        # A late heartbeat does so too; but that many are an agent which has begun anew.
+        if not sequence_after(self._in.next, last + 1):
+            self._behind = 0
+        else:
+            if not self._behind:
+                self._behind_since = self.now
+            self._behind += 1
+            if (
+                self._behind >= _BEHIND
+                and ticks_diff(self.now, self._behind_since) >= _BEHIND_MS
+            ):
+                self.on_unknown()
+        if self._in.heartbeat(first, last):
+            self._fragments.lost()
+        self._catch_up()

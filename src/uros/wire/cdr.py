@@ -144,9 +144,7 @@ class Writer:
     def u16(self, value: int) -> None:
         if not 0 <= value <= 0xFFFF:
             raise EncodeError("%d does not fit 16 bits" % value)
-        at = self._next(2, 2)
-        self.buf[at] = value & 0xFF
-        self.buf[at + 1] = value >> 8
+        pack_into("<H", self.buf, self._next(2, 2), value)
 
     def i16(self, value: int) -> None:
         if not -0x8000 <= value <= 0x7FFF:
@@ -179,9 +177,7 @@ class Writer:
         """A 16-bit number as two octets, high first, never aligned."""
         if not 0 <= value <= 0xFFFF:
             raise EncodeError("%d does not fit 16 bits" % value)
-        at = self._next(2, 1)
-        self.buf[at] = value >> 8
-        self.buf[at + 1] = value & 0xFF
+        pack_into(">H", self.buf, self._next(2, 1), value)
 
     def sequence(self, value: "Buffer") -> None:
         """A 32-bit length, then the octets."""
@@ -196,6 +192,4 @@ class Writer:
             raise EncodeError("a string that UTF-8 cannot carry")
         if 0 in raw:
             raise EncodeError("a string with a NUL in it would end there")
-        self.u32(len(raw) + 1)
-        self.octets(raw)
-        self.u8(0)
+        self.sequence(raw + b"\x00")

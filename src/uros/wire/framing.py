@@ -48,18 +48,22 @@ def crc16(data: "Buffer", start: int, stop: int, crc: int = 0) -> int:
     return crc
 
 
-def frame_size(payload: "Buffer") -> int:
-    """Upper bound of a framed payload's length: every byte escaped."""
-    return 1 + 2 * (len(payload) + _OVERHEAD)
+def frame_size(payload: "Buffer | int") -> int:
+    """Upper bound of the framed length of a payload, or of one so long: every byte escaped."""
+    size = payload if isinstance(payload, int) else len(payload)
+    return 1 + 2 * (size + _OVERHEAD)
 
 
-def frame(payload: "Buffer", source: int, destination: int, out: bytearray) -> int:
-    """Frame ``payload`` into ``out`` (at least :func:`frame_size` long); the
-    framed length. Boards are 1 and up, the agent is 0."""
-    size = len(payload)
+def frame(
+    payload: "Buffer", source: int, destination: int, out: bytearray, size: int = -1
+) -> int:
+    """Frame ``payload``, or its first ``size`` bytes, into ``out`` (at least
+    :func:`frame_size` long); the framed length. Boards are 1 and up, the agent is 0."""
+    if size < 0:
+        size = len(payload)
     if size > 0xFFFF or not (0 <= source <= 0xFF and 0 <= destination <= 0xFF):
         raise EncodeError("no frame for %d bytes from %d to %d" % (size, source, destination))
-    if len(out) < frame_size(payload):
+    if len(out) < 1 + 2 * (size + _OVERHEAD):
         raise EncodeError("a frame may not fit %d bytes" % len(out))
     crc = crc16(payload, 0, size)
     out[0] = FLAG
@@ -67,7 +71,8 @@ def frame(payload: "Buffer", source: int, destination: int, out: bytearray) -> i
     at = _escape(out, at, destination)
     at = _escape(out, at, size & 0xFF)
     at = _escape(out, at, size >> 8)
-    for byte in payload:
+    for i in range(size):
+        byte = payload[i]
         if byte == FLAG or byte == ESCAPE:
             out[at] = ESCAPE
             at += 1

@@ -107,6 +107,8 @@ QOS_PERSISTENT: Final = 0x20
 MAX_SAMPLES_UNLIMITED: Final = 0xFFFF
 
 
+# Whether a status is told by its name. A board's build says False: there it is its number.
+NAMES_STATUS: Final = True
 # From STATUS_ERR_DDS_ERROR on. One text takes less of a board's heap than eight.
 _ERRORS: Final = (
     "DDS_ERROR MISMATCH ALREADY_EXISTS DENIED UNKNOWN_REFERENCE INVALID_DATA INCOMPATIBLE RESOURCES"
@@ -115,12 +117,13 @@ _ERRORS: Final = (
 
 def status_name(status: int) -> str:
     """The specification's name of a status value, or its number in hex."""
-    if status == STATUS_OK:
-        return "OK"
-    if status == STATUS_OK_MATCHED:
-        return "OK_MATCHED"
-    errors = _ERRORS.split()
-    index = status - STATUS_ERR_DDS_ERROR
-    if 0 <= index < len(errors):
-        return "ERR_" + errors[index]
+    if NAMES_STATUS:
+        if status == STATUS_OK:
+            return "OK"
+        if status == STATUS_OK_MATCHED:
+            return "OK_MATCHED"
+        errors = _ERRORS.split()
+        index = status - STATUS_ERR_DDS_ERROR
+        if 0 <= index < len(errors):
+            return "ERR_" + errors[index]
     return "0x%02X" % status

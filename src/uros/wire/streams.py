@@ -22,7 +22,7 @@ from . import ids
 from .errors import LimitError
 
 try:
-    from typing import Final
+    from typing import Any, Final
 
     from .cdr import Buffer
 except ImportError:  # MicroPython
@@ -43,6 +43,8 @@ MAX_HELD: Final = 0x7FFF
 # Attack: fragments that never end. The largest messages on record are camera
 # images and point clouds of a few megabytes.
 MAX_MESSAGE: Final = 8 * 1024 * 1024
+# In place of an empty buffer: there may be no memory for one.
+_NOTHING: "Any" = b""
 
 
 def ticks_add(now: int, delta: int) -> int:
@@ -259,15 +261,15 @@ class Fragments:
         self.limit = limit
         # One buffer and no list of parts: four million parts of one byte or none weigh more
         # than their sum.
-        self._whole = bytearray()
-        self._skip = False
+        self._whole: "bytearray" = _NOTHING
+        self._skip = False  # the rest of a submessage that is not whole
 
     @property
     def pending(self) -> int:
         """Bytes kept of a submessage that is not whole yet."""
         return len(self._whole)
 
-    def add(self, part: "Buffer", last: bool) -> "bytearray | None":
+    def add(self, part: "Buffer", last: int) -> "bytearray | None":
         """The whole submessage, header included, after its last fragment.
 
         Raises :class:`~uros.wire.errors.LimitError` where the whole passes
@@ -276,26 +278,25 @@ class Fragments:
         if self._skip:
             self._skip = not last
             return None
-        whole = self._whole
+        whole = self._whole or bytearray()
         if len(whole) + len(part) > self.limit:
-            self._whole = bytearray()
-            self._skip = not last
+            self.drop(last)
             raise LimitError("fragments of over %d bytes" % self.limit)
         whole.extend(part)
-        if not last:
-            return None
-        self._whole = bytearray()
-        return whole
+        self._whole = _NOTHING if last else whole
+        return whole if last else None
+
+    def drop(self, last: int = True) -> None:
+        """Forget what has come, and where ``last`` is not true, also what still comes of it.
+
+        Allocates nothing: a part may have found no memory.
+        """
+        self._skip = not last
+        self._whole = _NOTHING
 
     def lost(self) -> None:
         """Messages were lost: drop an unfinished submessage and what still comes of it."""
-        self._skip = self._skip or bool(self._whole)
-        self._whole = bytearray()
-
-    def clear(self) -> None:
-        """Forget what has come: the stream was reset."""
-        self._whole = bytearray()
-        self._skip = False
+        self.drop(not (self._skip or self._whole))
 
 
 def split(size: int, room: int) -> "list[tuple[int, int, int]]":

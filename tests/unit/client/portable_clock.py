@@ -8,7 +8,11 @@ from uros.wire.streams import TIME_MASK, ticks_diff
 
 
 class Stamp:
-    sec = nanosec = 0
+    high = low = nanosec = 0
+
+    @property
+    def sec(self):
+        return self.high << 16 | self.low
 
 
 def test_ticks_are_of_thirty_bits_and_go_on() -> None:
@@ -86,8 +90,17 @@ def test_a_correction_while_one_is_being_made() -> None:
     assert clock.now() == (101, 1000000)
 
 
+def test_time_stays_what_a_stamp_can_say() -> None:
+    clock = FakeClock()
+    for seconds, shown in ((0x7FFFFFFF, 0x7FFFFFFF), (0x80000000, 0), (0xFFFFFFFF, 0x7FFFFFFF)):
+        clock.set(seconds, 999999000)
+        assert clock.now() == (shown, 999999000)
+    clock.sleep(2)  # over the end
+    assert clock.now()[0] == 0
+
+
 def test_large_steps_are_made_at_once() -> None:
     clock = FakeClock()
-    for seconds in (1700000000, 900000000, 1700000001, 1699999999, 4000000000):
+    for seconds in (1700000000, 900000000, 1700000001, 1699999999, 2100000000):
         clock.set(seconds, 5000)
         assert clock.now() == (seconds, 5000)

@@ -29,11 +29,13 @@ class Thing:
     def object_ids(self):
         return tuple([self.number << 4 | kind for kind in self.kinds])
 
-    def create(self, connection):
-        for object_id in self.object_ids():
-            connection.create(self, object_id, 0, push_binary_participant, self.name, None)
-            yield
-        connection.listen(self, object_id, True)
+    def create(self, connection, step):
+        if step == len(self.kinds):
+            connection.listen(self, self.number << 4 | self.kinds[-1], True)
+            return True
+        object_id = self.object_ids()[step]
+        connection.create(self, object_id, 0, push_binary_participant, self.name, None)
+        return False
 
     def on_data(self, buf, start, stop, little):
         self.data.append(bytes(buf[start:stop]))
@@ -239,6 +241,64 @@ def test_more_entities_than_a_window_are_created_in_order() -> None:
     assert bench.agent.requests == expected
 
 
+class Forgetful(FakeAgent):
+    """As eProsima's agent: with 15 of its messages not acknowledged it drops a STATUS, and what
+    comes waits in a queue, acknowledgements too: in turns of ``queue_ms``."""
+
+    queue_ms = 20
+    dropped = 0
+    turn = 0
+    queue = ()
+
+    def send(self, message, size):
+        assert self.is_open
+        if self.clock.ms() - self.turn >= self.queue_ms:
+            self.turn = self.clock.ms()
+            queue = self.queue
+            self.queue = ()
+            for it in queue:
+                self.hear(it)
+        self.queue += (bytes(memoryview(message)[:size]),)
+
+    def receive(self, timeout_ms):
+        if self.queue and not self.inbox:
+            self.clock.t = max(self.clock.t, (self.turn + self.queue_ms) * 1000)
+            self.turn = self.clock.ms()
+            queue = self.queue
+            self.queue = ()
+            for it in queue:
+                self.hear(it)
+        return FakeAgent.receive(self, timeout_ms)
+
+    def reliable(self, kind, payload, flags=ids.FLAG_LITTLE_ENDIAN):
+        if kind == ids.STATUS and len(self.out) >= 15:
+            self.dropped += 1
+        else:
+            FakeAgent.reliable(self, kind, payload, flags)
+
+
+def test_an_agent_that_drops_answers_to_many_requests_at_once_loses_none() -> None:
+    bench = Bench()
+    bench.connection.transport = bench.agent = Forgetful(bench.clock)
+    kinds = tuple(range(1, 9))
+    for i in range(6):
+        Thing("thing%d" % i, kinds, bench.connection)
+    bench.run(2000)
+    assert bench.agent.dropped == 0 and bench.connection.state == AGENT_CONNECTED
+    assert bench.connection.connections == 1
+
+
+def test_entities_are_made_though_an_agent_drops_all_its_answers() -> None:
+    """As eProsima's does with a STATUS while a busy topic fills its stream."""
+    bench = Bench()
+    bench.until(AGENT_CONNECTED)
+    bench.agent.reliable = lambda kind, payload: None
+    things = [Thing("thing%d" % i, connection=bench.connection) for i in range(20)]
+    bench.run(3000)
+    assert [it for _, it in bench.agent.requests[::2]] == [it.object_ids()[0] for it in things]
+    assert bench.connection.connections == 1
+
+
 def test_numbers_count_up_for_each_first_kind() -> None:
     bench = Bench()
     kinds = [
@@ -278,7 +338,7 @@ def test_a_refused_session_is_told() -> None:
     bench = Bench()
     bench.agent.status = ids.STATUS_ERR_INCOMPATIBLE
     bench.run(600)
-    assert bench.said == ["uros: the agent refuses session: ERR_INCOMPATIBLE"] * 2
+    assert bench.said == ["uros: the agent refuses the session: ERR_INCOMPATIBLE"] * 2
     assert bench.connection.state == WAITING_AGENT
 
 
@@ -634,11 +694,11 @@ def test_no_datagram_of_a_burst_is_lost() -> None:
     bench.run(10)
     heard = []
 
-    def receive(datagram, now, usual=bench.connection.session.receive):
+    def receive(datagram, now, usual=bench.connection.receive):
         heard.append(datagram[2])
         return usual(datagram, now)
 
-    bench.connection.session.receive = receive
+    bench.connection.receive = receive
     for i in range(100):
         bench.agent.post(bytes((0x81, 0, i, 0, 0x63, 1, 0, 0)))
     bench.run(50)
@@ -785,7 +845,7 @@ def test_time_never_goes_back_while_small_corrections_are_made() -> None:
 
 
 def test_a_clock_of_the_agent_that_is_set_by_much_is_followed_at_once() -> None:
-    for years in (-25, 25):
+    for years in (-25, 10):  # ROS's seconds end in 2038
         bench = Bench()
         bench.until(AGENT_CONNECTED)
         bench.agent.epoch_us += years * 365 * 86400 * 1000000

@@ -1,17 +1,13 @@
 """The executor and its timers. Also runs on MicroPython."""
 
+import sys
+
 from support.board import FakeClock
 
-from uros.client.executor import (
-    ALWAYS,
-    ON_NEW_DATA,
-    Executor,
-    Timer,
-    trigger_all,
-    trigger_always,
-    trigger_any,
-    trigger_one,
-)
+from uros.client.executor import ALWAYS, ON_NEW_DATA, Executor, Timer
+from uros.client.guard import LATENCY_MS, GuardCondition
+from uros.client.triggers import trigger_all, trigger_always, trigger_any, trigger_one
+from uros.wire.streams import ticks_diff
 
 
 class Handle:
@@ -29,6 +25,9 @@ class Handle:
 
     def next_deadline(self):
         return None
+
+    def overfull(self):
+        return False
 
     def execute(self, new):
         self.log.append(self.name if new else self.name + "-")
@@ -111,7 +110,7 @@ def test_a_trigger_of_ones_own() -> None:
     asked = []
 
     def trigger(handles, ready):
-        asked.append(([it.name for it in handles], ready))
+        asked.append(([it.name for it in handles], list(ready)))
         return len(asked) > 1
 
     executor.trigger = trigger
@@ -162,6 +161,113 @@ def test_callbacks_may_add_and_remove() -> None:
     assert executor.execute(0) == 2 and log == ["a", "c"]
     handles[0].then = None
     assert executor.execute(0) == 3 and log == ["a", "c", "a", "c", "d"]
+
+
+def test_what_came_while_a_round_runs_is_for_the_next() -> None:
+    executor, handles, log = bench("a", "b")
+    handles[0].ready = True
+
+    def more():
+        handles[1].ready = True
+
+    handles[0].then = more
+    assert executor.execute(0) == 1 and log == ["a"]
+    handles[0].ready = False
+    assert executor.execute(0) == 1 and log == ["a", "b"]
+
+
+def test_what_is_ready_no_more_at_its_turn_is_not_called() -> None:
+    executor, handles, log = bench("a", "b")
+    handles[0].ready = handles[1].ready = True
+
+    def gone():
+        handles[1].ready = False
+
+    handles[0].then = gone
+    assert executor.execute(0) == 1 and log == ["a"]
+    handles[1].invocation = ALWAYS
+    handles[1].ready = True
+    assert executor.execute(0) == 2 and log == ["a", "a", "b-"]
+
+
+def test_a_round_within_a_round() -> None:
+    """A callback that spins, as spin_until_future_complete does."""
+    executor, handles, log = bench("a", "b", "c")
+    for handle in handles:
+        handle.ready = True
+
+    def within():
+        handles[0].ready = False
+        handles[0].then = None
+        executor.execute(0)
+        for handle in handles:
+            handle.ready = False
+        extra = Handle("d", log, True)
+        executor.add(extra)
+
+    handles[0].then = within
+    assert executor.execute(0) == 1
+    assert log == ["a", "b", "c"]
+    assert executor.execute(0) == 1 and log[3:] == ["d"]
+
+
+def test_a_trigger_that_raises_is_told_and_begins_nothing() -> None:
+    executor, handles, log = bench("a")
+    handles[0].ready = True
+    executor.trigger = lambda handles, ready: ready[7]
+    count, errors = quiet(executor, lambda: executor.execute(0))
+    assert count == 0 and log == [] and isinstance(errors[0], IndexError)
+    assert executor.failed == 1
+    executor.trigger = trigger_any
+    assert executor.execute(0) == 1
+
+
+def test_a_report_that_raises_stops_nothing() -> None:
+    executor, handles, log = bench("a", "b")
+    for handle in handles:
+        handle.ready = True
+        handle.then = lambda: 1 // 0
+
+    def report(error):
+        raise MemoryError
+
+    executor.report = report
+    assert executor.execute(0) == 2 and executor.failed == 2 and log == ["a", "b"]
+
+
+def test_between_callbacks_there_is_time_for_other_things() -> None:
+    executor, handles, log = bench("a", "b")
+    executor.between = lambda: log.append("+")
+    handles[0].ready = handles[1].ready = True
+    executor.execute(0)
+    assert log == ["a", "+", "b", "+"]
+
+
+def test_more_than_should_wait() -> None:
+    executor, handles, log = bench("a", "b")
+    assert not executor.overfull()
+    handles[1].overfull = lambda: True
+    assert executor.overfull()
+
+
+def test_a_guard_condition_calls_back_once_for_all_that_was_triggered() -> None:
+    clock = FakeClock()
+    executor = Executor()
+    calls = []
+    guard = GuardCondition(lambda: calls.append(clock.t), clock)
+    executor.add(guard)
+    assert executor.execute(clock.ms()) == 0
+    assert executor.wait(clock.ms()) == LATENCY_MS
+    guard.trigger()
+    guard.trigger()
+    assert executor.wait(clock.ms()) == 0
+    assert executor.execute(clock.ms()) == 1 == len(calls)
+    assert executor.execute(clock.ms()) == 0
+    guard.callback = lambda: calls.append(guard.trigger())
+    guard.trigger()  # by its own callback: for the next round
+    assert executor.execute(clock.ms()) == 1
+    assert executor.execute(clock.ms()) == 1
+    assert len(calls) == 3
 
 
 # --- timers -----------------------------------------------------------------------------------
@@ -226,6 +332,79 @@ def test_times_that_have_passed_are_left_out_and_counted() -> None:
         b - a for a, b in zip(ticking.times, ticking.times[1:])
     ] == [250000] * (len(ticking.times) - 1)
     assert ticking.timer.missed >= len(ticking.times)
+
+
+def test_a_million_periods_do_not_drift() -> None:
+    """Of a period that is no whole number of milliseconds, nor of microseconds."""
+    count = 1000000 if sys.implementation.name == "cpython" else 60000
+    clock = FakeClock()
+    start = clock.t
+    timer = Timer(1 / 30, lambda: None, clock)
+    at = clock.ms()
+    for n in range(1, count + 1):
+        at = timer.next_deadline()
+        clock.t += ticks_diff(at, clock.ms()) * 1000
+        assert timer.is_ready(at)
+        timer.execute(True)
+        if n % 9999 == 0 or n == count:
+            off = clock.t - start - n * 33333333 // 1000
+            assert -1000 <= off <= 0, (n, off)
+    assert timer.missed == 0
+
+
+def test_a_period_is_exact_over_many_missed_times() -> None:
+    ticking = Ticking(1 / 30)
+    ticking.clock.sleep(100000)
+    ticking.run(1000)
+    first = ticking.times[1]
+    n = (first * 1000 + 500000) // 33333333
+    assert abs(first - n * 33333333 // 1000) <= 1000, (first, n)
+    assert ticking.timer.missed == n - 2
+
+
+def test_a_timer_made_canceled_starts_at_its_reset() -> None:
+    clock = FakeClock()
+    calls = []
+    timer = Timer(0.1, lambda: calls.append(clock.t), clock, False)
+    executor = Executor()
+    executor.add(timer)
+    assert timer.is_canceled() and timer.time_until_next_call() is None
+    assert executor.wait(clock.ms()) == 60000
+    clock.sleep(250)
+    assert executor.execute(clock.ms()) == 0
+    timer.reset()
+    assert timer.time_until_next_call() == 100000000
+    clock.sleep(100)
+    assert executor.execute(clock.ms()) == 1 and calls == [clock.t]
+
+
+def test_what_a_timer_tells() -> None:
+    clock = FakeClock()
+    timer = Timer(0.25, print, clock)
+    assert timer.timer_period_ns == 250000000 and not timer.is_ready()
+    assert timer.time_until_next_call() == 250000000 and timer.time_since_last_call() == 0
+    clock.sleep(300)
+    assert timer.is_ready() and timer.time_until_next_call() == -50000000
+    assert timer.time_since_last_call() == 300000000
+    timer.callback = lambda: None
+    timer.execute(True)
+    assert timer.time_until_next_call() == 200000000 and timer.time_since_last_call() == 0
+
+
+def test_a_new_period_counts_from_what_is_due_next() -> None:
+    ticking = Ticking(0.1)
+    ticking.run(250)
+    ticking.timer.timer_period_ns = 40000000
+    assert ticking.timer.timer_period_ns == 40000000
+    ticking.run(150)
+    assert ticking.times == [100000, 200000, 300000, 340000, 380000]
+    for ns in (0, 999999, 500000000000000):
+        try:
+            ticking.timer.timer_period_ns = ns
+        except ValueError as error:
+            assert str(ns) in str(error)
+        else:
+            raise AssertionError(ns)
 
 
 def test_a_canceled_timer_is_silent_until_it_is_reset() -> None:
@@ -313,7 +492,8 @@ def test_a_due_timer_whose_trigger_says_no_is_no_reason_to_hurry() -> None:
     clock.sleep(100)
     assert executor.wait(clock.ms()) == 0
     assert executor.execute(clock.ms()) == 0
-    assert executor.wait(clock.ms()) > 100  # only something new changes that
+    assert executor.wait(clock.ms()) == 100  # only something new changes that
+    assert executor.wait(clock.ms(), 7) == 7
     handles[0].ready = True
     assert executor.wait(clock.ms()) == 0
     assert executor.execute(clock.ms()) == 2 and calls == [1]

@@ -192,19 +192,19 @@ def test_a_port_that_can_wait_is_let_wait() -> None:
     class Waiting(Port):
         def wait(self, timeout_ms):
             waits.append(timeout_ms)
-            if len(waits) == 2:
+            if len(waits) in (2, 7):
                 self.incoming = framed(b"whatever", 0, 1)
 
     port = Waiting()
     transport = StreamTransport(port)
     transport.open()
     assert transport.receive(5000) == b"whatever"
-    assert len(waits) == 2 and waits[0] == 5000 and 4000 < waits[1] <= 5000
+    assert len(waits) == 2 and 2000 < waits[1] <= waits[0] <= 5000
     # What is not sent yet cannot be waited for: looked at every millisecond.
     port.room = 3
     transport.send(pattern(20))
-    assert transport.receive(10) is None
-    assert waits[2:] and set(waits[2:]) == {1}
+    assert transport.receive(5000) == b"whatever"
+    assert waits[2:] == [1] * 5
 
 
 def test_a_line_that_is_gone_is_an_error() -> None:

@@ -49,8 +49,8 @@ def test_reliable_samples_arrive_complete_and_in_order(seed):
             assert node.state == AGENT_CONNECTED
         assert strays == [it.connection.session.dropped for it in wire.nodes]
         assert wire.lost > 50 and wire.doubled > 30
-        assert len(talker.connection.session.out) == 0
-        assert talker.connection.session.out.size == 0
+        assert talker.connection.held() == 0
+        assert talker.connection.size() == 0
 
 
 @pytest.mark.parametrize("seed", range(25))

@@ -377,11 +377,11 @@ def test_fragments_with_messages_lost_between() -> None:
 def test_fragments_of_a_reset_stream() -> None:
     fragments = Fragments()
     fragments.add(b"abc", False)
-    fragments.clear()
+    fragments.drop()
     assert fragments.add(b"new", True) == b"new"
     fragments.add(b"abc", False)
     fragments.lost()
-    fragments.clear()
+    fragments.drop()
     assert fragments.add(b"new", True) == b"new"
 
 

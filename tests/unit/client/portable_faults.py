@@ -1,0 +1,586 @@
+"""What goes wrong between a node and its agent. Also runs on MicroPython.
+
+The agent is scripted, and the line between them loses, doubles, delays and damages by a seed;
+test_faults.py has the real agent.
+"""
+
+import sys
+
+from support.board import KEY, Ask, FakeAgent, FakeClock, Number, built, message, number_bytes
+
+from uros.client import (
+    AGENT_AVAILABLE,
+    AGENT_CONNECTED,
+    AGENT_DISCONNECTED,
+    WAITING_AGENT,
+    Node,
+)
+from uros.wire import ids, session
+from uros.wire.framing import Deframer, frame, frame_size
+from uros.wire.streams import HEARTBEAT_MS
+
+IDENTITY = bytes(range(24))
+# Every instant on CPython; on MicroPython, as WebAssembly, that would take minutes.
+STEP = 1 if sys.implementation.name == "cpython" else 7
+
+
+class Chance:
+    """The same numbers on every platform."""
+
+    def __init__(self, seed):
+        self.state = (seed * 7919 + 12345) & 0x7FFFFFFF
+
+    def below(self, most):
+        self.state = (self.state * 1103515245 + 12345) & 0x7FFFFFFF
+        return (self.state >> 8) % most
+
+    def hit(self, percent):
+        return self.below(100) < percent
+
+
+class LossyAgent(FakeAgent):
+    """The scripted agent at the end of a bad line; all chances in percent.
+
+    What is damaged crosses the line in serial frames, as it would there: some of their bytes are
+    changed, gone, or come in addition, and the frames' CRC sorts out what is left.
+    """
+
+    def __init__(self, clock, seed=0, lost=0, twice=0, late_ms=0, damaged=0):
+        self.chance = Chance(seed)
+        self.lost = lost
+        self.twice = twice
+        self.late_ms = late_ms
+        self.damaged = damaged
+        self.uplink = []  # (when, its number, datagram) on its way to the agent
+        self.count = {"lost": 0, "twice": 0, "damaged": 0}
+        self.deframers = (Deframer(0), Deframer(1))
+        self.beat_at = None
+        super().__init__(clock)
+
+    def carry(self, datagram, direction):
+        """The datagrams that come out, each with its delay in microseconds."""
+        copies = 1
+        if self.chance.hit(self.lost):
+            self.count["lost"] += 1
+            return []
+        if self.chance.hit(self.twice):
+            self.count["twice"] += 1
+            copies = 2
+        out = []
+        for _ in range(copies):
+            late = self.chance.below(self.late_ms * 1000 + 1)
+            for it in self.frames(datagram, direction):
+                out.append((late, it))
+        return out
+
+    def frames(self, datagram, direction):
+        if not self.damaged:
+            return [datagram]
+        buf = bytearray(frame_size(datagram))
+        size = frame(datagram, 1 - direction, direction, buf)
+        line = list(buf[:size])
+        if self.chance.hit(self.damaged):
+            self.count["damaged"] += 1
+            for _ in range(1 + self.chance.below(3)):
+                at = self.chance.below(len(line))
+                what = self.chance.below(3)
+                if what == 0:
+                    line[at] ^= 1 << self.chance.below(8)
+                elif what == 1 and len(line) > 1:
+                    del line[at]
+                else:
+                    line.insert(at, self.chance.below(256))
+        return self.deframers[direction].feed(bytes(line))
+
+    def send(self, message, size):
+        assert self.is_open
+        message = bytes(memoryview(message)[:size])
+        self.sent.append(message)
+        for late, it in self.carry(message, 0):
+            self.posted += 1
+            self.uplink.append((self.clock.t + late, self.posted, it))
+
+    def post(self, message):
+        for late, it in self.carry(message, 1):
+            self.posted += 1
+            self.inbox.append((self.clock.t + late, self.posted, it))
+
+    def receive(self, timeout_ms):
+        end = self.clock.t + timeout_ms * 1000
+        while True:
+            self.uplink.sort()
+            while self.uplink and self.uplink[0][0] <= self.clock.t:
+                datagram = self.uplink.pop(0)[2]
+                if not self.silent:
+                    self.hear(datagram)
+            self.beat_at = None
+            if not self.silent and self.session_id:
+                self.beat()
+            self.inbox.sort()
+            if self.inbox and self.inbox[0][0] <= self.clock.t:
+                return self.inbox.pop(0)[2]
+            if self.clock.t >= end:
+                return None
+            at = end
+            for queue in (self.uplink, self.inbox):
+                if queue:
+                    at = min(at, queue[0][0])
+            if self.beat_at is not None:
+                at = min(at, self.beat_at)
+            self.clock.t = at
+
+    def beat(self):
+        """A heartbeat every HEARTBEAT_MS while the board has not acknowledged all."""
+        beat = self.out.heartbeat(self.clock.ms())
+        if beat:
+            payload = built(session.push_heartbeat, beat[0], beat[1], ids.STREAM_RELIABLE)
+            self.answer(ids.HEARTBEAT, payload)
+        if len(self.out):
+            self.beat_at = self.clock.t + HEARTBEAT_MS * 1000
+
+
+class Life:
+    """A node with one of everything, and what came through in both directions."""
+
+    def __init__(self, agent, **options):
+        self.agent = agent
+        self.clock = agent.clock
+        options.setdefault("silence_ms", 2000)
+        self.node = Node("node", agent, key=KEY, clock=self.clock, **options)
+        self.node.connection.log = lambda text: None
+        self.states = []
+        self.errors = []
+        self.node.executor.report = self.errors.append
+        self.node.on_state = self.states.append
+        self.heard = []
+        self.answers = []
+        self.publisher = self.node.create_publisher(Number, "out")  # 0x05
+        self.node.create_subscription(  # 0x16
+            Number, "in", lambda it: self.heard.append(it.value), 100
+        )
+        self.node.create_service(Ask, "ask", self.double)  # 0x08
+        self.client = self.node.create_client(Ask, "other")  # 0x07
+
+    def double(self, request, response):
+        response.value = 2 * request.value
+        return response
+
+    def run(self, ms):
+        end = self.clock.t + ms * 1000
+        while self.clock.t < end:
+            self.node.spin_once(max(0.001, (end - self.clock.t) / 1000000))
+
+    def until(self, done, ms=60000):
+        end = self.clock.t + ms * 1000
+        while not done():
+            assert self.clock.t < end, (self.node.state, self.states, self.node.connection.reason)
+            self.node.spin_once(0.01)
+
+    def connect(self):
+        self.until(lambda: self.node.state == AGENT_CONNECTED)
+
+    def works(self):
+        """One of everything once more, with an agent that is well."""
+        agent = self.agent
+        del self.heard[:]
+        self.connect()
+        assert len(agent.creations) == 9, len(agent.creations)
+        before = len(agent.samples)
+        assert self.publisher.publish(Number(1))
+        agent.sample(0x16, number_bytes(2))
+        agent.sample(0x08, IDENTITY + number_bytes(4))
+        future = self.client.call_async(Ask.Request(6))
+        self.run(300)
+        sent = agent.samples[before:]
+        assert (0x05, number_bytes(1)) in sent
+        assert (0x08, IDENTITY + number_bytes(8)) in sent
+        assert (0x07, number_bytes(6)) in sent
+        number = [it[8:10] for it in agent.sent if it[4] == ids.WRITE_DATA and it[11] == 0x07][-1]
+        agent.sample(0x07, number + b"\0\7" + number_bytes(9))
+        self.run(300)
+        assert self.heard == [2], self.heard
+        assert future.done() and future.result().value == 9
+        assert self.node.state == AGENT_CONNECTED and self.errors == []
+
+
+def lossy(seed, **line):
+    return Life(LossyAgent(FakeClock(), seed, **line), silence_ms=20000)
+
+
+# --- a bad line ---------------------------------------------------------------------------------
+
+
+def chat(seed):
+    """Sixty samples in each direction, at once."""
+    life = lossy(seed, lost=30, twice=20, late_ms=30, damaged=15)
+    life.connect()
+    sent = [0]
+
+    def publish():
+        if sent[0] < 60 and life.publisher.publish(Number(sent[0])):
+            life.agent.sample(0x16, number_bytes(1000 + sent[0]))
+            sent[0] += 1
+
+    life.node.create_timer(0.02, publish)
+    life.until(lambda: len(life.agent.samples) >= 60 and len(life.heard) >= 60)
+    life.run(2000)
+    return life
+
+
+def test_reliable_samples_arrive_complete_and_in_order_both_ways() -> None:
+    for seed in range(6):
+        life = chat(seed)
+        numbers = [int.from_bytes(it[1], "little") for it in life.agent.samples]
+        assert numbers == list(range(60)), (seed, numbers)
+        assert life.heard == list(range(1000, 1060)), (seed, life.heard)
+        assert life.node.connection.connections == 1 and life.node.state == AGENT_CONNECTED
+        assert life.errors == []
+        count = life.agent.count
+        assert count["lost"] > 50 and count["twice"] > 20 and count["damaged"] > 20, count
+
+
+def test_on_a_line_that_only_damages_the_damage_is_counted() -> None:
+    life = lossy(3, damaged=30)
+    life.connect()
+    for i in range(100):
+        life.agent.sample(0x16, number_bytes(i))
+        life.run(5)
+    life.until(lambda: len(life.heard) == 100)
+    assert life.heard == list(range(100))
+    deframer = life.agent.deframers[1]
+    assert deframer.skipped > 100 and deframer.crc_errors > 0
+
+
+# --- an agent that is gone ----------------------------------------------------------------------
+
+
+class Mortal(LossyAgent):
+    """Dies when it has heard and said so many datagrams together; ``alive`` counts down."""
+
+    def __init__(self, clock, alive):
+        self.alive = alive
+        super().__init__(clock)
+
+    def lives(self):
+        self.alive -= 1
+        if self.alive == 0:
+            self.silent = True
+        return self.alive > 0
+
+    def hear(self, datagram):
+        if self.alive is None or self.lives():
+            super().hear(datagram)
+
+    def post(self, message):
+        if self.alive is None or self.lives():
+            super().post(message)
+
+
+def lived(alive, restart_ms, forgets=True):
+    """A life whose agent dies on the way, and after so long there is another; its agent."""
+    agent = Mortal(FakeClock(), alive)
+    life = Life(agent)
+    done = [False]
+
+    def act():
+        life.publisher.publish(Number(7))
+        life.client.call_async(Ask.Request(1))
+        agent.sample(0x16, number_bytes(1)) if agent.session_id else None
+        agent.sample(0x08, IDENTITY + number_bytes(1)) if agent.session_id else None
+
+    timer = life.node.create_timer(0.1, act)
+    while not done[0] and len(agent.samples) < 8:
+        life.node.spin_once(0.01)
+        done[0] = agent.alive <= 0
+    life.run(restart_ms)
+    timer.cancel()
+    agent.alive = None
+    agent.silent = False
+    if forgets:
+        agent.forget()
+    life.run(50)
+    life.until(lambda: life.node.state == AGENT_CONNECTED and len(agent.creations) == 9)
+    life.run(2500)  # what was wrong with it shows by then
+    life.works()
+    return done[0], life
+
+
+def test_an_agent_that_dies_after_any_datagram_is_followed_by_another() -> None:
+    """Silence, and 3 s later a new agent."""
+    alive = 1
+    while lived(alive, 3000)[0]:
+        alive += STEP
+    assert alive > 60, alive
+
+
+def test_an_agent_that_is_another_after_any_datagram() -> None:
+    """It is back at once and knows nobody."""
+    alive = 1
+    while lived(alive, 1)[0]:
+        alive += STEP
+    assert alive > 60, alive
+
+
+def test_an_agent_that_is_deaf_for_a_second_after_any_datagram() -> None:
+    """It is the same again: nothing is lost, and nothing made anew."""
+    alive = 1
+    going = True
+    while going:
+        going, life = lived(alive, 1000, False)
+        assert AGENT_DISCONNECTED not in life.states, (alive, life.states)
+        alive += STEP
+    assert alive > 60, alive
+
+
+# --- wrong answers ------------------------------------------------------------------------------
+
+
+class Liar(FakeAgent):
+    """Changes what it says by ``lie(kind, payload, session id) -> the same`` or None."""
+
+    lie = None
+
+    def answer(self, kind, payload, session_id=None):
+        self.tell(kind, payload, session_id, super().answer)
+
+    def reliable(self, kind, payload, flags=ids.FLAG_LITTLE_ENDIAN):
+        if self.lie is None:
+            super().reliable(kind, payload, flags)
+        else:
+            told = self.lie(kind, payload, self.session_id)
+            if told is not None:
+                super().reliable(told[0], told[1], flags)
+
+    def tell(self, kind, payload, session_id, say):
+        if self.lie is not None:
+            told = self.lie(kind, payload, session_id or self.session_id)
+            if told is None:
+                return
+            kind, payload, session_id = told
+        say(kind, payload, session_id)
+
+
+def changed(octets, at, value):
+    out = bytearray(octets)
+    out[at] = value
+    return bytes(out)
+
+
+def lies():
+    """(name, lie) of each."""
+    out = []
+    for status in (1, 0x80, 0x83, 0x88, 0xFF):
+
+        def lie(kind, payload, session_id, status=status):
+            if kind == ids.STATUS:
+                payload = changed(payload, 4, status)
+            elif kind == ids.STATUS_AGENT:
+                payload = changed(payload, 0, status)
+            return kind, payload, session_id
+
+        out.append(("status %d" % status, lie))
+    for at in (0, 1, 2, 3):
+
+        def lie(kind, payload, session_id, at=at):
+            if kind in (ids.STATUS, ids.INFO, ids.DATA):
+                payload = changed(payload, at, payload[at] ^ 0x55)
+            return kind, payload, session_id
+
+        out.append(("id octet %d" % at, lie))
+    for other in (0x80, 0x82, 0xFE, 0x01):
+        out.append(
+            (
+                "session %d" % other,
+                lambda kind, payload, session_id, other=other: (kind, payload, other),
+            )
+        )
+    for what in range(16):
+
+        def lie(kind, payload, session_id, what=what):
+            return (what, payload, session_id) if kind != ids.INFO else (kind, payload, session_id)
+
+        out.append(("kind %d" % what, lie))
+        out.append(
+            (
+                "no kind %d" % what,
+                lambda kind, payload, session_id, what=what: (
+                    None if kind == what else (kind, payload, session_id)
+                ),
+            )
+        )
+    for cut in (0, 1, 3, 5):
+        out.append(
+            (
+                "cut to %d" % cut,
+                lambda kind, payload, session_id, cut=cut: (kind, payload[:cut], session_id),
+            )
+        )
+    return out
+
+
+def test_no_wrong_answer_does_lasting_harm() -> None:
+    """While the agent lies nothing raises; when it does so no more the node works."""
+    for before in (False, True):  # a lie from the start, or one to a node that is connected
+        for name, lie in lies():
+            agent = Liar(FakeClock())
+            life = Life(agent)
+            if before:
+                life.connect()
+            agent.lie = lie
+            for i in range(6):
+                life.publisher.publish(Number(i))
+                if agent.session_id:
+                    agent.sample(0x16, number_bytes(i))
+                life.run(700)
+            agent.lie = None
+            assert all([isinstance(it, ValueError) for it in life.errors])  # no such type
+            del life.errors[:]
+            if not before or life.node.state != AGENT_CONNECTED or agent.into.next != 0:
+                # What a liar has acknowledged or numbered is beyond repair: another agent.
+                agent.silent = True
+                life.run(3000)
+                agent.silent = False
+                agent.forget()
+            try:
+                life.works()
+            except AssertionError as error:
+                raise AssertionError("%s, %s: %r" % (name, before, error))
+
+
+def test_an_answer_to_another_request_connects_nobody() -> None:
+    """The entities are known to be made by their own answers alone."""
+    agent = Liar(FakeClock())
+    life = Life(agent)
+
+    def lie(kind, payload, session_id):
+        if kind == ids.STATUS:
+            payload = changed(payload, 0, 0x77)
+        return kind, payload, session_id
+
+    agent.lie = lie
+    life.run(10000)
+    assert AGENT_CONNECTED not in life.states and AGENT_AVAILABLE in life.states
+    assert "unanswered" in life.node.connection.reason
+
+
+def test_datagrams_of_foreign_sessions_are_counted_and_change_nothing() -> None:
+    life = Life(FakeAgent(FakeClock()))
+    life.connect()
+    agent = life.agent
+    sample = built(session.push_request, 0, 0x16) + number_bytes(5)
+    before = life.node.connection.session.dropped
+    for other in (0x80, 0x82, 0x90, 0xFE, 0xFF):
+        for stream in (0, 1, 0x80):
+            agent.post(message(ids.DATA, sample, stream, 0, other))
+    life.run(100)
+    assert life.heard == [] and life.node.connection.session.dropped - before == 15
+    life.works()
+
+
+# --- callbacks ----------------------------------------------------------------------------------
+
+
+def test_any_callback_may_raise_and_the_rest_goes_on() -> None:
+    life = Life(FakeAgent(FakeClock()))
+    agent = life.agent
+
+    def fail(*arguments):
+        raise RuntimeError("mine")
+
+    life.connect()
+    node = life.node
+    node.create_subscription(Number, "bad", fail)  # 0x26
+    node.create_service(Ask, "bad", fail)  # 0x18
+    timer = node.create_timer(0.05, fail)
+    guard = node.create_guard_condition(fail)
+    node.on_state = fail
+    life.run(20)
+    agent.sample(0x26, number_bytes(1))
+    agent.sample(0x18, IDENTITY + number_bytes(1))
+    guard.trigger()
+    future = life.client.call_async(Ask.Request(1))
+    future.add_done_callback(fail)
+    number = [it[8:10] for it in agent.sent if it[4] == ids.WRITE_DATA][-1]
+    agent.sample(0x07, number + b"\0\7" + number_bytes(9))
+    agent.sample(0x16, number_bytes(3))
+    life.run(52)
+    assert len(life.errors) == 5 == node.executor.failed, life.errors
+    assert all([isinstance(it, RuntimeError) for it in life.errors])
+    assert life.heard == [3]
+    timer.cancel()
+    agent.silent = True  # on_state raises in each of these
+    life.run(4000)
+    agent.silent = False
+    agent.forget()
+    life.connect()
+    assert life.publisher.publish(Number(1)) and node.connection.connections == 2
+
+
+def test_samples_that_come_faster_than_callbacks_are_counted() -> None:
+    """Best effort: a reliable one waits at the agent."""
+    life = Life(FakeAgent(FakeClock()))
+    life.connect()
+    subscription = life.node.create_subscription(Number, "fast", life.heard.append, 5)
+    life.run(20)
+    for i in range(200):
+        sample = built(session.push_request, 0, 0x26) + number_bytes(i)
+        life.agent.post(message(ids.DATA, sample, 1, i, life.agent.session_id))
+        life.node.connection.pump(0)  # as a callback does that spins
+    life.run(100)
+    assert [it.value for it in life.heard] == list(range(200 - len(life.heard), 200))
+    assert subscription.lost == 200 - len(life.heard) > 100
+
+
+def test_a_type_that_is_another_on_the_other_side() -> None:
+    """What cannot be read is counted; the rest is taken for it, also where there is more."""
+    life = Life(FakeAgent(FakeClock()))
+    life.connect()
+    subscription = life.node.executor.handles[0]
+    for octets in (b"", b"\1", b"abc", number_bytes(5) + b"more", number_bytes(6)):
+        life.agent.sample(0x16, octets)
+    life.agent.sample(0x08, IDENTITY + b"x")
+    life.run(100)
+    assert life.heard == [5, 6] and subscription.malformed == 3
+    # The first of each is told, with what to do about it.
+    assert len(life.errors) == 2 and "definition" in str(life.errors[0])
+    del life.errors[:]
+    life.works()
+
+
+# --- pipelining ---------------------------------------------------------------------------------
+
+
+def test_reliable_publishing_takes_a_round_trip_for_each_window_and_not_for_each_sample() -> None:
+    agent = FakeAgent(FakeClock())
+    life = Life(agent)
+    life.connect()
+    agent.delay = (0, 100000)
+    start = life.clock.t
+    for i in range(160):
+        before = life.clock.t
+        assert life.publisher.publish(Number(i))
+        assert life.clock.t == before  # it never waits
+    assert len(agent.samples) == 16
+    life.until(lambda: len(agent.samples) == 160)
+    assert 900000 <= life.clock.t - start <= 1000000  # 160 / 16 windows, the first at once
+    assert [it[1] for it in agent.samples] == [number_bytes(i) for i in range(160)]
+
+
+# --- the four states ----------------------------------------------------------------------------
+
+
+def test_all_four_states_are_told_in_their_order() -> None:
+    agent = FakeAgent(FakeClock())
+    agent.silent = True
+    life = Life(agent)
+    life.run(3000)
+    assert life.states == [] and life.node.state == WAITING_AGENT
+    for _ in range(3):
+        agent.silent = False
+        life.connect()
+        agent.silent = True
+        life.until(lambda: life.node.state == WAITING_AGENT)
+        agent.forget()
+    assert life.states == [
+        AGENT_AVAILABLE, AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT
+    ] * 3  # fmt: skip

@@ -1,0 +1,115 @@
+"""A board's time never jumps back, whatever the line and the agent's clock do; except where the
+agent's clock itself was set by a second or more. Also runs on MicroPython."""
+
+import sys
+
+from support.board import KEY, FakeAgent, FakeClock
+
+from uros.client import AGENT_CONNECTED, Node
+from uros.client.clock import STEP_US
+
+
+class Chance:
+    """The same numbers on every platform."""
+
+    def __init__(self, seed):
+        self.state = (seed * 7919 + 12345) & 0x7FFFFFFF
+
+    def below(self, most):
+        self.state = (self.state * 1103515245 + 12345) & 0x7FFFFFFF
+        return (self.state >> 8) % most
+
+
+class Drifting(FakeAgent):
+    """Its clock is off by ``ppm``, and every answer takes another time on each way."""
+
+    def __init__(self, clock, chance, ppm, most_us):
+        self.chance = chance
+        self.ppm = ppm
+        self.most_us = most_us
+        self.base = self.from_us = clock.t
+        super().__init__(clock)
+
+    def at(self, t):
+        """Its own clock when ours shows t, in microseconds since 1970."""
+        passed = t - self.from_us
+        return self.epoch_us + self.base + passed + passed * self.ppm // 1000000
+
+    def hear(self, datagram):
+        if self.most_us:
+            self.delay = (self.chance.below(self.most_us), self.chance.below(self.most_us))
+        super().hear(datagram)
+
+    def timestamp(self, transmit, receive, originate):
+        now = self.at(self.clock.t + self.delay[0])
+        super().timestamp(now, now, originate)
+
+
+def watched(seed, ppm, most_us, seconds):
+    """A node's time, looked at often: the most that it was off by, in microseconds."""
+    chance = Chance(seed)
+    clock = FakeClock()
+    agent = Drifting(clock, chance, ppm, most_us)
+    node = Node("node", agent, key=KEY, clock=clock)
+    for _ in range(2000):
+        node.spin_once(0.005)
+        if node.state == AGENT_CONNECTED:
+            break
+    assert node.state == AGENT_CONNECTED
+    worst = 0
+    last = (0, 0)
+    end = clock.t + seconds * 1000000
+    while clock.t < end:
+        node.spin_once(0.001 + chance.below(200) / 1000)
+        now = node.clock.now()
+        assert now >= last, (seed, ppm, most_us, last, now)
+        last = now
+        off = now[0] * 1000000 + now[1] // 1000 - agent.at(clock.t)
+        worst = max(worst, abs(off))
+    return worst
+
+
+def test_time_on_lines_and_clocks_of_all_kinds() -> None:
+    for seed in range(8 if sys.implementation.name == "cpython" else 1):
+        for ppm in (-200, 0, 200):
+            for most_us in (0, 2000, 50000):
+                worst = watched(seed, ppm, most_us, 70)
+                # What drifts in 30 s, and half of what both ways can differ by.
+                assert worst <= 30 * abs(ppm) + most_us + 3000, (seed, ppm, most_us, worst)
+
+
+def test_steps_of_the_agents_clock_below_a_second_are_never_seen_backwards() -> None:
+    for step in (-STEP_US + 1, -300000, -1000, 1000, 300000, STEP_US - 1):
+        clock = FakeClock()
+        agent = Drifting(clock, Chance(1), 0, 0)
+        node = Node("node", agent, key=KEY, clock=clock)
+        for _ in range(100):
+            node.spin_once(0.01)
+        last = node.clock.now()
+        agent.epoch_us += step
+        for _ in range(700):
+            node.spin_once(0.05)
+            now = node.clock.now()
+            assert now > last, (step, last, now)
+            last = now
+        off = last[0] * 1000000 + last[1] // 1000 - agent.at(clock.t)
+        assert abs(off) <= 10, (step, off)
+
+
+def test_a_step_of_a_second_or_more_is_followed_at_once_and_only_once() -> None:
+    for step in (-3600000000, -STEP_US, STEP_US, 3600000000):
+        clock = FakeClock()
+        agent = Drifting(clock, Chance(1), 0, 0)
+        node = Node("node", agent, key=KEY, clock=clock)
+        for _ in range(100):
+            node.spin_once(0.01)
+        last = node.clock.now()
+        agent.epoch_us += step
+        back = 0
+        for _ in range(700):
+            node.spin_once(0.05)
+            now = node.clock.now()
+            back += now < last
+            last = now
+        assert back == (step < 0), step
+        assert abs(last[0] * 1000000 + last[1] // 1000 - agent.at(clock.t)) <= 10
