@@ -7,5 +7,6 @@
 ``direct``      a middleware in place of a board's connection to an agent
 ``interrupt``   Ctrl-C while a node or a network spins
 ``node``        the Node of a host: ``uros.Node``
+``lifecycle``   a Node with a life cycle
 ==============  ================================================================
 """

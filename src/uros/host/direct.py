@@ -21,7 +21,7 @@ from ..client.entities import Client, Publisher, Service, Subscription
 from ..client.node import Node
 from ..interfaces.codec import to_cdr
 from ..middleware import base
-from ..qos import QoSProfile, services_profile
+from ..qos import DurabilityPolicy, QoSProfile, services_profile
 from .interrupt import Interrupt
 
 # Most samples taken before their callbacks have their turn.
@@ -42,7 +42,8 @@ class SystemClock(Clock):
 
     def _update(self) -> None:
         us = time.time_ns() // 1000
-        self.seconds, self._us = divmod(us, 1_000_000)
+        seconds, self._us = divmod(us, 1_000_000)
+        self.high, self.low = seconds >> 16, seconds & 0xFFFF
 
 
 class _End(Protocol):
@@ -190,6 +191,10 @@ class Direct:
     Use it from one thread. It is closed with its last node, or when the program ends.
     """
 
+    # A session's, for publishers: a message of a host stands in no buffer of its own.
+    free = 0
+    stack = (None,)
+
     def __init__(self, middleware: base.Middleware, domain: int = 0) -> None:
         self.middleware = middleware
         self.domain = domain
@@ -238,6 +243,10 @@ class Direct:
         entity.created = True
         return number
 
+    def latched(self, depth: int) -> QoSProfile:
+        """For :mod:`~uros.client.actions`, which say it by a flag where nodes need no profile."""
+        return QoSProfile(depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
     def remove(self, entity: Any, object_ids: tuple[int, ...]) -> None:
         """Take an entity off the network, or a node with all that is in it."""
         if isinstance(entity, Node):
@@ -266,7 +275,9 @@ class Direct:
     # --- the loop -------------------------------------------------------------------------------
 
     def pump(self, timeout_ms: int) -> None:
-        """Take what has come for the nodes, waiting for it at most so long."""
+        """Take what has come for the nodes, waiting for it at most so long; below 0 nothing."""
+        if timeout_ms < 0:
+            return
         if self.state != AGENT_CONNECTED:
             raise base.MiddlewareError("the node has been destroyed")
         if not self._told and self.on_state is not None:

@@ -11,7 +11,7 @@ import pytest
 
 import uros
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT
-from uros.client.executor import trigger_all
+from uros.client.triggers import trigger_all
 from uros.host import interrupt
 from uros.host.direct import Direct
 from uros.host.network import Network

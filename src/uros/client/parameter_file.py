@@ -1,0 +1,149 @@
+"""Parameters that survive the power switch, in a file."""
+
+import json
+import os
+
+from .parameter import Parameter
+
+try:
+    from typing import Any, Callable
+except ImportError:  # MicroPython
+    pass
+
+try:
+    from binascii import crc32
+except ImportError:  # a MicroPython without it
+
+    def crc32(data: "Any", value: int = 0) -> int:  # type: ignore[misc]
+        return 0
+
+
+class ParameterFile:
+    """Keeps what was set of a node's parameters in the file ``path``::
+
+        ParameterServer(node, persist=ParameterFile("params.json"))
+
+    A change is written at most ``period_sec`` later, together with all others until then, and
+    nothing is written where nothing is new: flash wears out. Call :meth:`save` before a power-off
+    that you know of. The new file takes the old one's place when it is complete. What cannot be
+    read of a file is said, and the declared values count.
+
+    The file is JSON, ``{"name": [type, value], …}``, and in the last line its check sum. Whoever
+    changes it by hand deletes that line. ``writes`` and ``failures`` count.
+    """
+
+    def __init__(self, path: str, period_sec: float = 5.0) -> None:
+        self.path = path
+        self.values: "dict[str, Parameter]" = {}
+        self.say: "Callable[[str], object]" = print
+        self.writes = 0
+        self.failures = 0
+        self._period = period_sec
+        self._written = ""
+        self._timer: "Any" = None
+
+    def open(self, node: "Any") -> None:
+        """Read the file, and write it while this node spins."""
+        self._timer = node.create_timer(self._period, self.save)
+        self._timer.cancel()
+        fault = ""
+        for path in (self.path, self.path + ".new"):
+            try:
+                with open(path) as file:
+                    self._written = file.read()
+                self._take(self._written)
+                return
+            except OSError:  # not there, the first time; or about to be renamed
+                pass
+            except Exception as error:  # whatever flash may hold
+                fault = fault or "%s is damaged (%s)" % (path, error)
+            self._written = ""
+        if fault:
+            self.say("parameters: " + fault + "; the declared values count")
+
+    def _take(self, text: str) -> None:
+        body, _, last = text.strip().rpartition("\n")
+        if body and len(last) == 8 and not last.strip("0123456789abcdef"):
+            if last != "%08x" % crc32((body + "\n").encode()):
+                raise ValueError("the check sum is wrong")
+        else:
+            body = text
+        loaded = json.loads(body)
+        if not isinstance(loaded, dict):
+            raise ValueError("no object")
+        for name in loaded:
+            try:
+                kind, value = loaded[name]
+                if kind == 3:
+                    value = float(value)  # also one written as a text, or by hand with no point
+                elif kind == 5:
+                    value = bytes.fromhex(value)
+                elif kind == 8:
+                    value = [float(item) for item in value]
+                self.values[name] = Parameter(name, kind, value)
+            except Exception as error:
+                self.refused(name, error)
+
+    def refused(self, name: str, reason: "Any") -> None:
+        """A value of the file is of no use."""
+        self.values.pop(name, None)
+        self.say("parameters: %s of %s: %s; the declared value counts" % (name, self.path, reason))
+
+    def changed(self, name: str, parameter: "Parameter | None") -> None:
+        """The parameter was set, or is no more. It is written soon."""
+        if parameter is None:
+            if self.values.pop(name, None) is None:
+                return
+        else:
+            self.values[name] = parameter
+        if self._timer.is_canceled():
+            self._timer.reset()
+
+    def save(self) -> bool:
+        """Write now what is not written yet; whether all is."""
+        text = self._text()
+        if text != self._written:
+            try:
+                self._replace(text)
+            except OSError as error:
+                if not self.failures:
+                    self.say("parameters: %s cannot be written: %s" % (self.path, error))
+                self.failures += 1
+                return False  # the timer goes on, and tries again
+            self._written = text
+            self.writes += 1
+        self._timer.cancel()
+        return True
+
+    def _text(self) -> str:
+        parts = []
+        for name in sorted(self.values):
+            parameter = self.values[name]
+            kind, value = parameter.kind, parameter.value
+            if kind == 3:
+                value = _plain(value)
+            elif kind == 5:
+                value = "".join(["%02x" % octet for octet in value])
+            elif kind == 8:
+                value = [_plain(item) for item in value]
+            parts.append("%s: %s" % (json.dumps(name), json.dumps([kind, value])))
+        body = "{" + ",\n".join(parts) + "}\n"
+        return "%s%08x\n" % (body, crc32(body.encode()))
+
+    def _replace(self, text: str) -> None:
+        new = self.path + ".new"
+        with open(new, "w") as file:
+            file.write(text)
+            file.flush()
+            if hasattr(os, "fsync"):
+                os.fsync(file.fileno())
+        try:
+            os.rename(new, self.path)
+        except OSError:  # FAT does not replace
+            os.remove(self.path)
+            os.rename(new, self.path)
+
+
+def _plain(value: float) -> "float | str":
+    """What JSON has no numbers for is a text: nan, inf."""
+    return value if value - value == 0 else str(value)

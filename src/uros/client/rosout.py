@@ -1,0 +1,268 @@
+"""A node's log: on the console, and on ``/rosout`` for everybody.
+
+``node.get_logger()`` gives the node's :class:`Logger`, as rclpy's. From then on what callbacks
+raise goes there, too. Nothing waits: what is logged before there is an agent is sent later, as far
+as it is among the first eight, with the time at which it was said; and of a flood, twenty lines a
+second cross the line. What was left out is counted and told.
+"""
+
+import sys
+
+from ..qos import DurabilityPolicy, QoSProfile
+from ..wire.streams import ticks_add, ticks_diff
+from .latch import create_latched
+from .shapes import Shape
+
+try:
+    from typing import Any, Callable, Final
+except ImportError:  # MicroPython
+    pass
+
+try:
+    from sys import print_exception  # type: ignore[attr-defined]
+except ImportError:  # CPython
+    from traceback import print_exception
+
+try:
+    from io import StringIO
+except ImportError:  # a MicroPython without it
+    StringIO = None  # type: ignore[assignment, misc]
+
+UNSET: Final = 0
+DEBUG: Final = 10
+INFO: Final = 20
+WARN: Final = 30
+ERROR: Final = 40
+FATAL: Final = 50
+_NAMES: Final = "DEBUG INFO WARN ERROR FATAL"
+
+# Before there is an agent, so many lines are kept; afterwards one each 50 ms crosses the line, and
+# so many at once.
+_KEPT: Final = 8
+_EACH_MS: Final = 50
+_AT_ONCE: Final = 32
+# Longer lines are for the console alone.
+_LONGEST: Final = 1024
+# Lines that are told apart for "once" and its like; Attack: texts that never repeat.
+_FILTERS: Final = 32
+_LEVELS: Final = 32  # Attack: levels of names that never end
+_LIFESPAN_MS: Final = 10000
+
+
+class LoggingSeverity:
+    """Numbers as rcl_interfaces/msg/Log has them."""
+
+    UNSET = UNSET
+    DEBUG = DEBUG
+    INFO = INFO
+    WARN = WARN
+    ERROR = ERROR
+    FATAL = FATAL
+
+
+class Logger:
+    """Logs by name. One without a level of its own has that of the name above, the topmost INFO;
+    loggers of one name are one.
+
+    The methods say whether the line was logged. Their options are rclpy's: ``once``,
+    ``skip_first`` and ``throttle_duration_sec``. They count for all calls whose texts differ in
+    nothing but digits, since a board does not know where it was called from.
+    """
+
+    def __init__(self, name: str, log: "Rosout") -> None:
+        self.name = name
+        self._log = log
+
+    def get_child(self, name: str) -> "Logger":
+        """The logger ``<this one's name>.<name>``."""
+        if not name:
+            raise ValueError("a child logger has a name")
+        return Logger(self.name + "." + name, self._log)
+
+    def named(self, name: str) -> "Logger":
+        """The logger of this full name."""
+        return Logger(name, self._log)
+
+    def levels(self) -> "dict[str, int]":
+        """What was set, by full names."""
+        return self._log.levels
+
+    def set_level(self, level: int) -> None:
+        """UNSET (0), DEBUG (10), INFO (20), WARN (30), ERROR (40) or FATAL (50)."""
+        if level % 10 or not UNSET <= level <= FATAL:
+            raise ValueError("%r is no level; give 0, 10, 20, 30, 40 or 50" % (level,))
+        levels = self._log.levels
+        if self.name not in levels and len(levels) >= _LEVELS:
+            raise ValueError("levels of %d loggers are set already" % _LEVELS)
+        levels[self.name] = level
+
+    def get_effective_level(self) -> int:
+        name = self.name
+        while name:
+            level = self._log.levels.get(name, UNSET)
+            if level:
+                return level
+            name = name[: max(0, name.rfind("."))]
+        return INFO
+
+    def is_enabled_for(self, severity: int) -> bool:
+        return severity >= self.get_effective_level()
+
+    def log(self, message: "Any", severity: int, **options: "Any") -> bool:
+        """Log a message with this severity."""
+        if not self.is_enabled_for(severity):
+            return False
+        message = str(message)
+        if options and not self._log.passes(self.name, message, severity, **options):
+            return False
+        self._log.write(self.name, message, severity)
+        return True
+
+    def debug(self, message: "Any", **options: "Any") -> bool:
+        return self.log(message, DEBUG, **options)
+
+    def info(self, message: "Any", **options: "Any") -> bool:
+        return self.log(message, INFO, **options)
+
+    def warning(self, message: "Any", **options: "Any") -> bool:
+        return self.log(message, WARN, **options)
+
+    def warn(self, message: "Any", **options: "Any") -> bool:
+        return self.log(message, WARN, **options)
+
+    def error(self, message: "Any", **options: "Any") -> bool:
+        return self.log(message, ERROR, **options)
+
+    def fatal(self, message: "Any", **options: "Any") -> bool:
+        return self.log(message, FATAL, **options)
+
+
+class Rosout:
+    """Where the loggers of a node write to. ``console`` gets each line, None: nothing does;
+    ``levels`` are those set, by name; ``left_out`` counts the lines that did not come to
+    ``/rosout``."""
+
+    def __init__(self, node: "Any") -> None:
+        self.console: "Callable[[str], object] | None" = print
+        self.levels: "dict[str, int]" = {}
+        self.left_out = 0
+        self._node = node
+        space = node.get_namespace()[1:].replace("/", ".")
+        self.logger = Logger(space + "." + node.name if space else node.name, self)
+        self._kept: "list[Any]" = []  # (ticks, name, text, severity)
+        self._told = 0  # of left_out
+        self._free = node.clock.ms()  # when the line is owed nothing any more
+        self._filters: "list[list[Any]]" = []  # text, last time, skipped, said
+        qos = QoSProfile(
+            1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan_ms=_LIFESPAN_MS
+        )
+        shape = Shape("rcl_interfaces/msg/Log", "iIBssssI")
+        self._publisher = create_latched(node, shape, "/rosout", qos)
+        self._publisher.on_connected = self._send_kept
+        if node.executor.report is print_exception:
+            node.executor.report = self.report
+
+    def passes(
+        self, name: str, message: str, severity: int, throttle_duration_sec: float = 0,
+        skip_first: bool = False, once: bool = False,
+    ) -> bool:  # fmt: skip
+        """Whether the options let the line pass; this one is remembered."""
+        text = "%d%s:" % (severity, name)
+        for char in message:
+            if not "0" <= char <= "9":
+                text += char
+        now = self._node.clock.ms()
+        known = [it for it in self._filters if it[0] == text]
+        if known:
+            entry = known[0]
+        else:
+            entry = [text, None, False, False]
+            self._filters.append(entry)
+            if len(self._filters) > _FILTERS:
+                self._filters.pop(0)
+        if throttle_duration_sec:
+            if entry[1] is not None and ticks_diff(now, entry[1]) < throttle_duration_sec * 1000:
+                return False
+            entry[1] = now
+        if skip_first and not entry[2]:
+            entry[2] = True
+            return False
+        if once and entry[3]:
+            return False
+        entry[3] = True
+        return True
+
+    def write(self, name: str, message: str, severity: int) -> None:
+        """Log a line."""
+        if self.console is not None:
+            seconds, nanoseconds = self._node.clock.now()
+            self.console(
+                "[%s] [%d.%09d] [%s]: %s"
+                % (
+                    _NAMES.split(" ")[min(max(severity // 10, 1), 5) - 1],
+                    seconds, nanoseconds, name, message,
+                )
+            )  # fmt: skip
+        now = self._node.clock.ms()
+        if self._publisher.created and self._kept:
+            self._send_kept()
+        if not self._publisher.created or self._kept:
+            if len(self._kept) < _KEPT:
+                self._kept.append((now, name, message, severity))
+            else:
+                self.left_out += 1
+            return
+        if ticks_diff(now, self._free) >= 0:
+            self._free = now
+        if ticks_diff(self._free, now) > _AT_ONCE * _EACH_MS:
+            self.left_out += 1
+            return
+        self._tell_left_out(now)
+        if not self._send(now, name, message, severity):
+            self.left_out += 1
+
+    def _send_kept(self) -> bool:
+        now = self._node.clock.ms()
+        while self._kept:
+            if not self._send(*self._kept[0]):
+                return False
+            self._kept.pop(0)
+        self._tell_left_out(now)
+        return True
+
+    def _tell_left_out(self, now: int) -> None:
+        count = self.left_out - self._told
+        if count and self._send(now, self.logger.name, "%d lines were left out" % count, WARN):
+            self._told = self.left_out
+
+    def _send(self, when: int, name: str, message: str, severity: int) -> bool:
+        """Publish a line that was said at these ticks. Nothing is raised: it would be logged."""
+        clock = self._node.clock
+        try:
+            seconds, nanoseconds = clock.now()
+            ms = ticks_diff(clock.ms(), when)
+            seconds -= ms // 1000
+            nanoseconds -= ms % 1000 * 1000000
+            if nanoseconds < 0:
+                seconds -= 1
+                nanoseconds += 1000000000
+            self._free = ticks_add(self._free, _EACH_MS)
+            return self._publisher.publish(
+                self._publisher.type(
+                    [max(0, seconds), nanoseconds, severity, name, message[:_LONGEST], "", "", 0]
+                )
+            )
+        except Exception:  # a text that UTF-8 cannot carry; no memory
+            return False
+
+    def report(self, error: Exception) -> None:
+        """What a callback raised, with where; for the executor."""
+        text = repr(error)
+        if StringIO is not None:
+            out = StringIO()
+            if sys.implementation.name == "micropython":
+                print_exception(error, out)
+            else:
+                print_exception(error, file=out)
+            text = out.getvalue().strip()
+        self.logger.error("a callback raised:\n" + text)

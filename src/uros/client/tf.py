@@ -1,0 +1,103 @@
+"""Where things are: ``/tf`` and ``/tf_static``, as tf2_ros has them.
+
+::
+
+    broadcaster = TransformBroadcaster(node)
+    transform = TransformStamped()        # geometry_msgs
+    transform.header.frame_id, transform.child_frame_id = "odom", "base_link"
+    node.clock.stamp(transform.header.stamp)
+    broadcaster.sendTransform(transform)
+
+``tf2_msgs`` is not needed on the board: what is sent is put together of the transforms themselves.
+"""
+
+from ..qos import DurabilityPolicy, QoSProfile
+from .latch import create_latched
+
+try:
+    from typing import Any, Final
+except ImportError:  # MicroPython
+    pass
+
+_TRANSFORM: Final = "geometry_msgs/msg/TransformStamped"
+# As tf2_ros.
+_DEPTH: Final = 100
+
+
+class Transforms:
+    """A ``tf2_msgs/msg/TFMessage`` of generated TransformStamped, to be sent."""
+
+    _TYPE = "tf2_msgs/msg/TFMessage"
+    _DDS_TYPE = "tf2_msgs::msg::dds_::TFMessage_"
+
+    def __init__(self, transforms: "list[Any]") -> None:
+        self.transforms = transforms
+
+    def cdr_size(self, o: int = 0) -> int:
+        o = (o + 3 & -4) + 4
+        for transform in self.transforms:
+            o = transform.cdr_size(o)
+        return o
+
+    def pack_into(self, buf: "Any", offset: int, start: int) -> int:
+        while (offset - start) & 3:
+            buf[offset] = 0
+            offset += 1
+        count = len(self.transforms)
+        for _ in range(4):
+            buf[offset] = count & 0xFF
+            count >>= 8
+            offset += 1
+        for transform in self.transforms:
+            offset = transform.pack_into(buf, offset, start)
+        return offset
+
+
+class TransformBroadcaster:
+    """Tells ``/tf`` where moving frames are."""
+
+    def __init__(self, node: "Any", qos: "Any" = _DEPTH) -> None:
+        self.publisher = node.create_publisher(Transforms, "/tf", qos)
+
+    def sendTransform(self, transform: "Any") -> bool:
+        """Send one transform, or all of a list in one message; False where it was dropped."""
+        return self.publisher.publish(Transforms(_listed(transform)))  # type: ignore[no-any-return]
+
+
+class StaticTransformBroadcaster:
+    """Tells ``/tf_static`` of frames that do not move: all of them each time, and again to each
+    new agent. One with the same child frame takes the place of the old one. What was given may be
+    changed afterwards: a copy is kept."""
+
+    def __init__(self, node: "Any", qos: "Any" = None) -> None:
+        if qos is None:
+            qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._kept: "list[Any]" = []
+        self.publisher = create_latched(node, Transforms, "/tf_static", qos)
+        self.publisher.on_connected = self._send
+
+    def sendTransform(self, transform: "Any") -> bool:
+        """Keep one transform, or those of a list, and send all there are. False: they are sent
+        when there is an agent, and room."""
+        for one in _listed(transform):
+            octets = bytearray(one.cdr_size())
+            one.pack_into(octets, 0, 0)
+            copy = type(one).unpack_from(octets, 0, 0, len(octets))[0]
+            kept = [it for it in self._kept if it.child_frame_id != copy.child_frame_id]
+            self._kept = kept + [copy]
+        sent = self._send()
+        if not sent and self.publisher.created:
+            self.publisher.call_in()
+        return sent
+
+    def _send(self) -> bool:
+        return not self._kept or self.publisher.publish(Transforms(self._kept))
+
+
+def _listed(transform: "Any") -> "list[Any]":
+    """A list of one, or the list that it is. Raises TypeError for what is no transform."""
+    out = transform if isinstance(transform, (list, tuple)) else [transform]
+    for one in out:
+        if getattr(one, "_TYPE", "") != _TRANSFORM:
+            raise TypeError("%r is no %s" % (one, _TRANSFORM))
+    return list(out)

@@ -1,0 +1,96 @@
+"""A board's log as a real rclpy node hears it, and its transforms on a real DDS.
+
+No tf2_msgs is to be had for the rclpy of these tests, so transforms are received as bytes, by
+readers with the quality of service that tf2_ros has, and read by rosbags.
+"""
+
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from support.services_board import board_and_peer
+
+from uros.host.network import Network
+from uros.interfaces import load
+from uros.interfaces.codec import from_cdr
+from uros.qos import DurabilityPolicy, QoSProfile
+
+pytestmark = pytest.mark.timeout(180)
+
+LOG = "rcl_interfaces/msg/Log"
+TF = "tf2_msgs/msg/TFMessage"
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STATIC = QoSProfile(100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture(scope="module", params=["cpython", "micropython"])
+def board(request, ros_python, domain, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rosout")
+    with board_and_peer(ros_python, folder, request.param, domain) as both:
+        yield both
+
+
+def lines_until(peer, done):
+    """What comes on /rosout of the board, up to a line for which that is so."""
+    lines = []
+    while not lines or not done(lines[-1]):
+        cdr, now = peer.timed_message("/rosout", 20)
+        line = from_cdr(load(LOG), cdr)
+        if "camera" in line.name:
+            lines.append(line)
+            at = line.stamp.sec * 10**9 + line.stamp.nanosec
+            assert -0.5e9 < now - at < 30e9, (line, now)
+    return lines
+
+
+def test_the_log_is_heard_also_what_was_said_before_anybody_listened(board):
+    name, peer = board
+    peer.do("topic", topic="/rosout", count=2)  # the peer's own and the board's
+    peer.do("subscribe", topic="/rosout", type=LOG, durability="transient_local", depth=100)
+    lines = lines_until(peer, lambda line: "tick" in line.msg)
+    assert {line.name for line in lines} == {name[1:].replace("/", ".")}
+    ticks = [line for line in lines if "tick" in line.msg]
+    assert ticks[0].level == 30
+    # One a second, by throttle_duration_sec.
+    first, second = lines_until(peer, lambda line: "tick" in line.msg), None
+    while second is None:
+        (second,) = lines_until(peer, lambda line: "tick" in line.msg)[-1:]
+    since = second.stamp.sec - first[-1].stamp.sec
+    since += (second.stamp.nanosec - first[-1].stamp.nanosec) / 1e9
+    assert 0.9 < since < 5
+    infos = peer.do("topic", topic="/rosout", count=2)["infos"]
+    assert len({tuple(sorted(info.items())) for info in infos}) == 1, infos  # as rclpy's own
+
+
+def test_an_error_of_the_boards_program_is_logged(board):
+    name, peer = board
+    trap = [("int", 2, 99)]
+    peer.do("parameters", node=name, method="set_parameters", parameters=trap, seconds=40)
+    (error,) = [it for it in lines_until(peer, lambda line: line.level == 40) if it.level == 40]
+    assert "a callback raised" in error.msg and "99 is a trap" in error.msg
+    broken = [("broken", 1, True)]
+    peer.do("parameters", node=name, method="set_parameters", parameters=broken)
+    peer.do("lifecycle", node=name, service="change_state", values=[1, ""])
+    assert lines_until(peer, lambda line: line.level == 40)[-1].msg == "the camera is broken"
+
+
+def read(cdr):
+    """(frame, child, x, seconds) of each transform, by rosbags."""
+    message = STORE.deserialize_cdr(cdr, TF)
+    return [
+        (it.header.frame_id, it.child_frame_id, it.transform.translation.x, it.header.stamp.sec)
+        for it in message.transforms
+    ]
+
+
+def test_transforms_reach_dds(board, domain):
+    moving, static = [], []
+    with Network(domain) as network:
+        network.listen("/tf", TF, QoSProfile(100), lambda it: moving.append(read(it.cdr)))
+        assert network.spin(lambda: len(moving) >= 3, 20)
+        # Whoever comes later hears of all that does not move.
+        network.listen("/tf_static", TF, STATIC, lambda it: static.append(read(it.cdr)))
+        assert network.spin(lambda: static, 20)
+    assert static == [[("base", "camera", 0.5, 0), ("base", "laser", -0.5, 0)]]
+    for before, after in zip(moving, moving[1:], strict=False):
+        ((frame, child, x, seconds),) = after
+        assert (frame, child) == ("base", "wheel") and x == before[0][2] + 1.0
+        assert seconds > 1_700_000_000

@@ -1,0 +1,62 @@
+"""The board of tests/firmware/services at an agent that has services, and a real rclpy node."""
+
+import os
+import shutil
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path
+
+from conftest import ROOT
+
+from support.peer import RosPeer
+from uros.boards.running import RunningBoard
+
+SCRIPT = Path(__file__).parent.parent / "interop" / "board_peer.py"
+HARDWARE = "ra6m5_sensor_node"
+SECONDS = 30.0
+
+
+@contextmanager
+def agent_process(python, device, domain, middleware="auto"):
+    """``uros agent`` on a serial line, under the interpreter that has rclpy; its process."""
+    command = [python, "-m", "uros", "agent", "serial", "-D", device, "-m", middleware]
+    process = subprocess.Popen(
+        [*map(str, command), "--domain", str(domain), "--stop-at-eof"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env=dict(os.environ, PYTHONPATH=str(ROOT / "src")),
+    )  # fmt: skip
+    said = ""
+    try:
+        yield process
+    finally:
+        try:
+            said, _ = process.communicate("", SECONDS)
+        finally:
+            process.kill()
+            process.wait()
+    assert process.returncode == 0 and "internal error" not in said, said
+
+
+@contextmanager
+def running_board(folder, engine, name):
+    """The board with that name, on this engine."""
+    program = folder / name
+    shutil.copytree(ROOT / "tests/firmware/services", program)
+    (program / "config.py").write_text(f"NAME = {name!r}\n")
+    form = "mpy" if engine == "micropython" else "py"
+    with RunningBoard(
+        program, board=HARDWARE, engine=engine, form=form, link=folder / f"tty_{name}"
+    ) as board:
+        yield board
+
+
+@contextmanager
+def board_and_peer(python, folder, engine, domain):
+    """(the node's full name, a RosPeer of board_peer.py) while all of them run."""
+    name = f"{engine}_camera"
+    with (
+        RosPeer(python, domain, SCRIPT) as peer,
+        running_board(folder, engine, name) as board,
+        agent_process(python, board.path, domain),
+    ):
+        yield f"/{name}/{name}", peer
