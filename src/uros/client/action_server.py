@@ -1,0 +1,542 @@
+"""Serves an action: takes goals, works on them, and tells how that goes.
+
+::
+
+    def fibonacci(goal):                       # a generator: it yields while the node goes on
+        sequence = [0, 1]
+        for i in range(1, goal.request.order):
+            if goal.is_cancel_requested:
+                goal.canceled()
+                return Fibonacci.Result(sequence)
+            sequence.append(sequence[i] + sequence[i - 1])
+            goal.publish_feedback(Fibonacci.Feedback(sequence))
+            yield 0.5                          # half a second
+        goal.succeed()
+        return Fibonacci.Result(sequence)
+
+    ActionServer(node, Fibonacci, "fibonacci", fibonacci)
+
+A board has no threads, so what takes time must not be done in one go: while a callback runs,
+nothing else does. ``execute_callback(goal)`` may therefore be
+
+* a function that has the result at once, and returns it;
+* a generator, which yields a number: go on after so many seconds; None: in the next round of the
+  executor; a future, of a service say: when it is done, ``yield`` giving its result or raising its
+  error;
+* a coroutine (``async def``), where ``await Wait(...)`` is what ``yield`` is in a generator, and
+  nothing of asyncio's can be awaited;
+* None. Then the program ends its goals itself, from a timer or an asyncio task, by
+  ``goal.succeed(result)``, ``goal.abort(result)`` or ``goal.canceled(result)``.
+
+Goals do not end with a session: while the agent is away the server goes on working, and results
+are kept for those who ask when it is back.
+"""
+
+from ..wire.streams import ticks_add, ticks_diff
+from .actions import (
+    ABORTED,
+    ACCEPTED,
+    CANCELED,
+    CANCELING,
+    EXECUTING,
+    SUCCEEDED,
+    CancelResponse,
+    End,
+    GoalResponse,
+)
+from .entities import Publisher, Service
+
+try:
+    from typing import Any, Callable, Final
+except ImportError:  # MicroPython
+    pass
+
+# By the state that a goal goes to: those it may come from.
+_FROM: Final = (b"", b"", b"\x01", b"\x01\x02", b"\x02\x03", b"\x03", b"\x02\x03")
+_NAMES: Final = ("", "accepted", "executing", "canceling", "succeeded", "canceled", "aborted")
+
+# What a CancelGoal answers besides 0.
+_REJECTED: Final = 1
+_UNKNOWN_GOAL: Final = 2
+_TERMINATED: Final = 3
+
+# Attack, or a busy host: who asks for the results of a goal over and over.
+_MOST_ASKED: Final = 8
+_LONGEST_S: Final = 500000
+
+
+class Wait:
+    """For coroutines: ``await Wait(seconds)``, ``await Wait(None)``, ``await Wait(future)``."""
+
+    def __init__(self, what: "Any") -> None:
+        self.what = what
+
+    def __await__(self) -> "Any":
+        result = yield self.what
+        return result
+
+    __iter__ = __await__  # what MicroPython asks for
+
+
+class ServerGoalHandle:
+    """A goal that has been accepted. ``request`` is the Goal message, ``goal_id`` its UUID."""
+
+    def __init__(self, server: "ActionServer", request: "Any", said: "Any") -> None:
+        self.request = request
+        self._server = server
+        self._said = said  # a GoalStatus: who it is, since when, and its status
+        self._work: "Any" = None  # the execute callback, then what it works by
+        self._begun = False
+        self._due = 0
+        self._future: "Any" = None  # that the work waits for
+        self._result: "_Packed | None" = None  # the answer to get_result
+        self._asked: "list[bytes]" = []  # identities of those that wait for it
+        self._end = 0  # when it came to an end: its result is kept from then on
+
+    @property
+    def goal_id(self) -> "Any":
+        return self._said.goal_info.goal_id
+
+    @property
+    def status(self) -> int:
+        """A state of GoalStatus."""
+        status: int = self._said.status
+        return status
+
+    @property
+    def is_active(self) -> bool:
+        """It has not come to an end."""
+        return self.status < SUCCEEDED
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """Somebody wants it to end, and the server has agreed to that."""
+        return self.status == CANCELING
+
+    def execute(self, execute_callback: "Callable[[Any], Any] | None" = None) -> None:
+        """Begin to work on it in the next round, with the server's execute callback or this."""
+        if self.status == ACCEPTED:
+            self._move(EXECUTING)
+        self._work = execute_callback or self._server.execute_callback
+        self._begun = False
+        self._due = self._server.node.clock.ms()
+
+    def publish_feedback(self, feedback: "Any") -> bool:
+        """Send a Feedback message; as with `Publisher.publish`, False says that it is dropped."""
+        return self._server._feed(self, feedback)
+
+    def succeed(self, result: "Any" = None) -> None:
+        """The goal is reached. Without a result, it is what the execute callback returns.
+
+        RuntimeError: a goal in its state cannot do that. TypeError and ValueError: ``result`` is
+        no Result message that can be sent.
+        """
+        self._move(SUCCEEDED, result)
+
+    def abort(self, result: "Any" = None) -> None:
+        """The goal cannot be reached; see `succeed`."""
+        self._move(ABORTED, result)
+
+    def canceled(self, result: "Any" = None) -> None:
+        """The goal is given up, as was asked for; see `succeed`."""
+        self._move(CANCELED, result)
+
+    def _may(self, status: int) -> bool:
+        return self.status in _FROM[status]
+
+    def _move(self, status: int, result: "Any" = None) -> None:
+        server = self._server
+        if not self._may(status):
+            raise RuntimeError(
+                "%s: a goal that is %s cannot become %s"
+                % (server.name, _NAMES[self.status], _NAMES[status])
+            )
+        packed = None
+        if status >= SUCCEEDED and (result is not None or self._work is None):
+            packed = server._pack(status, result)
+        self._said.status = status
+        self._end = server.node.clock.ms()
+        server._say()
+        if packed is not None:
+            server._done(self, packed)
+
+
+class _Packed:
+    """A message that is packed already: what a program does to its result afterwards is nothing
+    to those who ask for it."""
+
+    def __init__(self, message: "Any") -> None:
+        self._TYPE = message._TYPE
+        self._octets = bytearray(message.cdr_size())
+        message.pack_into(self._octets, 0, 0)
+
+    def cdr_size(self, o: int = 0) -> int:
+        return o + len(self._octets)
+
+    def pack_into(self, buf: "Any", offset: int, start: int) -> int:
+        end = offset + len(self._octets)
+        buf[offset:end] = self._octets
+        return end
+
+
+class _Server(Service):
+    """A service whose answers come when they come: ``callback(identity, request)``."""
+
+    def __init__(
+        self, end: "ActionServer", name: str, type: "Any",
+        callback: "Callable[[bytes, Any], None]",
+    ) -> None:  # fmt: skip
+        self._server = end
+        self._late: "list[Any]" = []  # (identity, response) that there was no room for
+        super().__init__(end.node, end.service(name), type, 10, callback)
+
+    def on_lost(self) -> None:
+        self._late = []
+        super().on_lost()
+        self._server._lost()
+
+    def is_ready(self, now: int) -> bool:
+        self._flush()
+        return bool(self._queue)
+
+    def execute(self, new: bool) -> None:
+        identity, request = self._queue.pop(0)
+        self.callback(identity, request)
+
+    def reply(self, identity: bytes, response: "Any") -> None:
+        self._late.append((identity, response))
+        self._flush()
+
+    def _flush(self) -> None:
+        while self._late or self._answer is not None:
+            if self._answer is None:
+                self._answer = self._late.pop(0)
+            answer = self._answer
+            try:
+                self._reply()
+            except MemoryError:  # there may be some later; an empty answer would be a wrong one
+                self._answer = answer
+            except Exception as error:  # a result that is too long: nobody is to wait for ever
+                self._server.node.executor._fail(error)
+                self._answer = (answer[0], self.type.Response())
+                self._reply()
+            if self._answer is not None:
+                return
+
+
+class ActionServer(End):
+    """See the module. Arguments follow rclpy:
+
+    ``goal_callback(goal)`` gets the Goal message and returns GoalResponse.ACCEPT or REJECT; without
+    it all goals are accepted. ``handle_accepted_callback(handle)`` says when to begin; without it,
+    the work begins at once. ``cancel_callback(handle)`` returns CancelResponse.ACCEPT or REJECT;
+    without it nothing is canceled. What raises in there is a REJECT.
+
+    Results are kept for ``result_timeout`` seconds after the end of a goal, while the agent is
+    there; less than 0: for ever. ``max_goals`` is how many goals the server knows at a time: where
+    there are so many, the result that is oldest goes early, and as long as all of them are being
+    worked on, others are refused.
+    """
+
+    def __init__(
+        self,
+        node: "Any",
+        action_type: "Any",
+        action_name: str,
+        execute_callback: "Callable[[Any], Any] | None" = None,
+        goal_callback: "Callable[[Any], int] | None" = None,
+        handle_accepted_callback: "Callable[[Any], object] | None" = None,
+        cancel_callback: "Callable[[Any], int] | None" = None,
+        feedback_pub_qos_profile: "Any" = 10,
+        status_pub_qos_profile: "Any" = None,
+        result_timeout: float = 10,
+        max_goals: int = 8,
+    ) -> None:
+        super().__init__(node, action_type, action_name)
+        self.execute_callback = execute_callback
+        self.goal_callback = goal_callback
+        self.handle_accepted_callback = handle_accepted_callback
+        self.cancel_callback = cancel_callback
+        self.max_goals = max_goals
+        self.goals: "list[ServerGoalHandle]" = []  # that it knows, the oldest first
+        self._keep_ms = int(result_timeout * 1000) if 0 <= result_timeout < _LONGEST_S else -1
+        self._turn = 0  # of the goals, in being worked on
+        self._unsaid = False  # the status has changed and is not published
+        self._away = False  # a session was lost, and no new one has been seen
+        impl = action_type.Impl
+        make = self.make
+        self._send_goal: _Server = make(
+            _Server, self, "send_goal", impl.SendGoalService, self._on_goal
+        )
+        self._cancel_goal: _Server = make(
+            _Server, self, "cancel_goal", impl.CancelGoalService, self._on_cancel
+        )
+        self._get_result: _Server = make(
+            _Server, self, "get_result", impl.GetResultService, self._on_result
+        )
+        self._feedback: Publisher = make(
+            Publisher, node, self.topic("feedback"), impl.FeedbackMessage,
+            feedback_pub_qos_profile,
+        )  # fmt: skip
+        self.make_states(Publisher, status_pub_qos_profile)
+        self.parts = (self._send_goal, self._cancel_goal, self._get_result)
+        self.others = (self._feedback, self.states)
+
+    def destroy(self) -> None:
+        """Take it off the network. Work on goals is closed, where it is by a generator."""
+        super().destroy()
+        goals = self.goals
+        self.goals = []
+        for goal in goals:
+            if goal._begun and hasattr(goal._work, "close"):
+                self.attempt(goal._work.close)
+            goal._work = None
+
+    # --- as a handle of the executor --------------------------------------------------------
+
+    def is_ready(self, now: int) -> bool:
+        if self._away and self.states.created:  # a new agent
+            self._away = False
+            for goal in self.goals:
+                goal._end = now
+        if self._unsaid and self.states.created:
+            self._say()
+        if super().is_ready(now):
+            return True
+        for goal in self.goals:
+            if self._wait(goal, now) <= 0:
+                return True
+        return False
+
+    def next_deadline(self) -> "int | None":
+        now = self.node.clock.ms()
+        least = 0x1FFFFFFF
+        for goal in self.goals:
+            least = min(least, self._wait(goal, now))
+        return None if least == 0x1FFFFFFF else ticks_add(now, max(0, least))
+
+    def _wait(self, goal: ServerGoalHandle, now: int) -> int:
+        """Milliseconds until something is to be done about a goal."""
+        if goal._work is not None:
+            if goal._future is None:
+                return ticks_diff(goal._due, now)
+            return 0 if goal._future.done() else 0x1FFFFFFF
+        if goal._result is None or self._keep_ms < 0:
+            return 0x1FFFFFFF
+        if self._away or not self._get_result.created:  # nobody can ask for it
+            return 0x1FFFFFFF
+        return ticks_diff(goal._end, now) + self._keep_ms
+
+    def execute(self, new: bool) -> None:
+        """A request, if there is one, and a step of a goal's work, in turns."""
+        self.attempt(super().execute, True)
+        now = self.node.clock.ms()
+        for i in range(len(self.goals)):
+            goal = self.goals[(self._turn + i) % len(self.goals)]
+            if self._wait(goal, now) <= 0:
+                self._turn = (self._turn + i + 1) % len(self.goals)
+                if goal._work is not None:
+                    self._step(goal)
+                else:
+                    self.goals.remove(goal)
+                    self._say()
+                return
+
+    # --- work on goals ------------------------------------------------------------------------
+
+    def _step(self, goal: ServerGoalHandle) -> None:
+        result = None
+        try:
+            if not goal._begun:
+                goal._begun = True
+                result = goal._work(goal)
+                if result is not None and not hasattr(result, "_TYPE"):
+                    goal._work = result  # a generator, or a coroutine
+                    self._resume(goal)
+                    return
+            else:
+                self._resume(goal)
+                return
+        except StopIteration as stop:
+            result = stop.value
+        except Exception as error:
+            self.node.executor._fail(error)
+            self._ended(goal, None, True)
+            return
+        self._ended(goal, result, False)
+
+    def _resume(self, goal: ServerGoalHandle) -> None:
+        future = goal._future
+        goal._future = None
+        error = None if future is None else future.exception()
+        if error is not None:
+            pause = goal._work.throw(error)
+        else:
+            pause = goal._work.send(None if future is None else future.result())
+        if hasattr(pause, "done"):
+            goal._future = pause
+        else:
+            wait = 0 if pause is None else int(min(pause, _LONGEST_S) * 1000)
+            goal._due = ticks_add(self.node.clock.ms(), wait)
+
+    def _ended(self, goal: ServerGoalHandle, result: "Any", told: bool) -> None:
+        """The work is done, and has returned this; ``told``: it has raised."""
+        goal._work = None
+        if goal._result is not None:  # it was given to succeed(), or the like
+            return
+        status = ABORTED if goal.is_active else goal.status
+        try:
+            packed = self._pack(status, result)
+        except Exception as error:
+            self.node.executor._fail(error)
+            told = True
+            packed = self._pack(status, None)
+        if not goal.is_active:
+            self._done(goal, packed)
+            return
+        if not told:
+            self.node.executor._fail(
+                RuntimeError(
+                    "%s: the work on a goal ended without succeed(), abort() or canceled(): it"
+                    " counts as aborted" % self.name
+                )
+            )
+        goal._move(ABORTED, packed)
+
+    def _pack(self, status: int, result: "Any") -> _Packed:
+        """The answer to those who ask for the result."""
+        kind = self.action_type.Result
+        if isinstance(result, _Packed):
+            return result
+        if result is None:
+            result = kind()
+        elif getattr(result, "_TYPE", None) != kind._TYPE:
+            raise TypeError(
+                "%s: a result is a %s, not %s"
+                % (self.name, kind._TYPE, getattr(result, "_TYPE", type(result).__name__))
+            )
+        return _Packed(self.action_type.Impl.GetResultService.Response(status, result))
+
+    def _done(self, goal: ServerGoalHandle, packed: _Packed) -> None:
+        goal._result = packed
+        asked = goal._asked
+        goal._asked = []
+        for identity in asked:
+            self._get_result.reply(identity, packed)
+
+    # --- what it tells -----------------------------------------------------------------------
+
+    def _say(self) -> None:
+        """Publish the states of all goals, now or as soon as there is room."""
+        self._unsaid = True
+        if self.states.created:
+            self._unsaid = self.attempt(self._publish_status) is False
+
+    def _publish_status(self) -> "Any":
+        message = self.action_type.Impl.GoalStatusMessage([goal._said for goal in self.goals])
+        return self.states.publish(message)
+
+    def _feed(self, goal: ServerGoalHandle, feedback: "Any") -> bool:
+        kind = self.action_type.Feedback
+        if getattr(feedback, "_TYPE", None) != kind._TYPE:
+            raise TypeError("%s: feedback is a %s" % (self.name, kind._TYPE))
+        message = self.action_type.Impl.FeedbackMessage(goal.goal_id, feedback)
+        return self._feedback.publish(message)
+
+    def _lost(self) -> None:
+        """The session is gone, and with it those who asked; a new agent knows no status."""
+        self._away = True
+        self._unsaid = bool(self.goals)
+        for goal in self.goals:
+            goal._asked = []
+
+    # --- what it is asked ---------------------------------------------------------------------
+
+    def _find(self, goal_id: "Any") -> "ServerGoalHandle | None":
+        uuid = bytes(goal_id.uuid)
+        for goal in self.goals:
+            if bytes(goal.goal_id.uuid) == uuid:
+                return goal
+        return None
+
+    def _has_room(self) -> bool:
+        if len(self.goals) < self.max_goals:
+            return True
+        for goal in self.goals:
+            if goal._result is not None and goal._work is None:
+                self.goals.remove(goal)
+                return True
+        return False
+
+    def _on_goal(self, identity: bytes, request: "Any") -> None:
+        impl = self.action_type.Impl
+        response = impl.SendGoalService.Response()
+        response.accepted = (
+            self._find(request.goal_id) is None
+            and (
+                self.goal_callback is None
+                or self.attempt(self.goal_callback, request.goal) == GoalResponse.ACCEPT
+            )
+            and self._has_room()
+        )
+        goal = None
+        if response.accepted:
+            said = impl.Status()
+            said.goal_info.goal_id = request.goal_id
+            said.status = ACCEPTED
+            self.node.clock.stamp(said.goal_info.stamp)
+            response.stamp = said.goal_info.stamp
+            goal = ServerGoalHandle(self, request.goal, said)
+            self.goals.append(goal)
+        self._send_goal.reply(identity, response)
+        if goal is not None:
+            self._say()
+            self.attempt(self.handle_accepted_callback or ServerGoalHandle.execute, goal)
+
+    def _on_cancel(self, identity: bytes, request: "Any") -> None:
+        """By id and time: with neither of them all goals, with an id alone this one, with a time
+        those accepted until then, and the one of the id."""
+        info = request.goal_info
+        uuid = bytes(info.goal_id.uuid)
+        until = (info.stamp.sec, info.stamp.nanosec)
+        timed = until != (0, 0)
+        one = uuid != bytes(16)
+        response = self.action_type.Impl.CancelGoalService.Response()
+        if one and not timed:
+            response.return_code = _UNKNOWN_GOAL
+        wanted = []
+        for goal in self.goals:
+            its = goal._said.goal_info
+            if one and bytes(its.goal_id.uuid) == uuid:
+                if not timed:
+                    response.return_code = 0 if goal._may(CANCELING) else _TERMINATED
+            elif timed:
+                if (its.stamp.sec, its.stamp.nanosec) > until:
+                    continue
+            elif one:
+                continue
+            if goal._may(CANCELING):
+                wanted.append(goal)
+        for goal in wanted:
+            if (
+                self.cancel_callback is not None
+                and self.attempt(self.cancel_callback, goal) == CancelResponse.ACCEPT
+                and goal._may(CANCELING)  # it may have come to its end in there
+            ):
+                goal._move(CANCELING)
+                response.goals_canceling.append(goal._said.goal_info)
+        if wanted and not response.goals_canceling:
+            response.return_code = _REJECTED
+        self._cancel_goal.reply(identity, response)
+
+    def _on_result(self, identity: bytes, request: "Any") -> None:
+        goal = self._find(request.goal_id)
+        if goal is None:
+            response = self.action_type.Impl.GetResultService.Response()
+            self._get_result.reply(identity, response)  # its status says UNKNOWN
+        elif goal._result is not None:
+            self._get_result.reply(identity, goal._result)
+        else:
+            if len(goal._asked) >= _MOST_ASKED:
+                goal._asked.pop(0)
+            goal._asked.append(identity)

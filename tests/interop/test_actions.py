@@ -1,0 +1,264 @@
+"""Actions of boards on both Pythons, with real rclpy's action client and server.
+
+The agent is a process of the interpreter that has rclpy, with the auto middleware.
+"""
+
+import os
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from support.peer import RosPeer
+
+from uros.boards.running import RunningBoard
+from uros.interfaces import load as load_type
+from uros.interfaces.codec import from_cdr, to_cdr
+
+pytestmark = pytest.mark.timeout(180)
+
+String = load_type("std_msgs/msg/String")
+HARDWARE = "ra6m5_sensor_node"
+UNKNOWN, EXECUTING, SUCCEEDED, CANCELED, ABORTED = 0, 2, 4, 5, 6
+# What the two programs do with special orders: tests/firmware/actions and action_peer.py.
+ABORTING, STUBBORN, FAILING = 3, 13, 14
+
+
+def fibonacci(order):
+    sequence = [0, 1]
+    while len(sequence) <= order:
+        sequence.append((sequence[-1] + sequence[-2]) % 1000000007)
+    return sequence
+
+
+def feedback(order):
+    return [fibonacci(n) for n in range(2, order + 1)]
+
+
+@pytest.fixture(scope="module")
+def peer(ros_python, domain):
+    script = Path(__file__).with_name("action_peer.py")
+    with RosPeer(ros_python, domain, script) as running:
+        yield running
+
+
+class ActionBoard:
+    """A board, and ``uros agent`` on its line."""
+
+    def __init__(self, engine, folder, ros_python, domain):
+        self.name = engine
+        self.action = f"/{engine}/fibonacci"
+        self.other = f"/real/{engine}"  # the action that it uses
+        program = folder / engine
+        shutil.copytree(ROOT / "tests/firmware/actions", program)
+        (program / "config.py").write_text(f"NAME = {engine!r}\nPEER = {self.other!r}\n")
+        self.running = RunningBoard(
+            program, board=HARDWARE, engine=engine, link=folder / f"tty_{engine}",
+            form="mpy" if engine == "micropython" else "py",
+        )  # fmt: skip
+        self._command = [
+            str(ros_python), "-m", "uros", "agent", "serial", "-m", "auto", "--domain",
+            str(domain), "--stop-at-eof",
+        ]  # fmt: skip
+        self._log = folder / "agent.log"
+        self.agent = None
+
+    def start_agent(self):
+        with self._log.open("a") as log:
+            self.agent = subprocess.Popen(
+                [*self._command, "-D", str(self.running.path)],
+                stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT,
+                env=dict(os.environ, PYTHONPATH=str(ROOT / "src")),
+            )  # fmt: skip
+
+    def end_agent(self, kill=False):
+        if kill:
+            self.agent.kill()
+        self.agent.communicate(timeout=30)
+        said = self._log.read_text()
+        assert kill or self.agent.returncode == 0, said
+        assert "internal error" not in said, said
+
+
+@pytest.fixture(scope="module", params=["cpython", "micropython"])
+def board(request, tmp_path_factory, ros_python, domain):
+    one = ActionBoard(request.param, tmp_path_factory.mktemp("actions"), ros_python, domain)
+    with one.running:
+        one.start_agent()
+        try:
+            yield one
+        finally:
+            one.end_agent()
+
+
+def console(board):
+    lines = []
+    while not board.running.console.empty():
+        lines.append(board.running.console.get())
+    return lines
+
+
+# --- a real client, and the board's server --------------------------------------------
+
+
+def test_a_real_client_uses_a_boards_action(board, peer):
+    """All at once: taken, refused, aborted, canceled, not to be canceled, and one that fails."""
+    orders = {
+        "short": [5, 0], "refused": [-1, 0], "aborted": [ABORTING, 0], "canceled": [40, 4],
+        "stubborn": [STUBBORN, 4], "failing": [FAILING, 0],
+    }  # fmt: skip
+    goals = peer.do("send", name=board.action, goals=orders, seconds=30)["goals"]
+    short = goals["short"]
+    # Feedback that is sent before the client has found its writer does not come.
+    assert short["accepted"] and short["feedback"] == feedback(5)[-len(short["feedback"]) :]
+    assert short["end"] == [SUCCEEDED, fibonacci(5)]
+    assert goals["refused"] == {"accepted": False, "feedback": [], "end": None}
+    assert goals["aborted"]["end"] == [ABORTED, fibonacci(ABORTING)]
+    canceled = goals["canceled"]
+    assert canceled["cancel"] == [0, 1] and canceled["end"][0] == CANCELED
+    assert 4 <= len(canceled["end"][1]) < 40
+    told = canceled["feedback"]
+    assert told and told == feedback(len(canceled["end"][1]) - 1)[-len(told) :]
+    stubborn = goals["stubborn"]
+    assert stubborn["cancel"] == [1, 0] and stubborn["end"] == [SUCCEEDED, fibonacci(STUBBORN)]
+    assert goals["failing"]["end"] == [ABORTED, []]
+    assert any("ValueError: order 14" in line for line in console(board))
+
+
+def test_the_last_states_are_there_for_who_comes_late(board, peer):
+    goals = {"one": [5, 0], "two": [6, 0]}
+    peer.do("send", name=board.action, goals=goals)
+    assert peer.do("watch", name=board.action, keys=["one", "two"], status=SUCCEEDED)["said"]
+
+
+def test_results_are_kept_for_a_while(board, peer):
+    peer.do("send", name=board.action, goals={"kept": [4, 0]})
+    assert peer.do("result", key="kept", status=SUCCEEDED)["end"] == [SUCCEEDED, fibonacci(4)]
+    assert peer.do("result", key="kept", status=UNKNOWN)["end"] == [UNKNOWN, []]
+
+
+def test_goals_are_canceled_by_time_and_all_of_them(board, peer):
+    name = board.action
+    for key in ("old", "middle", "young"):
+        peer.do("begin", name=name, goals={key: [1000, 0]})
+    answer = peer.do("cancel", name=name, key="middle", before="old")
+    assert (answer["code"], answer["count"]) == (0, 2)
+    assert peer.do("watch", name=name, keys=["old", "middle"], status=CANCELED)["said"]
+    answer = peer.do("cancel", name=name, key="old")
+    assert (answer["code"], answer["count"]) == (3, 0)  # it is over
+    answer = peer.do("cancel", name=name)
+    assert (answer["code"], answer["count"]) == (0, 1)
+    goals = peer.do("end", goals=["old", "middle", "young"])["goals"]
+    assert [goals[key]["end"][0] for key in goals] == [CANCELED] * 3
+
+
+def test_a_goal_outlives_the_agent(board, peer):
+    """Killed in the middle: the work goes on, and the next agent's clients have to do with it."""
+    peer.do("begin", name=board.action, goals={"long": [100000, 0]})
+    board.end_agent(kill=True)
+    board.start_agent()
+    answer = peer.do("cancel", name=board.action, key="long", seconds=40)
+    assert (answer["code"], answer["count"]) == (0, 1)
+    end = peer.do("result", key="long", status=CANCELED)["end"]
+    assert end[0] == CANCELED and end[1][:5] == fibonacci(4)
+
+
+# --- the board's client, and a real server ---------------------------------------------
+
+
+class Remote:
+    """Has the board send goals, and hears what it tells of them."""
+
+    def __init__(self, board, peer):
+        self.peer = peer
+        self.heard = []
+        self.sent = f"/{board.name}/send"
+        self.told = f"/{board.name}/told"
+        peer.do("subscribe", topic=self.told, type=String._TYPE)
+
+    def send(self, number, order, cancel_at=0):
+        cdr = to_cdr(String(f"{number} {order} {cancel_at}")).hex()
+        assert self.peer.do("publish", topic=self.sent, type=String._TYPE, cdr=[cdr])["subscribers"]
+
+    def hears(self, beginning, seconds):
+        """Whether it tells something that begins like this within so long."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            try:
+                sample = self.peer.message(self.told, deadline - time.monotonic())
+            except AssertionError:
+                return False
+            said = from_cdr(String, sample).data
+            self.heard.append(said[:40])
+            if said.startswith(beginning):
+                return True
+        return False
+
+    def hear(self, until):
+        """What it tells, by the goal's number, until all of these have had their last word."""
+        heard = {str(number): [] for number in until}
+        last = set(heard)
+        while last:
+            number, _, said = from_cdr(String, self.peer.message(self.told)).data.partition(" ")
+            heard.setdefault(number, []).append(said)
+            if said.split()[0] in ("refused", "result"):
+                last.discard(number)
+        return heard
+
+
+@pytest.fixture(scope="module")
+def remote(board, peer):
+    """The real server is there, and the board's client has heard feedback of it.
+
+    XRCE cannot tell whether somebody is there. What comes too early is answered by nobody.
+    """
+    peer.do("serve", name=board.other)
+    remote = Remote(board, peer)
+    for number in range(1000, 1020):
+        remote.send(number, 4)
+        if remote.hears(f"{number} feedback", 3):
+            remote.hear([number])
+            return remote
+    raise AssertionError(f"no feedback: {remote.heard}")
+
+
+def words(sequence):
+    return " ".join(map(str, sequence))
+
+
+def test_a_board_uses_a_real_nodes_action(remote):
+    """All at once: taken, refused, aborted, canceled, and not to be canceled."""
+    for number, order, cancel_at in (
+        (1, 5, 0), (2, -1, 0), (3, ABORTING, 0), (4, 40, 4), (5, STUBBORN, 4),
+    ):  # fmt: skip
+        remote.send(number, order, cancel_at)
+    heard = remote.hear([1, 2, 3, 4, 5])
+    # Feedback is another topic, and may come before the answer that says the goal was taken.
+    assert "accepted" in heard["1"]
+    assert [it for it in heard["1"] if it != "accepted"] == [
+        *(f"feedback {words(it)}" for it in feedback(5)),
+        f"result {SUCCEEDED} {words(fibonacci(5))}",
+    ]
+    assert heard["2"] == ["refused"]
+    assert heard["3"][-1] == f"result {ABORTED} {words(fibonacci(ABORTING))}"
+    assert "cancel 0 1" in heard["4"]
+    assert heard["4"][-1].startswith(f"result {CANCELED} 0 1 1 2")
+    assert "cancel 0 0" in heard["5"]  # as rclpy says it
+    assert heard["5"][-1] == f"result {SUCCEEDED} {words(fibonacci(STUBBORN))}"
+
+
+def test_a_board_does_not_wait_for_an_agent_that_is_gone(board, peer, remote):
+    remote.send(7, 1000)
+    assert remote.hears("7 accepted", 15)
+    board.end_agent(kill=True)
+    board.running.wait("7 lost")
+    board.start_agent()
+    # The goal lives on at its server. This client hears of it again, and can send others.
+    assert remote.hears("7 feedback", 40)
+    assert any(
+        remote.send(number, 2) or remote.hears(f"{number} result {SUCCEEDED}", 3)
+        for number in range(8, 20)
+    ), remote.heard
+    peer.do("stop")
