@@ -1,0 +1,174 @@
+"""The ROS graph on a board: who is there, as far as the agent tells.
+
+::
+
+    graph = Graph(node, lambda: print(graph.get_node_names()))
+    ...
+    if graph.count_subscribers("chatter"): ...
+
+An agent of ours tells boards that ask for it, at most once a second, and an agent of eProsima where
+its participant for it runs. Nothing else in the protocol says who listens: without this a board
+does not know whether its publishers are matched. What is left out of long graphs is for the agent
+to choose: first what every node has, then services, topics and nodes.
+"""
+
+from ..wire import ids
+from ..wire.cdr import Reader
+from ..wire.entities import push_binary_topic
+from ..wire.errors import WireError
+from .entities import Subscription
+
+try:
+    from typing import Any, Callable, Final, Iterator
+
+    from ..wire.cdr import Buffer
+except ImportError:  # MicroPython
+    pass
+
+TOPIC: Final = "ros_to_microros_graph"
+TYPE: Final = "micro_ros_msgs::msg::dds_::Graph_"
+# Of an entity in the graph; a node's own line has none.
+_NODE: Final = -1
+_PUBLISHER: Final = 0
+_SUBSCRIBER: Final = 1
+_SERVICE: Final = 2
+_CLIENT: Final = 3
+
+
+class Graph(Subscription):
+    """The graph as the agent told it last; ``callback()`` runs when it is told anew.
+
+    Names of methods are rclpy's. ``known``: one has come in this session; before that all is
+    empty, and counts are 0. It is kept as it came and read when it is asked for: about two
+    kilobytes with a board's usual MTU.
+    """
+
+    def __init__(self, node: "Any", callback: "Callable[[], object] | None" = None) -> None:
+        if hasattr(node.connection, "middleware"):
+            raise TypeError("a host's node has no agent to ask; see uros.host.graph")
+        self.known = False
+        self._buf = b"\0\0\0\0"
+        self._little = True
+        super().__init__(node, TOPIC, None, 1, callback or _nothing)  # type: ignore[arg-type]
+        self.flags |= ids.QOS_TRANSIENT_LOCAL
+        node._add(self)
+
+    def _create(self, connection: "Any", step: int, this: int) -> None:
+        if step:
+            super()._create(connection, step, this)
+        else:  # no topic of ROS
+            connection.create(self, this, self.node.object_id, push_binary_topic, TOPIC, TYPE)
+
+    def on_lost(self) -> None:
+        self.known = False
+        self._buf = b"\0\0\0\0"
+        super().on_lost()
+
+    def on_data(self, buf: "Buffer", start: int, stop: int, little: bool) -> None:
+        graph = bytes(buf[start:stop])
+        try:
+            for _ in _lines(graph, little):
+                pass
+        except (WireError, ValueError):
+            self.malformed += 1
+            return
+        self._buf = graph
+        self._little = little
+        self.known = True
+        self._queue = [None]
+
+    def execute(self, new: bool) -> None:
+        self._queue = []
+        self.callback()  # type: ignore[call-arg]
+
+    # --- as rclpy has it ----------------------------------------------------------------------
+
+    def get_node_names_and_namespaces(self) -> "list[tuple[str, str]]":
+        return [
+            (name, space) for space, name, kind, _, _ in _lines(self._buf, self._little)
+            if kind == _NODE
+        ]  # fmt: skip
+
+    def get_node_names(self) -> "list[str]":
+        return [name for name, _ in self.get_node_names_and_namespaces()]
+
+    def get_topic_names_and_types(self) -> "list[tuple[str, list[str]]]":
+        return self._found((_PUBLISHER, _SUBSCRIBER))
+
+    def get_service_names_and_types(self) -> "list[tuple[str, list[str]]]":
+        return self._found((_SERVICE,))
+
+    def get_publisher_names_and_types_by_node(
+        self, node_name: str, node_namespace: str
+    ) -> "list[tuple[str, list[str]]]":
+        return self._found((_PUBLISHER,), node_name, node_namespace)
+
+    def get_subscriber_names_and_types_by_node(
+        self, node_name: str, node_namespace: str
+    ) -> "list[tuple[str, list[str]]]":
+        return self._found((_SUBSCRIBER,), node_name, node_namespace)
+
+    def get_service_names_and_types_by_node(
+        self, node_name: str, node_namespace: str
+    ) -> "list[tuple[str, list[str]]]":
+        return self._found((_SERVICE,), node_name, node_namespace)
+
+    def get_client_names_and_types_by_node(
+        self, node_name: str, node_namespace: str
+    ) -> "list[tuple[str, list[str]]]":
+        return self._found((_CLIENT,), node_name, node_namespace)
+
+    def count_publishers(self, topic: str) -> int:
+        """How many nodes publish it: our own too."""
+        return self._count(_PUBLISHER, self.node.resolve_topic_name(topic))
+
+    def count_subscribers(self, topic: str) -> int:
+        return self._count(_SUBSCRIBER, self.node.resolve_topic_name(topic))
+
+    def count_services(self, service: str) -> int:
+        return self._count(_SERVICE, self.node.resolve_service_name(service))
+
+    def count_clients(self, service: str) -> int:
+        return self._count(_CLIENT, self.node.resolve_service_name(service))
+
+    def _count(self, kind: int, name: str) -> int:
+        count = 0
+        for _, _, its, entity, _ in _lines(self._buf, self._little):
+            count += its == kind and entity == name
+        return count
+
+    def _found(
+        self, kinds: "tuple[int, ...]", node: "str | None" = None, space: str = ""
+    ) -> "list[tuple[str, list[str]]]":
+        """Sorted by name; the types of one name together."""
+        out: "dict[str, list[str]]" = {}
+        for its_space, its_node, kind, name, types in _lines(self._buf, self._little):
+            if kind in kinds and (node is None or (its_node == node and its_space == space)):
+                known = out.setdefault(name, [])
+                for it in types:
+                    if it not in known:
+                        known.append(it)
+        return [(name, sorted(out[name])) for name in sorted(out)]
+
+
+def _nothing() -> None:
+    pass
+
+
+def _lines(graph: bytes, little: bool) -> "Iterator[tuple[str, str, int, str, list[str]]]":
+    """(namespace, node, kind, name, types) of each entity, and one for each node.
+
+    micro_ros_msgs/msg/Graph: nodes of namespace, name and entities of kind, name and types.
+    """
+    r = Reader(graph, 0, len(graph), little)
+    for _ in range(r.u32()):
+        space = r.string()
+        node = r.string()
+        yield space, node, _NODE, "", []
+        for _ in range(r.u32()):
+            kind = r.u8()
+            name = r.string()
+            types = []
+            for _ in range(r.u32()):
+                types.append(r.string())
+            yield space, node, kind, name, types
