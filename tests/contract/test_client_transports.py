@@ -1,6 +1,7 @@
 """What a node of ours can do over every transport that a board's program has on a host."""
 
 import os
+import random
 import select
 import socket
 import time
@@ -15,17 +16,37 @@ from support.lines import SECONDS
 from uros.interfaces.std_msgs.msg import Int32, UInt8MultiArray
 from uros.interfaces.std_srvs.srv import Trigger
 
+from uros.boards.air import HostAir
+from uros.boards.esp8266 import Esp8266
+from uros.boards.gs2200 import Gs2200
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
+from uros.ticks import ticks_ms
 from uros.transport.base import TransportError
 from uros.transport.canboard import CanTransport
 from uros.transport.canport import CanPort
 from uros.transport.datagram import UdpTransport
 from uros.transport.device import DevicePort
+from uros.transport.esp8266 import Esp8266Transport
+from uros.transport.gs2200 import Gs2200Transport
 from uros.transport.stream import StreamTransport
 from uros.transport.tcpboard import TcpTransport
 from uros.transport.tlsboard import TlsTransport
 
 QUICK = {"ping_ms": 20, "silence_ms": 200, "wait_ms": 20, "limit": 300_000}
+
+
+def lasting_port(host):
+    """A port that no socket is given by chance, so that an agent finds its own free again."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for port in random.sample(range(20_000, 30_000), 1000):
+        with socket.socket(family, socket.SOCK_DGRAM) as udp, socket.socket(family) as tcp:
+            try:
+                udp.bind((host, port))
+                tcp.bind((host, port))
+            except OSError:
+                continue
+        return port
+    raise AssertionError("no port is free")
 
 
 class Surroundings:
@@ -60,11 +81,8 @@ class Udp(Surroundings):
         super().__init__(kind)
         self.listens_on = host
         self.host = host  # what boards know it by
+        self.port = lasting_port(host)
         self.start()
-
-    def start(self):
-        super().start()
-        self.port = self.agent.transport.port
 
     def server(self):
         from uros.transport.udp import UdpServer
@@ -185,9 +203,32 @@ class Can(Surroundings):
         return CanTransport(CanPort(self.channel, "virtual"), 0x200 + len(self.nodes))
 
 
+class Modem(Udp):
+    """UDP by modelled modems, each with its own, whose network is the host's."""
+
+    def __init__(self):
+        self.air = HostAir({"robots": "secret99"})
+        super().__init__("udp")
+
+    def close(self):
+        self.air.close()
+
+
+class ByEsp8266(Modem):
+    def transport(self):
+        modem = Esp8266(self.air, ticks_ms, join_ms=20, answer_ms=1, send_ms=1)
+        return Esp8266Transport(modem, "robots", "secret99", self.host, self.port)
+
+
+class ByGs2200(Modem):
+    def transport(self):
+        modem = Gs2200(self.air, ticks_ms, key_ms=20, join_ms=20)
+        return Gs2200Transport(modem, modem, "robots", "secret99", self.host, self.port)
+
+
 KINDS = {
     "udp": Udp, "udp6": Udp6, "tcp": Tcp, "tls": Tls, "serial": Serial, "memory": Memory,
-    "can": Can,
+    "can": Can, "esp8266": ByEsp8266, "gs2200": ByGs2200,
 }  # fmt: skip
 
 
@@ -280,7 +321,7 @@ def test_a_node_takes_its_leave(made):
     assert node.state == WAITING_AGENT
 
 
-@pytest.mark.parametrize("kind", ["udp", "tcp", "tls", "serial", "can"])
+@pytest.mark.parametrize("kind", ["udp", "tcp", "tls", "serial", "can", "esp8266", "gs2200"])
 def test_everything_is_there_again_after_another_agent(kind):
     with place(kind) as made:
         node = boards(made, "node")[0]
@@ -316,7 +357,7 @@ def test_an_agent_that_is_gone_with_its_line(made):
     until(made, lambda: len(calls) >= 10)  # and the program goes on
 
 
-@pytest.mark.parametrize("kind", ["udp", "tcp", "tls"])
+@pytest.mark.parametrize("kind", ["udp", "tcp", "tls", "esp8266", "gs2200"])
 def test_an_agent_that_comes_later(kind):
     with place(kind) as made:
         made.stop()

@@ -9,7 +9,7 @@ engine runs firmware on it. Faults are planted and healed by name while it runs:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -17,6 +17,7 @@ from typing import Final
 from .clock import BoardClock
 from .i2c import Device, I2CBus
 from .mcp9600 import Mcp9600
+from .plugs import Plug, Radio, Spi, Uart, plug
 from .room import Room
 from .sht3x import Sht3x
 from .usb import UsbCdc
@@ -118,9 +119,11 @@ class Pin:
 
 
 class VirtualBoard:
-    """One board, plugged in and switched on. ``path`` is where its USB line is to be found.
+    """One board, plugged in and switched on. ``path`` is where its USB line is to be found,
+    ``plugs`` what is plugged into it (see `uros.boards.plugs`).
 
-    Raises BoardError for a name that is not in :data:`BOARDS`.
+    Raises BoardError for a name that is not in :data:`BOARDS`, PlugError for what cannot be plugged
+    in.
     """
 
     def __init__(
@@ -130,6 +133,7 @@ class VirtualBoard:
         path: str | Path | None = None,
         seed: int = 0,
         room: Room | None = None,
+        plugs: Sequence[str] = (),
     ) -> None:
         if name not in BOARDS:
             raise BoardError(f"there is no board {name}; there are {', '.join(BOARDS)}")
@@ -155,6 +159,17 @@ class VirtualBoard:
             Pin("P004", "button S2"),
         )
         self.pins = {pin.name: pin for pin in pins}
+        self.uarts: dict[int, Uart] = {}
+        self.spis: dict[int, Spi] = {}
+        self.radio: Radio | None = None
+        self.plugs: dict[str, Plug] = {}
+        try:
+            for spec in plugs:
+                made = plug(self, spec)
+                self.plugs[made.name] = made
+        except ValueError:
+            self.close()
+            raise
 
     def _devices(self) -> dict[str, Device]:
         return {it.name: it for bus in self.i2c.values() for it in bus.devices.values()}
@@ -170,6 +185,11 @@ class VirtualBoard:
         usb = self.usb
         active = {"unplug": not usb.plugged, "suspend": usb.suspended}
         out += [Fault(f"usb:{kind}", it, active.get(kind, False)) for kind, it in _USB.items()]
+        out += [
+            Fault(f"{name}:{kind}", text, kind in it.device.faults)
+            for name, it in self.plugs.items()
+            for kind, text in it.FAULTS[name].items()
+        ]
         return out
 
     def fault(self, spec: str) -> None:
@@ -177,7 +197,7 @@ class VirtualBoard:
         everybody's. Several of one device add up. Raises FaultError."""
         what, _, kind = spec.partition(":")
         known = {fault.spec for fault in self.faults()}
-        names = [*self._devices(), "bus", "usb"]
+        names = [*self._devices(), "bus", "usb", *self.plugs]
         if kind == "off" and what in (*names, "all"):
             for name in names if what == "all" else [what]:
                 self._heal(name)
@@ -191,6 +211,8 @@ class VirtualBoard:
         elif what == "bus":
             for bus in self.i2c.values():
                 bus.fault(kind)
+        elif what in self.plugs:
+            self.plugs[what].fault(kind)
         else:
             self._devices()[what].faults.add(kind)
 
@@ -210,6 +232,8 @@ class VirtualBoard:
         elif name == "bus":
             for bus in self.i2c.values():
                 bus.heal()
+        elif name in self.plugs:
+            self.plugs[name].heal()
         else:
             self._devices()[name].faults.clear()
 
@@ -219,8 +243,12 @@ class VirtualBoard:
         self.usb.disable()
         for pin in self.pins.values():
             pin.mode = IN
+        if self.radio is not None:
+            self.radio.reset()
         self.clock.restart()
 
     def close(self) -> None:
         """Switch it off: the USB line is gone for good."""
         self.usb.close()
+        for it in self.plugs.values():
+            it.close()

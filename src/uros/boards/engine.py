@@ -37,12 +37,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
-from ..interfaces import InterfaceError
+from ..interfaces import InterfaceError, add_folder
 from . import engine_cpython
 from .board import BoardError, FaultError, VirtualBoard
 from .build import BuildError, build
 from .engine_host import BoardHost, Reset
 from .engine_micropython import MicroPythonEngine, NoMicroPython, find
+from .plugs import PlugError
 
 _MOST_READS: Final = 64
 
@@ -50,7 +51,8 @@ _MOST_READS: Final = 64
 @dataclass(frozen=True)
 class Options:
     """What to run, and how. ``program`` is the firmware's folder; ``form`` the one of `build`;
-    ``reads`` whether events tell of I2C reads; ``measure`` whether the peak of the heap is."""
+    ``reads`` whether events tell of I2C reads; ``measure`` whether the peak of the heap is;
+    ``plugs`` what is plugged into the board; ``interfaces`` folders of definitions."""
 
     program: str
     board: str
@@ -61,6 +63,8 @@ class Options:
     faults: list[str] = field(default_factory=list)
     reads: bool = False
     measure: bool = False
+    plugs: list[str] = field(default_factory=list)
+    interfaces: list[str] = field(default_factory=list)
 
 
 class BoardProcess:
@@ -80,7 +84,9 @@ class BoardProcess:
         self._base: int | None = None  # the heap before the program
         try:
             link = None if options.link is None else Path(options.link)
-            self._board = VirtualBoard(options.board, path=link, seed=options.seed)
+            self._board = VirtualBoard(
+                options.board, path=link, seed=options.seed, plugs=options.plugs
+            )
         except BaseException:
             self._folder.cleanup()
             raise
@@ -92,6 +98,8 @@ class BoardProcess:
             board.fault(spec)
         if options.engine == "micropython":
             find()
+        for folder in options.interfaces:
+            add_folder(folder)
         root = Path(self._folder.name) / "flash"
         build(Path(options.program), root, options.form)
         if options.reads:
@@ -241,7 +249,9 @@ def main() -> None:
         except BaseException:
             process.close()
             raise
-    except (BuildError, BoardError, FaultError, NoMicroPython, InterfaceError, OSError) as error:
+    except (
+        BuildError, BoardError, FaultError, NoMicroPython, InterfaceError, PlugError, OSError,
+    ) as error:  # fmt: skip
         text = json.dumps({"event": "failed", "error": str(error)})
         os.write(events, text.encode() + b"\n")
         sys.exit(1)

@@ -14,7 +14,9 @@ import builtins
 import errno
 import gc
 import importlib
+import struct
 import sys
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import CodeType, ModuleType, SimpleNamespace, TracebackType
@@ -30,7 +32,7 @@ _SHIMS_ON_BOARD: Final = "/shims/"
 # CPython's own that stand for MicroPython's.
 _NATIVE: Final = frozenset(
     """array asyncio binascii cmath collections errno hashlib heapq io json math os platform random
-    re struct zlib""".split()
+    re zlib""".split()
 )  # fmt: skip
 
 
@@ -64,6 +66,7 @@ class _Modules:
         self._builtins["__import__"] = self._import
         self._builtins["print"] = self._print
         made = {"_host": self._host_module(), "micropython": _micropython(), "gc": _gc()}
+        made["struct"] = _struct()
         self._made: Mapping[str, ModuleType] = {**made, "sys": self._sys()}
 
     def run_main(self) -> None:
@@ -223,6 +226,32 @@ class _Modules:
             trace = trace.tb_next
         head = "Traceback (most recent call last):\n" if frames else ""
         return f"{head}{''.join(frames)}{type(error).__name__}: {_text(error)}\n"
+
+
+def _struct() -> ModuleType:
+    """MicroPython's: its ``s`` takes any buffer, and what does not fit is a ValueError."""
+
+    def told(call: Callable[..., Any]) -> Callable[..., Any]:
+        def it(*values: Any) -> Any:
+            try:
+                return call(
+                    *values[:2],
+                    *[bytes(v) if isinstance(v, (array, memoryview)) else v for v in values[2:]],
+                )
+            except struct.error as error:
+                raise ValueError(str(error)) from None
+
+        return it
+
+    module = ModuleType("struct")
+    vars(module).update(
+        calcsize=struct.calcsize, pack_into=told(struct.pack_into), unpack=told(struct.unpack),
+        unpack_from=told(struct.unpack_from),
+        pack=told(lambda *values: struct.pack(
+            *[bytes(v) if isinstance(v, (array, memoryview)) else v for v in values]
+        )),
+    )  # fmt: skip
+    return module
 
 
 def _text(error: BaseException) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from .board import IN, OUT
+from .engine_plugs import PlugHost
 from .shims import _ops as ops
 from .usb import CONFIGURED, SUSPENDED
 
@@ -81,6 +82,7 @@ class BoardHost:
             ops.FREQUENCY: lambda _: _CORE_HZ,
             ops.ENDED: self._end,
             ops.HEAP: self._measured,
+            **PlugHost(board, self._waits).operations,
         }
 
     def call(self, op: int, data: bytes = b"") -> bytes | int:
@@ -122,9 +124,12 @@ class BoardHost:
 
     # --- time -------------------------------------------------------------------------
 
-    def _sleep(self, data: bytes) -> bytes:
+    def _waits(self) -> None:
         self._within = False
         self._idle()
+
+    def _sleep(self, data: bytes) -> bytes:
+        self._waits()
         self._board.clock.sleep_us(int.from_bytes(data, "little"))
         return b""
 

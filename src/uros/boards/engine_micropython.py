@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shlex
 import shutil
 import struct
 import subprocess
@@ -21,12 +22,16 @@ from .shims import _ops as ops
 _HERE: Final = Path(__file__).parent
 RUNNER: Final = _HERE / "engine_micropython.mjs"
 PACKAGE: Final = "@micropython/micropython-webassembly-pyscript"
+VERSION: Final = "1.27.0"
+"""Of the package: the one that the shims are tested with."""
 _MODULE: Final = Path("node_modules", *PACKAGE.split("/"), "micropython.mjs")
 _SILENT: Final = (ops.CONSOLE, ops.HEAP)
 
 # MicroPython numbers errors the same on every machine, namely as Linux does.
 _ERRORS: Final = {
-    "ENOENT": 2, "EIO": 5, "ENODEV": 19, "EINVAL": 22, "ENOTCONN": 107, "ETIMEDOUT": 110,
+    "ENOENT": 2, "EIO": 5, "EBADF": 9, "EAGAIN": 11, "ENOMEM": 12, "ENODEV": 19, "EINVAL": 22,
+    "ECONNRESET": 104, "ENOTCONN": 107, "ETIMEDOUT": 110, "ECONNREFUSED": 111, "EHOSTUNREACH": 113,
+    "EINPROGRESS": 115,
 }  # fmt: skip
 
 
@@ -37,12 +42,15 @@ class NoMicroPython(RuntimeError):
 def find() -> tuple[Path, Path]:
     """``(node, micropython.mjs)``. Raises NoMicroPython.
 
-    Looked for in ``$UROS_MICROPYTHON``, a folder with node_modules, then in the clone's
-    ``build/micropython``, then in the current folder; node beside them, or on the PATH.
+    Looked for in ``$UROS_MICROPYTHON``, a folder with node_modules, and only there if it is set;
+    else in the ``build/micropython`` of the clone and of the current folder, then in the current
+    folder; node beside them, or on the PATH.
     """
     named = os.environ.get("UROS_MICROPYTHON")
-    clone = _HERE.parents[2] / "build" / "micropython"
-    folders = [Path(named)] if named else [clone, Path.cwd()]
+    clones = dict.fromkeys((_HERE.parents[2], Path.cwd()))
+    folders = [Path(named)] if named else [it / "build" / "micropython" for it in clones]
+    if not named:
+        folders.append(Path.cwd())
     for folder in folders:
         module = folder / _MODULE
         if not module.exists():
@@ -52,12 +60,33 @@ def find() -> tuple[Path, Path]:
         if node is None:
             raise NoMicroPython("the engine micropython needs Node 18 or newer: install node")
         return Path(node), module
-    places = " and ".join(str(folder / "node_modules") for folder in folders)
-    remedy = f"npm install {PACKAGE}, and name the folder that has node_modules in UROS_MICROPYTHON"
-    script = _HERE.parents[2] / "scripts" / "env.py"
-    if script.exists() and not named:
-        remedy = f"python3 {os.path.relpath(script)} micropython"
-    raise NoMicroPython(f"there is no MicroPython in {places}; install it with: {remedy}")
+    raise NoMicroPython(_remedy(named, [it for it in clones if _is_clone(it)]))
+
+
+def _is_clone(folder: Path) -> bool:
+    return (folder / "scripts" / "env.py").exists() and (folder / "src" / "uros").is_dir()
+
+
+def _remedy(named: str | None, clones: list[Path]) -> str:
+    """What to say where nothing was found; its commands can be typed as they stand."""
+    script = ""
+    if clones:
+        file = os.path.relpath(clones[0] / "scripts" / "env.py")
+        script = f"python3 {shlex.quote(file)} micropython"
+    npm = f"npm install {PACKAGE}@{VERSION} --prefix"
+    if named:
+        place = Path(named, "node_modules")
+        text = f"there is no MicroPython in {place}; install it with: {npm} {shlex.quote(named)}"
+        other = f"unset UROS_MICROPYTHON and: {script}" if script else "name another folder by it"
+        return f"{text} (UROS_MICROPYTHON names that folder), or {other}"
+    if script:
+        place = clones[0] / "build" / "micropython"
+        return f"there is no MicroPython in {place}; install it with: {script}"
+    here = "~/micropython"
+    return (
+        "there is no MicroPython in node_modules here, and UROS_MICROPYTHON names no other folder;"
+        f" install it with: {npm} {here} && export UROS_MICROPYTHON={here}"
+    )
 
 
 class MicroPythonEngine:

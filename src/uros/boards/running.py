@@ -65,6 +65,8 @@ class RunningBoard:
     ``on_read(address, ns)`` is called for each I2C read that has ended, from another thread;
     without it, they come into the queue ``reads`` if ``reads`` is true. ``on_event`` gets all else
     that `uros.boards.engine` tells, from that thread too. ``measure`` finds the peak of the heap.
+    ``plugs`` are plugged into the board; see `uros.boards.plugs`. ``interfaces`` are folders of
+    definitions that the program's imports may mean besides; see `uros.interfaces.add_folder`.
 
     ``console`` is a queue of the lines that the program prints, without ``on_event``. Waits raise
     TimeoutError, and BoardGone when there is nothing to wait for any more.
@@ -84,6 +86,8 @@ class RunningBoard:
         on_read: Callable[[int, int], None] | None = None,
         on_event: Callable[[dict[str, Any]], object] | None = None,
         measure: bool = False,
+        plugs: Sequence[str] = (),
+        interfaces: Sequence[str | Path] = (),
     ) -> None:
         if isinstance(firmware, str) and firmware in BOARDS:
             board = board or firmware
@@ -98,6 +102,7 @@ class RunningBoard:
             "program": str(program.absolute()), "board": board, "engine": engine, "form": form,
             "link": None if link is None else str(Path(link).absolute()), "seed": seed,
             "faults": list(faults), "reads": reads or on_read is not None, "measure": measure,
+            "plugs": list(plugs), "interfaces": [str(Path(it).absolute()) for it in interfaces],
         }  # fmt: skip
         self._on_read = on_read
         self._on_event = on_event

@@ -22,6 +22,9 @@ The agent's ends:
 ===================  ============================================================
 
 A board's ends, which run on MicroPython: ``stream`` for lines, ``datagram`` for UDP,
-``tcpboard`` for TCP, ``tlsboard`` for TLS, ``canboard`` for CAN FD. Where a board's program runs on
-CPython, ``device``, ``portable_serial`` and ``canport`` are their ports.
+``tcpboard`` for TCP, ``tlsboard`` for TLS, ``discoveryboard``, which finds the agent for these, and
+``wlan``, the network under all four;
+``esp8266`` and ``gs2200`` for AT modems, and ``modem``, what these share; ``canboard`` for CAN FD
+and ``canpyb``, its port on an STM32. Where a board's program runs on CPython, ``device``,
+``portable_serial`` and ``canport`` are the ports.
 """

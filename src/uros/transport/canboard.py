@@ -36,9 +36,10 @@ _LENGTHS: Final = (8, 12, 16, 20, 24, 32, 48, 64)
 _FRAMES: Final = 64
 
 
-def can_frame(message: "Buffer") -> bytearray:
-    """The data of the frame for a message of at most MTU bytes."""
-    size = len(message)
+def can_frame(message: "Buffer", size: int = -1) -> bytearray:
+    """The data of the frame for a message, or its first ``size`` bytes: at most MTU of them."""
+    if size < 0:
+        size = len(message)
     length = size + 1
     if length > 8:
         for length in _LENGTHS:
@@ -46,7 +47,7 @@ def can_frame(message: "Buffer") -> bytearray:
                 break
     data = bytearray(length)
     data[0] = size
-    data[1 : size + 1] = message
+    data[1 : size + 1] = message if len(message) == size else memoryview(message)[:size]
     return data
 
 
@@ -77,9 +78,11 @@ class CanTransport:
         if hasattr(self.port, "close"):
             self.port.close()
 
-    def send(self, message: "Buffer") -> None:
-        """See :class:`uros.client.connection.Transport`."""
-        if len(message) > MTU or self.port.send(self.can_id, can_frame(message)) is False:
+    def send(self, message: "Buffer", size: int = -1) -> None:
+        """See :class:`uros.client.connection.Transport`. Without a size, all of it."""
+        if size < 0:
+            size = len(message)
+        if size > MTU or self.port.send(self.can_id, can_frame(message, size)) is False:
             self.dropped += 1
 
     def receive(self, timeout_ms: int) -> "bytes | None":

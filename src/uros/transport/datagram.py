@@ -62,14 +62,14 @@ class UdpTransport:
             self._socket.close()
             self._socket = None
 
-    def send(self, message: "Buffer") -> None:
-        """See :class:`uros.client.connection.Transport`.
+    def send(self, message: "Buffer", size: int = -1) -> None:
+        """See :class:`uros.client.connection.Transport`. Without a size, all of it.
 
         What the network does not take now, or has nobody to take, is lost: an agent that is not
         there yet is no reason to close the socket.
         """
         try:
-            self._socket.send(message)
+            self._socket.send(message if size < 0 else memoryview(message)[:size])
         except OSError:
             pass
 

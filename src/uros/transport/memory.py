@@ -88,10 +88,10 @@ class MemoryTransport:
         while self.receive(0) is not None:
             pass
 
-    def send(self, message: bytes | bytearray | memoryview) -> None:
+    def send(self, message: bytes | bytearray | memoryview, size: int = -1) -> None:
         """See :class:`uros.client.connection.Transport`."""
         try:
-            self._socket.send(message)
+            self._socket.send(message if size < 0 else memoryview(message)[:size])
         except OSError:  # full, or there is no agent
             pass
 

@@ -96,18 +96,19 @@ class TcpTransport:
                 except OSError:
                     pass
 
-    def send(self, message: "Buffer") -> None:
+    def send(self, message: "Buffer", size: int = -1) -> None:
         """See :class:`uros.client.connection.Transport`. What is sent before there is a
-        connection goes out with it."""
+        connection goes out with it. Without a size, all of the message."""
         if self._line is not None:
             self._push()
-        size = len(message)
+        if size < 0:
+            size = len(message)
         if self._from < self._to or size > self.mtu:
             self.dropped += 1
             return
         self._out[0] = size & 0xFF
         self._out[1] = size >> 8
-        self._out[2 : 2 + size] = message
+        self._out[2 : 2 + size] = memoryview(message)[:size]
         self._from = 0
         self._to = size + 2
         if self._line is not None:

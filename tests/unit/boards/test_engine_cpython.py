@@ -121,6 +121,25 @@ def test_what_micropython_has_is_there(runner):
     assert runner.fine(program) == "3 -1 -1 True\nmicropython virtual True\n"
 
 
+def test_struct_is_micropythons(runner):
+    printed = runner.run(
+        """
+        from array import array
+        from struct import pack, pack_into, unpack_from
+        doubles = array("d", (0.0, 0.0))
+        pack_into("<16s", doubles, 0, memoryview(pack("<2d", 1.5, -2.0) + b"more"))
+        octets = bytearray(8)
+        pack_into("<8s", octets, 0, doubles)
+        print(doubles[0], doubles[1], unpack_from("<d", octets), pack("<8s", doubles) == octets)
+        try:
+            unpack_from("<d", octets, 1)
+        except ValueError:
+            print("too short")
+        """
+    )
+    assert printed == "1.5 -2.0 (1.5,) True\ntoo short\n"
+
+
 def test_the_host_keeps_its_own_time(runner):
     real = time
     runner.fine("import time, select\nassert hasattr(time, 'ticks_ms')\n")

@@ -27,6 +27,23 @@ UNIQUE_ID = 20  #   nothing                                     octets
 FREQUENCY = 21  #   nothing                                     number: Hz
 ENDED = 22  #       the traceback, or nothing                   nothing
 HEAP = 23  #        text: octets in use, peak                   nothing
+UART_INIT = 24  #   u8 number, u32 baud, u32 octets of buffer   nothing
+UART_WRITE = 25  #  u8 number, octets                           number: how many were taken
+UART_READ = 26  #   u8 number, u16 at most                      octets
+UART_ANY = 27  #    u8 number                                   number: octets to read
+SPI_INIT = 28  #    u8 number, u8 mode 0 to 3                   nothing
+SPI_WRITE = 29  #   u8 number, octets                           nothing
+SPI_READ = 30  #    u8 number, u8 to send meanwhile, u16 count  octets
+WLAN_CONNECT = 31  # name, NUL, password                        nothing
+WLAN_LEAVE = 32  #  nothing                                     nothing
+WLAN_STATUS = 33  # nothing                                     number: 0 idle, 1 joining, 2 wrong
+#                                                               password, 3 no such network, 4 in it
+NET_OPEN = 34  #    u8: 1 TCP, 2 UDP                            number: handle
+NET_CONNECT = 35  # u8 handle, u16 port, host                   nothing
+NET_SEND = 36  #    u8 handle, octets                           number: how many were taken
+NET_RECV = 37  #    u8 handle, u16 at most                      octets
+NET_CLOSE = 38  #   u8 handle                                   nothing
+NET_WAIT = 39  #    u32 microseconds, u8 handle, u8 events      number: those that are there
 
 # States of USB, added up.
 USB_OPEN = 1  # configured by the host

@@ -184,3 +184,62 @@ class I2C:
 def _register(memaddr: int, addrsize: int) -> bytes:
     """A register's number as it goes over the bus: big-endian, whole octets."""
     return memaddr.to_bytes((addrsize + 7) // 8, "big")
+
+
+class UART:
+    """A UART by its number; only numbers that something is plugged into exist. No call waits:
+    ``timeout`` is 0. It has room for ``rxbuf`` octets that come while the program does not read."""
+
+    def __init__(
+        self, id: int, baudrate: int = 9600, bits: int = 8, parity: int | None = None,
+        stop: int = 1, *, tx: object = None, rx: object = None, txbuf: int = 256,
+        rxbuf: int = 256, timeout: int = 0, timeout_char: int = 0,
+    ) -> None:  # fmt: skip
+        self._id = id
+        try:
+            _board.call(_board.UART_INIT, struct.pack("<BII", self._id, baudrate, rxbuf))
+        except OSError:
+            raise ValueError("UART(" + str(self._id) + ") doesn't exist")  # noqa: B904
+
+    def deinit(self) -> None:
+        pass
+
+    def any(self) -> int:
+        return _board.number(_board.UART_ANY, bytes((self._id,)))
+
+    def read(self, nbytes: int = 65535) -> bytes | None:
+        data = _board.call(_board.UART_READ, struct.pack("<BH", self._id, nbytes))
+        return data if data else None
+
+    def write(self, buf: bytes) -> int:
+        return _board.number(_board.UART_WRITE, bytes((self._id,)) + bytes(buf))
+
+
+class SPI:
+    """A bus by its number; only numbers that something is plugged into exist."""
+
+    MSB = 0
+    LSB = 1
+
+    def __init__(
+        self, id: int, baudrate: int = 1000000, *, polarity: int = 0, phase: int = 0,
+        bits: int = 8, firstbit: int = MSB, sck: object = None, mosi: object = None,
+        miso: object = None,
+    ) -> None:  # fmt: skip
+        self._id = id
+        try:
+            _board.call(_board.SPI_INIT, bytes((id, polarity << 1 | phase)))
+        except OSError:
+            raise ValueError("SPI(" + str(id) + ") doesn't exist")  # noqa: B904
+
+    def deinit(self) -> None:
+        pass
+
+    def write(self, buf: bytes) -> None:
+        _board.call(_board.SPI_WRITE, bytes((self._id,)) + bytes(buf))
+
+    def readinto(self, buf: bytearray, write: int = 0) -> None:
+        buf[:] = self.read(len(buf), write)
+
+    def read(self, nbytes: int, write: int = 0) -> bytes:
+        return _board.call(_board.SPI_READ, struct.pack("<BBH", self._id, write, nbytes))

@@ -1,8 +1,8 @@
 # mypy: disable-error-code="no-any-return"
-"""MicroPython's ``select`` for streams that answer ``ioctl``, such as a CDCInterface.
+"""MicroPython's ``select`` for streams that answer ``ioctl``, such as a CDCInterface or a socket.
 
-It waits in the virtual board, which wakes it when the USB line has something to say. MicroPython
-asks each stream in a loop instead, to the same effect.
+It waits in the virtual board, which wakes it when the USB line, or the socket that was registered
+first, has something to say. MicroPython asks each stream in a loop instead, to the same effect.
 """
 
 import struct
@@ -73,7 +73,13 @@ class poll:
                 left = timeout * 1000 - ((now - start) & 0x3FFFFFFF)
                 if left <= 0:
                     return ready
-            _board.number(_board.USB_WAIT, struct.pack("<IB", min(left, _LONGEST_US), wanted))
+            left = min(left, _LONGEST_US)
+            for stream, events in self._streams:
+                if hasattr(stream, "net_wait"):  # a socket
+                    stream.net_wait(left, events)
+                    break
+            else:
+                _board.number(_board.USB_WAIT, struct.pack("<IB", left, wanted))
 
     def ipoll(self, timeout: int = -1, flags: int = 0) -> "Iterator[tuple[Any, int]]":
         return iter(self.poll(timeout))

@@ -1,0 +1,73 @@
+"""What a transport takes of a board's heap, beside a node that publishes."""
+
+import pytest
+from mpy.harness import MicroPython, tree
+
+from uros.boards.build import build
+
+PROGRAM = """
+from uros.client import Node
+{imports}
+
+def run(port):
+    node = Node("node", {transport})
+    publisher = node.create_publisher(None, "topic", 10)
+    node.create_timer(1.0, lambda: publisher.publish(None))
+    node.spin()
+"""
+UDP = "from uros.transport.datagram import UdpTransport\n"
+OVER = UDP + "from uros.transport.wlan import Over, Station\n"
+# What they take today and a tenth more.
+KINDS = {
+    "udp": (UDP, "UdpTransport('h')", 1000),
+    "wlan": (OVER, "Over(Station('s', 'p'), UdpTransport('h'))", 3400),
+    "tcp": ("from uros.transport.tcpboard import TcpTransport", "TcpTransport('h')", 3400),
+    "stream": ("from uros.transport.stream import StreamTransport", "StreamTransport(port)", 3000),
+    "can": (
+        "from uros.transport.canboard import CanTransport\n"
+        "from uros.transport.canpyb import PybCan",
+        "CanTransport(PybCan(port))",
+        2100,
+    ),
+    "esp8266": (
+        "from uros.transport.esp8266 import Esp8266Transport",
+        "Esp8266Transport(port, 's', 'p', 'h')",
+        7500,
+    ),
+    "gs2200": (
+        "from uros.transport.gs2200 import Gs2200Transport",
+        "Gs2200Transport(port, port, 's', 'p', 'h')",
+        8100,
+    ),
+}
+
+
+def heap_of(folder, imports, transport):
+    (folder / "program").mkdir(parents=True)
+    (folder / "program" / "main.py").write_text(
+        PROGRAM.format(imports=imports, transport=transport)
+    )
+    build(folder / "program", folder / "out", "mpy")
+    with MicroPython() as board:
+        # Ports with a network have this built in; the heap has nothing of it.
+        board.write("/lib/socket.py", "SOCK_STREAM, SOCK_DGRAM, IPPROTO_TCP = 1, 2, 6\n")
+        board.install(tree(folder / "out"))
+        board.run("import array, errno, gc, os, select, socket, struct, sys, time")
+        board.heap()
+        before = board.heap()
+        board.run("import uros._all")
+        return board.heap() - before
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """A node on a transport that is none."""
+    return heap_of(tmp_path_factory.mktemp("bare") / "bare", "", "port")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_heap_of_a_transport(kind, bare, tmp_path):
+    imports, transport, most = KINDS[kind]
+    takes = heap_of(tmp_path, imports, transport) - bare
+    print(f"\n{kind}: {takes} bytes")
+    assert 0 < takes <= most

@@ -1,0 +1,591 @@
+"""A board's end of an ESP8266 with AT firmware, on a modelled one. Also runs on MicroPython."""
+
+from support.board import pattern
+from support.modem import FakeTime, Line, drain, failure, link_up, trouble, until
+
+from uros.boards.air import Air
+from uros.boards.esp8266 import Esp8266
+from uros.transport.esp8266 import Esp8266Transport
+
+NETWORK, PASSWORD, AGENT = "robots", "secret99", "192.168.1.10"
+
+
+class Place:
+    """A modem in reach of an access point, and a transport on it; ``options`` are the modem's."""
+
+    def __init__(
+        self, time, line=None, ssid=NETWORK, password=PASSWORD, mtu=512, room=2048, **options
+    ):
+        self.air = Air({NETWORK: PASSWORD, 'a "b", c\\d': 'x,"y"\\z'}, (AGENT,))
+        self.modem = Esp8266(self.air, time.ticks_ms, **options)
+        self.line = Line(self.modem, **(line or {}))
+        self.transport = Esp8266Transport(
+            self.line, ssid, password, AGENT, 8888, mtu=mtu, room=room
+        )
+
+    @property
+    def link(self):
+        return self.air.links[-1]
+
+
+def exchange(place, messages):
+    """Each message there and back; what came back."""
+    got = []
+    for it in messages:
+        place.transport.send(it)
+        place.link.come.append(it)
+        got += until(place.transport, lambda it=it: place.link.sent[-1:] == [it])
+    return got + drain(place.transport)
+
+
+MESSAGES = (
+    b"\x80\x00\x00\x00",
+    b"\r\nOK\r\n",
+    b"\r\nERROR\r\n+IPD,5:abcde\r\nSEND OK\r\n> ready\r\nCLOSED\r\n",
+    b"\x00\xff\r\n\x1b:>",
+    pattern(512, 1),
+    b">",
+)
+
+
+def test_it_joins_links_sends_and_receives_in_both_dialects() -> None:
+    for dialect in ("esp-at", "nonos"):
+        with FakeTime() as time:
+            place = Place(time, dialect=dialect)
+            link_up(place.transport)
+            assert place.modem.joined == NETWORK and b"ATE0" in place.modem.lines
+            assert place.link.where == (AGENT, 8888, 0)
+            for it in MESSAGES:
+                place.transport.send(memoryview(it))
+                until(place.transport, lambda it=it, place=place: place.link.sent[-1:] == [it])
+                place.link.come.append(it)
+                assert drain(place.transport) == [it]
+            assert place.link.sent == list(MESSAGES)
+            transport = place.transport
+            assert transport.dropped == transport.malformed == transport.mute == 0
+
+
+def test_however_small_the_pieces_are() -> None:
+    """Each chunk that the line brings at once, and each that it takes."""
+    for size in (1, 2, 3, 5, 7, 13):
+        with FakeTime() as time:
+            place = Place(time, {"chunk": size, "takes": size})
+            link_up(place.transport)
+            got = exchange(place, MESSAGES)
+            assert sorted(got) == sorted(MESSAGES), (size, got)
+
+
+def test_the_order_of_datagrams_stays_and_two_may_be_glued() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        messages = [pattern(n, n) for n in range(1, 200, 3)]
+        place.link.come.extend(messages)
+        assert drain(place.transport) == messages
+        for it in messages[:20]:
+            place.transport.send(it)
+        assert drain(place.transport) == []
+        assert place.link.sent == messages[:20]
+
+
+def test_opening_never_waits_and_joining_takes_its_time() -> None:
+    with FakeTime() as time:
+        place = Place(time, join_ms=7000, answer_ms=3, send_ms=2)
+        before = time.now
+        place.transport.open()
+        assert time.now == before
+        turns = 0
+        while not place.transport.linked:
+            began = time.now
+            assert place.transport.receive(20) is None
+            assert time.now - began <= 40
+            turns += 1
+        assert time.now - before < 7500 and turns > 100
+
+
+def test_names_and_passwords_of_all_characters() -> None:
+    with FakeTime() as time:
+        place = Place(time, ssid='a "b", c\\d', password='x,"y"\\z')
+        link_up(place.transport)
+        assert place.modem.joined == 'a "b", c\\d'
+        place.transport.close()
+        link_up(place.transport)
+        joins = [it for it in place.modem.lines if it.startswith(b"AT+CWJAP=")]
+        assert len(joins) == 1
+
+
+def test_a_wrong_password_is_told_and_the_right_one_heals() -> None:
+    for dialect in ("esp-at", "nonos"):
+        with FakeTime() as time:
+            place = Place(time, password="wrong", dialect=dialect)
+            place.transport.open()
+            said = failure(place.transport)
+            assert "cannot join robots" in said and "password is wrong" in said, said
+            assert not place.transport.linked
+            place.transport.close()
+            place.air.networks[NETWORK] = "wrong"
+            link_up(place.transport)
+
+
+def test_no_such_access_point_is_told() -> None:
+    with FakeTime() as time:
+        place = Place(time, ssid="elsewhere")
+        place.transport.open()
+        said = failure(place.transport)
+        assert "cannot join elsewhere" in said and "no such access point" in said, said
+
+
+def test_an_agent_that_nobody_knows_the_way_to() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        place.air.hosts = ()
+        place.transport.open()
+        said = failure(place.transport)
+        assert "no way to 192.168.1.10, port 8888" in said, said
+
+
+def test_a_network_without_addresses() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        place.modem.faults.add("no_ip")
+        place.transport.open()
+        assert "no address" in failure(place.transport)
+
+
+def test_a_modem_that_says_nothing() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        place.modem.faults.add("dead")
+        place.transport.open()
+        before = time.now
+        said = failure(place.transport)
+        assert "does not answer" in said and "baud" in said, said
+        assert time.now - before < 4000
+        place.modem.faults.clear()
+        link_up(place.transport)
+
+
+def test_the_first_failure_is_the_one_that_is_told() -> None:
+    """A failed join is not covered up by what comes after it."""
+    with FakeTime() as time:
+        place = Place(time, password="wrong")
+        place.transport.open()
+        failure(place.transport)
+        assert not [it for it in place.modem.lines if it.startswith(b"AT+CIPSTART")]
+
+
+def test_a_modem_in_the_middle_of_a_datagram_is_woken() -> None:
+    """A program was reset while it sent: the modem takes what comes for the rest."""
+    for left in (1, 2, 3, 100, 511, 512):
+        with FakeTime() as time:
+            place = Place(time)
+            link_up(place.transport)
+            place.modem.write(b"AT+CIPSEND=512\r\n" + bytes(512 - left))
+            again = Esp8266Transport(place.line, NETWORK, PASSWORD, AGENT)
+            link_up(again)
+            again.send(b"hello")
+            until(again, lambda place=place: place.link.sent[-1:] == [b"hello"])
+
+
+def test_a_modem_that_is_in_its_network_is_not_joined_again() -> None:
+    with FakeTime() as time:
+        place = Place(time, join_ms=5000, answer_ms=5)
+        link_up(place.transport)
+        for _ in range(3):
+            place.transport.close()  # whose command is still being answered
+            assert place.modem.link is None
+            place.transport.close()
+            before = time.now
+            link_up(place.transport)
+            assert time.now - before < 300
+        assert place.transport.mute == 0
+        joins = [it for it in place.modem.lines if it.startswith(b"AT+CWJAP=")]
+        assert len(joins) == 1
+        assert [it.closed for it in place.air.links] == [True, True, True, False]
+
+
+def test_busy_is_asked_again() -> None:
+    with FakeTime() as time:
+        place = Place(time, answer_ms=5, send_ms=40)
+        link_up(place.transport)
+        place.modem.write(b"AT+CWMODE=1\r\n")  # somebody else's command
+        place.transport.send(b"hello")
+        until(place.transport, lambda: place.link.sent == [b"hello"])
+        assert place.transport.dropped == 0
+
+
+def test_lines_that_nobody_asked_for_between_all_others() -> None:
+    """Before and behind each answer, something else is said."""
+    for said in (b"\r\nWIFI CONNECTED\r\n", b"\r\n+STA_CONNECTED:02:00\r\n", b"\r\n\xff\xfe\r\n"):
+        with FakeTime() as time:
+            place = Place(time)
+            hear = place.modem._answer
+
+            def disturbed(text, said=said, hear=hear, place=place):
+                place.modem.say(said)
+                hear(text)
+                place.modem.say(said)
+
+            place.modem._answer = disturbed
+            link_up(place.transport)
+            assert sorted(exchange(place, MESSAGES)) == sorted(MESSAGES)
+
+
+def test_a_lost_network_is_an_error_and_heals() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.lose_network()
+        said = failure(place.transport)
+        assert "closed the link" in said or "lost the network" in said, said
+        place.transport.close()
+        link_up(place.transport)
+        assert sorted(exchange(place, MESSAGES)) == sorted(MESSAGES)
+
+
+def test_a_network_lost_in_the_middle_of_a_datagram() -> None:
+    for dialect in ("esp-at", "nonos"):
+        with FakeTime() as time:
+            place = Place(time, {"takes": 10}, dialect=dialect, send_ms=10)
+            link_up(place.transport)
+            place.transport.send(pattern(300))
+            until(place.transport, lambda place=place: place.modem._want)
+            place.modem.lose_network()
+            failure(place.transport)
+            place.transport.close()
+            link_up(place.transport)
+            place.transport.send(b"hello")
+            until(place.transport, lambda place=place: place.link.sent[-1:] == [b"hello"])
+
+
+def test_a_link_that_is_gone_without_a_word() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.link = None
+        place.transport.send(b"hello")
+        assert "no link" in failure(place.transport)
+
+
+def test_a_modem_that_starts_anew_at_any_moment() -> None:
+    """After each so many octets that it heard, its power is gone for a moment."""
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        exchange(place, [b"hello"])
+        length = len(place.line.written)
+    healed = 0
+    for moment in range(1, length, 3):
+        with FakeTime() as time:
+            place = Place(time)
+            write = place.line.write
+
+            def cut(data, write=write, place=place, moment=moment):
+                if len(place.line.written) < moment <= len(place.line.written) + len(data):
+                    place.modem.reset()
+                return write(data)
+
+            place.line.write = cut
+            place.transport.open()
+            for _ in range(20):
+                try:
+                    until(place.transport, lambda place=place: place.transport.linked)
+                    exchange(place, [b"hello"])
+                    break
+                except OSError:
+                    healed += 1
+                    place.transport.close()
+                    place.transport.open()
+            else:
+                raise AssertionError(moment)
+    assert healed > 5
+
+
+def test_a_reset_is_told() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.reset()
+        assert "started anew" in failure(place.transport)
+
+
+def test_datagrams_that_it_does_not_get_rid_of() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.faults.add("full")
+        for _ in range(2):
+            place.transport.send(b"hello")
+            drain(place.transport)
+        assert place.transport.dropped == 2
+        place.modem.faults.clear()
+        exchange(place, [b"hello"])  # a moment's trouble is none
+        place.modem.faults.add("full")
+        for _ in range(3):
+            place.transport.send(b"hello")
+        assert "gets rid of nothing" in failure(place.transport)
+
+
+def test_an_answer_that_never_comes_costs_one_datagram() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.faults.add("stuck")
+        place.transport.send(b"lost")
+        until(place.transport, lambda: place.transport.mute)
+        place.modem.faults.clear()
+        until(place.transport, lambda: place.transport.dropped)
+        place.transport.send(b"hello")
+        until(place.transport, lambda: place.link.sent[-1:] == [b"hello"])
+        assert place.transport.linked and place.transport.dropped == 1
+
+
+def test_a_datagram_that_lost_bytes_on_the_line() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.say(b"\r\n+IPD,10:abcdefg")
+        assert drain(place.transport) == [] and place.transport.malformed == 1
+        place.link.come.append(b"whole")
+        assert drain(place.transport) == [b"whole"]
+
+
+def test_what_is_too_long_is_passed_over_and_counted() -> None:
+    with FakeTime() as time:
+        place = Place(time, mtu=64)
+        link_up(place.transport)
+        place.link.come.extend([bytes(65), b"fits", b"+IPD,3:abc" * 100, bytes(64)])
+        assert drain(place.transport) == [b"fits", bytes(64)]
+        assert place.transport.malformed == 2
+        place.transport.send(bytes(65))
+        assert place.transport.dropped == 1 and drain(place.transport) == []
+        assert place.link.sent == []
+
+
+def test_a_length_that_is_none() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        for text in (
+            b"+IPD,:",
+            b"+IPD,-1:",
+            b"+IPD,8193:",
+            b"+IPD,9999:",
+            b"+IPD,99999999999999:",
+            b"+IPD,1 2:",
+            b"+IPD:",
+            b":",
+        ):
+            place.modem.say(b"\r\n" + text + b"\r\n")
+            place.link.come.append(b"whole")
+            assert drain(place.transport) == [b"whole"], text
+
+
+def test_what_waits_has_a_bound_and_what_is_new_has_no_room_then() -> None:
+    with FakeTime() as time:
+        place = Place(time, room=2000)
+        link_up(place.transport)
+        messages = [pattern(490, n) for n in range(8)]
+        for it in messages:
+            place.transport.send(it)
+        assert place.transport.dropped == 4
+        drain(place.transport)
+        assert place.link.sent == messages[:4]
+        for turn in range(30):  # round and round the buffer, with some always waiting
+            place.transport.send(pattern(300, turn))
+            place.transport.receive(0)
+        drain(place.transport)
+        assert place.link.sent[4:] == [pattern(300, turn) for turn in range(30)]
+        assert place.transport.dropped == 4
+
+
+def test_a_buffer_that_is_sent_from_the_front_has_room_at_its_end() -> None:
+    with FakeTime() as time:
+        place = Place(time, room=1000, send_ms=5)
+        link_up(place.transport)
+        messages = [pattern(300, n) for n in range(9)]
+        for it in messages[:3]:
+            place.transport.send(it)
+        for number, it in enumerate(messages[3:]):
+            until(place.transport, lambda number=number: len(place.link.sent) > number)
+            until(place.transport, lambda: place.transport._to < 3 * 302)
+            place.transport.send(it)
+        drain(place.transport)
+        assert place.link.sent == messages and place.transport.dropped == 0
+
+
+def test_a_datagram_that_the_line_takes_in_parts_stays_whole_while_others_queue() -> None:
+    with FakeTime() as time:
+        place = Place(time, {"takes": 60}, room=2048)
+        link_up(place.transport)
+        messages = [pattern(500, n) for n in range(60)]
+        for it in messages:
+            for data in (it, it[:7]):  # the short one finds room in front of what is being sent
+                place.transport.send(data)
+                place.transport.receive(0)
+            if not it[0] % 3:
+                place.transport.receive(2)
+        drain(place.transport)
+        assert place.transport.dropped and len(place.link.sent) > 10
+        for it in place.link.sent:
+            assert it in messages or it in [whole[:7] for whole in messages], len(it)
+
+
+def test_an_answer_that_waited_for_the_program_is_not_late() -> None:
+    """However long the program was away, and in whatever pieces the answer comes."""
+    for chunk in (1, 1000):
+        with FakeTime() as time:
+            place = Place(time, {"chunk": chunk})
+            link_up(place.transport)
+            for turn in range(3):
+                assert place.transport.receive(0) is None
+                place.transport.send(b"one")
+                time.now += 60_000
+                place.transport.send(b"two")
+                time.now += 60_000
+                drain(place.transport)
+                assert place.link.sent == [b"one", b"two"] * (turn + 1)
+            assert place.transport.mute == place.transport.dropped == 0
+
+
+def test_a_prompt_that_was_lost_leaves_nothing_behind() -> None:
+    """The modem waits for octets of which nobody knows: it gets others, and is awake again."""
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.line.damage = lambda data: data.replace(b">", b"")
+        place.transport.send(b"lost")
+        until(place.transport, lambda: place.transport.mute)
+        place.line.damage = bytes
+        until(place.transport, lambda: place.transport.dropped)
+        place.transport.send(b"hello")
+        drain(place.transport)
+        assert place.link.sent[-1] == b"hello" and place.transport.dropped == 1
+
+
+def test_a_modem_that_was_just_switched_on() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        place.modem.reset()
+        link_up(place.transport)
+        exchange(place, [b"hello"])
+
+
+def test_answers_that_nobody_waits_for_are_not_kept() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        for _ in range(50):
+            place.modem.say(b"OK\r\nSEND OK\r\n")
+            assert place.transport.receive(0) is None
+        assert len(place.transport._answers) <= 8
+        assert exchange(place, [b"hello"]) == [b"hello"]
+
+
+def test_before_there_is_a_link_the_last_message_waits() -> None:
+    with FakeTime() as time:
+        place = Place(time, join_ms=3000)
+        place.transport.open()
+        for n in range(5):
+            place.transport.send(pattern(20, n))
+            place.transport.receive(10)
+        until(place.transport, lambda: place.transport.linked)
+        drain(place.transport)
+        assert place.link.sent == [pattern(20, 4)] and place.transport.dropped == 4
+
+
+def test_the_first_bytes_of_a_buffer_that_is_used_again() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        buffer = bytearray(b"hello, agent")
+        place.transport.send(buffer, 5)
+        buffer[:] = b"Hullo, agent"
+        place.transport.send(buffer, 12)
+        buffer[:] = bytes(12)
+        drain(place.transport)
+        assert place.link.sent == [b"hello", b"Hullo, agent"]
+        assert len(place.transport._out) == 2048
+
+
+def test_a_closed_one_says_so() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        assert "not open" in trouble(place.transport.receive, 0)
+        assert "not open" in trouble(place.transport.send, b"hello")
+
+
+def test_a_dialogue_that_broke_off_is_begun_anew() -> None:
+    """By an error, or where there was no memory: what comes after it is OSError, until it opens."""
+    for what in (OSError(5), MemoryError()):
+        with FakeTime() as time:
+            place = Place(time)
+            link_up(place.transport)
+            write = place.line.write
+
+            def broken(data, what=what):
+                raise what
+
+            place.line.write = broken
+            try:
+                place.transport.send(b"hello")
+            except (OSError, MemoryError) as error:
+                assert type(error) is type(what)
+            else:
+                raise AssertionError("no error")
+            place.line.write = write
+            for _ in range(3):
+                assert "not open" in trouble(place.transport.receive, 0)
+            place.transport.close()
+            link_up(place.transport)
+            assert exchange(place, [b"hello"]) == [b"hello"]
+
+
+def test_noise_never_ends_and_holds_nobody_up() -> None:
+    class Noise:
+        said = 0
+
+        def read(self, size):
+            self.said += 1
+            return b"\x00noise\xff+IPD\r\n" * 10
+
+        def write(self, data):
+            return len(data)
+
+    with FakeTime():
+        transport = Esp8266Transport(Noise(), NETWORK, PASSWORD, AGENT)
+        transport.open()
+        assert transport.receive(0) is None
+        assert Noise.said == 0 and transport.port.said < 30
+
+
+def test_what_cannot_be() -> None:
+    for mtu, ssid in ((0, "a"), (1461, "a"), (512, ""), (512, "x" * 33)):
+        try:
+            Esp8266Transport(None, ssid, "", AGENT, mtu=mtu)
+        except ValueError:
+            continue
+        raise AssertionError((mtu, ssid))
+
+
+def test_a_uart_that_opens_waits_and_closes() -> None:
+    calls = []
+
+    class Full(Line):
+        def open(self):
+            calls.append("open")
+
+        def close(self):
+            calls.append("close")
+
+        def wait(self, ms):
+            calls.append("wait")
+            time.now += ms
+
+    with FakeTime() as time:
+        place = Place(time)
+        place.transport.port = Full(place.modem)
+        link_up(place.transport)
+        assert place.transport.receive(5000) is None
+        place.transport.close()
+        assert calls[0] == "open" and calls[-1] == "close" and "wait" in calls

@@ -1,0 +1,384 @@
+"""A board's end of a GS2200 on SPI, on a modelled one. Also runs on MicroPython."""
+
+from support.board import pattern
+from support.modem import FakeTime, drain, failure, link_up, until
+
+from uros.boards.air import Air
+from uros.boards.gs2200 import Gs2200
+from uros.transport.gs2200 import Gs2200Transport
+
+NETWORK, PASSWORD, AGENT = "robots", "secret99", "192.168.1.10"
+
+
+class Place:
+    """A modem in reach of an access point, and a transport on it; ``options`` are the modem's."""
+
+    def __init__(self, time, ssid=NETWORK, password=PASSWORD, mtu=512, cs=None, **options):
+        self.air = Air({NETWORK: PASSWORD})
+        self.modem = Gs2200(self.air, time.ticks_ms, **options)
+        self.transport = self.again(ssid, password, mtu, cs)
+
+    def again(self, ssid=NETWORK, password=PASSWORD, mtu=512, cs=None):
+        modem = self.modem
+        return Gs2200Transport(modem, modem, ssid, password, AGENT, mtu=mtu, cs=cs)
+
+    @property
+    def link(self):
+        return self.air.links[-1]
+
+
+def exchange(place, messages):
+    """Each message there and back; what came back."""
+    got = []
+    for it in messages:
+        place.transport.send(it)
+        place.link.come.append(it)
+        got += until(place.transport, lambda it=it: place.link.sent[-1:] == [it])
+    return got + drain(place.transport)
+
+
+MESSAGES = (
+    b"\x80\x00\x00\x00",
+    b"\r\nOK\r\n",
+    b"\r\nERROR\r\n\x1bZ00003abc\x1bF\x1by0\r\nSerial2WiFi APP\r\n",
+    b"\xa5\x01\x00\xf5\x1b",
+    pattern(512, 1),
+    b"0",
+)
+
+
+def test_headers_of_transfers() -> None:
+    # By hand, after Sony's driver in NuttX: start, class, reserved, two octets of information, the
+    # length from its low octet on, and the complement of the sum of all but the start.
+    class Bus:
+        written = b""
+
+        def write(self, data):
+            self.written += bytes(data)
+
+        def value(self):
+            return 0
+
+    bus = Bus()
+    with FakeTime():
+        transport = Gs2200Transport(bus, bus, NETWORK, PASSWORD, AGENT)
+        transport.open()
+        transport.receive(0)
+    assert bus.written == bytes.fromhex("a5010000000400fa")  # AT, CR, LF
+
+
+def test_it_joins_links_sends_and_receives() -> None:
+    for sender in (False, True):
+        with FakeTime() as time:
+            place = Place(time, sender=sender)
+            link_up(place.transport)
+            assert place.modem.joined == NETWORK
+            assert place.link.where == (AGENT, 8888, 10001)
+            for it in MESSAGES:
+                place.transport.send(memoryview(it))
+                until(place.transport, lambda it=it, place=place: place.link.sent[-1:] == [it])
+                place.link.come.append(it)
+                assert drain(place.transport) == [it]
+            assert place.link.sent == list(MESSAGES)
+            transport = place.transport
+            assert transport.dropped == transport.malformed == transport.mute == 0
+            assert place.modem.broken == 0
+
+
+def test_datagrams_of_others_are_passed_over() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        for text in (
+            b"\x1bZ10003abc",
+            b"\x1by0192.168.1.11 8888\t0003abc",
+            b"\x1by0192.168.1.10 8887\t0003abc",
+            b"\x1by1192.168.1.10 8888\t0003abc",
+        ):
+            place.modem.say(text)
+            place.link.come.append(b"ours")
+            assert drain(place.transport) == [b"ours"], text
+        place.modem.say(b"\x1by0192.168.1.10 8888\t0003abc\x1bZ00002de")
+        assert drain(place.transport) == [b"abc", b"de"]
+        assert place.transport.malformed == 4  # those for others, too
+
+
+def test_heads_that_are_none() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        for text in (
+            b"\x1bZ0abcd", b"\x1bZ0 123", b"\x1bZ0000", b"\x1bx", b"\x1b\x1b\x1b", b"\x1bO",
+            b"\x1by0" + b"1" * 60, b"\x1bZ00000", b"\x1bZ0-123",
+        ):  # fmt: skip
+            place.modem.say(text + b"\r\n\r\n\r\n\r\n")
+            place.link.come.append(b"ours")
+            assert drain(place.transport)[-1:] == [b"ours"], text
+
+
+def test_the_order_of_datagrams_stays() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        messages = [pattern(n, n) for n in range(1, 500, 7)]
+        place.link.come.extend(messages)
+        assert drain(place.transport) == messages
+        for it in messages[:10]:
+            place.transport.send(it)
+        assert drain(place.transport) == []
+        assert place.link.sent == messages[:10]
+
+
+def test_opening_never_waits_and_joining_takes_its_time() -> None:
+    with FakeTime() as time:
+        place = Place(time, key_ms=4000, join_ms=6000, answer_ms=3)
+        before = time.now
+        place.transport.open()
+        assert time.now == before
+        turns = 0
+        while not place.transport.linked:
+            began = time.now
+            assert place.transport.receive(20) is None
+            assert time.now - began <= 25
+            turns += 1
+        assert time.now - before < 10500 and turns > 100
+
+
+def test_a_wrong_password_and_an_unknown_network_are_told() -> None:
+    for ssid, password in ((NETWORK, "wrong999"), ("elsewhere", PASSWORD)):
+        with FakeTime() as time:
+            place = Place(time, ssid, password)
+            place.transport.open()
+            said = failure(place.transport)
+            assert "cannot join " + ssid in said and "password" in said, said
+            place.transport.close()
+            place.transport = place.again()
+            link_up(place.transport)
+            assert exchange(place, [b"hello"]) == [b"hello"]
+
+
+def test_a_password_that_cannot_be() -> None:
+    with FakeTime() as time:
+        place = Place(time, password="short")
+        place.transport.open()
+        assert "refuses the password" in failure(place.transport)
+    for options in (("a,b", "x" * 8), ("a", 'x"' * 8), ("", "x"), ("n" * 33, "x")):
+        try:
+            Gs2200Transport(None, None, *options, AGENT)
+        except ValueError:
+            continue
+        raise AssertionError(options)
+    for host in ("agent.local", "1.2.3", "1.2.3.256", "", "::1"):
+        try:
+            Gs2200Transport(None, None, "a", "b", host)
+        except ValueError as error:
+            assert "address" in str(error)
+        else:
+            raise AssertionError(host)
+
+
+def test_a_modem_that_says_nothing() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        place.modem.faults.add("dead")
+        place.transport.open()
+        before = time.now
+        said = failure(place.transport)
+        assert "does not answer" in said and "GPIO37" in said, said
+        assert time.now - before < 16000
+        place.transport.close()
+        place.modem.faults.clear()
+        link_up(place.transport)
+
+
+def test_a_modem_that_was_just_switched_on() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        place.modem.reset()
+        link_up(place.transport)
+        assert exchange(place, [b"hello"]) == [b"hello"]
+
+
+def test_a_modem_in_the_middle_of_a_transfer_is_woken() -> None:
+    """A program was reset while it sent: the modem takes what comes for the rest."""
+    for left in (1, 4, 8, 100, 519):
+        with FakeTime() as time:
+            place = Place(time)
+            link_up(place.transport)
+            place.modem._want = left
+            place.modem._came = bytearray(527 - left)
+            place.transport = place.again()
+            link_up(place.transport)
+            assert exchange(place, [b"hello"]) == [b"hello"]
+
+
+def test_a_modem_that_is_in_its_network_is_not_joined_again() -> None:
+    with FakeTime() as time:
+        place = Place(time, join_ms=5000)
+        link_up(place.transport)
+        for _ in range(3):
+            place.transport.close()
+            before = time.now
+            link_up(place.transport)
+            assert time.now - before < 300
+        assert len([it for it in place.modem.lines if it.startswith(b"AT+WA=")]) == 1
+        assert [it.closed for it in place.air.links] == [True, True, True, False]
+
+
+def test_both_sides_speak_at_once() -> None:
+    """A datagram comes between the two halves of a request, and after it."""
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        write = place.modem.write
+        halves = []
+
+        def meanwhile(data):
+            write(data)
+            if len(data) == 4 and len(halves) < 6:
+                halves.append(1)
+                place.link.come.append(b"meanwhile %d" % len(halves))
+
+        place.modem.write = meanwhile
+        got = []
+        for n in range(5):
+            place.transport.send(pattern(100, n))
+            got += drain(place.transport)
+        assert place.link.sent == [pattern(100, n) for n in range(5)]
+        assert got == [b"meanwhile %d" % (n + 1) for n in range(len(halves))] and halves
+
+
+def test_answers_to_requests_take_their_time() -> None:
+    with FakeTime() as time:
+        place = Place(time, turn_ms=3)
+        link_up(place.transport)
+        assert exchange(place, list(MESSAGES)) == list(MESSAGES)
+        assert place.transport.malformed == place.transport.mute == 0
+
+
+def test_not_now_is_asked_again() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.faults.add("busy")
+        place.link.come.append(b"come")
+        place.transport.send(b"hello")
+        for _ in range(20):
+            assert place.transport.receive(5) is None
+        place.modem.faults.clear()
+        assert drain(place.transport) == [b"come"] and place.link.sent == [b"hello"]
+        assert place.transport.dropped == 0
+
+
+def test_a_modem_that_takes_nothing() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.faults.add("busy")
+        for _ in range(3):
+            place.transport.send(b"hello")
+        assert "takes nothing" in failure(place.transport)
+        assert place.transport.dropped == 3
+
+
+def test_an_answer_that_was_read_too_early() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        for _ in range(3):
+            place.modem.faults.add("late")
+            place.transport.send(b"hello")
+            drain(place.transport)
+        assert place.link.sent == [b"hello"] * 3
+        assert place.transport.malformed >= 3
+
+
+def test_a_lost_network_is_an_error_and_heals() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.lose_network()
+        assert "lost the network" in failure(place.transport)
+        place.transport.close()
+        link_up(place.transport)
+        assert sorted(exchange(place, MESSAGES)) == sorted(MESSAGES)
+
+
+def test_a_link_that_is_gone() -> None:
+    with FakeTime() as time:
+        place = Place(time)
+        link_up(place.transport)
+        place.modem.link = None
+        place.transport.send(b"hello")
+        assert "no link" in failure(place.transport)
+        place.transport.close()
+        link_up(place.transport)
+        place.modem.say(b"\r\nDISCONNECT 0\r\n")
+        assert "closed the link" in failure(place.transport)
+
+
+def test_a_modem_that_starts_anew_at_any_moment() -> None:
+    healed = 0
+    for moment in range(1, 60):
+        with FakeTime() as time:
+            place = Place(time)
+            write = place.modem.write
+            count = [0]
+
+            def cut(data, write=write, place=place, moment=moment, count=count):
+                count[0] += 1
+                if count[0] == moment:
+                    place.modem.reset()
+                write(data)
+
+            place.modem.write = cut
+            place.transport.open()
+            for _ in range(20):
+                try:
+                    until(place.transport, lambda place=place: place.transport.linked)
+                    exchange(place, [b"hello"])
+                    break
+                except OSError:
+                    healed += 1
+                    place.transport.close()
+                    place.transport.open()
+            else:
+                raise AssertionError(moment)
+    assert healed > 5
+
+
+def test_what_is_too_long_is_passed_over_and_counted() -> None:
+    with FakeTime() as time:
+        place = Place(time, mtu=64)
+        link_up(place.transport)
+        place.link.come.extend([bytes(65), b"fits", b"\x1bZ00003abc" * 100, bytes(64)])
+        assert drain(place.transport) == [b"fits", bytes(64)]
+        assert place.transport.malformed == 2
+        place.transport.send(bytes(65))
+        assert place.transport.dropped == 1 and drain(place.transport) == []
+        assert place.link.sent == []
+
+
+def test_a_pin_that_selects_the_modem() -> None:
+    levels = []
+
+    class Pin:
+        def value(self, level):
+            levels.append(level)
+
+    with FakeTime() as time:
+        place = Place(time, cs=Pin())
+        write, readinto = place.modem.write, place.modem.readinto
+
+        def selected(call):
+            def checked(*arguments):
+                assert levels[-1] == 0
+                call(*arguments)
+
+            return checked
+
+        place.modem.write = selected(write)
+        place.modem.readinto = selected(readinto)
+        link_up(place.transport)
+        assert exchange(place, [b"hello"]) == [b"hello"]
+        assert levels[0] == levels[-1] == 1

@@ -1,0 +1,226 @@
+"""What outside bytes can do to a modem's transport: any of them, in any pieces, at any time."""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.modem import FakeTime, Line, drain, link_up, until
+
+from uros.boards.air import Air
+from uros.boards.esp8266 import Esp8266
+from uros.boards.gs2200 import Gs2200
+from uros.transport.esp8266 import Esp8266Transport
+from uros.transport.gs2200 import Gs2200Transport
+
+NETWORK, PASSWORD, AGENT = "robots", "secret99", "192.168.1.10"
+MTU = 64
+
+ESP_WORDS = [
+    b"\r\n", b"OK", b"ERROR", b"FAIL", b"SEND OK", b"> ", b"+IPD,", b"+IPD,5:", b":", b"ready",
+    b"OK\r\n", b"CLOSED", b"WIFI DISCONNECT", b"busy p...", b"+CWJAP:2", b"9999", b"\x00",
+    b"+IPD,0:",
+]  # fmt: skip
+GS_WORDS = [
+    b"\r\n", b"OK", b"ERROR", b"\x1b", b"\x1bZ", b"\x1bZ00005", b"\x1by0", b"\t", b"0003", b"\x1bF",
+    b"CONNECT 0", b"DISCONNECT ", b"DISCONNECT 0", b"Serial2WiFi APP", b"Disassoc",
+    b"192.168.1.10 8888",
+]  # fmt: skip
+
+
+class Silent:
+    """Neither a UART nor a bus says anything."""
+
+    def read(self, size):
+        return None
+
+    def write(self, data):
+        return len(data)
+
+    def value(self, level=None):
+        return 0
+
+
+def esp8266():
+    transport = Esp8266Transport(Silent(), NETWORK, PASSWORD, AGENT, mtu=MTU)
+    transport.linked = transport._awake = True
+    return transport
+
+
+def gs2200():
+    transport = Gs2200Transport(Silent(), Silent(), NETWORK, PASSWORD, AGENT, mtu=MTU)
+    transport.linked = transport._awake = True
+    transport._cid = ord("0")
+    return transport
+
+
+KINDS = {"esp8266": (esp8266, ESP_WORDS), "gs2200": (gs2200, GS_WORDS)}
+
+
+def texts(words):
+    return st.lists(st.one_of(st.sampled_from(words), st.binary(max_size=20)), max_size=30).map(
+        b"".join
+    )
+
+
+def seen(transport):
+    return (
+        transport._messages, transport._answers, transport._said, transport._gone,
+        transport.malformed, transport._left,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=300)
+@given(data=st.data())
+def test_any_bytes_in_any_pieces(kind, data):
+    """Nothing is raised, nothing grows without bounds, and the pieces make no difference."""
+    make, words = KINDS[kind]
+    text = data.draw(texts(words))
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(text)), max_size=10)))
+    whole, pieces = make(), make()
+    whole.feed(text)
+    for start, stop in zip([0, *cuts], [*cuts, len(text)], strict=True):
+        pieces.feed(text[start:stop])
+    assert seen(whole) == seen(pieces)
+    assert all(0 < len(it) <= MTU for it in whole._messages)
+    assert len(whole._answers) <= 8 and whole._length <= len(whole._line)
+    assert 0 <= whole._left <= 9999
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=200)
+@given(data=st.data())
+def test_datagrams_between_lines_arrive_whole_and_in_order(kind, data):
+    messages = data.draw(st.lists(st.binary(min_size=1, max_size=MTU), max_size=10))
+    if kind == "esp8266":
+        lines = [b"", b"\r\nSEND OK\r\n", b"\r\nbusy p...\r\n", b"> ", b"\r\n+STA_CONNECTED:02\r\n"]
+        coded = [b"\r\n+IPD,%d:%s" % (len(it), it) for it in messages]
+    else:
+        lines = [b"", b"\r\nOK\r\n", b"MAC=02:00\r\n", b"\x1bO", b"\x1bZ10002no"]
+        coded = [b"\x1bZ0%04d%s" % (len(it), it) for it in messages]
+    text = b"".join(data.draw(st.sampled_from(lines)) + it for it in coded)
+    size = data.draw(st.integers(1, 50))
+    transport = KINDS[kind][0]()
+    for at in range(0, len(text), size):
+        transport.feed(text[at : at + size])
+    assert transport._messages == messages
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=100)
+@given(data=st.data())
+def test_after_any_bytes_a_datagram_comes_through_again(kind, data):
+    """At the latest when the line has been silent for a moment, or 9999 bytes have come."""
+    make, words = KINDS[kind]
+    transport = make()
+    transport.feed(data.draw(texts(words)))
+    if kind == "esp8266":
+        transport._left = 0  # what the silence does
+        transport.feed(b"\r\n+IPD,5:hello")
+    else:
+        transport.feed(b"\r\n" * 5000)
+        transport.feed(b"\x1bZ00005hello")
+    assert transport._messages[-1:] == [b"hello"]
+
+
+class Place:
+    """A modem with a line of which octets are lost, damaged and made up, until it is mended."""
+
+    def __init__(self, kind, time, seed, rate):
+        self.random = random.Random(seed)
+        self.rate = rate
+        self.air = Air({NETWORK: PASSWORD})
+        if kind == "esp8266":
+            self.modem = Esp8266(self.air, time.ticks_ms, send_ms=1)
+            line = Line(self.modem, damage=self.damage)
+            write = line.write
+            line.write = lambda data: (write(self.damage(bytes(data))), len(data))[1]
+            self.transport = Esp8266Transport(line, NETWORK, PASSWORD, AGENT)
+        else:
+            self.modem = Gs2200(self.air, time.ticks_ms)
+            write, readinto = self.modem.write, self.modem.readinto
+
+            def damaged(into, idle=0):
+                readinto(into, idle)
+                octets = self.damage(bytes(into))[: len(into)]
+                into[: len(octets)] = octets
+
+            self.modem.write = lambda data: write(self.damage(bytes(data)))
+            self.modem.readinto = damaged
+            self.transport = Gs2200Transport(self.modem, self.modem, NETWORK, PASSWORD, AGENT)
+
+    def damage(self, octets):
+        out = bytearray()
+        for octet in octets:
+            dice = self.random.random() / self.rate if self.rate else 3
+            if dice < 1:
+                out.append(octet ^ 1 << self.random.randrange(8))
+            elif dice >= 2:
+                out.append(octet)
+            # else it is lost
+        return bytes(out)
+
+
+def opened_until(place, done, turns=100):
+    """Opened again after each failure, as a node does."""
+    for _ in range(turns):
+        try:
+            return until(place.transport, done)
+        except OSError:
+            place.transport.close()
+            place.transport.open()
+    raise AssertionError("it never heals")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(8))
+def test_a_line_with_noise_heals_when_the_noise_ends(kind, seed):
+    with FakeTime() as time:
+        place = Place(kind, time, seed, 0.0)
+        link_up(place.transport)
+        place.rate = 0.02
+        for turn in range(20):
+            place.air.links[-1].come.append(b"hello %d" % turn)
+            try:
+                place.transport.send(bytes(100))
+                drain(place.transport)
+            except OSError:
+                place.transport.close()
+                place.transport.open()
+        place.rate = 0.0
+        for _ in range(10):
+            opened_until(place, lambda: place.transport.linked)
+            place.transport.send(b"the end")
+            began = time.now
+            try:
+                while time.now - began < 10_000:
+                    place.transport.receive(100)
+            except OSError:
+                place.transport.close()
+                place.transport.open()
+            if place.air.links[-1].sent[-1:] == [b"the end"]:
+                return
+        raise AssertionError("it never heals")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(3))
+def test_joining_over_a_line_with_noise_ends_in_a_link_or_an_error(kind, seed):
+    """And never in a dialogue that waits for ever."""
+    with FakeTime() as time:
+        place = Place(kind, time, seed, 0.02)
+        place.transport.open()
+        errors = 0
+        while not place.transport.linked and errors < 50:
+            began = time.now
+            try:
+                while not place.transport.linked:
+                    place.transport.receive(100)
+                    assert time.now - began < 150_000
+            except OSError:
+                errors += 1
+                place.transport.close()
+                place.transport.open()
+        place.rate = 0.0
+        opened_until(place, lambda: place.transport.linked)
