@@ -7,6 +7,8 @@ import shlex
 from pathlib import Path
 from typing import Final
 
+from .board_named import add_named, named
+from .common import add_interfaces, know_interfaces
 from .errors import ToolError, did_you_mean
 
 _EPILOG: Final = """\
@@ -17,6 +19,9 @@ examples:
 
   uros board build ra6m5_sensor_node build/ra6m5_sensor_node --mpy
   uros board build my_program build/my_program --interfaces my_msgs
+  uros board build my_program build/my_program --mpy --mip
+
+'uros board deploy' does this, and copies the files.
 """
 
 
@@ -29,13 +34,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "out", metavar="OUT", help="folder to write; what was built there before is replaced"
     )
+    add_named(parser)
+    add_build(parser)
+    parser.add_argument(
+        "--mip", action="store_true",
+        help="also write a package.json, by which mip and 'mpremote mip' install the files",
+    )  # fmt: skip
+
+
+def add_build(parser: argparse.ArgumentParser) -> None:
+    """How to build."""
     parser.add_argument(
         "--mpy", action="store_true",
         help="bytecode, which loads faster and takes less memory (default: text)",
     )  # fmt: skip
+    add_interfaces(parser)
     parser.add_argument(
-        "--interfaces", metavar="DIR", action="append", default=[],
-        help="folder with .msg and .srv files to know besides; may be repeated",
+        "--provided", metavar="MODULE", action="append", default=[],
+        help="a module that the board's firmware brings, so that no import of it is a fault; may be"
+        " repeated",
     )  # fmt: skip
     parser.add_argument(
         "--no-lean", dest="lean", action="store_false",
@@ -49,28 +66,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Build, and say what to do next. Raises ToolError and InterfaceError."""
-    from ..boards.build import BuildError, build
-    from ..interfaces import add_folder
-
-    program, out = _folder(args.program), Path(args.out)
-    for folder in args.interfaces:
-        add_folder(folder)
-    form = "mpy" if args.mpy else "py"
-    try:
-        files = build(program, out, form, lean=args.lean, bundle=args.mpy and args.bundle)
-    except BuildError as error:
-        raise ToolError(str(error)) from error
-    except OSError as error:
-        raise ToolError(f"{error.filename or out}: {error.strerror or error}") from error
+    named(args)
+    program, out = program_folder(args.program), Path(args.out)
+    files = build_files(args, program, out)
     size = sum(file.stat().st_size for file in files)
     print(f"{out}: {len(files)} file{'s' if len(files) > 1 else ''}, {size} bytes")
+    if args.mip:
+        from ..boards.mip import write_manifest
+
+        manifest = shlex.quote(str(write_manifest(out, files)))
+        print("\nNext, with the port of the board's console in place of PORT:\n")
+        print(f"  mpremote connect PORT mip install --target . {manifest}")
+        return 0
     print("\nNext, with the port of the board's console in place of PORT:\n")
+    print(f"  uros board deploy {shlex.quote(str(out))} --port PORT")
+    print("\nor with MicroPython's own tool:\n")
     print(f"  mpremote connect PORT cp -r {shlex.quote(str(out))}/* :")
     print("  mpremote connect PORT reset")
     return 0
 
 
-def _folder(name: str) -> Path:
+def build_files(args: argparse.Namespace, program: Path, out: Path) -> list[Path]:
+    """Build as the options say. Raises ToolError and InterfaceError."""
+    from ..boards.build import BuildError, build
+
+    know_interfaces(args)
+    form = "mpy" if args.mpy else "py"
+    try:
+        return build(
+            program, out, form, lean=args.lean, bundle=args.mpy and args.bundle,
+            provided=args.provided,
+        )  # fmt: skip
+    except BuildError as error:
+        raise ToolError(str(error)) from error
+    except OSError as error:
+        raise ToolError(f"{error.filename or out}: {error.strerror or error}") from error
+
+
+def program_folder(name: str) -> Path:
     """The program's folder. Raises ToolError."""
     from ..boards.board import BOARDS, BoardError
     from ..boards.running import firmware_folder

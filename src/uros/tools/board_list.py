@@ -12,19 +12,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "board", metavar="NAME", nargs="?",
         help="only this board, with all that can be made to go wrong with it",
     )  # fmt: skip
+    parser.add_argument(
+        "--ports", action="store_true",
+        help="boards to buy instead: which MicroPython each has, and why some have none",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
     """Print a table, or all about one board. Raises ToolError."""
     from ..boards.board import BOARDS
 
+    if args.ports:
+        from .board_named import print_ports
+
+        print_ports()
+        return 0
     if args.board is None:
         width = max(map(len, BOARDS))
         mcu = max(len(it.mcu) for it in BOARDS.values())
         print(f"{'NAME':{width}}  {'MCU':{mcu}}  WHAT IT DOES")
         for spec in BOARDS.values():
             print(f"{spec.name:{width}}  {spec.mcu:{mcu}}  {spec.text}")
-        print("\n'uros board run NAME' runs one; 'uros board list NAME' tells more about it.")
+        print("\n'uros board list --ports' has boards to buy.")
+        print("'uros board run NAME' runs one; 'uros board list NAME' tells more about it.")
         return 0
     check_name(args.board)
     _describe(args.board)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from .agent_process import AgentProcess
 from .board_list import check_name
-from .common import add_engine, positive_float
+from .common import add_engine, add_interfaces, positive_float
 from .errors import ToolError
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ examples:
 
   uros board run ra6m5_sensor_node --agent
   uros board run ra6m5_sensor_node --link /tmp/board --fault sht3x:crc
+  uros board run ra6m5_sensor_node --firmware my_program --plug esp8266:uart=1
+  uros board run ra6m5_sensor_node --firmware my_program --interfaces my_msgs
 """
 
 
@@ -53,9 +55,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--firmware", metavar="DIR", help="another program for the board: a folder with a main.py"
     )
+    add_interfaces(parser)
     parser.add_argument(
         "--fault", metavar="SPEC", action="append", default=[],
         help="begin with a fault, such as sht3x:nack; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--plug", metavar="SPEC", action="append", default=[],
+        help="plug in a modem or a radio, such as esp8266:uart=1; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--link",
@@ -90,6 +97,7 @@ def run(args: argparse.Namespace) -> int:
         board = RunningBoard(
             args.firmware or args.board, args.board, args.engine,
             faults=args.fault, link=args.link, seed=args.seed, on_event=events.put,
+            plugs=args.plug, interfaces=args.interfaces,
         )  # fmt: skip
         with board:
             return _Session(board, args, events).run()

@@ -53,6 +53,17 @@ _ROOT: Final = Group(
                 "info": Verb("show what a node publishes, subscribes to and serves", "node_info"),
             },
         ),
+        "interface": Group(
+            "look at the types of messages, services and actions, write them for boards",
+            {
+                "list": Verb("list the types", "interface_list"),
+                "packages": Verb("list the packages that have types", "interface_packages"),
+                "package": Verb("list the types of a package", "interface_package"),
+                "show": Verb("show the definition of a type", "interface_show"),
+                "proto": Verb("print a message as YAML, to be filled in", "interface_proto"),
+                "build": Verb("write modules of types for a board", "interface_build"),
+            },
+        ),
         "trace": Verb("show what boards and agent say to each other", "trace"),
         "replay": Verb("play a capture's boards to an agent, compare its answers", "replay"),
         "board": Group(
@@ -61,6 +72,9 @@ _ROOT: Final = Group(
                 "list": Verb("list the virtual boards", "board_list"),
                 "run": Verb("run a virtual board with its firmware", "board_run"),
                 "build": Verb("write the files that a board's program needs", "board_build"),
+                "index": Verb("write a package index for MicroPython's mip", "board_index"),
+                "deploy": Verb("put a program on a real board, show its console", "board_deploy"),
+                "console": Verb("show what a real board prints", "board_console"),
             },
         ),
         "doctor": Verb("find out why boards and ROS 2 do not meet", "doctor"),

@@ -20,13 +20,7 @@ def add_common(parser: argparse.ArgumentParser) -> None:
         type=domain,
         help="ROS domain to look at (default: ROS_DOMAIN_ID, or 0)",
     )
-    parser.add_argument(
-        "--interfaces",
-        metavar="DIR",
-        action="append",
-        default=[],
-        help="folder with .msg, .srv and .action files to know besides; may be repeated",
-    )
+    add_interfaces(parser)
     parser.add_argument(
         "--spin-time",
         metavar="S",
@@ -34,6 +28,26 @@ def add_common(parser: argparse.ArgumentParser) -> None:
         help="discover for exactly so many seconds (default: until nothing new comes)",
     )
     parser.add_argument("--no-daemon", action="store_true", help=argparse.SUPPRESS)
+
+
+def add_interfaces(parser: argparse.ArgumentParser) -> None:
+    """``--interfaces``; `know_interfaces` does what it says."""
+    parser.add_argument(
+        "--interfaces",
+        metavar="DIR",
+        action="append",
+        default=[],
+        help="folder with .msg, .srv and .action files to know besides; may be repeated",
+    )
+
+
+def know_interfaces(args: argparse.Namespace) -> None:
+    """Make the definitions of ``--interfaces`` known. Raises InterfaceError."""
+    if args.interfaces:
+        from ..interfaces import add_folder
+
+        for folder in args.interfaces:
+            add_folder(folder)
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
@@ -112,11 +126,7 @@ def join(args: argparse.Namespace) -> Network:
     from ..middleware.base import environment_domain
 
     number = args.domain if args.domain is not None else environment_domain()
-    if args.interfaces:
-        from ..interfaces import add_folder
-
-        for folder in args.interfaces:
-            add_folder(folder)
+    know_interfaces(args)
     return Network(number)
 
 

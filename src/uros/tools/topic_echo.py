@@ -120,7 +120,7 @@ def _load(type_name: str) -> Any:
 
     found = load(type_name)
     if not values.is_message(found):
-        raise ToolError(f"{type_name} is a service; topics carry messages")
+        raise ToolError(f"{type_name} is no message; topics carry messages")
     return found
 
 

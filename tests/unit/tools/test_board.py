@@ -1,17 +1,21 @@
 """uros board list and run, as a person uses them."""
 
+import json
 import os
 import select
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from uros.boards import engine_micropython
 from uros.boards.board import BOARDS
 from uros.tools import cli
 
 COMMAND = [sys.executable, "-m", "uros", "board"]
+ROOT = Path(__file__).parents[3]
 
 
 class Running:
@@ -164,6 +168,32 @@ def test_a_program_that_ends(run, tmp_path, text, status):
     assert board.process.wait(20) == status
 
 
+OWN_TYPE = """
+from board_run_msgs.msg import Level
+
+level = Level(height=1.5)
+print("level", level.height)
+"""
+
+
+def test_a_program_with_types_of_its_own(run, tmp_path):
+    file = tmp_path / "board_run_msgs" / "msg" / "Level.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("float32 height\n")
+    folder = tmp_path / "firmware"
+    folder.mkdir()
+    program(folder, OWN_TYPE)
+    options = ["ra6m5_sensor_node", "--firmware", "firmware", "--seconds", "9"]
+    where = {"cwd": tmp_path, "env": dict(os.environ, PYTHONPATH=str(ROOT / "src"))}
+    refused = run(*options, **where)
+    _, error = refused.process.communicate(timeout=30)
+    assert refused.process.returncode == 1 and "by --interfaces DIR" in error
+    board = run(*options, "--interfaces", "board_run_msgs", **where)
+    assert board.until("level")[-1] == "level 1.5"
+    board.type("reset")
+    assert "board: reset: the program starts anew" in board.until("level 1.5")
+
+
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="not on this platform: needs pidfd_open")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_nothing_is_left_however_it_ends(run, tmp_path, number):
@@ -205,6 +235,7 @@ def test_the_sensor_node_is_for_an_agent(run):
         (["--fault", "sht3x:sulking"], "there is no fault sht3x:sulking"),
         (["--firmware", "/nowhere"], "no such folder"),
         (["--link", __file__], "left alone"),
+        (["--interfaces", "/nowhere"], "/nowhere: no such folder; give a folder that holds .msg"),
         (["--engine", "micropython"], "npm install"),
     ],
 )
@@ -215,6 +246,63 @@ def test_what_cannot_run_is_one_line(run, tmp_path, arguments, words):
     out, error = board.process.communicate(timeout=30)
     assert board.process.returncode == 1 and out == ""
     assert error.startswith("uros: ") and error.count("\n") == 1 and words in error
+
+
+def touch(file):
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.touch(0o755)
+    return file
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """A current folder without MicroPython, and uros installed somewhere else."""
+    monkeypatch.delenv("UROS_MICROPYTHON", raising=False)
+    package = tmp_path / "lib" / "python" / "uros"
+    monkeypatch.setattr(engine_micropython, "_HERE", package / "boards")
+    folder = tmp_path / "work"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def make_clone(folder):
+    touch(folder / "scripts" / "env.py")
+    (folder / "src" / "uros").mkdir(parents=True)
+
+
+def test_micropython_of_a_clone_that_is_the_current_folder(elsewhere):
+    made = elsewhere / "build" / "micropython"
+    module = touch(made.joinpath("node_modules", *engine_micropython.PACKAGE.split("/"), "x"))
+    module = touch(module.with_name("micropython.mjs"))
+    node = touch(made / "node")
+    assert engine_micropython.find() == (node, module)
+
+
+NPM = "npm install @micropython/micropython-webassembly-pyscript@1.27.0 --prefix "
+SCRIPT = "python3 scripts/env.py micropython"
+
+
+@pytest.mark.parametrize(
+    ("named", "clone", "words"),
+    [
+        ("", False, f"{NPM}~/micropython && export UROS_MICROPYTHON=~/micropython"),
+        ("", True, f"work/build/micropython; install it with: {SCRIPT}"),
+        ("my place", False, f"{NPM}'my place' (UROS_MICROPYTHON names that folder)"),
+        ("my place", True, f"names that folder), or unset UROS_MICROPYTHON and: {SCRIPT}"),
+    ],
+)
+def test_what_installs_micropython(elsewhere, monkeypatch, named, clone, words):
+    if named:
+        monkeypatch.setenv("UROS_MICROPYTHON", named)
+    if clone:
+        make_clone(elsewhere)
+    with pytest.raises(engine_micropython.NoMicroPython) as error:
+        engine_micropython.find()
+    text = str(error.value)
+    assert words in text and "lib" + os.sep not in text
+    pins = json.loads((ROOT / "tests" / "mpy" / "package.json").read_text())["dependencies"]
+    assert pins == {engine_micropython.PACKAGE: engine_micropython.VERSION}
 
 
 @pytest.mark.parametrize("arguments", [["--seconds", "0"], ["--engine", "pypy"], []])

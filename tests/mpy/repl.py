@@ -1,0 +1,95 @@
+"""A board at the other end of a serial device: MicroPython's real REPL behind a pseudo-terminal.
+
+    with ReplBoard() as board:
+        RawRepl(device_port(board.path)) ...
+        board.unplug()
+
+``repl.mjs`` says which parts of the board are modelled.
+"""
+
+import os
+import select
+import subprocess
+import threading
+import tty
+from pathlib import Path
+
+from mpy.harness import INSTALLED, MODULE
+
+
+class ReplBoard:
+    """Plugged in and started when ``with`` is entered; ``path`` is its line."""
+
+    def __init__(self, paste: str = "1") -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)  # held open, so that the line outlives who opens it
+        self.path = os.ttyname(self._slave)
+        self.cut_after: int | None = None  # octets to the board, then the cable is pulled
+        self._plugged = True
+        self._stop, self._stopped = os.pipe()
+        runner = Path(__file__).with_name("repl.mjs")
+        self._process = subprocess.Popen(
+            [INSTALLED / "node", runner, MODULE, paste],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        self._thread = threading.Thread(target=self._carry, daemon=True)
+
+    def __enter__(self) -> "ReplBoard":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._stopped)
+        self._thread.join()
+        self._process.kill()
+        self._process.communicate()
+        os.close(self._stop)
+        self.unplug()
+
+    def unplug(self) -> None:
+        """The line is gone, and the board still has power."""
+        if self._plugged:
+            self._plugged = False
+            os.close(self._slave)
+            os.close(self._master)
+
+    def plug(self) -> str:
+        """Again, on another line; its path."""
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.path = os.ttyname(self._slave)
+        self._plugged = True
+        return self.path
+
+    def say(self, data: bytes) -> None:
+        """Octets on the line, as if the board had sent them."""
+        os.write(self._master, data)
+
+    def _carry(self) -> None:
+        assert self._process.stdin and self._process.stdout
+        board = self._process.stdout.fileno()
+        while True:
+            line = [self._master] if self._plugged else []
+            ready = select.select([self._stop, board, *line], [], [], 0.05)[0]
+            if self._stop in ready:
+                return
+            if board in ready:
+                data = os.read(board, 4096)
+                if not data:
+                    return
+                if self._plugged:
+                    os.write(self._master, data)
+            if line and line[0] in ready and self._plugged:
+                data = os.read(self._master, 4096)
+                if self.cut_after is not None:
+                    data = data[: self.cut_after]
+                    self.cut_after -= len(data)
+                try:
+                    self._process.stdin.write(data)
+                    self._process.stdin.flush()
+                except BrokenPipeError:
+                    return
+                if self.cut_after == 0:
+                    self.cut_after = None
+                    self.unplug()

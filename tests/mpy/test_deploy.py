@@ -1,0 +1,350 @@
+"""uros board deploy and its parts, with MicroPython's real REPL at the other end of the line."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+from mpy.repl import ReplBoard
+
+from uros.boards.deploy import (
+    NOTE,
+    STAGE,
+    DeployError,
+    Device,
+    Plan,
+    carry_out,
+    check,
+    check_room,
+    look,
+    make_plan,
+)
+from uros.boards.rawrepl import LineLost, NoRepl, Raised, RawRepl
+from uros.tools import cli
+from uros.transport.device import device_port
+
+MAIN = b"import hw, part\nprint('part', part.NUMBER)\nwhile True:\n    hw.wait()\n"
+FILES = {
+    "main.py": MAIN,
+    "part.py": b"NUMBER = 1\n",
+    "lib/deep/data.bin": bytes(range(256)) * 9,
+    "lib/empty.txt": b"",
+}
+
+
+@pytest.fixture
+def board() -> Iterator[ReplBoard]:
+    with ReplBoard() as it:
+        yield it
+
+
+@pytest.fixture
+def connect() -> Iterator[Callable[..., RawRepl]]:
+    """A raw REPL on a board's line."""
+    ports = []
+
+    def open_(board: ReplBoard, fresh: bool = True) -> RawRepl:
+        ports.append(device_port(board.path))
+        ports[-1].open()
+        repl = RawRepl(ports[-1])
+        repl.enter(fresh=fresh)
+        return repl
+
+    yield open_
+    for port in ports:
+        port.close()
+
+
+def put(repl: RawRepl, files: Mapping[str, bytes], **options: bool) -> Plan:
+    device = look(repl)
+    check(device, files)
+    plan = make_plan(repl, device, files, options.pop("clean", False))
+    check_room(device, plan, files)
+    if plan.changes:
+        carry_out(repl, device, plan, files, **options)
+    return plan
+
+
+def on(repl: RawRepl) -> dict[str, bytes]:
+    """The files of a board."""
+    look(repl)
+    text = repl.run(
+        "print(repr([(p, open(_r + p, 'rb').read()) for p in _tree('/flash') if p[-1] != '/']))"
+    )
+    return dict(eval(text))
+
+
+def folders(repl: RawRepl) -> set[str]:
+    look(repl)
+    return set(eval(repl.run("print(repr([p for p in _tree('/flash') if p[-1] == '/']))")))
+
+
+# --- the raw REPL -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("paste", ["1", "0", "old"])
+def test_code_runs_however_the_firmware_takes_it(
+    paste: str, connect: Callable[..., RawRepl]
+) -> None:
+    with ReplBoard(paste) as board:
+        repl = connect(board)
+        for _ in range(2):
+            assert repl.run(f"x = {'a' * 5000!r}\nprint(len(x))").strip() == "5000"
+            with pytest.raises(Raised) as raised:
+                repl.run("1 / 0")
+            assert raised.value.last == "ZeroDivisionError: divide by zero"
+            with pytest.raises(Raised, match="SyntaxError"):
+                repl.run("def (")
+        assert repl.run("print('~')").strip() == "~"
+
+
+def test_a_program_that_runs_is_ended_and_its_memory_freed(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    put(repl, FILES)
+    repl.leave(restart=True)
+    assert repl._try_until(b"part 1\r\n", 10)[0]
+    repl.enter()
+    with pytest.raises(Raised, match="NameError"):
+        repl.run("part")
+
+
+def test_a_program_that_hears_no_ctrl_c_is_told_of(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    put(repl, {"main.py": b"import hw\nprint('deaf')\nwhile True:\n    hw.wait_deaf()\n"})
+    repl.leave(restart=True)
+    assert repl._try_until(b"deaf", 10)[0]
+    asked = []
+    with pytest.raises(NoRepl):
+        repl.enter(3, waiting=lambda: asked.append(1))
+    assert asked == [1]
+
+
+def test_a_line_full_of_text_does_not_hold_for_ever(board: ReplBoard) -> None:
+    class Chatter:
+        def open(self) -> None: ...
+        def close(self) -> None: ...
+        def wait(self, timeout_ms: int) -> None: ...
+
+        def read(self, size: int) -> bytes:
+            return b"21.5 C\r\n"
+
+        def write(self, data: bytes | bytearray | memoryview) -> int:
+            return len(data)
+
+    with pytest.raises(NoRepl) as error:
+        RawRepl(Chatter()).enter(0.2)
+    assert b"21.5 C" in error.value.heard
+
+
+# --- copying ----------------------------------------------------------------------------
+
+
+def test_files_arrive_whole_once_and_old_ones_go(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    repl.run("f = open('calibration.txt', 'w'); f.write('3'); f.close()")
+    told = []
+    device = look(repl)
+    plan = make_plan(repl, device, FILES)
+    carry_out(repl, device, plan, FILES, lambda *it: told.append(it))
+    files = on(repl)
+    assert files.pop(NOTE).decode().split("\n") == sorted(FILES)
+    assert files == {**FILES, "calibration.txt": b"3"}
+    size = sum(map(len, FILES.values()))
+    assert told[-1] == ("main.py", size, size)
+
+    assert not put(repl, FILES).changes
+
+    changed = {"main.py": MAIN, "part.py": b"NUMBER = 2\n"}
+    plan = put(repl, changed)
+    assert (plan.write, plan.keep) == (["part.py"], ["main.py"])
+    files = on(repl)
+    assert files.pop(NOTE) and files == {**changed, "calibration.txt": b"3"}
+    assert folders(repl) == set()
+
+    put(repl, changed, clean=True)
+    files = on(repl)
+    assert files.pop(NOTE) and files == changed
+    repl.leave(restart=True)
+    assert repl._try_until(b"part 2\r\n", 10)[0]
+
+
+def test_in_place_needs_no_room_for_both(board: ReplBoard, connect: Callable[..., RawRepl]) -> None:
+    repl = connect(board)
+    put(repl, FILES)
+    put(repl, {**FILES, "part.py": b"NUMBER = 3\n"}, in_place=True)
+    files = on(repl)
+    assert files.pop(NOTE) and files == {**FILES, "part.py": b"NUMBER = 3\n"}
+
+
+def test_a_cable_that_is_pulled_in_the_middle_leaves_the_old_files(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    put(repl, FILES)
+    new = {"main.py": b"print('new')\n", "part.py": os.urandom(9000), "lib/more.py": b"A = 1\n"}
+    device = look(repl)
+    plan = make_plan(repl, device, new)
+
+    def pull(path: str, done: int, size: int) -> None:
+        if done > size // 2:
+            board.cut_after = 100
+
+    with pytest.raises(LineLost):
+        carry_out(repl, device, plan, new, pull)
+    board.plug()
+    repl = connect(board)
+    assert STAGE + "/" in folders(repl)
+    files = on(repl)
+    assert {path: data for path, data in files.items() if not path.startswith(STAGE)} == {
+        **FILES, NOTE: files[NOTE],
+    }  # fmt: skip
+    put(repl, new)
+    files = on(repl)
+    assert files.pop(NOTE) and files == new
+    assert folders(repl) == {"lib/"}
+
+
+def test_damage_on_the_way_is_found_before_anything_changes(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    put(repl, FILES)
+    new = {**FILES, "part.py": b"NUMBER = 4\n"}
+    device = look(repl)
+    plan = make_plan(repl, device, new)
+    repl.run("def _b(data):\n return b'damaged'")
+    with pytest.raises(DeployError, match="part.py arrived damaged, and nothing was changed"):
+        carry_out(repl, device, plan, new)
+    assert on(repl)["part.py"] == FILES["part.py"]
+
+
+def test_a_stranger_that_would_be_imported_instead_is_named(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    repl.run("import os; os.mkdir('part'); open('part/x.py', 'w').close()")
+    with pytest.raises(DeployError, match="part/ is on the board"):
+        put(repl, FILES)
+    put(repl, FILES, clean=True)
+    repl.run("open('module.py', 'w').close()")
+    bytecode = {"module.mpy": bytes((ord("M"), 6, 0, 31))}
+    with pytest.raises(DeployError, match="module.py is on the board"):
+        put(repl, bytecode)
+
+
+def test_the_other_form_of_our_own_modules_goes(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    put(repl, {"main.py": b"", "kit/a.py": b"", "b.py": b""})
+    put(repl, {"main.py": b"", "kit.mpy": b"M\6\0\37", "b.mpy": b"M\6\0\37"})
+    files = on(repl)
+    assert set(files) == {"main.py", "kit.mpy", "b.mpy", NOTE} and folders(repl) == set()
+
+
+def test_a_firmware_without_sha256_is_compared_octet_by_octet(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    device = look(repl)
+    repl.run("_s = None")
+    device = Device(**{**vars(device), "hashes": False})
+    carry_out(repl, device, make_plan(repl, device, FILES), FILES)
+    plan = make_plan(repl, device, FILES)
+    assert not plan.write and sorted(plan.keep) == sorted(FILES)
+
+
+DEVICE = Device("micropython", "1.27.0", "rp2", "Pico", 6, "/", 4096, 40960, True)
+
+
+def test_bytecode_of_another_version_is_refused() -> None:
+    files = {"a.mpy": b"M\6\0\37", "main.py": b""}
+    check(DEVICE, files)
+    for mpy, has in ((5, "version 5"), (None, "none")):
+        old = Device(**{**vars(DEVICE), "version": "1.12.0", "mpy": mpy})
+        with pytest.raises(DeployError, match=f"1.12.0 on the board reads {has}: flash"):
+            check(old, files)
+        check(old, {"main.py": b""})
+    with pytest.raises(DeployError, match="runs circuitpython"):
+        check(Device(**{**vars(DEVICE), "name": "circuitpython"}), files)
+
+
+def test_too_little_room_is_told_with_its_numbers() -> None:
+    files = {"a.bin": bytes(40000)}
+    plan = Plan(write=["a.bin"])
+    with pytest.raises(DeployError, match="has 40960 bytes free, and the new files need about"):
+        check_room(DEVICE, plan, files)
+    check_room(Device(**{**vars(DEVICE), "free": 90000}), plan, files)
+    check_room(Device(**{**vars(DEVICE), "free": None}), plan, files)
+
+
+# --- the command ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    folder = tmp_path / "blinker"
+    folder.mkdir()
+    (folder / "main.py").write_text(
+        "try:\n    import hw\nexcept ImportError:\n    pass\nfrom uros.wire.framing import frame\n"
+        "out = bytearray(30)\nn = frame(b'12345678', 1, 0, out)\n"
+        "print('blinks ~', bytes(out[5:n - 2]))\n"
+        "while True:\n    hw.wait()\n"
+    )
+    return folder
+
+
+def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "uros", "board", *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=50, stdin=subprocess.DEVNULL
+    )
+
+
+def test_deploy_builds_copies_starts_and_shows_the_console(board: ReplBoard, program: Path) -> None:
+    done = run("deploy", program, "--port", board.path, "--seconds", "1")
+    assert done.returncode == 0, done.stderr
+    first, *rest = done.stdout.splitlines()
+    assert first == f"{board.path}: JS with Emscripten, MicroPython 1.27.0"
+    assert "  main.py" in rest and "  uros/wire/framing.py" in rest
+    assert any("files copied and compared" in line for line in rest)
+    assert "MPY: soft reboot" in rest
+    assert "blinks ~ b'12345678'" in rest
+
+    done = run("deploy", program, "--port", board.path, "--mpy", "--json")
+    answer = json.loads(done.stdout)
+    assert answer["platform"] == "webassembly" and answer["started"] is True
+    assert answer["kept"] == ["main.py"] and all(it.endswith(".mpy") for it in answer["copied"])
+    assert "uros/wire/framing.py" in answer["removed"]
+
+    done = run("console", "--port", board.path, "--seconds", "1")
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_folder_that_was_built_is_copied_as_it_is(
+    board: ReplBoard, program: Path, tmp_path: Path, connect: Callable[..., RawRepl]
+) -> None:
+    out = tmp_path / "out"
+    assert cli.main(["board", "build", str(program), str(out), "--mip"]) == 0
+    assert run("deploy", out, "--port", board.path, "--no-reset").returncode == 0
+    files = on(connect(board))
+    assert files.pop(NOTE)
+    assert files == {
+        it.relative_to(out).as_posix(): it.read_bytes()
+        for it in out.rglob("*.py")
+    }  # fmt: skip
+
+
+def test_another_board_than_the_one_that_was_named(board: ReplBoard, program: Path) -> None:
+    done = run("deploy", program, "--port", board.path, "--board", "pico-w")
+    assert done.returncode == 1
+    assert "pico-w has MicroPython for rp2, and this board's is for webassembly" in done.stderr
