@@ -11,4 +11,7 @@
 Nothing here needs the fuzzing engine: tests play the kept inputs in plain Python.
 """
 
-TARGETS = ("datagrams", "serial", "tcp", "can", "xml", "toml", "state", "recording")
+TARGETS = (
+    "datagrams", "serial", "tcp", "can", "xml", "toml", "state", "recording", "modems",
+    "definitions", "board_session",
+)  # fmt: skip
