@@ -28,6 +28,14 @@ _INTERNAL = (
     "<WriterLingerDuration>50 ms</WriterLingerDuration></Internal>"
 )
 
+# Fast DDS (vendor 1.15) from ROS 2 Kilted on tells of its types, and answers questions about them
+# to everybody. Cyclone takes its description of a sequence for a fault, holds each type that has
+# one for invalid from then on, and lets no further endpoint of that type in. Ours tell of no types,
+# so they match by name anyway.
+_COMPATIBILITY = (
+    "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
+)
+
 
 def discovery_range(environment: Mapping[str, str]) -> str:
     """How far discovery reaches: one of :data:`RANGES`.
@@ -108,7 +116,7 @@ def config_xml(environment: Mapping[str, str], pid: int) -> str:
         discovery += f"<Peers>{listed}</Peers>"
     ours = (
         f"<CycloneDDS><Domain><General>{general}</General>"
-        f"<Discovery>{discovery}</Discovery>{_INTERNAL}</Domain></CycloneDDS>"
+        f"<Discovery>{discovery}</Discovery>{_INTERNAL}{_COMPATIBILITY}</Domain></CycloneDDS>"
     )
     return ",".join(part for part in (ours, environment.get("CYCLONEDDS_URI", "")) if part)
 

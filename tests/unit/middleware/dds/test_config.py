@@ -66,6 +66,13 @@ def test_farewells_name_what_goes_in_a_way_that_fast_dds_reads(reach):
     assert ET.fromstring(ours).findtext("Domain/Internal/GenerateKeyhash") == "true"
 
 
+@pytest.mark.parametrize("reach", config.RANGES)
+def test_what_fast_dds_says_of_its_types_is_left_alone(reach):
+    ours = config.config_xml({"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}, PID)
+    ignored = ET.fromstring(ours).findtext("Domain/Compatibility/IgnoreTypeInformation")
+    assert ignored == "1.15"
+
+
 def test_off_meets_nobody():
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": "10.0.0.1"}
     general, discovery, _ = parts(environment)
