@@ -8,13 +8,14 @@
 #   make soak [SECONDS=3600] a hundred boards that come and go
 #   make lint                ruff, and mypy for hosts and for boards
 #   make bench [ARGS=...]    the agent beside the bare relay
+#   make bench-board         what a board pays, as one JSON object
 #   make clean               removes everything that the others have made
 #
 # PYTHON=/path/to/python chooses the interpreter that .venv is made with.
 
 PYTHON ?= python3
 
-.PHONY: demo test test-full coverage fuzz soak lint bench clean
+.PHONY: demo test test-full coverage fuzz soak lint bench bench-board clean
 
 demo:
 	@$(PYTHON) scripts/env.py run
@@ -45,20 +46,15 @@ lint:
 	@$(PYTHON) scripts/env.py dev
 	.venv/bin/ruff check .
 	.venv/bin/mypy
-	@$(MAKE) -s build/typings/made
-	for checked in firmware/*/ "-p uros.drivers"; do \
-		.venv/bin/mypy --config-file firmware/mypy.ini $$checked || exit 1; done
-
-# What MicroPython has, for mypy. Not in .venv, where it would stand for CPython's own.
-build/typings/made: constraints.txt
-	@rm -rf build/typings
-	.venv/bin/python -m pip install -q --disable-pip-version-check --no-deps -c constraints.txt \
-		--target build/typings micropython-stdlib-stubs micropython-stm32-stubs
-	@touch $@
+	.venv/bin/python scripts/lint_boards.py
 
 bench:
 	@$(PYTHON) scripts/env.py test
 	@.venv/bin/python bench/run.py $(ARGS)
+
+bench-board:
+	@$(PYTHON) scripts/env.py test >&2
+	@.venv/bin/python bench/board.py
 
 clean:
 	rm -rf .venv .venv-ros build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache

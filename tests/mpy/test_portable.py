@@ -1,4 +1,8 @@
-"""Every portable test of tests/unit again, on MicroPython."""
+"""Every portable test of tests/unit again, on MicroPython: from sources, and from bytecode.
+
+What the build of a board's files makes of them (shrunk, shaken, in one module) runs in
+test_build.py.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,13 +12,14 @@ from mpy.harness import ROOT, MicroPython, portable_tests
 
 
 @pytest.mark.parametrize(
-    ("module", "function"),
+    ("form", "module", "function"),
     [
-        pytest.param(file, function, id=f"{file.relative_to(ROOT)}::{function}")
+        pytest.param(form, file, function, id=f"{form}-{file.relative_to(ROOT)}::{function}")
+        for form in ("py", "mpy")
         for file, function in portable_tests()
     ],
 )
 def test_portable(
-    board_with: Callable[[Path], MicroPython], module: Path, function: str
+    board_with: Callable[[Path, str], MicroPython], form: str, module: Path, function: str
 ) -> None:
-    board_with(module).run(f"import {module.stem}\n{module.stem}.{function}()")
+    board_with(module, form).run(f"import {module.stem}\n{module.stem}.{function}()")

@@ -1,0 +1,101 @@
+"""What a board pays: heap, garbage and time, as one JSON object: ``make bench-board``.
+
+Measured on MicroPython 1.27 (WebAssembly: 32-bit pointers, as on boards), from .mpy, as `uros board
+build` makes it; each figure is the median of three runs, each in an interpreter of its own.
+
+==========================  ====================================================================
+``core_kb``                 the client of ``tests/mpy/measures.py``'s CORE: a node with publishers,
+                            subscriptions, services and clients, timers and the executor, the
+                            states and their callback, reconnection, time synchronisation,
+                            reliable and best-effort streams, and fragments both ways
+``int32_kb``, ``imu_kb``    what publishing and hearing std_msgs/Int32, sensor_msgs/Imu adds to it
+``node_kb``, ``peak_kb``    ``firmware/ra6m5_sensor_node`` while it publishes, and the most that was
+                            ever in use
+``publish_alloc_bytes``     left behind by stamping and publishing a Temperature, and by spinning
+``imu_encode_ratio`` …      as a multiple of one call of ``struct`` for the whole record
+``twist_publish_ratio``     publishing a Twist, as a multiple of encoding it
+==========================  ====================================================================
+
+A kB is 1000 bytes. No goal is checked here; tests/mpy/test_memory.py does that.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+import board_codec  # noqa: E402
+from mpy import measures  # noqa: E402
+from mpy.harness import MicroPython  # noqa: E402
+from support.agent import running_agent  # noqa: E402
+
+from uros.boards.running import RunningBoard  # noqa: E402
+
+RUNS = 3
+RATIOS = ("imu_encode_ratio", "imu_decode_ratio", "odometry_encode_ratio", "odometry_decode_ratio")
+NAMES = (
+    "core_kb", "int32_kb", "imu_kb", "node_kb", "peak_kb", "publish_alloc_bytes", *RATIOS,
+    "twist_publish_ratio",
+)  # fmt: skip
+
+
+def heap(program: str) -> int:
+    with MicroPython() as board:
+        return measures.heap_of_program(board, program)
+
+
+def firmware() -> tuple[int, int]:
+    """The RA6M5 node on its virtual board, with an agent: in use, and the most that was."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        RunningBoard(
+            "ra6m5_sensor_node", engine="micropython", form="mpy", link=Path(folder, "tty"),
+            reads=True, measure=True,
+        ) as board,
+        running_agent("serial", "memory", device=board.path) as agent,
+    ):  # fmt: skip
+        deadline = time.monotonic() + 30
+        while agent.said.getvalue().count("datawriter created") < 7:
+            if time.monotonic() > deadline:
+                raise TimeoutError("the board did not connect in 30 s")
+            board.heap()
+        for _ in range(24):
+            board.reads.get(timeout=30)
+        used = board.heap()
+        return used.used, used.peak
+
+
+def run() -> dict[str, float]:
+    core = heap(measures.CORE)
+    figures: dict[str, float] = {"core_kb": core / 1000}
+    for key, module, name in (("int32", "std_msgs", "Int32"), ("imu", "sensor_msgs", "Imu")):
+        typed = measures.TYPED.format(module=module + ".msg", name=name)
+        figures[key + "_kb"] = (heap(measures.CORE + typed) - core) / 1000
+    used, peak = firmware()
+    figures["node_kb"], figures["peak_kb"] = used / 1000, peak / 1000
+    with MicroPython() as board:
+        measures.running(board)
+        figures["publish_alloc_bytes"] = measures.publish_allocates(board)
+        figures["twist_publish_ratio"] = measures.twist_ratio(board)
+    with MicroPython() as board:
+        board_codec.install(board)
+        ratios = board_codec.measure(board)
+    figures.update({name: ratios[name] for name in RATIOS})
+    return figures
+
+
+def main() -> int:
+    runs = [run() for _ in range(RUNS)]
+    print(json.dumps({n: round(statistics.median(it[n] for it in runs), 2) for n in NAMES}))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
