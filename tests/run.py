@@ -27,8 +27,9 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import env  # noqa: E402  (scripts/env.py, found by the line above)
 
 GROUPS = ("unit", "contract", "replay", "interop", "mpy", "soak")
-# It takes its time and little of the machine: it runs beside the others, which have the screen.
-BESIDE = "soak"
+# They take their time and little of the machine, one after the other: they run beside the others,
+# which have the screen. What talks DDS with real ROS comes last there, and has the machine alone.
+BESIDE = ("soak", "mpy")
 PREPARE = {"interop": (env.micropython, env.ros), "mpy": (env.micropython,)}
 EXCUSE = "not on this platform:"
 
@@ -137,12 +138,17 @@ def main() -> int:
     in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
     with ThreadPoolExecutor() as pool, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
-        beside = pool.submit(run_group, BESIDE, options.full, said) if BESIDE in chosen else None
-        results = [run_group(group, options.full) for group in chosen if group != BESIDE]
-        if beside is not None:
-            results.append(beside.result())
-            said.seek(0)
-            print(said.read())
+        front = [group for group in chosen if group not in BESIDE]
+        beside = pool.submit(
+            lambda: [
+                run_group(group, options.full, said if front else None)
+                for group in BESIDE
+                if group in chosen
+            ]
+        )
+        results = [run_group(group, options.full) for group in front] + beside.result()
+        said.seek(0)
+        print(said.read())
 
     print()
     for result in results:

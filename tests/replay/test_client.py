@@ -7,7 +7,8 @@ end where the C client ended: the same samples in the same order, the same place
 
 import pytest
 from support import conversation
-from support.board import FakeClock, Recorder
+from support.board import FakeClock
+from support.recorder import Recorder
 from support.replay import CAPTURES, load, messages
 from uros.interfaces.builtin_interfaces.msg import Time
 from uros.interfaces.sensor_msgs.msg import CompressedImage, RelativeHumidity, Temperature
@@ -15,7 +16,6 @@ from uros.interfaces.std_msgs.msg import Int32
 from uros.interfaces.std_srvs.srv import Trigger
 
 from uros.client import AGENT_CONNECTED, Node
-from uros.client.session import Session
 from uros.transport.stream import StreamTransport
 from uros.wire import data, ids, session
 from uros.wire.cdr import Reader
@@ -102,8 +102,6 @@ class Player:
 
     def __init__(self, name, client):
         self.talk = talk(name, client)
-        self.sent = []
-        self.owner = Recorder()
         self.session = None
         self.whole = b""  # of the fragments that are being sent
         self.acknacks = []  # what ours would have said after each message
@@ -113,7 +111,7 @@ class Player:
         """A Session with the properties of the recorded one."""
         values = parts(message)[1][0][2]
         key, session_id, mtu = values[3], values[4], values[6]
-        self.session = Session(self.owner, self.sent.append, key, mtu, 100000)
+        self.session = Recorder(key, mtu, 100000)
         assert self.session.id == session_id
 
     def play(self):
@@ -143,19 +141,17 @@ class Player:
             assert (first, missing) in self.acknacks  # perhaps not the last: messages crossed
         elif kind == ids.HEARTBEAT:
             first, last, _ = session.pull_heartbeat(Reader(payload, 0, len(payload)))
-            assert first <= one.out.acked and last == one.out.sent - 1
+            assert first <= one.acked and last == one.next - 1
         elif kind == ids.FRAGMENT:
             if not self.whole:  # all of them, with the first
                 at = self.talk.index((True, message))
                 self.whole = whole = fragments_from(self.talk[at:])
                 one.request_id = whole[4] << 8 | whole[5]
-                one.write(whole[6] << 8 | whole[7], Raw(whole[8:]), b"", True, self.now)
+                one.write(whole[6] << 8 | whole[7], Raw(whole[8:]), b"", True)
             if flags & ids.FLAG_LAST_FRAGMENT:
                 self.whole = b""
         elif len(submessages) > 1:  # several requests in one message, as ours never does
-            one.out.put(message)
-            for it in one.out.take(self.now):
-                self.sent.append(it)
+            one.defer(bytearray(message))
         elif kind == ids.DELETE and stream == ids.STREAM_NONE:
             one.goodbye()
         else:
@@ -170,14 +166,12 @@ class Player:
             if object_id & 15 == ids.KIND_REPLIER:
                 prefix = payload[4 : 4 + data.SAMPLE_IDENTITY_SIZE]
             rest = Raw(payload[4 + len(prefix) :])
-            one.write(object_id, rest, prefix, stream >= ids.STREAM_RELIABLE, self.now)
+            one.write(object_id, rest, prefix, stream >= ids.STREAM_RELIABLE)
             return
 
-        def push(w, request):
-            w.be16(request)
-            w.octets(payload[2:])
-
-        one.request(kind, flags, self.now, push)
+        w = one.begin(object_id)
+        w.octets(payload[4:])
+        one.request(kind, flags, w)
 
     def told_by_the_agent(self):
         """What must have been told: each reliable message once, in order."""
@@ -210,7 +204,7 @@ def test_the_session_ends_where_the_recorded_one_did(name, client):
     player = Player(name, client)
     player.play()
     theirs = [it for mine, it in player.talk if mine and not own_matter(it)]
-    ours = [bytes(it) for it in player.sent]
+    ours = [bytes(it) for it in player.session.sent]
     if any(kind_of(it) == ids.FRAGMENT for it in theirs):
         assert reassembled(ours) == reassembled(theirs)
     else:
@@ -220,7 +214,7 @@ def test_the_session_ends_where_the_recorded_one_did(name, client):
             if submessages[0][0] == ids.DELETE and head[1] == ids.STREAM_NONE:
                 submessages[0][2][0] = goodbyes(theirs)
         assert told == [parts(it) for it in theirs]
-    assert player.owner.told == player.told_by_the_agent()
+    assert player.session.told == player.told_by_the_agent()
     one = player.session
     assert one.dropped == 0
     acknacks = {True: [], False: []}
@@ -229,7 +223,7 @@ def test_the_session_ends_where_the_recorded_one_did(name, client):
             payload = conversation.unpack(message)[1][0][2]
             acknacks[mine].append(session.pull_acknack(Reader(payload, 0, len(payload))))
     if acknacks[False]:
-        assert one.out.acked == acknacks[False][-1][0]
+        assert one.acked == acknacks[False][-1][0]
     if acknacks[True]:
         # The recorder was stopped before some clients had acknowledged the last of it.
         assert (one._in.next - acknacks[True][-1][0]) & 0xFFFF <= 3
@@ -300,8 +294,8 @@ class RecordedAgent:
     def close(self):
         pass
 
-    def send(self, message):
-        message = bytes(message)
+    def send(self, message, size):
+        message = bytes(memoryview(message)[:size])
         _, stream, number, _, start = pull_header(message, len(message))
         kind = message[start]
         if kind == ids.GET_INFO:
@@ -413,7 +407,7 @@ class Play:
         ours, theirs = self.agent.sent, self.agent.theirs()
         assert [parts(it) for it in ours] == [parts(it) for it in theirs]
         assert self.node.state == AGENT_CONNECTED
-        assert len(self.node.connection.session.out) == 0
+        assert self.node.connection.held() == 0
         assert self.node.connection.session.dropped == 0
 
 
@@ -505,7 +499,7 @@ def test_an_image_leaves_as_that_of_micro_ros_did():
         assert mine[:3] == other[:3] and mine[3][:6] == other[3][:6]
         # C clients leave anything in padding.
         assert read(CompressedImage, mine[3][6:]) == read(CompressedImage, other[3][6:])
-    assert len(play.node.connection.session.out) == 0
+    assert play.node.connection.held() == 0
 
 
 # --- the line -----------------------------------------------------------------------------------

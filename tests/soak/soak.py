@@ -80,7 +80,8 @@ class Line:
         self.cut: int | None = None
         self.fd = -1
 
-    def send(self, message) -> None:  # type: ignore[no-untyped-def]
+    def send(self, message, size) -> None:  # type: ignore[no-untyped-def]
+        message = bytes(memoryview(message)[:size])
         if self.cut is None:
             self.put(bytes(message))
         elif self.cut > 0:

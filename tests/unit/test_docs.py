@@ -26,10 +26,13 @@ README = ROOT / "README.md"
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 AGENT = ROOT / "docs" / "agent.md"
+CLIENT = ROOT / "docs" / "client.md"
 DOCTOR = ROOT / "docs" / "doctor.md"
+INTERFACES = ROOT / "docs" / "interfaces.md"
 ROBUSTNESS = ROOT / "docs" / "robustness.md"
 SECURITY = ROOT / "docs" / "security.md"
 SEEING = ROOT / "docs" / "seeing.md"
+TRANSPORTS = ROOT / "docs" / "board_transports.md"
 NAMED = re.compile(r"`([\w/.]+\.py)::(\w+)`")
 
 # Options on the page of the agent that are not its own.
@@ -87,12 +90,13 @@ def table(page, *header):
 
 
 # How many lines the pages have that name tests, at least: a table that is not found proves nothing.
-LINES = {AGENT: 200, ROBUSTNESS: 70, DOCTOR: 25, SECURITY: 8}
+LINES = {AGENT: 200, ROBUSTNESS: 70, DOCTOR: 25, INTERFACES: 27, SECURITY: 8, TRANSPORTS: 36,
+         CLIENT: 220}  # fmt: skip
 
 
 @pytest.mark.parametrize("page", LINES, ids=name_of)
 def test_every_line_of_a_table_with_tests_has_its_test(page):
-    """But those that say what the agent does not do: "no", to begin with."""
+    """But those that say what agent or client does not do: "no", to begin with."""
     count = 0
     for section, header, rows in tables(page):
         if header[-1] != "test":
@@ -100,7 +104,7 @@ def test_every_line_of_a_table_with_tests_has_its_test(page):
         for cells in rows:
             about = f"{section}: {cells[0]}"
             assert len(cells) == len(header) and all(cells), about
-            if page == AGENT and cells[-1] == "–":
+            if page in (AGENT, CLIENT) and cells[-1] == "–":
                 assert re.match(r"no\b", cells[-2]), about
             else:
                 assert all(NAMED.fullmatch(it) for it in cells[-1].split(", ")), about

@@ -203,6 +203,58 @@ def test_a_description_that_harms_terminals_is_a_finding(monkeypatch: pytest.Mon
         target("recording").one_input(kept_as("recording", "ping"))
 
 
+def test_a_modem_that_is_not_woken_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.transport.esp8266 import Esp8266Transport
+
+    def wake(self):
+        """It may wait for the rest of a datagram, and nobody gives it that."""
+        if not (yield from self._ask("AT", 300)):
+            raise OSError(19, "the modem does not answer")
+
+    monkeypatch.setattr(Esp8266Transport, "_wake", wake)
+    with pytest.raises(world.Finding, match="does not heal"):
+        target("modems").one_input(kept_as("modems", "esp_talks"))
+
+
+@pytest.mark.parametrize("which", ["esp_floods", "gs_floods"])
+def test_answers_without_end_are_a_finding(monkeypatch: pytest.MonkeyPatch, which: str) -> None:
+    from uros.transport.modem import ModemTransport
+
+    monkeypatch.setattr(ModemTransport, "_ended", lambda self, line: self._answers.append(line))
+    with pytest.raises(world.Finding, match="answers are kept"):
+        target("modems").one_input(kept_as("modems", which))
+
+
+def test_parsers_that_differ_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.interfaces import dynamic
+
+    monkeypatch.setattr(dynamic, "_LOWER", "a0")  # no underscores
+    with pytest.raises(world.Finding, match="hosts take it"):
+        target("definitions").one_input(b"\0int8 ab_c")
+
+
+def test_a_message_that_does_not_come_through_is_a_finding(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from uros.interfaces.table import Table
+
+    monkeypatch.setattr(Table, "unpack_into", lambda self, buf, o, start, end, little=True: end)
+    with pytest.raises(world.Finding):
+        target("definitions").one_input(kept_as("definitions", "all"))
+
+
+def test_a_board_that_trusts_its_agent_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    from uros.client.session import Session
+
+    monkeypatch.setattr("uros.client.session._LEAST", bytes(16))
+    with pytest.raises(IndexError):
+        target("board_session").one_input(b"\0" + records.pack([(2 | 0x20, b"\x05\1\0\0")]))
+    monkeypatch.undo()
+    monkeypatch.setattr(Session, "renew", lambda self: None)
+    with pytest.raises(world.Finding):
+        target("board_session").one_input(kept_as("board_session", "program_0"))
+
+
 # --- the command ---------------------------------------------------------------------------
 
 
