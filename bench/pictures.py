@@ -43,6 +43,10 @@ CASES: tuple[tuple[str, dict[str, object]], ...] = (
         {"way": "uart", "txbuf": 2048, "period_ms": 200, "length": 17_000},
     ),
     (
+        "921,600 bits of data a second, 5 Hz",  # without start and stop bits
+        {"way": "uart", "txbuf": 2048, "period_ms": 200, "baud": 921_600 * 10 // 8},
+    ),
+    (
         "UART, 1,500,000 baud, 5 Hz asked for",
         {"way": "uart", "txbuf": 2048, "period_ms": 200, "baud": 1_500_000},
     ),

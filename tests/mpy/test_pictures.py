@@ -36,3 +36,16 @@ def test_pictures_by_a_serial_line(tmp_path, own_domain_id):
     )
     assert shot.octets < (COUNT - 1) * LENGTH * OVERHEAD
     assert shot.heap.peak < HIGH_WATER
+
+
+def test_pictures_by_a_line_of_921600_bits_of_data(tmp_path, own_domain_id):
+    """One each 0.2 s. Such a line has neither start nor stop bits; one with them, as here, carries
+    as much at a quarter more baud."""
+    shot = shoot(
+        "uart", tmp_path, own_domain_id, COUNT, 200, LENGTH, baud=921_600 * 10 // 8, txbuf=2048
+    )
+    assert shot.pictures == EXPECTED
+    assert (shot.refused, shot.dropped, shot.sessions) == (0, 0, 1)
+    print(f"\n{shot.rate:.2f} Hz, line {shot.busy:.1%} busy, high water {shot.heap.peak} bytes")
+    assert shot.octets < (COUNT - 1) * LENGTH * OVERHEAD
+    assert shot.heap.peak < HIGH_WATER
