@@ -70,11 +70,14 @@ class ActionPeer(Peer):
 
     def send(self, client, order, cancel_at):
         state = {"feedback": []}
+        asked = []
 
         def feedback(message):
             sequence = list(message.feedback.sequence)
             state["feedback"].append(sequence)
-            if len(sequence) == cancel_at:
+            # Not exactly then: the first of the feedback may come before we are met.
+            if 0 < cancel_at <= len(sequence) and "handle" in state and not asked:
+                asked.append(True)
                 state["handle"].cancel_goal_async().add_done_callback(canceled)
 
         def canceled(future):
