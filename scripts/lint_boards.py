@@ -55,14 +55,14 @@ def check(port: str, *what: str) -> bool:
 
 def programs() -> dict[str, tuple[str, ...]]:
     """The ports of each folder of firmware/. A folder that no board names is a fault."""
-    from uros.boards.board import BOARDS
+    from uros.boards.catalog import BOARDS
 
     ports = {it.firmware: it.ports for it in BOARDS.values()}
     found = {}
     for main in sorted((ROOT / "firmware").glob("*/main.py")):
         name = main.parent.name
         if not ports.get(name):
-            sys.exit(f"lint: firmware/{name} has no port: name it in src/uros/boards/board.py")
+            sys.exit(f"lint: firmware/{name} has no port: name it in src/uros/boards/catalog.py")
         found[name] = ports[name]
     return found
 

@@ -96,23 +96,23 @@ def test_all_seven_topics_arrive_with_types_frames_units_and_stamps(agent, board
 
 def test_a_sensor_fails_and_comes_back_and_the_others_go_on(agent, board, peer):
     diagnostics(peer, "initialized")
-    board.fault("sht3x:nack")
+    board.happen("sht3x:nack")
     assert "SHT3x read failed" in diagnostics(peer, "SHT3x")[-1]
     forget(peer, "/sensors/room_temp")
     forget(peer, "/sensors/ambient_light")
     for _ in range(2):
         peer.message("/sensors/ambient_light")
     assert not peer.messages["/sensors/room_temp"]
-    board.fault("sht3x:off")
+    board.happen("sht3x:off")
     diagnostics(peer, "SHT3x read again")
     peer.message("/sensors/room_temp")
 
 
 def test_the_line_unplugged_and_plugged_again(agent, board, peer):
     diagnostics(peer, "initialized")
-    board.fault("usb:unplug")
+    board.happen("usb:unplug")
     board.wait_usb("detached")
-    board.fault("usb:plug")
+    board.happen("usb:plug")
     board.wait_usb("configured")
     for topic in PLAUSIBLE:
         forget(peer, topic)

@@ -75,12 +75,12 @@ def test_the_text_of_phase_a(console: Console) -> None:
 
 
 def test_a_sensor_that_fails_and_comes_back(board: RunningBoard, console: Console) -> None:
-    board.fault("sht3x:nack")
+    board.happen("sht3x:nack")
     failing = console.until("Room: --")
     assert "Hot: --" not in failing and "Hum: --" in failing
-    board.fault("sht3x:off")
+    board.happen("sht3x:off")
     assert LINE.fullmatch(console.until("% | Door"))
-    board.fault("vcnl4010:absent")
+    board.happen("vcnl4010:absent")
     console.until("Door: --")
-    board.fault("all:off")
+    board.happen("all:off")
     console.until("Door: Closed")

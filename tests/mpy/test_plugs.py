@@ -137,9 +137,9 @@ def test_a_node_finds_its_agent_talks_and_comes_back(way, agent, engine, tmp_pat
         board.wait("connected")
         board.wait("heard 50")
         name = way.partition("_")[0]
-        board.fault(f"{name}:lost")
+        board.happen(f"{name}:lost")
         board.wait("reason: ")
-        board.fault(f"{name}:off")
+        board.happen(f"{name}:off")
         board.wait("connected")
         board.wait("heard")
         assert not board.ended
@@ -164,7 +164,7 @@ def test_a_reset_of_the_modem_and_one_of_the_board(tmp_path):
         folder = program(tmp_path / "program", way, running.transport.port)
         with RunningBoard(folder, "ra6m5_sensor_node", plugs=[WAYS[way][0]]) as board:
             board.wait("heard 20")
-            board.fault("esp8266:reset")
+            board.happen("esp8266:reset")
             board.wait("started anew")
             board.wait("connected")
             board.wait("heard")

@@ -67,10 +67,12 @@ if sys.implementation.name != "micropython":
     class HostLink(Link):
         """The same over the host's own UDP."""
 
-        def __init__(self, host: str, port: int, local_port: int) -> None:
+        def __init__(self, host: str, port: int, local_port: int, address: str = "") -> None:
             super().__init__(host, port, local_port)
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             self._socket.setblocking(False)
+            if address:
+                self._socket.bind((address, 0))
             self._socket.connect((host, port))
 
         def send(self, data: bytes) -> bool:
@@ -92,7 +94,20 @@ if sys.implementation.name != "micropython":
 
     class HostAir(Air):
         """Access points whose network is the host's own. A port of the board's own choice is not
-        kept: many virtual boards would choose the same."""
+        kept: many virtual boards would choose the same. ``routes`` says where a "host:port" of
+        that network really is, ``address`` is the board's own on this host, "" for any."""
+
+        def __init__(
+            self, networks: "dict[str, str]", hosts: "tuple[str, ...] | None" = None,
+            routes: "dict[str, tuple[str, int]] | None" = None, address: str = "",
+        ) -> None:  # fmt: skip
+            super().__init__(networks, hosts)
+            self.address = address
+            self._routes = routes or {}
+
+        def route(self, host: str, port: int) -> "tuple[str, int]":
+            """Where that is on this host."""
+            return self._routes.get(f"{host}:{port}", (host, port))
 
         def _link(self, host: str, port: int, local_port: int) -> HostLink:
-            return HostLink(host, port, local_port)
+            return HostLink(*self.route(host, port), local_port, self.address)

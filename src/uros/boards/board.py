@@ -1,128 +1,136 @@
-"""Virtual boards by name, and what can go wrong with them.
+"""A virtual board: its hardware without a program, and what can be done to it.
 
-A board is its hardware without a program: clock, I2C channels with sensors on them, USB, pins. An
-engine runs firmware on it. Faults are planted and healed by name while it runs::
+A board has a clock, parts (`uros.boards.parts`), pins, buses and a USB socket. An engine runs
+firmware on it. What happens to it is said by name, while it runs::
 
-    board.fault("sht3x:nack")
-    board.fault("sht3x:off")
+    board.happen("sht3x:nack")       a fault; "sht3x:off" heals it, "all:off" everything
+    board.happen("button:press")     what a hand does
+    board.happen("battery:level=20")
 """
 
 from __future__ import annotations
 
+import importlib
+import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
+from . import catalog
 from .clock import BoardClock
-from .i2c import Device, I2CBus
-from .mcp9600 import Mcp9600
-from .plugs import Plug, Radio, Spi, Uart, plug
+from .i2c import I2CBus
+from .parts import Part, Parts
+from .pins import Led, Pin
+from .plugs import Radio, Spi, Uart, plug
 from .room import Room
-from .sht3x import Sht3x
-from .usb import UsbCdc
-from .vcnl4010 import Vcnl4010
+from .usb import CONFIGURATION_DESCRIPTOR, DEVICE_DESCRIPTOR, STRINGS, UsbCdc
 
-IN: Final = "in"
-OUT: Final = "out"
-I2C_CHANNEL: Final = 2
+if TYPE_CHECKING:
+    from .camera import Camera
 
-_BUS_STUCK: Final = "the data line is shorted to ground"
-_USB: Final = {
-    "unplug": "the cable is pulled",
-    "plug": "the cable is put in again",
-    "suspend": "the host lets the device sleep: data waits",
-    "resume": "the host wakes the device",
-}
+_ID_OCTETS: Final = 11
 
 
 class FaultError(ValueError):
-    """There is no such fault; the text lists what there is."""
-
-
-class BoardError(ValueError):
-    """There is no such board; the text lists what there is."""
+    """There is nothing of that name to happen; the text lists what there is."""
 
 
 @dataclass(frozen=True)
-class BoardSpec:
-    """A board that there is: ``firmware`` is the folder of its program, ``ports`` the MicroPython
-    ports it is written for."""
-
-    name: str
-    text: str
-    mcu: str
-    firmware: str
-    ports: tuple[str, ...]
-
-
-BOARDS: Final = {
-    it.name: it
-    for it in (
-        BoardSpec(
-            "ra6m5_sensor_node",
-            "three I2C sensors as a micro-ROS node over USB",
-            "EK-RA6M5 (R7FA6M5BH3CFC)",
-            "ra6m5_sensor_node",
-            ("renesas-ra",),
-        ),
-        BoardSpec(
-            "ra6m5_usb_text",
-            "the same sensors as a line of text a second over USB, without ROS",
-            "EK-RA6M5 (R7FA6M5BH3CFC)",
-            "ra6m5_usb_text",
-            ("renesas-ra",),
-        ),
-    )
-}
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One thing that can be made to go wrong."""
+class Happening:
+    """One thing that can be made to happen: a fault, or what a hand can do."""
 
     spec: str
     text: str
-    active: bool
+    active: bool = False
 
 
-class Pin:
-    """A pin with a level. ``function`` is what the board uses it for, "" for nothing.
+class _Wires(Part):
+    """The wires of all I2C buses."""
 
-    One that is an output gives what was written; an input what is on its wire, or its pull-up.
-    """
+    FAULTS: ClassVar = {"stuck": "the data line is shorted to ground"}
 
-    def __init__(
-        self,
-        name: str,
-        function: str = "",
-        wire: Callable[[], int] | None = None,
-        driven: Callable[[int], None] | None = None,
-    ) -> None:
-        self.name = name
-        self.function = function
-        self.mode = IN
-        self._level = 0
-        self._wire = wire
-        self._driven = driven
+    def __init__(self, buses: dict[int, I2CBus]) -> None:
+        super().__init__("bus")
+        self._buses = buses
 
-    def value(self, level: int | None = None) -> int:
-        """The level; given one, set it first (which shows as soon as the pin is an output)."""
-        if level is not None:
-            level = 1 if level else 0
-            changed, self._level = level != self._level, level
-            if changed and self.mode == OUT and self._driven is not None:
-                self._driven(level)
-        if self.mode == OUT and not (self._level and self._wire):
-            return self._level
-        return self._wire() if self._wire is not None else 1
+    def fault(self, kind: str) -> None:
+        super().fault(kind)
+        for bus in self._buses.values():
+            bus.fault(kind)
+
+    def heal(self) -> None:
+        super().heal()
+        for bus in self._buses.values():
+            bus.heal()
+
+
+class _Cable(Part):
+    """The USB cable, and the host at its other end."""
+
+    FAULTS: ClassVar = {
+        "unplug": "the cable is pulled",
+        "suspend": "the host lets the device sleep: data waits",
+    }
+    ACTS: ClassVar = {
+        "plug": "put the cable in again",
+        "resume": "the host wakes the device",
+    }
+
+    def __init__(self, usb: UsbCdc) -> None:
+        super().__init__("usb")
+        self._usb = usb
+
+    def fault(self, kind: str) -> None:
+        if kind == "unplug":
+            self._usb.unplug()
+        else:
+            self._usb.suspend()
+
+    def active(self, kind: str) -> bool:
+        return self._usb.suspended if kind == "suspend" else not self._usb.plugged
+
+    def act(self, kind: str, value: str = "") -> None:
+        if kind == "plug":
+            self._usb.plug()
+        else:
+            self._usb.resume()
+
+    def heal(self) -> None:
+        self._usb.resume()
+        self._usb.plug()
+
+    def close(self) -> None:
+        self._usb.close()
+
+
+class Bridge:
+    """A chip that makes a UART of the USB socket, as most boards have one: the board's end. What
+    is sent while no program on the host listens is lost, as with a real one."""
+
+    def __init__(self, usb: UsbCdc) -> None:
+        self._usb = usb
+        usb.enable(DEVICE_DESCRIPTOR, CONFIGURATION_DESCRIPTOR, STRINGS)
+
+    def read(self, size: int) -> bytes | None:
+        return self._usb.read(size) or None
+
+    def write(self, data: bytes) -> int:
+        self._usb.write(data)
+        return len(data)
 
 
 class VirtualBoard:
-    """One board, plugged in and switched on. ``path`` is where its USB line is to be found,
-    ``plugs`` what is plugged into it (see `uros.boards.plugs`).
+    """One board, plugged in and switched on.
 
-    Raises BoardError for a name that is not in :data:`BOARDS`, PlugError for what cannot be plugged
+    ``path`` is where its USB line is to be found. ``plugs`` are plugged into it besides what it
+    comes with (see `uros.boards.plugs`); one of the same kind takes its place. ``agent`` is where
+    the agent really is that its program looks for in its network, ``address`` the board's own on
+    this host, where it is to have one. ``changed`` is told of parts that
+    show something else than before.
+
+    Raises BoardError for a name that is not in the catalog, PlugError for what cannot be plugged
     in.
     """
 
@@ -134,121 +142,165 @@ class VirtualBoard:
         seed: int = 0,
         room: Room | None = None,
         plugs: Sequence[str] = (),
+        agent: tuple[str, int] = ("127.0.0.1", 8888),
+        address: str = "",
+        changed: Callable[[Part], None] = lambda _: None,
     ) -> None:
-        if name not in BOARDS:
-            raise BoardError(f"there is no board {name}; there are {', '.join(BOARDS)}")
+        self.spec = catalog.find(name)
         self.name = name
-        self.spec = BOARDS[name]
+        self.seed = seed
         self.clock = clock if clock is not None else BoardClock()
         self.room = room if room is not None else Room(seed)
-        self.unique_id = b"RA6M5" + (seed & (1 << 88) - 1).to_bytes(11, "big")
-        bus = I2CBus(clock=self.clock, seed=seed)
-        bus.attach(Sht3x(self.room.air, seed=seed))
-        bus.attach(Mcp9600(self.room.junctions, seed=seed))
-        bus.attach(Vcnl4010(self.room.scene, seed=seed))
-        self.i2c = {I2C_CHANNEL: bus}
-        self.usb = UsbCdc(self.clock, path, name)
-        pins = (
-            Pin("P414", "I2C2 SDA", lambda: bus.sda),
-            # A program that drives the clock itself frees a stuck bus by its rising edges.
-            Pin("P415", "I2C2 SCL", lambda: bus.scl, lambda level: bus.pulse() if level else None),
-            Pin("P006", "blue LED"),
-            Pin("P007", "green LED"),
-            Pin("P008", "red LED"),
-            Pin("P005", "button S1"),
-            Pin("P004", "button S2"),
-        )
-        self.pins = {pin.name: pin for pin in pins}
+        self.lock = threading.RLock()  # of all parts
+        self.parts = Parts()
+        self.pins: dict[str, Pin] = {}
+        self.i2c: dict[int, I2CBus] = {}
         self.uarts: dict[int, Uart] = {}
         self.spis: dict[int, Spi] = {}
         self.radio: Radio | None = None
-        self.plugs: dict[str, Plug] = {}
+        self.capture: Callable[[int, int, int], bytes] | None = None
+        self.unique_id = b""
+        self.usb_inside = False
+        self.interrupts: deque[tuple[int, Pin, int]] = deque()
+        self.interruptible = False  # whether the firmware asked for any
+        self.changed = changed
+        self.address = address
+        self.routes: dict[str, tuple[str, int]] = {}
+        if self.spec.agent:
+            self.routes[self.spec.agent] = agent
+        self.usb = UsbCdc(self.clock, path, name)
         try:
-            for spec in plugs:
-                made = plug(self, spec)
-                self.plugs[made.name] = made
-        except ValueError:
+            importlib.import_module(f".{self.spec.hardware}", __package__).wire(self)
+            if self.i2c:
+                self.parts.add(_Wires(self.i2c))
+            self.parts.add(_Cable(self.usb))
+            own = {it.partition(":")[0] for it in plugs}
+            for spec in (*(it for it in self.spec.plugs if it.partition(":")[0] not in own), *plugs):
+                self.parts.add(plug(self, spec))
+        except BaseException:
             self.close()
             raise
 
-    def _devices(self) -> dict[str, Device]:
-        return {it.name: it for bus in self.i2c.values() for it in bus.devices.values()}
+    # --- for the module that wires it -------------------------------------------------
 
-    def faults(self) -> list[Fault]:
-        """What can be planted, and whether it is."""
-        out = [
-            Fault(f"{name}:{kind}", text, kind in device.faults)
-            for name, device in self._devices().items()
-            for kind, text in device.FAULTS.items()
-        ]
-        out.append(Fault("bus:stuck", _BUS_STUCK, any(it.shorted for it in self.i2c.values())))
-        usb = self.usb
-        active = {"unplug": not usb.plugged, "suspend": usb.suspended}
-        out += [Fault(f"usb:{kind}", it, active.get(kind, False)) for kind, it in _USB.items()]
-        out += [
-            Fault(f"{name}:{kind}", text, kind in it.device.faults)
-            for name, it in self.plugs.items()
-            for kind, text in it.FAULTS[name].items()
-        ]
-        return out
+    def number(self, octets: int = _ID_OCTETS) -> bytes:
+        """The board's own number, made of its seed."""
+        return (self.seed & (1 << 8 * octets) - 1).to_bytes(octets, "big")
 
-    def fault(self, spec: str) -> None:
-        """Plant a fault, like "sht3x:nack"; "sht3x:off" takes all of the device's away, "all:off"
-        everybody's. Several of one device add up. Raises FaultError."""
-        what, _, kind = spec.partition(":")
-        known = {fault.spec for fault in self.faults()}
-        names = [*self._devices(), "bus", "usb", *self.plugs]
-        if kind == "off" and what in (*names, "all"):
-            for name in names if what == "all" else [what]:
-                self._heal(name)
-        elif spec not in known:
-            self._refuse(spec, what, names)
-        elif what == "usb":
-            {
-                "unplug": self.usb.unplug, "plug": self.usb.plug,
-                "suspend": self.usb.suspend, "resume": self.usb.resume,
-            }[kind]()  # fmt: skip
-        elif what == "bus":
-            for bus in self.i2c.values():
-                bus.fault(kind)
-        elif what in self.plugs:
-            self.plugs[what].fault(kind)
-        else:
-            self._devices()[what].faults.add(kind)
+    def own_usb(self) -> None:
+        """The microcontroller is at the USB socket itself; the firmware switches it on."""
+        self.usb_inside = True
 
-    def _refuse(self, spec: str, what: str, names: list[str]) -> None:
-        if what in names:
-            kinds = [it.spec for it in self.faults() if it.spec.startswith(what + ":")]
-            raise FaultError(f"there is no fault {spec}; there are {', '.join(kinds)}, {what}:off")
-        raise FaultError(
-            f"there is no fault {spec}: it is one of {', '.join(names)}, a colon and what is to go"
-            f" wrong, like {names[0]}:nack; all:off heals everything"
+    def bridge(self, uart: int, baud: int = 115_200) -> None:
+        """The USB socket is a UART of the board."""
+        self.uarts[uart] = Uart(Bridge(self.usb), baud, self.clock)
+
+    def add_pin(self, pin: Pin) -> Pin:
+        self.pins[pin.name] = pin
+        return pin
+
+    def add_led(self, pin: str, led: Led, function: str = "") -> None:
+        self.parts.add(led)
+        self.add_pin(Pin(pin, function or led.name, on_duty=led.drive))
+
+    def add_camera(self, camera: Camera) -> None:
+        """A picture without a size is what a driver asks for when it looks whether there is a
+        camera."""
+        self.parts.add(camera)
+        self.capture = lambda width, height, quality: (
+            camera.capture(width, height, quality) if width else b""
         )
 
-    def _heal(self, name: str) -> None:
-        if name == "usb":
-            self.usb.resume()
-            self.usb.plug()
-        elif name == "bus":
-            for bus in self.i2c.values():
-                bus.heal()
-        elif name in self.plugs:
-            self.plugs[name].heal()
-        else:
-            self._devices()[name].faults.clear()
+    def add_bus(self, channel: int, bus: I2CBus) -> None:
+        self.i2c[channel] = bus
+
+    # --- time -------------------------------------------------------------------------
+
+    def advance(self) -> None:
+        """Bring all parts to the time that it is."""
+        if self.parts.live:
+            with self.lock:
+                if not self.clock.held:
+                    self.parts.advance(self.clock.world_us())
+
+    def watch(self, pin: Pin, edges: int) -> None:
+        """The firmware wants an interrupt at these edges; 0: none any more."""
+        pin.edges = edges
+        pin.on_edge = lambda t_us, it, level: self.interrupts.append((t_us, it, level))
+        self.interruptible = any(it.edges for it in self.pins.values())
+
+    # --- what happens to it -----------------------------------------------------------
+
+    def faults(self) -> list[Happening]:
+        """What can be planted, and whether it is."""
+        return [
+            Happening(f"{part.name}:{kind}", text, part.active(kind))
+            for part in self.parts
+            for kind, text in part.FAULTS.items()
+        ]
+
+    def acts(self) -> list[Happening]:
+        """What a hand can do."""
+        return [
+            Happening(f"{part.name}:{kind}", text)
+            for part in self.parts
+            for kind, text in part.ACTS.items()
+        ]
+
+    def happen(self, spec: str) -> None:
+        """Plant a fault, like "sht3x:nack", or do what a hand does, like "button:press"; "sht3x:off"
+        takes all of a part's faults away, "all:off" everybody's. Several of one part add up. Raises
+        FaultError."""
+        name, _, what = spec.partition(":")
+        kind, _, value = what.partition("=")
+        with self.lock:
+            self.advance()
+            if name == "all" and what == "off":
+                for part in self.parts:
+                    part.heal()
+                return
+            if name not in self.parts:
+                raise FaultError(
+                    f"there is no {spec}: it is one of {', '.join(it.name for it in self.parts)}, a"
+                    f" colon and what is to happen, like {self._example()}; all:off heals everything"
+                )
+            part = self.parts[name]
+            if what == "off" and part.FAULTS:
+                part.heal()
+            elif what in part.FAULTS:
+                part.fault(what)
+            elif kind in part.ACTS:
+                try:
+                    part.act(kind, value)
+                except ValueError as error:
+                    raise FaultError(f"{spec}: {error}") from None
+            else:
+                known = [f"{name}:{it}" for it in (*part.FAULTS, *part.ACTS)]
+                heal = f", {name}:off" if part.FAULTS else ""
+                raise FaultError(f"there is no {spec}; there are {', '.join(known)}{heal}")
+            self.advance()
+
+    def _example(self) -> str:
+        return next(it.spec for it in (*self.faults(), *self.acts()))
 
     def reset(self) -> None:
-        """What a reset of the microcontroller does: USB goes away until the firmware switches it
-        on, pins become inputs, ticks start at 0. Sensors and the real-time clock notice nothing."""
-        self.usb.disable()
-        for pin in self.pins.values():
-            pin.mode = IN
-        if self.radio is not None:
-            self.radio.reset()
-        self.clock.restart()
+        """What a reset of the microcontroller does: its USB goes away until the firmware switches
+        it on, pins become inputs, ticks start at 0. Parts around it and the real-time clock notice
+        nothing."""
+        with self.lock:
+            if self.usb_inside:
+                self.usb.disable()
+            for pin in self.pins.values():
+                pin.reset()
+            for part in self.parts:
+                part.reset()
+            self.interrupts.clear()
+            self.interruptible = False
+            self.clock.hold(None)
+            self.clock.restart()
 
     def close(self) -> None:
         """Switch it off: the USB line is gone for good."""
         self.usb.close()
-        for it in self.plugs.values():
-            it.close()
+        for part in self.parts:
+            part.close()

@@ -21,7 +21,8 @@ _BILLION: Final = 10**9
 class BoardClock:
     """The clocks of one board from its power-on, which is when this is made.
 
-    ``drift_ppm``: how much too fast the crystal runs. ``host_ns`` and ``host_sleep`` (seconds) are
+    ``drift_ppm``: how much too fast the crystal runs. ``speed`` is how many times faster than the
+    host's the time of the board and its world goes. ``host_ns`` and ``host_sleep`` (seconds) are
     the host's own time.
     """
 
@@ -30,9 +31,12 @@ class BoardClock:
         drift_ppm: float = 50.0,
         host_ns: Callable[[], int] = time.monotonic_ns,
         host_sleep: Callable[[float], None] = time.sleep,
+        speed: float = 1.0,
     ) -> None:
         self._host_ns = host_ns
         self._host_sleep = host_sleep
+        self._speed = speed
+        self._held: int | None = None
         self._rate = _BILLION + round(drift_ppm * 1000)
         self._power_on = host_ns()
         self._restarted = 0
@@ -44,10 +48,30 @@ class BoardClock:
 
     def world_us(self) -> int:
         """True microseconds since power-on. A reset of the board does not touch it."""
-        return (self._host_ns() - self._power_on) // 1000
+        return self._world_ns() // 1000
+
+    def hold(self, world_us: int | None) -> None:
+        """It is this moment of the world until told otherwise: what a program sees in an interrupt
+        that is carried out later than it was due. None: time goes on."""
+        self._held = None if world_us is None else world_us * 1000
+
+    @property
+    def held(self) -> bool:
+        """Whether :meth:`hold` holds it."""
+        return self._held is not None
+
+    def host_seconds(self, us: int) -> float:
+        """How long the host waits for so many true microseconds."""
+        return us / 1e6 / self._speed
+
+    def _world_ns(self) -> int:
+        if self._held is not None:
+            return self._held
+        since = self._host_ns() - self._power_on
+        return since if self._speed == 1.0 else int(since * self._speed)
 
     def _board_ns(self) -> int:
-        return (self._host_ns() - self._power_on) * self._rate // _BILLION
+        return self._world_ns() * self._rate // _BILLION
 
     def ticks_us(self) -> int:
         """Microseconds since power-on or :meth:`restart`, as the board's crystal counts them.
@@ -69,12 +93,17 @@ class BoardClock:
     def sleep_us(self, us: int) -> None:
         """Wait until the board's crystal has counted ``us`` microseconds."""
         if us > 0:
-            self._host_sleep(us * 1000 / self._rate)
+            self._host_sleep(us * 1000 / self._rate / self._speed)
 
     def sleep_world_us(self, us: int) -> None:
         """Wait for ``us`` true microseconds."""
         if us > 0:
-            self._host_sleep(us / 1e6)
+            self._host_sleep(self.host_seconds(us))
+
+    def sleep_host_ns(self, ns: int) -> None:
+        """Wait for so long by the host's clock."""
+        if ns > 0:
+            self._host_sleep(ns / 1e9)
 
     def select(self, fds: Iterable[int], seconds: float | None) -> list[int]:
         """The descriptors that can be read, waiting up to ``seconds`` (None: for ever) of true

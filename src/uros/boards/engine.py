@@ -3,18 +3,19 @@
 ``python -m uros.boards.engine OPTIONS`` is what `uros.boards.running` starts; OPTIONS is a JSON
 object with the fields of `Options`. Commands come in as JSON lines::
 
-    {"do": "fault", "spec": "sht3x:nack"}    answered by an event "fault"
+    {"do": "happen", "spec": "sht3x:nack"}   answered by an event "happened"
     {"do": "reset"}                          the board's reset button
     {"do": "heap"}                           answered by an event "heap" (engine micropython)
 
 and events go out the same way::
 
-    {"event": "ready", "path": …}            the line has its name; the program starts
+    {"event": "ready", "path": …, "happenings": […]}  the line has its name; the program starts
     {"event": "usb", "state": …, "error": …} what became of it
     {"event": "console", "line": …}          what the program printed
     {"event": "read", "address": …, "ns": …} an I2C read has ended, by the monotonic clock; told
                                              when the program next waits
-    {"event": "fault", "spec": …, "error": …}
+    {"event": "happened", "spec": …, "error": …}
+    {"event": "part", "name": …, "shows": …} what is to be seen of a part has changed
     {"event": "heap", "used": …, "peak": …, "base": …}
     {"event": "reset"}                       the program starts anew
     {"event": "ended", "traceback": …}       the program is over; the board stays
@@ -32,6 +33,7 @@ import signal
 import sys
 import tempfile
 import threading
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -39,20 +41,27 @@ from typing import Any, Final
 
 from ..interfaces import InterfaceError, add_folder
 from . import engine_cpython
-from .board import BoardError, FaultError, VirtualBoard
+from .board import FaultError, VirtualBoard
 from .build import BuildError, build
+from .catalog import BoardError
+from .clock import BoardClock
 from .engine_host import BoardHost, Reset
 from .engine_micropython import MicroPythonEngine, NoMicroPython, find
+from .parts import Part
 from .plugs import PlugError
 
 _MOST_READS: Final = 64
+_LOOK_SECONDS: Final = 0.2
 
 
 @dataclass(frozen=True)
 class Options:
     """What to run, and how. ``program`` is the firmware's folder; ``form`` the one of `build`;
     ``reads`` whether events tell of I2C reads; ``measure`` whether the peak of the heap is;
-    ``plugs`` what is plugged into the board; ``interfaces`` folders of definitions."""
+    ``plugs`` what is plugged into the board; ``interfaces`` folders of definitions; ``happen``
+    what happens before the program starts; ``speed`` that of the board's time; ``agent`` where the
+    agent is that the program looks for in its network, a host and a port; ``address`` the board's
+    own on this host."""
 
     program: str
     board: str
@@ -60,11 +69,14 @@ class Options:
     form: str = "py"
     link: str | None = None
     seed: int = 0
-    faults: list[str] = field(default_factory=list)
+    happen: list[str] = field(default_factory=list)
     reads: bool = False
     measure: bool = False
     plugs: list[str] = field(default_factory=list)
     interfaces: list[str] = field(default_factory=list)
+    speed: float = 1.0
+    agent: tuple[str, int] = ("127.0.0.1", 8888)
+    address: str = ""
 
 
 class BoardProcess:
@@ -82,11 +94,14 @@ class BoardProcess:
         self._reads: list[tuple[int, int]] = []  # not told yet
         self._micropython: MicroPythonEngine | None = None
         self._base: int | None = None  # the heap before the program
+        self._shown: dict[str, str] = {}  # of parts, as it was told
         try:
             link = None if options.link is None else Path(options.link)
             self._board = VirtualBoard(
-                options.board, path=link, seed=options.seed, plugs=options.plugs
-            )
+                options.board, BoardClock(speed=options.speed), link, options.seed,
+                plugs=options.plugs, agent=(options.agent[0], options.agent[1]),
+                address=options.address, changed=self._tell_part,
+            )  # fmt: skip
         except BaseException:
             self._folder.cleanup()
             raise
@@ -94,8 +109,8 @@ class BoardProcess:
     def run(self) -> None:
         """Until the end of the commands. Raises what keeps a board from starting."""
         options, board = self._options, self._board
-        for spec in options.faults:
-            board.fault(spec)
+        for spec in options.happen:
+            board.happen(spec)
         if options.engine == "micropython":
             find()
         for folder in options.interfaces:
@@ -111,8 +126,14 @@ class BoardProcess:
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset())
-        self._send("ready", path=str(board.usb.path))
+        if not board.usb_inside:
+            board.usb.wait(1.0)  # its bridge has power already
+        happenings = [it.spec for it in (*board.acts(), *board.faults())]
+        self._send("ready", path=str(board.usb.path), happenings=happenings)
+        host.usb_state()
+        self._tell_parts()
         threading.Thread(target=self._obey, name="commands", daemon=True).start()
+        threading.Thread(target=self._look, name="parts", daemon=True).start()
         while True:
             try:
                 self._run_program(root, host)
@@ -175,6 +196,24 @@ class BoardProcess:
         if len(self._reads) >= _MOST_READS:
             self._tell_reads()
 
+    def _look(self) -> None:
+        """Tell what is to be seen, also while the program computes, sleeps or is over."""
+        while True:
+            time.sleep(_LOOK_SECONDS)
+            self._board.advance()
+            self._tell_parts()
+
+    def _tell_parts(self) -> None:
+        with self._board.lock:
+            for part in self._board.parts:
+                self._tell_part(part)
+
+    def _tell_part(self, part: Part) -> None:
+        shows = part.shows()
+        if shows != self._shown.get(part.name, ""):
+            self._shown[part.name] = shows
+            self._send("part", name=part.name, shows=shows)
+
     def _tell_reads(self) -> None:
         for address, ns in self._reads:
             self._send("read", address=address, ns=ns)
@@ -195,8 +234,8 @@ class BoardProcess:
         with open(self._commands, encoding="utf-8", closefd=False) as lines:
             for line in lines:
                 command = json.loads(line)
-                if command["do"] == "fault":
-                    self._fault(command["spec"])
+                if command["do"] == "happen":
+                    self._happen(command["spec"])
                 elif command["do"] == "reset":
                     os.kill(os.getpid(), signal.SIGUSR1)  # the program's thread is to hear of it
                 elif command["do"] == "heap":
@@ -205,13 +244,14 @@ class BoardProcess:
                             self._micropython.ask_heap()
         self.end(0)
 
-    def _fault(self, spec: str) -> None:
+    def _happen(self, spec: str) -> None:
         error = ""
         try:
-            self._board.fault(spec)
+            self._board.happen(spec)
         except FaultError as refused:
             error = str(refused)
-        self._send("fault", spec=spec, error=error)
+        self._send("happened", spec=spec, error=error)
+        self._tell_parts()
         self._host.usb_state()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:

@@ -7,13 +7,13 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from .board import IN, OUT
-from .engine_plugs import PlugHost
+from .engine_pins import PinHost
+from .engine_plugs import INTERRUPT_US, PlugHost
 from .shims import _ops as ops
 from .usb import CONFIGURED, SUSPENDED
 
 if TYPE_CHECKING:
-    from .board import Pin, VirtualBoard
+    from .board import VirtualBoard
     from .i2c import I2CBus
 
 _TICKS: Final = (1 << 30) - 1  # MicroPython's counters are as wide as its small integers
@@ -21,8 +21,6 @@ _RTC_EPOCH_NS: Final = 946_684_800 * 10**9
 _CORE_HZ: Final = 200_000_000
 _TRANSFER: Final = struct.Struct("<BBBH")
 _CONFIGURED: Final = (CONFIGURED, SUSPENDED)
-# machine.Pin's IN, OUT and OPEN_DRAIN.
-_MODES: Final = {0: IN, 1: OUT, 2: OUT}
 # How often a wait looks for what does not wake it.
 _LOOK_NS: Final = 5_000_000
 
@@ -63,13 +61,11 @@ class BoardHost:
             ops.TICKS_MS: lambda _: board.clock.ticks_us() // 1000 & _TICKS,
             ops.TICKS_US: lambda _: board.clock.ticks_us() & _TICKS,
             ops.EPOCH: lambda _: struct.pack("<q", board.clock.epoch_ns() - _RTC_EPOCH_NS),
+            ops.EPOCH_SET: self._set_epoch,
             ops.SLEEP: self._sleep,
             ops.I2C_INIT: self._i2c_init,
             ops.I2C_TRANSFER: self._i2c_transfer,
             ops.I2C_SCAN: lambda data: bytes(self._bus(data[0]).scan()),
-            ops.PIN_MODE: self._pin_mode,
-            ops.PIN_SET: self._pin_set,
-            ops.PIN_GET: lambda data: self._pin(data).value(),
             ops.USB_ENABLE: self._usb_enable,
             ops.USB_DISABLE: self._usb_disable,
             ops.USB_STATE: lambda _: self._usb_flags(),
@@ -82,6 +78,7 @@ class BoardHost:
             ops.FREQUENCY: lambda _: _CORE_HZ,
             ops.ENDED: self._end,
             ops.HEAP: self._measured,
+            **PinHost(board).operations,
             **PlugHost(board, self._waits).operations,
         }
 
@@ -92,6 +89,7 @@ class BoardHost:
         """
         self._within = True
         try:
+            self._board.advance()
             answer = self._operations[op](data)
         except (ValueError, KeyError, struct.error) as error:
             raise OSError(errno.EINVAL, str(error)) from error
@@ -126,14 +124,31 @@ class BoardHost:
 
     def _waits(self) -> None:
         self._within = False
+        self._board.clock.hold(None)
         self._idle()
 
-    def _sleep(self, data: bytes) -> bytes:
-        self._waits()
-        self._board.clock.sleep_us(int.from_bytes(data, "little"))
+    def _set_epoch(self, data: bytes) -> bytes:
+        (ns,) = struct.unpack("<q", data)
+        self._board.clock.set_epoch_ns(_RTC_EPOCH_NS + ns)
         return b""
 
-    # --- buses and pins ---------------------------------------------------------------
+    def _sleep(self, data: bytes) -> int:
+        us = int.from_bytes(data, "little")
+        self._waits()
+        board = self._board
+        if not board.interruptible:
+            board.clock.sleep_us(us)
+            return 0
+        end = board.clock.ticks_us() + us
+        while not board.interrupts:
+            left = end - board.clock.ticks_us()
+            if left <= 0:
+                return 0
+            board.clock.sleep_us(min(left, INTERRUPT_US))
+            board.advance()
+        return max(0, end - board.clock.ticks_us())
+
+    # --- buses ------------------------------------------------------------------------
 
     def _bus(self, channel: int) -> I2CBus:
         return self._board.i2c[channel]
@@ -149,23 +164,14 @@ class BoardHost:
         channel, address, stop, count = _TRANSFER.unpack_from(data)
         return self._bus(channel).transfer(address, data[_TRANSFER.size :], count, bool(stop))
 
-    def _pin(self, name: bytes) -> Pin:
-        return self._board.pins[name.decode()]
-
-    def _pin_mode(self, data: bytes) -> bytes:
-        pin = self._pin(data[1:])
-        mode = _MODES.get(data[0])
-        if mode is not None:
-            pin.mode = mode
-        return b""
-
-    def _pin_set(self, data: bytes) -> bytes:
-        self._pin(data[1:]).value(data[0])
-        return b""
-
     # --- USB --------------------------------------------------------------------------
 
+    def _usb_here(self) -> None:
+        if not self._board.usb_inside:
+            raise OSError(errno.ENODEV, "the USB socket is not the microcontroller's")
+
     def _usb_enable(self, data: bytes) -> bytes:
+        self._usb_here()
         device, at = _counted(data, 0)
         configuration, at = _counted(data, at)
         strings = [it.decode() for it in data[at:].split(b"\0")]
@@ -174,6 +180,7 @@ class BoardHost:
         return b""
 
     def _usb_disable(self, data: bytes) -> bytes:
+        self._usb_here()
         self._board.usb.disable()
         self.usb_state()
         return b""
@@ -181,7 +188,7 @@ class BoardHost:
     def _usb_flags(self) -> int:
         usb = self._board.usb
         state = self.usb_state()
-        if state not in _CONFIGURED:
+        if state not in _CONFIGURED or not self._board.usb_inside:
             return ops.USB_CLOSED
         flags = ops.USB_OPEN
         if usb.any():
@@ -195,20 +202,27 @@ class BoardHost:
     def _usb_wait(self, data: bytes) -> int:
         us, wanted = struct.unpack("<IB", data)
         self._within = False
-        clock, usb = self._board.clock, self._board.usb
-        end = clock.host_ns() + us * 1000
+        self._board.clock.hold(None)
+        board = self._board
+        clock, usb = board.clock, board.usb
+        end = clock.host_ns() + round(clock.host_seconds(us) * 1e9)
         while True:
             flags = self._usb_flags()
             left = end - clock.host_ns()
             if flags & wanted or left <= 0:
                 return flags
             self._idle()
+            if board.interruptible:
+                board.advance()
+                if board.interrupts:
+                    return flags
+                left = min(left, INTERRUPT_US * 1000)
             # What there is to read, and what happens to the cable, ends a wait. A program that
             # opens the port is noticed by looking again.
             if wanted & ~(ops.USB_READABLE | ops.USB_CLOSED):
                 left = min(left, _LOOK_NS)
-            if flags & ops.USB_READABLE:
-                clock.sleep_world_us(left // 1000 + 1)
+            if flags & ops.USB_READABLE or not board.usb_inside:
+                clock.sleep_host_ns(left)
             else:
                 usb.wait(left / 1e9)
 

@@ -22,6 +22,8 @@ _CONNECT: Final = struct.Struct("<BH")
 _RECV: Final = struct.Struct("<BH")
 _WAIT: Final = struct.Struct("<IBB")
 _LONGEST_WAIT_US: Final = 1_000_000
+INTERRUPT_US: Final = 2_000
+"""How long a wait goes on before it looks for interrupts, where there may be some."""
 
 
 class PlugHost:
@@ -41,6 +43,9 @@ class PlugHost:
             ops.WLAN_CONNECT: self._connect,
             ops.WLAN_LEAVE: self._leave,
             ops.WLAN_STATUS: lambda _: self._radio().status(),
+            ops.WLAN_START: self._start,
+            ops.WLAN_STOP: self._stop,
+            ops.WLAN_GUESTS: lambda _: self._radio().guests(),
             ops.NET_OPEN: lambda data: self._radio().open(data[0]),
             ops.NET_CONNECT: self._net_connect,
             ops.NET_SEND: lambda data: self._radio().of(data[0]).send(data[1:]),
@@ -87,15 +92,23 @@ class PlugHost:
         self._radio().connect(ssid, password)
         return b""
 
+    def _start(self, data: bytes) -> bytes:
+        ssid, password, _ = data.decode().split("\0")
+        self._radio().start(ssid, password)
+        return b""
+
+    def _stop(self, data: bytes) -> bytes:
+        self._radio().stop()
+        return b""
+
     def _leave(self, data: bytes) -> bytes:
         self._radio().disconnect()
         return b""
 
     def _net_connect(self, data: bytes) -> bytes:
         handle, port = _CONNECT.unpack_from(data)
-        sock = self._radio().of(handle)
         try:
-            sock.connect((data[_CONNECT.size :].decode(), port))
+            self._radio().connect_socket(handle, data[_CONNECT.size :].decode(), port)
         except socket.gaierror as error:
             raise OSError(errno.EHOSTUNREACH, str(error)) from error
         return b""
@@ -117,5 +130,7 @@ class PlugHost:
             self._wait()
         poll = select.poll()
         poll.register(fd, events)
-        ready = poll.poll(min(us, _LONGEST_WAIT_US) / 1000)
+        if self._board.interruptible:
+            us = min(us, INTERRUPT_US)
+        ready = poll.poll(self._board.clock.host_seconds(min(us, _LONGEST_WAIT_US)) * 1000)
         return ready[0][1] & 0x1F if ready else 0

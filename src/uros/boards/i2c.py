@@ -18,6 +18,7 @@ from collections.abc import Callable
 from typing import ClassVar, Final
 
 from .clock import BoardClock
+from .parts import Part
 
 # How long a device with the fault "stretch" holds the clock: over the usual time-out of 100 ms.
 STRETCH_US: Final = 150_000
@@ -43,16 +44,14 @@ class BusError(OSError):
     """
 
 
-class Device:
+class Device(Part):
     """A device at one address. Subclasses say what it does with bytes."""
 
-    # The kinds of faults there are, each with what it does.
     FAULTS: ClassVar[dict[str, str]] = FAULTS
 
     def __init__(self, name: str, address: int) -> None:
-        self.name = name
+        super().__init__(name)
         self.address = address
-        self.faults: set[str] = set()
         self._bus: I2CBus | None = None
 
     def now_us(self) -> int:

@@ -20,6 +20,8 @@ from .air import Air, HostAir
 from .clock import BoardClock
 from .esp8266 import Esp8266
 from .gs2200 import Gs2200
+from .parts import Part
+from .pins import Pin
 
 if TYPE_CHECKING:
     from .board import VirtualBoard
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 SSID: Final = "robots"
 PASSWORD: Final = "secret99"
 _JOIN_MS: Final = 300
+_GUEST_MS: Final = 500
 _BITS: Final = 10  # of an octet on a UART
 _TXBUF: Final = 256
 # machine.SPI's polarity and phase, as one number.
@@ -128,12 +131,17 @@ class Spi:
 
 
 class Radio:
-    """A radio of the board's own, as ``network.WLAN`` sees it, and the sockets on it."""
+    """A radio of the board's own, as ``network.WLAN`` sees it, and the sockets on it.
+
+    As an access point it is joined by one computer, this host, half a second after it started.
+    """
 
     IDLE, CONNECTING, WRONG_PASSWORD, NO_AP_FOUND, GOT_IP = range(5)
 
-    def __init__(self, air: Air, ms: Callable[[], int]) -> None:
+    def __init__(self, air: HostAir, ms: Callable[[], int]) -> None:
         self.faults: set[str] = set()
+        self.own = ("", "")  # name and password of its access point
+        self._started: int | None = None
         self._air = air
         self._ms = ms
         self._wanted: tuple[str, str] | None = None
@@ -158,9 +166,27 @@ class Radio:
             return self.NO_AP_FOUND
         return self.GOT_IP if self._air.networks[ssid] == password else self.WRONG_PASSWORD
 
+    def start(self, ssid: str, password: str) -> None:
+        """Be an access point. Raises ValueError where that is none."""
+        if not 1 <= len(ssid) <= 32 or password and not 8 <= len(password) <= 63:
+            raise ValueError("no access point has such a name or password")
+        if self._started is None or self.own != (ssid, password):
+            self._started = self._ms()
+        self.own = (ssid, password)
+
+    def stop(self) -> None:
+        self._started = None
+
+    def guests(self) -> int:
+        """How many have joined the board's access point."""
+        if self._started is None or self.faults & {"lost", "alone"}:
+            return 0
+        return int(self._ms() - self._started >= _GUEST_MS)
+
     def reset(self) -> None:
         """What a reset of the board does to it."""
         self._wanted = None
+        self._started = None
         for handle in list(self._sockets):
             self.close(handle)
 
@@ -172,6 +198,8 @@ class Radio:
             raise OSError(errno.ENOMEM, "a board has no room for more sockets")
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == 2 else socket.SOCK_STREAM)
         sock.setblocking(False)
+        if self._air.address:
+            sock.bind((self._air.address, 0))
         self._last = self._last % 250 + 1
         while self._last in self._sockets:
             self._last = self._last % 250 + 1
@@ -182,9 +210,13 @@ class Radio:
         """Raises OSError where there is no network, or no such socket."""
         if handle not in self._sockets:
             raise OSError(errno.EBADF, "no such socket")
-        if self.status() != self.GOT_IP:
+        if self.status() != self.GOT_IP and not self.guests():
             raise OSError(errno.EHOSTUNREACH, "the board is in no network")
         return self._sockets[handle]
+
+    def connect_socket(self, handle: int, host: str, port: int) -> None:
+        """Raises OSError."""
+        self.of(handle).connect(self._air.route(host, port))
 
     def fd(self, handle: int) -> int:
         sock = self._sockets.get(handle)
@@ -196,10 +228,10 @@ class Radio:
             sock.close()
 
 
-class Plug:
-    """One thing that is plugged in, with what can go wrong with it."""
+class Plug(Part):
+    """One thing that is plugged in."""
 
-    FAULTS: ClassVar[dict[str, dict[str, str]]] = {
+    OF: ClassVar[dict[str, dict[str, str]]] = {
         "esp8266": {
             "dead": "has no power",
             "full": "gets rid of no datagram",
@@ -216,17 +248,18 @@ class Plug:
         "wlan": {
             "lost": "the access point is switched off",
             "deaf": "the access point does not answer",
+            "alone": "nobody joins the board's own access point",
         },
     }
 
     def __init__(self, name: str, device: Esp8266 | Gs2200 | Radio, air: Air) -> None:
-        self.name = name
+        super().__init__(name)
+        self.FAULTS = self.OF[name]  # type: ignore[misc]
         self.device = device
         self.air = air
         self._networks = dict(air.networks)
 
     def fault(self, kind: str) -> None:
-        """One of FAULTS."""
         device = self.device
         if kind == "reset" and not isinstance(device, Radio):
             device.reset()
@@ -237,25 +270,38 @@ class Plug:
             if not isinstance(device, Radio):
                 device.lose_network()
 
+    def active(self, kind: str) -> bool:
+        return kind in self.device.faults
+
     def heal(self) -> None:
         self.device.faults.clear()
         self.air.networks.update(self._networks)
 
-    def close(self) -> None:
-        self.air.close()
+    def shows(self) -> str:
+        device = self.device
+        if not isinstance(device, Radio):
+            return f"in {device.joined}" if device.joined else "in no network"
+        if device.guests():
+            return f"{device.own[0]}, one computer"
+        return "in a network" if device.status() == Radio.GOT_IP else "in no network"
+
+    def reset(self) -> None:
         if isinstance(self.device, Radio):
             self.device.reset()
+
+    def close(self) -> None:
+        self.air.close()
+        self.reset()
 
 
 def plug(board: VirtualBoard, spec: str) -> Plug:
     """Plug in what ``spec`` says; see the module. Raises PlugError."""
-    from .board import Pin
-
     name, _, rest = spec.partition(":")
-    if name not in Plug.FAULTS:
-        raise PlugError(f"there is no plug {name!r}; there are {', '.join(Plug.FAULTS)}")
+    if name not in Plug.OF:
+        raise PlugError(f"there is no plug {name!r}; there are {', '.join(Plug.OF)}")
     options = dict(part.partition("=")[::2] for part in rest.split(",") if part)
-    air = HostAir({options.pop("ssid", SSID): options.pop("password", PASSWORD)})
+    network = {options.pop("ssid", SSID): options.pop("password", PASSWORD)}
+    air = HostAir(network, routes=board.routes, address=board.address)
 
     def ms() -> int:
         return board.clock.world_us() // 1000

@@ -2,10 +2,10 @@
 
 ::
 
-    with RunningBoard("ra6m5_sensor_node", faults=["sht3x:nack"]) as board:
+    with RunningBoard("ra6m5_sensor_node", happen=["sht3x:nack"]) as board:
         board.wait_usb("configured")
         …                               # an agent on board.path
-        board.fault("usb:unplug")
+        board.happen("usb:unplug")
         board.wait("some words")        # until the program prints them
 
 The board is plugged in and switched on when ``with`` is entered, and gone without a trace when it
@@ -24,7 +24,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from .board import BOARDS, BoardError, BoardSpec, FaultError
+from .board import FaultError
+from .catalog import BOARDS, BoardError, BoardSpec
 
 START_SECONDS: Final = 30.0
 WAIT_SECONDS: Final = 30.0
@@ -67,9 +68,14 @@ class RunningBoard:
     that `uros.boards.engine` tells, from that thread too. ``measure`` finds the peak of the heap.
     ``plugs`` are plugged into the board; see `uros.boards.plugs`. ``interfaces`` are folders of
     definitions that the program's imports may mean besides; see `uros.interfaces.add_folder`.
+    ``happen`` is what happens before the program starts; see `uros.boards.board`. ``speed`` is how
+    many times faster than ours the board's time goes, and that of everything around it; the agent's
+    does not, so stamps are wrong then. ``agent`` is where the agent is that the program looks for
+    in its network, ``address`` the board's own on this host, such as 127.0.0.7 (default: any).
 
-    ``console`` is a queue of the lines that the program prints, without ``on_event``. Waits raise
-    TimeoutError, and BoardGone when there is nothing to wait for any more.
+    ``happenings`` are all that can be made to happen. ``console`` is a queue of the lines that the
+    program prints, without ``on_event``. Waits raise TimeoutError, and BoardGone when there is
+    nothing to wait for any more.
     """
 
     def __init__(
@@ -79,7 +85,7 @@ class RunningBoard:
         engine: str = "cpython",
         *,
         form: str = "py",
-        faults: Sequence[str] = (),
+        happen: Sequence[str] = (),
         link: str | Path | None = None,
         seed: int = 0,
         reads: bool = False,
@@ -88,6 +94,9 @@ class RunningBoard:
         measure: bool = False,
         plugs: Sequence[str] = (),
         interfaces: Sequence[str | Path] = (),
+        speed: float = 1.0,
+        agent: tuple[str, int] = ("127.0.0.1", 8888),
+        address: str = "",
     ) -> None:
         if isinstance(firmware, str) and firmware in BOARDS:
             board = board or firmware
@@ -101,7 +110,8 @@ class RunningBoard:
         self._options = {
             "program": str(program.absolute()), "board": board, "engine": engine, "form": form,
             "link": None if link is None else str(Path(link).absolute()), "seed": seed,
-            "faults": list(faults), "reads": reads or on_read is not None, "measure": measure,
+            "happen": list(happen), "speed": speed, "agent": list(agent),
+            "address": address, "reads": reads or on_read is not None, "measure": measure,
             "plugs": list(plugs), "interfaces": [str(Path(it).absolute()) for it in interfaces],
         }  # fmt: skip
         self._on_read = on_read
@@ -114,8 +124,10 @@ class RunningBoard:
         self._traceback: str | None = None
         self._resets = 0
         self._heaps: list[Heap] = []  # the answers to heap
-        self._refused: list[str] = []  # the answers to faults
+        self._refused: list[str] = []  # the answers to what is to happen
+        self._shows: dict[str, list[str]] = {}
         self.path = Path()
+        self.happenings: list[str] = []
         self.console: queue.Queue[str] = queue.Queue()
         self.reads: queue.Queue[tuple[int, int]] = queue.Queue()
         self.usb = "detached"
@@ -168,17 +180,17 @@ class RunningBoard:
 
     # --- what can be done to it ---------------------------------------------------------
 
-    def fault(self, spec: str) -> None:
-        """Plant or heal a fault, such as "sht3x:nack", "sht3x:off" or "usb:unplug"; it is there
-        when this returns. Raises FaultError."""
+    def happen(self, spec: str) -> None:
+        """Plant or heal a fault, such as "sht3x:nack", "sht3x:off" or "usb:unplug", or do something
+        by hand, such as "button:press"; it is done when this returns. Raises FaultError."""
         self._refused.clear()
-        self._command(do="fault", spec=spec)
+        self._command(do="happen", spec=spec)
         self._until(lambda: bool(self._refused), WAIT_SECONDS, "an answer")
         if self._refused[0]:
             raise FaultError(self._refused[0])
 
     def press(self, what: str, **more: str) -> None:
-        """Ask for "reset", "heap" or "fault" (and its ``spec``) without waiting for it: an event
+        """Ask for "reset", "heap" or "happen" (and its ``spec``) without waiting for it: an event
         will tell."""
         self._command(do=what, **more)
 
@@ -230,6 +242,20 @@ class RunningBoard:
         """Wait until the line is "detached", "attached", "configured" or "suspended"."""
         self._until(lambda: self.usb == state, timeout, f"USB to be {state}")
 
+    def shows(self, part: str) -> str:
+        """What is to be seen of a part, such as "on" of an LED; "" for nothing."""
+        with self._changed:
+            return self._shows.get(part, [""])[-1]
+
+    def shown(self, part: str) -> list[str]:
+        """All that was to be seen of it, one after the other, from the start on."""
+        with self._changed:
+            return list(self._shows.get(part, ()))
+
+    def wait_shows(self, part: str, what: str, timeout: float = WAIT_SECONDS) -> None:
+        """Wait until a part shows this; at once if it does."""
+        self._until(lambda: self._shows.get(part, [""])[-1] == what, timeout, f"{part} {what}")
+
     def wait_end(self, timeout: float = WAIT_SECONDS) -> str:
         """Wait for the end of the program; returns its traceback, or ""."""
         self._until(lambda: self._traceback is not None, timeout, "the program to end")
@@ -278,11 +304,14 @@ class RunningBoard:
 
     def _note(self, kind: str, event: dict[str, Any]) -> None:
         if kind == "ready":
+            self.happenings = event["happenings"]
             self.path = Path(event["path"])
         elif kind == "usb":
             self.usb, self.usb_error = event["state"], event["error"]
-        elif kind == "fault":
+        elif kind == "happened":
             self._refused.append(event["error"])
+        elif kind == "part":
+            self._shows.setdefault(event["name"], []).append(event["shows"])
         elif kind == "reset":
             self._resets += 1
             self._traceback = None

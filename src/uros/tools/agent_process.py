@@ -1,46 +1,55 @@
-"""An agent as a child process, on a board's line. It ends with its parent, however that ends."""
+"""An agent as a child process, for virtual boards. It ends with its parent, however that ends."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
-from typing import IO, Any, Final
+import threading
+from collections.abc import Callable, Sequence
+from typing import Final
 
 _END_SECONDS: Final = 5.0
 
 
 class AgentProcess:
-    """``uros agent serial`` on ``device``, in ``domain``. Its log goes to ``log``: by default to
-    where ours goes, ``subprocess.PIPE`` makes it :attr:`lines`."""
+    """``uros agent`` with ``arguments``, such as ``("serial", "--dev", "/dev/ttyACM0")``, in
+    ``domain``. ``on_line`` gets its log, line by line, from another thread."""
 
-    def __init__(self, device: Path, domain: int, log: int | None = None) -> None:
+    def __init__(
+        self, arguments: Sequence[str], domain: int, on_line: Callable[[str], object]
+    ) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "uros", "agent", "serial", "--dev", str(device),
-             "--domain", str(domain), "--stop-at-eof"],
-            stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT if log else None,
+            [sys.executable, "-m", "uros", "agent", *arguments, "--domain", str(domain),
+             "--stop-at-eof"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, encoding="utf-8",
             start_new_session=True,  # Ctrl-C is for us: the board goes first
         )  # fmt: skip
+        self._on_line = on_line
+        self._reader = threading.Thread(target=self._read, name="agent", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._on_line(line.rstrip())
 
     @property
-    def lines(self) -> IO[Any]:
-        """The log, line by line."""
-        assert self._process.stdout is not None
-        return self._process.stdout
+    def pid(self) -> int:
+        return self._process.pid
 
     @property
     def ended(self) -> bool:
         return self._process.poll() is not None
 
     def close(self) -> None:
-        """End it, kindly at first. Twice is once."""
-        assert self._process.stdin is not None
+        """End it, kindly at first; all of its log has been told then. Twice is once."""
+        assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.close()
         try:
             self._process.wait(_END_SECONDS)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._reader.join()
+        self._process.stdout.close()

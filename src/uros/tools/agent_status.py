@@ -130,7 +130,7 @@ def _clients(snapshot: Snapshot, before: Snapshot | None) -> list[list[str]]:
     earlier = {it["key"]: it for it in before["clients"]} if before else {}
     for it in snapshot["clients"]:
         rate_in, rate_out = _rates(it, earlier.get(it["key"]))
-        nodes = [_node(node) for node in it["nodes"]]
+        nodes = [node_name(node) for node in it["nodes"]]
         queues = it["queues"]
         rows.append(
             [it["key"], plain(it["address"]), " ".join(nodes) or "-",
@@ -156,7 +156,8 @@ def _boards(rows: list[list[str]], width: int) -> list[str]:
     ]
 
 
-def _node(node: dict[str, Any]) -> str:
+def node_name(node: dict[str, Any]) -> str:
+    """As a page shows it, with its domain unless that is 0."""
     name = plain(node["name"])
     return f"{name}@{node['domain']}" if node["domain"] else name
 

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print a table, or all about one board. Raises ToolError."""
-    from ..boards.board import BOARDS
+    from ..boards.catalog import BOARDS
 
     if args.ports:
         from .board_named import print_ports
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
 def check_name(name: str) -> None:
     """Raises ToolError where there is no such board."""
-    from ..boards.board import BOARDS
+    from ..boards.catalog import BOARDS
 
     if name not in BOARDS:
         close = did_you_mean(name, BOARDS) or f" (there are {', '.join(BOARDS)})"
@@ -51,7 +51,8 @@ def check_name(name: str) -> None:
 
 
 def _describe(name: str) -> None:
-    from ..boards.board import BoardError, VirtualBoard
+    from ..boards.board import VirtualBoard
+    from ..boards.catalog import BoardError
     from ..boards.running import firmware_folder
 
     board = VirtualBoard(name)
@@ -65,13 +66,16 @@ def _describe(name: str) -> None:
         print(f"MCU       {spec.mcu}")
         print(f"firmware  {folder}")
         print(f"ports     MicroPython for {', '.join(spec.ports)}")
-        pins = [f"{pin.name} {pin.function}".rstrip() for pin in board.pins.values()]
+        pins = [f"{pin.name} {pin.function}" for pin in board.pins.values() if pin.function]
         print(f"pins      {', '.join(pins)}")
-        print("\nFaults, for 'uros board run --fault':")
-        faults = board.faults()
-        width = max(len(it.spec) for it in faults)
-        for fault in faults:
-            print(f"  {fault.spec:{width}}  {fault.text}")
-        print("Device:off heals a device, all:off everything.")
+        acts, faults = board.acts(), board.faults()
+        width = max(len(it.spec) for it in (*acts, *faults))
+        print("\nWhat can be done by hand, while it runs or with --fault:")
+        for it in acts:
+            print(f"  {it.spec:{width}}  {it.text}")
+        print("\nWhat can go wrong:")
+        for it in faults:
+            print(f"  {it.spec:{width}}  {it.text}")
+        print("NAME:off heals a part, all:off everything.")
     finally:
         board.close()

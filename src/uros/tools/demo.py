@@ -13,9 +13,7 @@ import os
 import queue
 import shutil
 import statistics
-import subprocess
 import sys
-import threading
 import time
 from typing import TYPE_CHECKING, Any, Final
 
@@ -138,13 +136,8 @@ class _Agent(AgentProcess):
     """The agent, with its log for when there is time to show it."""
 
     def __init__(self, device: Path, domain_id: int) -> None:
-        super().__init__(device, domain_id, subprocess.PIPE)
         self._news: queue.Queue[str] = queue.Queue()
-        threading.Thread(target=self._read, daemon=True).start()
-
-    def _read(self) -> None:
-        for line in self.lines:
-            self._news.put(line.rstrip())
+        super().__init__(("serial", "--dev", str(device)), domain_id, self._news.put)
 
     def print_news(self) -> None:
         while not self._news.empty():
@@ -163,9 +156,7 @@ def run(args: argparse.Namespace) -> int:
     with join(args) as network:
         for topic in topics:
             network.listen(topic.name, topic.type_name, topic.qos(), topic.heard)
-        board = RunningBoard(
-            BOARD, engine=args.engine, faults=args.fault, on_read=reads.ended
-        )
+        board = RunningBoard(BOARD, engine=args.engine, happen=args.fault, on_read=reads.ended)
         try:
             board.start()
         except StartError as error:

@@ -125,11 +125,13 @@ class Station:
 
 class AccessPoint:
     """The board is an access point ``ssid``, which the agent's computer joins; ``password`` has 8
-    to 63 characters, None for none. The board's own address is usually 192.168.4.1."""
+    to 63 characters, None for none. ``address`` is the board's own, of a network of 256 whose other
+    addresses it gives away from the next one on; without it, it is usually 192.168.4.1."""
 
     def __init__(
-        self, ssid: str, password: "str | None" = None, channel: "int | None" = None
-    ) -> None:
+        self, ssid: str, password: "str | None" = None, channel: "int | None" = None,
+        address: "str | None" = None,
+    ) -> None:  # fmt: skip
         if password is not None and not 8 <= len(password) <= 63:
             raise ValueError("an access point's password has 8 to 63 characters")
         import network
@@ -139,6 +141,7 @@ class AccessPoint:
         self._ssid = ssid
         self._password = password
         self._channel = channel
+        self._address = address
         self._begun = False
 
     def check(self) -> None:
@@ -154,6 +157,8 @@ class AccessPoint:
                 settings["channel"] = self._channel
             self.wlan.config(**settings)
             self.wlan.active(True)
+            if self._address is not None:
+                self.wlan.ifconfig((self._address, "255.255.255.0", self._address, "0.0.0.0"))
             self._begun = True
         if not self.wlan.active():
             raise OSError(errno.EINPROGRESS, "the access point %s is starting" % self._ssid)

@@ -4,9 +4,11 @@ import errno
 
 import pytest
 
-from uros.boards.board import BOARDS, IN, OUT, BoardError, FaultError, VirtualBoard
+from uros.boards.board import FaultError, VirtualBoard
+from uros.boards.catalog import BOARDS, BoardError
 from uros.boards.clock import ManualClock
 from uros.boards.i2c import BusError
+from uros.boards.pins import IN, OUT
 from uros.boards.room import Room
 from uros.boards.sht3x import crc8
 from uros.boards.usb import (
@@ -92,50 +94,50 @@ def test_a_room_and_a_seed_of_ones_own(tmp_path):
     ],
 )
 def test_a_fault_of_a_sensor_and_its_healing(board, device, address, kind, number):
-    board.fault(f"{device}:{kind}")
+    board.happen(f"{device}:{kind}")
     assert active(board) == {f"{device}:{kind}"}
     command = b"\x2c\x06" if device == "sht3x" else b"\x85"
     with pytest.raises(BusError) as caught:
         board.i2c[2].transfer(address, command, 2)
     assert caught.value.errno == number
-    board.fault(f"{device}:off")
+    board.happen(f"{device}:off")
     board.clock.advance(100_000)
     assert not active(board)
     assert len(board.i2c[2].transfer(address, command, 2)) == 2
 
 
 def test_faults_of_one_device_leave_the_others_alone(board):
-    board.fault("mcp9600:absent")
-    board.fault("vcnl4010:nack")
+    board.happen("mcp9600:absent")
+    board.happen("vcnl4010:nack")
     room_celsius(board)
     assert active(board) == {"mcp9600:absent", "vcnl4010:nack"}
-    board.fault("all:off")
+    board.happen("all:off")
     assert not active(board)
 
 
 def test_faults_of_one_device_add_up(board):
-    board.fault("sht3x:noise")
-    board.fault("sht3x:crc")
+    board.happen("sht3x:noise")
+    board.happen("sht3x:crc")
     assert active(board) == {"sht3x:noise", "sht3x:crc"}
 
 
 def test_wrong_checksums_and_an_open_thermocouple_exist_only_where_they_can(board):
-    board.fault("sht3x:crc")
+    board.happen("sht3x:crc")
     with pytest.raises(AssertionError):
         room_celsius(board)
-    board.fault("mcp9600:open")
-    with pytest.raises(FaultError, match="no fault vcnl4010:crc; there are vcnl4010:absent, "):
-        board.fault("vcnl4010:crc")
+    board.happen("mcp9600:open")
+    with pytest.raises(FaultError, match="no vcnl4010:crc; there are vcnl4010:absent, "):
+        board.happen("vcnl4010:crc")
 
 
 def test_a_stuck_bus(board):
-    board.fault("bus:stuck")
+    board.happen("bus:stuck")
     assert active(board) == {"bus:stuck"}
     with pytest.raises(BusError) as caught:
         room_celsius(board)
     assert caught.value.errno == errno.ETIMEDOUT
     assert board.pins["P414"].value() == 0
-    board.fault("bus:off")
+    board.happen("bus:off")
     assert board.pins["P414"].value() == 1
     room_celsius(board)
 
@@ -143,7 +145,7 @@ def test_a_stuck_bus(board):
 @pytest.mark.parametrize("spec", ["", "sht3x", "sht:nack", ":", "nack", "all:nack", "usb:nack"])
 def test_unknown_faults_say_what_there_is(board, spec):
     with pytest.raises(FaultError) as caught:
-        board.fault(spec)
+        board.happen(spec)
     assert "sht3x:" in str(caught.value) or "usb:unplug" in str(caught.value)
     assert not active(board)
 
@@ -151,8 +153,8 @@ def test_unknown_faults_say_what_there_is(board, spec):
 def test_every_fault_in_the_list_can_be_planted_and_healed(board):
     for fault in board.faults():
         assert fault.text
-        board.fault(fault.spec)
-    board.fault("all:off")
+        board.happen(fault.spec)
+    board.happen("all:off")
     assert not active(board)
     board.clock.advance(10**6)
     room_celsius(board)
@@ -166,15 +168,15 @@ def configure(board):
 
 def test_faults_of_usb(board):
     configure(board)
-    board.fault("usb:suspend")
+    board.happen("usb:suspend")
     assert active(board) == {"usb:suspend"} and board.usb.suspended
-    board.fault("usb:resume")
+    board.happen("usb:resume")
     assert not active(board)
-    board.fault("usb:unplug")
+    board.happen("usb:unplug")
     assert active(board) == {"usb:unplug"} and board.usb.state == DETACHED
     for heals in ("usb:plug", "usb:off"):
-        board.fault("usb:unplug")
-        board.fault(heals)
+        board.happen("usb:unplug")
+        board.happen(heals)
         board.clock.advance(ENUMERATION_US)
         assert board.usb.state == CONFIGURED and not active(board)
 
@@ -199,7 +201,7 @@ def test_an_output_keeps_its_level_and_an_input_is_pulled_up(board):
 
 def test_a_program_frees_a_stuck_bus_by_its_pins(board):
     bus = board.i2c[2]
-    board.fault("sht3x:stuck")
+    board.happen("sht3x:stuck")
     with pytest.raises(BusError):
         room_celsius(board)
     sda, scl = board.pins["P414"], board.pins["P415"]

@@ -10,7 +10,8 @@ import time
 
 import pytest
 
-from uros.boards.board import BoardError, FaultError
+from uros.boards.board import FaultError
+from uros.boards.catalog import BoardError
 from uros.boards.running import BoardGone, RunningBoard, StartError
 
 BOARD = "ra6m5_sensor_node"
@@ -91,14 +92,14 @@ def test_the_line_is_a_terminal_under_the_name_that_was_asked_for(program, tmp_p
         os.write(line, b"hello")
         assert select.select([line], [], [], 10)[0]
         assert os.read(line, 100) == b"HELLO"
-        board.fault("usb:unplug")
+        board.happen("usb:unplug")
         assert board.usb == "detached" or board.wait_usb("detached") is None
         assert not link.is_symlink()
         assert select.select([line], [], [], 10)[0]
         with pytest.raises(OSError):
             os.write(line, b"anybody?")
         os.close(line)
-        board.fault("usb:plug")
+        board.happen("usb:plug")
         board.wait_usb("configured")
         assert link.is_symlink()
     assert not link.is_symlink()
@@ -122,14 +123,14 @@ def test_faults_from_the_beginning_and_while_it_runs(program):
             last = now
             time.sleep_ms(1)
     """)
-    with RunningBoard(folder, BOARD, faults=["mcp9600:absent"]) as board:
+    with RunningBoard(folder, BOARD, happen=["mcp9600:absent"]) as board:
         board.wait("ENODEV")
-        board.fault("mcp9600:off")
+        board.happen("mcp9600:off")
         board.wait("read")
-        board.fault("bus:stuck")
+        board.happen("bus:stuck")
         board.wait("ETIMEDOUT")
         with pytest.raises(FaultError, match="mcp9600:nack"):
-            board.fault("mcp9600:sulking")
+            board.happen("mcp9600:sulking")
 
 
 def test_a_program_resets_its_board(program):
@@ -182,7 +183,7 @@ def test_a_signal_ends_it_without_a_trace(program, tmp_path, number):
             board.wait("never")
         assert not link.is_symlink()
         with pytest.raises(BoardGone):
-            board.fault("usb:unplug")
+            board.happen("usb:unplug")
         with pytest.raises(BoardGone):
             board.wait_usb("suspended")
 
@@ -217,7 +218,7 @@ def test_it_ends_with_its_parent_however_that_ends(program, tmp_path):
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
-        ({"faults": ["sht3x:sulking"]}, StartError, "there is no fault sht3x:sulking"),
+        ({"happen": ["sht3x:sulking"]}, StartError, "there is no sht3x:sulking"),
         ({"link": __file__}, StartError, "left alone"),
         ({"board": "nothing"}, BoardError, "there are ra6m5_sensor_node"),
         ({"board": None}, BoardError, "there are ra6m5_sensor_node"),
@@ -254,5 +255,9 @@ def test_events_instead_of_queues(program):
     folder = program("print('a')\n")
     with RunningBoard(folder, BOARD, on_event=events.append) as board:
         board.wait_end()
-    assert [it["event"] for it in events] == ["ready", "console", "ended", "gone"]
+    assert [it["event"] for it in events if it["event"] != "part"] == [
+        "ready", "console", "ended", "gone",
+    ]  # fmt: skip
+    leds = [(it["name"], it["shows"]) for it in events if it["event"] == "part"]
+    assert leds == [("led_blue", "off"), ("led_green", "off"), ("led_red", "off")]
     assert board.console.empty()

@@ -309,7 +309,7 @@ def test_i2c(runner):
     [("sht3x:absent", "ENODEV"), ("sht3x:nack", "EIO"), ("sht3x:stuck", "ETIMEDOUT")],
 )
 def test_errors_of_a_bus(runner, fault, error):
-    runner.board.fault(fault)
+    runner.board.happen(fault)
     program = f"""
         import errno
         from machine import I2C

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from uros.boards.board import BOARDS
+from uros.boards.catalog import BOARDS
 from uros.boards.named import NAMED, PLATFORMS, find
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "ports.md"

@@ -135,18 +135,18 @@ def test_sockets_need_a_network_and_have_a_bound():
 def test_faults_of_plugs_are_faults_of_the_board():
     board = VirtualBoard(BOARD, ManualClock(), plugs=["esp8266:uart=1", "wlan"])
     try:
-        modem = board.plugs["esp8266"].device
+        modem = board.parts["esp8266"].device
         modem.joined = "robots"
-        board.fault("esp8266:lost")
-        board.fault("wlan:lost")
+        board.happen("esp8266:lost")
+        board.happen("wlan:lost")
         assert modem.joined == "" and modem.air.networks == {}
         active = {it.spec for it in board.faults() if it.active}
         assert active == {"esp8266:lost", "wlan:lost"}
-        board.fault("all:off")
+        board.happen("all:off")
         assert modem.air.networks == {"robots": "secret99"}
         assert not [it for it in board.faults() if it.active]
         with pytest.raises(FaultError, match="esp8266:dead"):
-            board.fault("esp8266:nonsense")
+            board.happen("esp8266:nonsense")
     finally:
         board.close()
 

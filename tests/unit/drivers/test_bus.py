@@ -91,9 +91,9 @@ def test_eperm_may_mean_anything(program, bus):
 
 
 def test_shorted_wires_are_an_error_again_and_again(program, bus):
-    program.board.fault("bus:stuck")
+    program.board.happen("bus:stuck")
     for _ in range(3):
         with pytest.raises(OSError):
             bus.writeto(0x44, b"\x2c\x06")
-    program.board.fault("bus:off")
+    program.board.happen("bus:off")
     bus.writeto(0x44, b"\x2c\x06")

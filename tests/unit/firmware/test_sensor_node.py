@@ -110,8 +110,8 @@ class Running:
         assert self.node.executor.failed == 0
         return self.node.sent[first:]
 
-    def fault(self, spec):
-        self.program.board.fault(spec)
+    def happen(self, spec):
+        self.program.board.happen(spec)
 
     def lines(self, seconds):
         return [m.data for _, topic, m in self.run(seconds) if topic == DIAGNOSTIC]
@@ -263,7 +263,7 @@ def test_without_an_agent_nothing_is_published(new):
     """And sensors are watched nevertheless."""
     new.start()
     assert new.run(3) == []
-    new.fault("sht3x:absent")
+    new.happen("sht3x:absent")
     new.run(2)
     assert new.crumbs.error == "SHT3x read failed: no answer"
     assert new.crumbs.step == 7
@@ -299,7 +299,7 @@ TOPICS_OF = {
 def test_a_sensor_that_fails_is_reported_and_the_others_go_on(board, fault, line):
     name = fault.partition(":")[0]
     board.run(2.5)
-    board.fault(fault)
+    board.happen(fault)
     board.run(1)
     sent = by_topic(board.run(5))
     assert set(sent) == SAMPLES - TOPICS_OF[name]
@@ -308,7 +308,7 @@ def test_a_sensor_that_fails_is_reported_and_the_others_go_on(board, fault, line
     assert lines == [INITIALIZED, line]
     assert board.crumbs.error == line
     assert board.crumbs.step == 9
-    board.fault(name + ":off")
+    board.happen(name + ":off")
     sent = by_topic(board.run(3))
     back = [m.data for _, m in sent.pop(DIAGNOSTIC)]
     assert back == [line.partition(" ")[0] + " read again"]
@@ -317,24 +317,24 @@ def test_a_sensor_that_fails_is_reported_and_the_others_go_on(board, fault, line
 
 def test_a_sensor_that_goes_on_failing_is_reported_every_ten_seconds(board):
     board.lines(1)
-    board.fault("mcp9600:absent")
+    board.happen("mcp9600:absent")
     assert board.lines(31.5) == ["MCP9600 read failed: no answer"] * 4
 
 
 @pytest.mark.parametrize("name", TOPICS_OF)
 def test_missing_at_start_and_plugged_in_later(new, name):
-    new.fault(name + ":absent")
+    new.happen(name + ":absent")
     new.start().connect()
     first = by_topic(new.run(4.5))
     assert set(first) == SAMPLES - TOPICS_OF[name] | {DIAGNOSTIC}
-    new.fault(name + ":off")
+    new.happen(name + ":off")
     new.run(1)
     assert set(by_topic(new.run(3))) == SAMPLES
 
 
 def test_no_sensor_at_all(new):
     for name in TOPICS_OF:
-        new.fault(name + ":absent")
+        new.happen(name + ":absent")
     new.start().connect()
     assert new.lines(2.5) == [
         "SHT3x read failed: no answer",
@@ -342,7 +342,7 @@ def test_no_sensor_at_all(new):
         "MCP9600 read failed: no answer",
     ]
     assert new.crumbs.step == 100
-    new.fault("all:off")
+    new.happen("all:off")
     new.run(2)
     assert new.crumbs.step == 9
     assert set(by_topic(new.run(2))) == SAMPLES
@@ -350,13 +350,13 @@ def test_no_sensor_at_all(new):
 
 def test_a_shorted_bus_does_not_end_anything(board):
     board.run(1)
-    board.fault("bus:stuck")
+    board.happen("bus:stuck")
     before = board.program.clock.ticks_us()
     board.run(5)
     assert board.crumbs.step == 100
     # Three time-outs a second, and in between it spins.
     assert board.program.clock.ticks_us() - before < 5_500_000
-    board.fault("bus:off")
+    board.happen("bus:off")
     board.run(1)
     assert set(by_topic(board.run(3))) - {DIAGNOSTIC} == SAMPLES
 
@@ -389,7 +389,7 @@ def test_initialized_is_said_in_every_session(board):
 
 def test_a_failure_is_told_to_each_new_agent(board):
     board.run(1)
-    board.fault("sht3x:absent")
+    board.happen("sht3x:absent")
     line = "SHT3x read failed: no answer"
     assert board.lines(2) == [line]
     board.node.enter(AGENT_DISCONNECTED, WAITING_AGENT)
@@ -398,7 +398,7 @@ def test_a_failure_is_told_to_each_new_agent(board):
     assert board.lines(2) == [line]
     # Healed while nobody listens: the next agent never hears of it.
     board.node.enter(AGENT_DISCONNECTED, WAITING_AGENT)
-    board.fault("sht3x:off")
+    board.happen("sht3x:off")
     board.run(2)
     board.connect()
     assert board.lines(3) == []
@@ -408,12 +408,12 @@ def test_what_found_no_room_is_said_later(new):
     new.start()
     new.node.full = True
     new.connect()
-    new.fault("sht3x:absent")
+    new.happen("sht3x:absent")
     assert new.lines(3) == []
     new.node.full = False
     assert new.lines(1.5) == [INITIALIZED, "SHT3x read failed: no answer"]
     new.node.full = True
-    new.fault("sht3x:off")
+    new.happen("sht3x:off")
     new.lines(2)
     new.node.full = False
     assert new.lines(1.5) == ["SHT3x read again"]
@@ -509,7 +509,7 @@ def test_ticks_that_wrap():
     """2^30 ms are 12.4 days."""
     with load("ra6m5_sensor_node", offset_ms=(1 << 30) - 3000) as program:
         running = Running(program).start().connect()
-        running.fault("sht3x:absent")
+        running.happen("sht3x:absent")
         assert running.lines(25) == ["SHT3x read failed: no answer"] * 3
 
 

@@ -45,8 +45,8 @@ class Running:
             self.main.step()
         return [text for _, text in self.arrived[first:]]
 
-    def fault(self, spec):
-        self.program.board.fault(spec)
+    def happen(self, spec):
+        self.program.board.happen(spec)
 
 
 @pytest.fixture
@@ -95,11 +95,11 @@ def test_once_a_second_to_the_millisecond(board):
 
 def test_also_while_every_transfer_times_out(board):
     board.run(2.1)
-    board.fault("bus:stuck")
+    board.happen("bus:stuck")
     board.run(10)
     times = [at for at, _ in board.arrived]
     assert all(abs(at - times[0] - n * 1_000_000) < 1000 for n, at in enumerate(times))
-    board.fault("bus:off")
+    board.happen("bus:off")
     board.run(2)
     assert LINE.fullmatch(board.run(1)[0])
 
@@ -125,7 +125,7 @@ UNKNOWN = {
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_a_sensor_that_fails_leaves_its_fields_empty(board, name, kind):
     board.run(2.1)
-    board.fault(f"{name}:{kind}")
+    board.happen(f"{name}:{kind}")
     lines = board.run(3)
     assert len(lines) == 3
     for line in lines:
@@ -134,7 +134,7 @@ def test_a_sensor_that_fails_leaves_its_fields_empty(board, name, kind):
         assert line.count("--") == 2
     assert len(board.printed) == 1
     assert board.printed[0].lower().startswith(name + " read failed: ")
-    board.fault(name + ":off")
+    board.happen(name + ":off")
     assert LINE.fullmatch(board.run(2)[-1])
     assert board.printed[1].lower() == name + " read again"
     assert board.main.program.failing == {}
@@ -142,14 +142,14 @@ def test_a_sensor_that_fails_leaves_its_fields_empty(board, name, kind):
 
 def test_missing_at_start(board):
     for name in UNKNOWN:
-        board.fault(name + ":absent")
+        board.happen(name + ":absent")
     assert board.run(2.1)[-1] == "Room: -- | Hot: -- | Cold: -- | Hum: -- | Door: -- | Lux: --\r\n"
-    board.fault("all:off")
+    board.happen("all:off")
     assert LINE.fullmatch(board.run(2)[-1])
 
 
 def test_wrong_crc(board):
-    board.fault("sht3x:crc")
+    board.happen("sht3x:crc")
     assert board.run(1.1)[0].startswith("Room: -- | Hot: ")
     assert board.printed == ["SHT3x read failed: wrong CRC of the temperature"]
 

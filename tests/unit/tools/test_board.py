@@ -11,9 +11,21 @@ from pathlib import Path
 import pytest
 
 from uros.boards import engine_micropython
-from uros.boards.board import BOARDS
+from uros.boards.catalog import BOARDS
 from uros.tools import cli
 
+# Something of each board's own.
+OF = {
+    **dict.fromkeys(BOARDS, "led0:dead"),
+    **dict.fromkeys((it for it in BOARDS if it.startswith("esp32")), "22 LED"),
+    "ra6m5_sensor_node": "sht3x:crc",
+    "ra6m5_usb_text": "P414 I2C2 SDA",
+    "esp32_button_led": "button:tap",
+    "esp32_wifi_publisher": "wlan:lost",
+    "spresense_publisher_wifi": "gs2200:lost",
+    "sprturtlebot": "rover:place",
+    "sprturtlebot_pid": "wlan:lost",
+}
 COMMAND = [sys.executable, "-m", "uros", "board"]
 ROOT = Path(__file__).parents[3]
 
@@ -113,8 +125,9 @@ def test_list_one(capsys, name):
     assert cli.main(["board", "list", name]) == 0
     out = capsys.readouterr().out
     assert os.path.join("firmware", BOARDS[name].firmware) in out
-    for words in (BOARDS[name].mcu, "sht3x:crc", "usb:unplug", "P414 I2C2 SDA", "renesas-ra"):
-        assert words in out
+    words = [BOARDS[name].mcu, *BOARDS[name].ports, "usb:unplug", "usb:plug", "LED", OF[name]]
+    for it in words:
+        assert it in out
 
 
 @pytest.mark.parametrize("verb", ["list", "run"])
@@ -137,13 +150,14 @@ def test_a_board_tells_what_it_does_and_obeys(run, tmp_path):
     first = board.until("bus")
     assert first[0] == f"board: ra6m5_sensor_node runs on cpython; its USB line is {link}"
     assert first[1] == f"board: next, in another terminal: cat {link}"
+    assert first[2].startswith("board: type what is to happen, one a line: usb:plug; or reset")
     assert {"board: USB attached", "started"} <= set(first)
     assert first[-1] == "bus [Errno 19] ENODEV"
     board.type("vcnl4010:off")
     assert "board: done: vcnl4010:off" in board.until("bus fine")
     board.type("")
     board.type("vcnl4010:sulking")
-    assert board.until("sulking")[-1].startswith("board: there is no fault vcnl4010:sulking; there")
+    assert board.until("sulking")[-1].startswith("board: there is no vcnl4010:sulking; there are")
     board.type("heap")
     board.until("board: only the engine micropython")
     board.type("usb:unplug")
@@ -211,10 +225,9 @@ def test_nothing_is_left_however_it_ends(run, tmp_path, number):
 
 def test_a_board_with_its_agent(run, own_domain_id):
     board = run(
-        "ra6m5_sensor_node", "--agent", env=dict(os.environ, ROS_DOMAIN_ID=str(own_domain_id))
+        "ra6m5_sensor_node", env=dict(os.environ, ROS_DOMAIN_ID=str(own_domain_id))
     )
-    first = board.until("USB configured")
-    assert first[1] == "board: the agent comes as soon as USB is configured; Ctrl-C ends both"
+    assert board.until("Ctrl-C")[-1] == "board: an agent runs beside it; Ctrl-C ends both"
     assert f"domain_id: {own_domain_id}" in board.until("domain overridden")[-1]
     for _ in range(7):
         board.until("datawriter created")
@@ -224,7 +237,7 @@ def test_a_board_with_its_agent(run, own_domain_id):
 
 
 def test_the_sensor_node_is_for_an_agent(run):
-    board = run("ra6m5_sensor_node")
+    board = run("ra6m5_sensor_node", "--no-agent")
     path = board.until("USB line")[0].rsplit(" ", 1)[1]
     assert board.until("next")[-1].endswith(f": uros agent serial --dev {path}")
 
@@ -232,7 +245,7 @@ def test_the_sensor_node_is_for_an_agent(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--fault", "sht3x:sulking"], "there is no fault sht3x:sulking"),
+        (["--fault", "sht3x:sulking"], "there is no sht3x:sulking"),
         (["--firmware", "/nowhere"], "no such folder"),
         (["--link", __file__], "left alone"),
         (["--interfaces", "/nowhere"], "/nowhere: no such folder; give a folder that holds .msg"),

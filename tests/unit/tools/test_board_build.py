@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from uros.boards.board import BOARDS
+from uros.boards.catalog import BOARDS
 from uros.boards.build import build
 from uros.boards.running import firmware_folder
 from uros.interfaces import InterfaceError, load

@@ -5,12 +5,13 @@ CONSOLE = 1  #      text                                        nothing
 TICKS_MS = 2  #     nothing                                     number, modulo 2^30
 TICKS_US = 3  #     nothing                                     number, modulo 2^30
 EPOCH = 4  #        nothing                                     i64 nanoseconds since 2000
-SLEEP = 5  #        u64 microseconds                            nothing, after that time
+SLEEP = 5  #        u32 microseconds                            number: what is left of them, when
+#                                                               an interrupt is due before
 I2C_INIT = 6  #     u8 channel, u32 Hz, u32 timeout in us       nothing
 I2C_TRANSFER = 7  # u8 channel, u8 address, u8 stop, u16 octets
 #                   to read, what to write                      what was read
 I2C_SCAN = 8  #     u8 channel                                  addresses, an octet each
-PIN_MODE = 9  #     u8 mode, name                               nothing
+PIN_MODE = 9  #     u8 mode, u8 pull, name; 255: as it is       nothing
 PIN_SET = 10  #     u8 level, name                              nothing
 PIN_GET = 11  #     name                                        number: level
 USB_ENABLE = 12  #  u16 length and device descriptor, u16 length
@@ -44,6 +45,18 @@ NET_SEND = 36  #    u8 handle, octets                           number: how many
 NET_RECV = 37  #    u8 handle, u16 at most                      octets
 NET_CLOSE = 38  #   u8 handle                                   nothing
 NET_WAIT = 39  #    u32 microseconds, u8 handle, u8 events      number: those that are there
+WLAN_START = 40  #  as WLAN_CONNECT, of an access point; NUL,
+#                   its own address                             nothing
+WLAN_STOP = 41  #   nothing                                     nothing
+WLAN_GUESTS = 42  # nothing                                     number: how many have joined it
+PIN_IRQ = 43  #     u8 1 rising, 2 falling or both, name        number of the pin
+IRQ_NEXT = 44  #    nothing                                     number: 2 * pin + level of what is
+#                                                               due and not been asked for, 0: none
+PWM_SET = 45  #     u32 Hz, u16 duty, name                      nothing
+PWM_OFF = 46  #     name                                        nothing
+ADC_READ = 47  #    name                                        number: 0 to 65535
+CAMERA = 48  #      u16 width, u16 height, u8 quality           a JPEG, or nothing: it failed
+EPOCH_SET = 49  #   i64 nanoseconds since 2000                  nothing
 
 # States of USB, added up.
 USB_OPEN = 1  # configured by the host

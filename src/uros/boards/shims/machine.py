@@ -2,8 +2,15 @@
 """MicroPython's ``machine``, as far as the virtual boards have what it drives."""
 
 import struct
+import time
 
 import _board  # type: ignore[import-not-found]
+import _irq  # type: ignore[import-not-found]
+
+try:
+    from collections.abc import Callable
+except ImportError:
+    pass
 
 PWRON_RESET = 1
 HARD_RESET = 2
@@ -34,15 +41,22 @@ def soft_reset() -> None:
 
 
 def idle() -> None:
-    """Wait for an interrupt: USB, or the next tick a millisecond from now at the latest."""
+    """Wait for an interrupt: USB, a pin, or the next tick a millisecond from now at the latest."""
     if _board.number(_board.USB_STATE) & _board.USB_READABLE:
-        _board.call(_board.SLEEP, struct.pack("<Q", _IDLE_US))
+        _board.number(_board.SLEEP, struct.pack("<I", _IDLE_US))
     else:
         _board.number(_board.USB_WAIT, struct.pack("<IB", _IDLE_US, _board.USB_READABLE))
+    if _irq.handlers:
+        _irq.run()
 
 
 def lightsleep(ms: int) -> None:
-    _board.call(_board.SLEEP, struct.pack("<Q", ms * 1000))
+    left = ms * 1000
+    while left > 0:
+        wait = min(left, 500000000)
+        left -= wait - _board.number(_board.SLEEP, struct.pack("<I", wait))
+        if _irq.handlers:
+            _irq.run()
 
 
 def disable_irq() -> int:
@@ -54,34 +68,63 @@ def enable_irq(state: int = 1) -> None:
     pass
 
 
+class RTC:
+    """The real-time clock, which ``time.time()`` tells. A reset leaves it as it is."""
+
+    def __init__(self, id: int = 0) -> None:
+        if id:
+            raise ValueError("RTC(" + str(id) + ") doesn't exist")
+
+    def datetime(self, moment: "tuple[int, ...] | None" = None) -> "tuple[int, ...] | None":
+        """(year, month, day, weekday, hours, minutes, seconds, microseconds), as an ESP32 has it;
+        to be set, the weekday does not count."""
+        if moment is None:
+            ns = time.time_ns()
+            at = time.gmtime(ns // 1000000000)
+            return at[:3] + (at[6],) + at[3:6] + (ns // 1000 % 1000000,)  # noqa: RUF005
+        year, month, day, _, hour, minute, second, us = moment
+        seconds = time.mktime((year, month, day, hour, minute, second, 0, 0))  # type: ignore[arg-type]
+        _board.call(_board.EPOCH_SET, struct.pack("<q", seconds * 1000000000 + us * 1000))
+        return None
+
+
 class Pin:
-    """A pin by its name on the board, such as "P414"."""
+    """A pin by its name on the board, such as "P414", or its number."""
 
     IN = 0
     OUT = 1
     OPEN_DRAIN = 2
     PULL_UP = 1
     PULL_DOWN = 2
+    IRQ_RISING = 1
+    IRQ_FALLING = 2
 
     def __init__(
-        self, id: "str | Pin", mode: int = -1, pull: int = -1, *, value: int | None = None
-    ) -> None:
+        self, id: "str | int | Pin", mode: int = -1, pull: "int | None" = -1, *,
+        value: "int | None" = None,
+    ) -> None:  # fmt: skip
         self._name: str = id._name if isinstance(id, Pin) else str(id)
         self._octets = self._name.encode()
+        self._irq = 0
         self.init(mode, pull, value=value)
 
-    def init(self, mode: int = -1, pull: int = -1, *, value: int | None = None) -> None:
+    def init(
+        self, mode: int = -1, pull: "int | None" = -1, *, value: "int | None" = None
+    ) -> None:
         """-1: leave it as it is."""
         try:
             if value is not None:
                 self.value(value)
             # Also without a mode: a name that the board does not have is refused here.
-            _board.call(_board.PIN_MODE, bytes((mode & 255,)) + self._octets)
+            how = bytes((mode & 255, (0 if pull is None else pull) & 255))
+            _board.call(_board.PIN_MODE, how + self._octets)
         except OSError:
             raise ValueError("invalid pin")  # noqa: B904
 
     def value(self, level: int | None = None) -> int | None:
         if level is None:
+            if _irq.handlers:
+                _irq.run()
             return _board.number(_board.PIN_GET, self._octets)
         _board.call(_board.PIN_SET, bytes((1 if level else 0,)) + self._octets)
         return None
@@ -101,11 +144,109 @@ class Pin:
     def toggle(self) -> None:
         self.value(not self.value())
 
+    def irq(
+        self, handler: "Callable[[Pin], object] | None" = None, trigger: int = 3,
+        *, hard: bool = False,
+    ) -> "Pin":  # fmt: skip
+        """Call ``handler(pin)`` at edges. None: no more."""
+        edges = bytes((trigger if handler is not None else 0,))
+        number = _board.number(_board.PIN_IRQ, edges + self._octets)
+        if handler is None:
+            _irq.handlers.pop(number, None)
+        else:
+            _irq.handlers[number] = (handler, self)
+        return self
+
     def name(self) -> str:
         return self._name
 
     def __repr__(self) -> str:
         return "Pin(" + self._name + ")"
+
+
+class PWM:
+    """Pulses on a pin."""
+
+    def __init__(
+        self, dest: "Pin | int | str", freq: int = 5000, *, duty_u16: int = -1, duty: int = -1,
+        duty_ns: int = -1,
+    ) -> None:  # fmt: skip
+        self._octets = (dest if isinstance(dest, Pin) else Pin(dest))._octets
+        self._freq = freq
+        self._duty = 0
+        self.init(freq=freq, duty_u16=duty_u16, duty=duty, duty_ns=duty_ns)
+
+    def init(
+        self, *, freq: int = -1, duty_u16: int = -1, duty: int = -1, duty_ns: int = -1
+    ) -> None:
+        if freq != -1:
+            self._freq = freq
+        if duty_u16 != -1:
+            self._duty = duty_u16
+        elif duty != -1:
+            self._duty = 65535 if duty == 1023 else duty * 64
+        elif duty_ns != -1:
+            self._duty = min(65535, duty_ns * self._freq * 65536 // 1000000000)
+        if not 0 <= self._duty <= 65535:
+            raise ValueError("duty must be from 0 to 65535")
+        try:
+            _board.call(_board.PWM_SET, struct.pack("<IH", self._freq, self._duty) + self._octets)
+        except OSError:
+            raise ValueError("freq must be from 1Hz to 40MHz")  # noqa: B904
+
+    def deinit(self) -> None:
+        _board.call(_board.PWM_OFF, self._octets)
+
+    def freq(self, value: int | None = None) -> int | None:
+        if value is None:
+            return self._freq
+        self.init(freq=value)
+        return None
+
+    def duty_u16(self, value: int | None = None) -> int | None:
+        if value is None:
+            return self._duty
+        self.init(duty_u16=value)
+        return None
+
+    def duty(self, value: int | None = None) -> int | None:
+        """0 to 1023, as older programs for the ESP32 have it."""
+        if value is None:
+            return self._duty // 64
+        self.init(duty=value)
+        return None
+
+    def duty_ns(self, value: int | None = None) -> int | None:
+        if value is None:
+            return self._duty * 1000000000 // 65536 // self._freq
+        self.init(duty_ns=value)
+        return None
+
+
+class ADC:
+    """What there is on a pin that has a converter."""
+
+    ATTN_0DB = 0
+    ATTN_2_5DB = 1
+    ATTN_6DB = 2
+    ATTN_11DB = 3
+
+    def __init__(self, id: "Pin | int | str", *, atten: int = ATTN_11DB) -> None:
+        self._octets = (id if isinstance(id, Pin) else Pin(id))._octets
+        try:
+            self.read_u16()
+        except OSError:
+            raise ValueError("Pin doesn't have ADC capabilities")  # noqa: B904
+
+    def atten(self, value: int) -> None:
+        pass
+
+    def read_u16(self) -> int:
+        return _board.number(_board.ADC_READ, self._octets)
+
+    def read_uv(self) -> int:
+        """Microvolts, of 3.3 V."""
+        return self.read_u16() * 3300000 // 65535
 
 
 class I2C:
@@ -208,6 +349,8 @@ class UART:
         return _board.number(_board.UART_ANY, bytes((self._id,)))
 
     def read(self, nbytes: int = 65535) -> bytes | None:
+        if _irq.handlers:
+            _irq.run()
         data = _board.call(_board.UART_READ, struct.pack("<BH", self._id, nbytes))
         return data if data else None
 

@@ -1,5 +1,8 @@
 # mypy: disable-error-code="no-any-return"
-"""MicroPython's ``network`` on a board with a radio: a station, with the numbers of an ESP32."""
+"""MicroPython's ``network`` on a board with a radio: a station and an access point.
+
+Numbers are those of an ESP32.
+"""
 
 import _board  # type: ignore[import-not-found]
 
@@ -28,23 +31,55 @@ def hostname(name: str | None = None) -> str:
 
 
 class WLAN:
+    IF_STA = STA_IF
+    IF_AP = AP_IF
+    SEC_OPEN = 0
+    SEC_WPA2 = 3
+
     def __init__(self, interface: int = STA_IF) -> None:
-        if interface != STA_IF:
-            raise ValueError("this board is no access point")
+        if interface not in (STA_IF, AP_IF):
+            raise ValueError("there is no such interface")
+        self._ap = interface == AP_IF
         self._active = False
         self._settings: dict[str, object] = {}
+        self._address = "192.168.4.1" if self._ap else "0.0.0.0"
 
     def active(self, is_active: bool | None = None) -> bool:
         if is_active is not None:
-            self._active = is_active
+            self._active = bool(is_active)
+            if self._ap:
+                self._serve()
         return self._active
+
+    def _serve(self) -> None:
+        """Start or stop the access point, as it is to be now."""
+        if not self._active:
+            _board.call(_board.WLAN_STOP)
+            return
+        ssid = str(self._settings.get("ssid", "ESP_D0WDQ6"))
+        key = str(self._settings.get("key", ""))
+        if self._settings.get("security", 3 if key else 0) == 0:
+            key = ""
+        octets = ssid.encode() + b"\0" + key.encode() + b"\0" + self._address.encode()
+        _board.call(_board.WLAN_START, octets)
 
     def config(self, name: str = "", **settings: object) -> object:
         if name:
             return self._settings[name]
-        if any([it not in ("reconnects", "pm", "txpower") for it in settings]):
+        known = ("reconnects", "pm", "txpower", "ssid", "key", "security", "channel", "hidden")
+        if any([it not in known for it in settings]):
             raise ValueError("unknown config param")
         self._settings.update(settings)
+        if self._ap and self._active:
+            self._serve()
+        return None
+
+    def ifconfig(self, addresses: "tuple[str, str, str, str] | None" = None) -> object:
+        if addresses is None:
+            return (self._address, "255.255.255.0", self._address, "0.0.0.0")
+        self._address = addresses[0]
+        if self._ap and self._active:
+            self._serve()
         return None
 
     def connect(self, ssid: str, key: str = "") -> None:
@@ -55,12 +90,17 @@ class WLAN:
     def disconnect(self) -> None:
         _board.call(_board.WLAN_LEAVE)
 
-    def status(self) -> int:
+    def status(self, what: str = "") -> "int | list[tuple[bytes]]":
         """What keeps it from joining is told only where ``reconnects`` has an end."""
+        if what == "stations":
+            return [(b"\2\0\0\0\0\1",)] * _board.number(_board.WLAN_GUESTS)
         status = _STATUS[_board.number(_board.WLAN_STATUS)]
         if status < STAT_IDLE and self._settings.get("reconnects", -1) == -1:
             return STAT_CONNECTING
         return status
 
     def isconnected(self) -> bool:
+        """Of an access point: whether somebody has joined it."""
+        if self._ap:
+            return bool(_board.number(_board.WLAN_GUESTS))
         return self.status() == STAT_GOT_IP

@@ -8,6 +8,7 @@ first, has something to say. MicroPython asks each stream in a loop instead, to 
 import struct
 
 import _board  # type: ignore[import-not-found]
+import _irq  # type: ignore[import-not-found]
 
 try:
     from collections.abc import Iterator
@@ -58,6 +59,8 @@ class poll:
                     wanted |= state
         start = -1
         while True:
+            if _irq.handlers:
+                _irq.run()
             ready = []
             for stream, events in self._streams:
                 found = stream.ioctl(_STREAM_POLL, events)

@@ -4,17 +4,23 @@
 import struct
 
 import _board  # type: ignore[import-not-found]
+import _irq  # type: ignore[import-not-found]
 
 _PERIOD = 1 << 30
 _HALF = _PERIOD >> 1
+_LONGEST_US = 500000000  # of one wait
 _DAYS_BEFORE = (0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334)
 
 
 def ticks_ms() -> int:
+    if _irq.handlers:
+        _irq.run()
     return _board.number(_board.TICKS_MS)
 
 
 def ticks_us() -> int:
+    if _irq.handlers:
+        _irq.run()
     return _board.number(_board.TICKS_US)
 
 
@@ -41,8 +47,12 @@ def sleep_ms(ms: int) -> None:
 
 
 def sleep_us(us: int) -> None:
-    if us > 0:
-        _board.call(_board.SLEEP, struct.pack("<Q", int(us)))
+    us = int(us)
+    while us > 0:
+        wait = min(us, _LONGEST_US)
+        us -= wait - _board.number(_board.SLEEP, struct.pack("<I", wait))
+        if _irq.handlers:
+            _irq.run()
 
 
 def time_ns() -> int:

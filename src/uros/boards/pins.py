@@ -1,0 +1,239 @@
+"""Pins of a virtual board, and the simplest things on them: LEDs, buttons, a knob."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from typing import ClassVar, Final
+
+from .parts import Part
+
+IN: Final = "in"
+OUT: Final = "out"
+UP: Final = "up"
+DOWN: Final = "down"
+RISING: Final = 1
+FALLING: Final = 2
+FULL: Final = 65535
+"""The duty of an output that is always high."""
+
+_BOUNCE_US: Final = 8_000
+_BOUNCES: Final = 5
+_LONGEST_BOUNCE_MS: Final = 10_000
+
+
+class Pin:
+    """A pin with a level. ``function`` is what the board uses it for, "" for nothing.
+
+    One that is an output gives what was written; an input what is on its wire, or its pull.
+    ``wire()`` is the level that the wire has by itself, None where nothing drives it. ``driven`` is
+    called with each level that the pin is set to as an output, ``on_duty`` with how long it is high
+    of :data:`FULL`, which is all that a part without a clock of its own sees of PWM. ``analog()``
+    is the voltage on the wire as a part of the converter's range.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        function: str = "",
+        wire: Callable[[], int | None] | None = None,
+        driven: Callable[[int], None] | None = None,
+        on_duty: Callable[[int], None] | None = None,
+        analog: Callable[[], float] | None = None,
+    ) -> None:
+        self.name = name
+        self.function = function
+        self.mode = IN
+        self.pull = ""
+        self.edges = 0
+        self.analog = analog
+        self.on_edge: Callable[[int, Pin, int], None] | None = None
+        self._level = 0
+        self._duty: int | None = None  # of PWM
+        self._wire = wire
+        self._driven = driven
+        self._on_duty = on_duty
+        self._told = 0  # the duty
+
+    def value(self, level: int | None = None) -> int:
+        """The level; given one, set it first (which shows as soon as the pin is an output)."""
+        if level is not None:
+            level = 1 if level else 0
+            changed, self._level = level != self._level, level
+            if changed and self.mode == OUT and self._driven is not None:
+                self._driven(level)
+            self.tell()
+        if self.mode == OUT and not (self._level and self._wire):
+            return self._level
+        outside = None if self._wire is None else self._wire()
+        if outside is not None:
+            return outside
+        return 0 if self.pull == DOWN else 1
+
+    def pwm(self, duty: int | None) -> None:
+        """High for so much of :data:`FULL` of the time; None: no PWM any more."""
+        self._duty = duty
+        if duty is not None:
+            self.mode = OUT
+        self.tell()
+
+    def tell(self) -> None:
+        """What the pin drives hears of its duty, if that has changed."""
+        duty = self._duty
+        if duty is None:
+            duty = FULL if self.mode == OUT and self._level else 0
+        if duty != self._told:
+            self._told = duty
+            if self._on_duty is not None:
+                self._on_duty(duty)
+
+    def edge(self, t_us: int, level: int) -> None:
+        """The wire has got this level: an interrupt, where the firmware asked for one."""
+        if self.on_edge is not None and self.edges & (RISING if level else FALLING):
+            self.on_edge(t_us, self, level)
+
+    def reset(self) -> None:
+        """The microcontroller was reset: an input without a pull."""
+        self.mode = IN
+        self.pull = ""
+        self.edges = 0
+        self.on_edge = None
+        self._level = 0
+        self.pwm(None)
+
+
+class Led(Part):
+    """An LED; ``brightness`` is 0.0 to 1.0. ``changed(self)`` is called when that has changed."""
+
+    FAULTS: ClassVar = {"dead": "does not shine, whatever the pin does"}
+
+    def __init__(self, name: str, changed: Callable[[Part], None] = lambda _: None) -> None:
+        super().__init__(name)
+        self._duty = 0
+        self._changed = changed
+
+    @property
+    def brightness(self) -> float:
+        return 0.0 if "dead" in self.faults else self._duty / FULL
+
+    def drive(self, duty: int) -> None:
+        """What the pin does: 0 to :data:`FULL`."""
+        self._duty = duty
+        self._changed(self)
+
+    def shows(self) -> str:
+        percent = round(self.brightness * 100)
+        if 0 < percent < 100:
+            return f"{percent} %"
+        return "on" if percent else "off"
+
+
+class Button(Part):
+    """A push button between its pin and ``pressed_level``'s rail; the pin's pull does the rest.
+
+    Its contacts bounce: within 8 ms of each press and release there are some short edges, which
+    come from ``seed``. ``bounce=MS`` makes that time another one.
+    """
+
+    FAULTS: ClassVar = {
+        "stuck": "stays pressed",
+        "broken": "its contacts never touch",
+    }
+    ACTS: ClassVar = {
+        "press": "push it and hold it",
+        "release": "let it go",
+        "tap": "press for 0.1 s; tap=SECONDS for another time",
+        "bounce": f"bounce=MS: for how long its contacts bounce (now {_BOUNCE_US // 1000})",
+    }
+
+    def __init__(self, name: str, seed: int = 0, pressed_level: int = 0) -> None:
+        super().__init__(name)
+        self._random = random.Random(f"{seed}/{name}")
+        self._pressed_level = pressed_level
+        self._t_us = 0
+        self._pressed = False
+        self._due: list[tuple[int, bool]] = []  # the contact from then on, in order
+        self._bounce_us = _BOUNCE_US
+        self.pin = Pin(name, name, self.wire)
+
+    def wire(self) -> int | None:
+        """The level of a wire that the button connects, else None."""
+        closed = self._pressed or "stuck" in self.faults
+        return self._pressed_level if closed and "broken" not in self.faults else None
+
+    def act(self, kind: str, value: str = "") -> None:
+        if kind == "bounce":
+            self._bounce_us = round(_number(value, _LONGEST_BOUNCE_MS, "bounce=8") * 1000)
+        elif kind == "tap":
+            hold = round(_number(value or "0.1", 3600, "tap=0.1") * 1e6)
+            self._move(self._t_us, True)
+            self._move(self._t_us + max(hold, self._bounce_us), False)
+        else:
+            self._move(self._t_us, kind == "press")
+
+    def _move(self, t_us: int, closed: bool) -> None:
+        times = sorted(self._random.randrange(self._bounce_us + 1) for _ in range(2 * _BOUNCES))
+        self._due = [it for it in self._due if it[0] < t_us]
+        self._due.append((t_us, closed))
+        if self._bounce_us:
+            for index, after in enumerate(times):
+                self._due.append((t_us + after, closed if index % 2 else not closed))
+
+    def shows(self) -> str:
+        return "pressed" if self.wire() is not None else "released"
+
+    def fault(self, kind: str) -> None:
+        self._told(lambda: self.faults.add(kind))
+
+    def heal(self) -> None:
+        self._told(self.faults.clear)
+
+    def _told(self, change: Callable[[], object]) -> None:
+        before = self.pin.value()
+        change()
+        if self.pin.value() != before:
+            self.pin.edge(self._t_us, 1 - before)
+
+    def advance(self, t_us: int) -> None:
+        while self._due and self._due[0][0] <= t_us:
+            self._t_us, closed = self._due.pop(0)
+
+            def change(to: bool = closed) -> None:
+                self._pressed = to
+
+            self._told(change)
+        self._t_us = t_us
+
+
+class Potentiometer(Part):
+    """Between ground and the converter's whole range; :meth:`analog` is its wiper."""
+
+    FAULTS: ClassVar = {"open": "its wiper has no contact: noise"}
+    ACTS: ClassVar = {"turn": "turn=PERCENT: turn its knob"}
+
+    def __init__(self, name: str, seed: int = 0) -> None:
+        super().__init__(name)
+        self._random = random.Random(f"{seed}/{name}")
+        self._percent = 50.0
+
+    def analog(self) -> float:
+        """0.0 to 1.0."""
+        if "open" in self.faults:
+            return self._random.random()
+        return self._percent / 100
+
+    def act(self, kind: str, value: str = "") -> None:
+        self._percent = _number(value, 100, "turn=50")
+
+    def shows(self) -> str:
+        return f"{self._percent:g} %"
+
+
+def _number(text: str, most: float, example: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 <= number <= most:
+        raise ValueError(f"it takes a number from 0 to {most:g}, like {example}")
+    return number

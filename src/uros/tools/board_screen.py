@@ -1,0 +1,66 @@
+"""Where a session with boards is shown: lines as they come, and on a terminal a table above them.
+
+The table has the first rows of the terminal, the lines scroll below it, and so does what is typed.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+_LEAST_LINES: Final = 5  # below the table, or it is not worth the trouble
+
+
+class Screen:
+    """``live``: whether there is a table at all."""
+
+    def __init__(self) -> None:
+        self.live = sys.stdout.isatty()
+        self._size = (0, 0)
+        self._rows = 0
+
+    def say(self, text: str) -> None:
+        """A line below the table."""
+        print(text, flush=True)
+
+    def show(self, table: Sequence[Sequence[str]]) -> None:
+        """Draw the table, a row of cells each, anew. The last column takes what is left."""
+        if not self.live or not table:
+            return
+        size = shutil.get_terminal_size()
+        rows = len(table) + 1
+        if size.lines < rows + _LEAST_LINES:
+            return
+        out = []
+        if (size.columns, size.lines) != self._size or rows != self._rows:
+            if not self._rows:
+                out.append("\n" * size.lines)  # what was there goes up, and is not lost
+            self._size = (size.columns, size.lines)
+            self._rows = rows
+            out.append(f"\033[{rows + 1};{size.lines}r\033[{size.lines};1H")
+        out.append("\0337\033[H")
+        for line in (*layout(table, size.columns), "─" * size.columns):
+            out.append(f"{line}\033[K\r\n")
+        out.append("\0338")
+        sys.stdout.write("".join(out))
+        sys.stdout.flush()
+
+    def close(self) -> None:
+        """The terminal is an ordinary one again; the table stays where it is."""
+        if self._rows:
+            self._rows = 0
+            sys.stdout.write(f"\033[r\033[{self._size[1]};1H\n")
+            sys.stdout.flush()
+
+
+def layout(table: Sequence[Sequence[str]], columns: int) -> list[str]:
+    """The rows as lines, none longer than ``columns``."""
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]) - 1)]
+    lines = []
+    for row in table:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+        line = "  ".join([*cells, row[-1]])
+        lines.append(line if len(line) <= columns else line[: columns - 1] + "…")
+    return lines

@@ -1,0 +1,155 @@
+"""``uros fleet``: the virtual boards of a file, and one agent for them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from .board_list import check_name
+from .board_run import add_agent
+from .board_session import Plan, Session, titles
+from .common import positive_float
+from .errors import ToolError, did_you_mean
+
+_EPILOG: Final = """\
+The file is TOML, a table [[board]] for each board:
+
+  engine = "cpython"            # for all boards that say nothing else
+
+  [[board]]
+  run = "sprturtlebot"          # see 'uros board list'
+  namespace = "/left"           # of its node, topics and services
+
+  [[board]]
+  run = "esp32_publisher"
+  count = 3                     # so many of them, in /cell1, /cell2 and /cell3
+  namespace = "/cell"
+  seed = 7                      # of the first one
+  happen = ["usb:unplug"]       # at the start
+
+'engine', 'firmware', 'plug', 'link', 'interfaces' and 'speed' are as with 'uros board run'. Paths
+begin in the file's folder. Each line of input is a command, as there.
+
+examples:
+
+  uros fleet hall.toml
+  uros fleet hall.toml --no-agent --seconds 60
+"""
+
+_KEYS: Final[dict[str, type | tuple[type, ...]]] = {
+    "run": str, "count": int, "namespace": str, "seed": int, "engine": str, "firmware": str,
+    "link": str, "happen": list, "plug": list, "interfaces": list, "speed": (int, float),
+}  # fmt: skip
+_FOR_ALL: Final = ("engine", "speed", "interfaces")
+_ENGINES: Final = ("cpython", "micropython")
+_MOST: Final = 200
+_WORDS: Final = {
+    str: "a text", int: "a whole number", list: "a list of texts", (int, float): "a number",
+}  # fmt: skip
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EPILOG
+    parser.add_argument("file", metavar="FILE", help="which boards; see below")
+    add_agent(parser)
+    parser.add_argument(
+        "--seconds", type=positive_float, metavar="S",
+        help="end after so long (default: until Ctrl-C)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run until Ctrl-C or the end of the time; the exit status. Raises ToolError."""
+    if sys.platform == "win32":
+        raise ToolError("virtual boards need pseudo-terminals: use Linux, macOS or WSL")
+    plans = read(Path(args.file))
+    if args.agent is False and any(plan.namespace for plan in plans):
+        raise ToolError("namespaces are the agent's work: leave --no-agent out, or the namespaces")
+    return Session(plans, args.agent, args.agent_port, args.seconds).run()
+
+
+def read(file: Path) -> list[Plan]:
+    """The boards of a file. Raises ToolError that names what is wrong in it."""
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+
+    try:
+        text = file.read_text(encoding="utf-8")
+        whole = tomllib.loads(text)
+    except OSError as error:
+        raise ToolError(f"{file}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ToolError(f"{file}: it is no TOML: {error}") from error
+    boards = whole.pop("board", [])
+    _check(f"{file}", whole, _FOR_ALL)
+    if not isinstance(boards, list) or not boards or not all(isinstance(b, dict) for b in boards):
+        raise ToolError(f"{file}: it has no boards: begin each with a line [[board]]")
+    plans: list[Plan] = []
+    for number, board in enumerate(boards, 1):
+        where = f"{file}: board {number}"
+        _check(where, board, tuple(_KEYS))
+        plans += _plans(where, file.parent, {**whole, **board})
+        if len(plans) > _MOST:
+            raise ToolError(f"{where}: these are more than {_MOST} boards")
+    for plan, title in zip(plans, titles([it.board for it in plans]), strict=True):
+        plan.title = title
+    return plans
+
+
+def _check(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    for key, value in table.items():
+        if key not in known:
+            close = did_you_mean(key, known) or f" (there are {', '.join(known)})"
+            raise ToolError(f"{where}: there is no {key!r}{close}")
+        kind = _KEYS[key]
+        fits = isinstance(value, kind) and not isinstance(value, bool)
+        if kind is list:
+            fits = fits and all(isinstance(it, str) for it in value)
+        if not fits:
+            raise ToolError(f"{where}: {key} takes {_WORDS[kind]}, not {value!r}")
+
+
+def _plans(where: str, folder: Path, board: Mapping[str, Any]) -> list[Plan]:
+    if "run" not in board:
+        raise ToolError(f'{where}: it says not which one: run = "esp32_publisher", or another')
+    name = board["run"]
+    try:
+        check_name(name)
+    except ToolError as error:
+        raise ToolError(f"{where}: {error}") from error
+    engine, count, speed = (
+        board.get("engine", "cpython"), board.get("count", 1), board.get("speed", 1.0)
+    )  # fmt: skip
+    if engine not in _ENGINES:
+        raise ToolError(f"{where}: engine is one of {', '.join(_ENGINES)}, not {engine!r}")
+    if count < 1:
+        raise ToolError(f"{where}: count is 1 or more, not {count}")
+    if not speed > 0:
+        raise ToolError(f"{where}: speed is more than 0, not {speed}")
+    if count > 1 and "link" in board:
+        raise ToolError(f"{where}: {count} boards cannot have one link")
+    if count > _MOST:
+        raise ToolError(f"{where}: these are more than {_MOST} boards")
+    namespace = board.get("namespace", "")
+    if namespace and not all(part.isidentifier() for part in namespace.strip("/").split("/")):
+        raise ToolError(f'{where}: {namespace!r} is no namespace: it is like "/hall/left"')
+    return [
+        Plan(
+            name, name, _path(folder, board.get("firmware")), engine,
+            board.get("seed", 0) + index, board.get("happen", ()), board.get("plug", ()),
+            [str(folder / it) for it in board.get("interfaces", ())],
+            _path(folder, board.get("link")), float(speed),
+            f"{namespace}{index + 1}" if namespace and count > 1 else namespace,
+        )
+        for index in range(count)
+    ]  # fmt: skip
+
+
+def _path(folder: Path, text: str | None) -> str | None:
+    return None if text is None else str(folder / text)

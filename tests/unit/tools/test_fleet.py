@@ -1,0 +1,206 @@
+"""The file of a fleet, several boards in one session, and the table above what they say."""
+
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from uros.tools import cli
+from uros.tools.board_screen import layout
+from uros.tools.errors import ToolError
+from uros.tools.fleet import read
+
+PRINTS = "import time\nprint('hello')\nwhile True:\n    time.sleep_ms(10)\n"
+
+
+def written(folder, text):
+    file = folder / "hall.toml"
+    file.write_text(text)
+    return file
+
+
+def test_boards_of_a_file(tmp_path):
+    plans = read(
+        written(
+            tmp_path,
+            """
+            engine = "micropython"
+            speed = 2
+
+            [[board]]
+            run = "esp32_publisher"
+            count = 2
+            namespace = "/cell"
+            seed = 7
+            happen = ["usb:unplug"]
+
+            [[board]]
+            run = "esp32_publisher"
+            engine = "cpython"
+            firmware = "mine"
+            link = "/tmp/line"
+            plug = ["wlan"]
+            interfaces = ["my_msgs"]
+            namespace = "/hall/left"
+            """,
+        )
+    )
+    first, second, third = plans
+    assert [it.title for it in plans] == [
+        "esp32_publisher", "esp32_publisher#2", "esp32_publisher#3",
+    ]  # fmt: skip
+    assert (first.seed, second.seed, third.seed) == (7, 8, 0)
+    assert (first.namespace, second.namespace) == ("/cell1", "/cell2")
+    assert first.engine == second.engine == "micropython" and third.engine == "cpython"
+    assert first.speed == third.speed == 2.0 and first.happen == ["usb:unplug"]
+    assert third.firmware == str(tmp_path / "mine") and third.link == "/tmp/line"
+    assert third.interfaces == [str(tmp_path / "my_msgs")] and third.plugs == ["wlan"]
+    assert third.namespace == "/hall/left" and first.firmware is None
+
+
+ONE = '[[board]]\nrun = "esp32_publisher"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "it has no boards: begin each with a line [[board]]"),
+        ("board = 3", "it has no boards"),
+        ("board", "it is no TOML"),
+        ('agent = 1\n[[board]]\nrun = "x"', "there is no 'agent' (there are engine"),
+        ("[[board]]\nseed = 1", 'board 1: it says not which one: run = "'),
+        (ONE + '[[board]]\nrun = "esp32_publishr"', "board 2: there is no board 'esp32_publishr'"),
+        (ONE + "cont = 2", "there is no 'cont'; did you mean 'count'?"),
+        (ONE + "count = 0", "count is 1 or more, not 0"),
+        (ONE + "count = 1000000000", "more than 200 boards"),
+        (ONE + "count = true", "count takes a whole number, not True"),
+        (ONE + 'seed = "x"', "seed takes a whole number, not 'x'"),
+        (ONE + 'plug = "wlan"', "plug takes a list of texts, not 'wlan'"),
+        (ONE + "happen = [1]", "happen takes a list of texts"),
+        (ONE + "speed = 0", "speed is more than 0"),
+        (ONE + "speed = nan", "speed is more than 0"),
+        (ONE + 'engine = "pypy"', "engine is one of cpython, micropython, not 'pypy'"),
+        (ONE + 'count = 2\nlink = "x"', "2 boards cannot have one link"),
+        (ONE + 'namespace = "a b"', "'a b' is no namespace"),
+    ],
+)
+def test_a_file_that_is_wrong_is_told(tmp_path, text, words):
+    with pytest.raises(ToolError) as caught:
+        read(written(tmp_path, text))
+    assert words in str(caught.value) and "hall.toml" in str(caught.value)
+
+
+def test_a_file_that_cannot_be_read(tmp_path, capsys):
+    assert cli.main(["fleet", str(tmp_path / "none.toml")]) == 1
+    assert "none.toml: No such file" in capsys.readouterr().err
+    (tmp_path / "x.toml").write_bytes(b"\xff\xfe")
+    assert cli.main(["fleet", str(tmp_path / "x.toml")]) == 1
+    assert "it is no TOML" in capsys.readouterr().err
+
+
+def test_namespaces_without_an_agent_are_refused(tmp_path, capsys):
+    file = written(tmp_path, ONE + 'namespace = "/left"')
+    assert cli.main(["fleet", str(file), "--no-agent"]) == 1
+    assert "namespaces are the agent's work" in capsys.readouterr().err
+
+
+class Typed:
+    """A command with a pipe for its input."""
+
+    def __init__(self, *arguments, **options):
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "uros", *map(str, arguments)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, bufsize=1, **options,
+        )  # fmt: skip
+
+    def until(self, text):
+        seen = []
+        while not seen or text not in seen[-1]:
+            line = self.process.stdout.readline()
+            assert line, f"no {text!r} in {seen}"
+            seen.append(line.rstrip("\n"))
+        return seen
+
+    def type(self, line):
+        self.process.stdin.write(line + "\n")
+
+
+@pytest.fixture
+def program(tmp_path):
+    folder = tmp_path / "hello"
+    folder.mkdir()
+    (folder / "main.py").write_text(PRINTS)
+    return folder
+
+
+def test_several_boards_are_told_apart(tmp_path, program):
+    board = '[[board]]\nrun = "{}"\nfirmware = "hello"\n'
+    names = ("esp32_publisher", "esp32_publisher", "esp32_button_led")
+    file = written(tmp_path, "".join(map(board.format, names)))
+    fleet = Typed("fleet", file)
+    try:
+        seen = fleet.until("type what is to happen")
+        assert "esp32_publisher#2: esp32_publisher runs on cpython" in "\n".join(seen)
+        assert "next, in another terminal: cat " in "\n".join(seen)  # none talks to an agent
+        fleet.type("button:press")
+        seen = fleet.until("esp32_button_led: button pressed")
+        assert "esp32_button_led: done: button:press" in seen
+        fleet.type("esp32_publisher#2 error_led:dead")
+        fleet.until("esp32_publisher#2: done: error_led:dead")
+        fleet.type("knob:turn=3")
+        fleet.until("say which board, a space, and what: esp32_publisher, esp32_publisher#2")
+        fleet.type("esp32_publisher reset")
+        fleet.until("esp32_publisher: reset: the program starts anew")
+        fleet.until("esp32_publisher: hello")
+        fleet.type("quit")
+        assert fleet.process.wait(20) == 0
+    finally:
+        fleet.process.kill()
+        fleet.process.communicate()
+
+
+def test_options_of_one_board(capsys):
+    assert cli.main(["board", "run", "esp32_publisher", "esp32_publisher", "--link", "x"]) == 1
+    assert "--link is for one board; 'uros fleet'" in capsys.readouterr().err
+
+
+def test_a_row_is_cut_at_the_edge():
+    table = [["BOARD", "SEEN"], ["left", "led on, button pressed"]]
+    assert layout(table, 80) == ["BOARD  SEEN", "left   led on, button pressed"]
+    assert layout(table, 12) == ["BOARD  SEEN", "left   led …"]
+
+
+def test_the_table_of_a_terminal(program):
+    """Drawn at its top, while lines go on below; the terminal is whole again afterwards."""
+    pid, fd = pty.fork()
+    if not pid:
+        os.environ.update(TERM="xterm", COLUMNS="100", LINES="30")
+        command = ["-m", "uros", "board", "run", "esp32_button_led", "--firmware", str(program)]
+        os.execv(sys.executable, [sys.executable, *command])
+    text = b""
+    try:
+        typed = False
+        end = time.monotonic() + 30
+        while b"button pressed" not in text and time.monotonic() < end:
+            text += os.read(fd, 65536)
+            if not typed and b"hello" in text:
+                typed = True
+                os.write(fd, b"button:press\n")
+        os.kill(pid, signal.SIGINT)
+        while b"\033[r" not in text and time.monotonic() < end:
+            text += os.read(fd, 65536)
+    finally:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        os.close(fd)
+    shown = text.decode()
+    assert re.search(r"BOARD +PROGRAM +USB +NODE +IN +OUT +WHAT IS TO BE SEEN", shown)
+    row = r"esp32_button_led +runs +configured +- +- +- +knob 50 %, led off, button pressed"
+    assert re.search(row, shown), shown[-3000:]
+    assert "\033[4;30r" in shown  # two rows and a line above what scrolls
