@@ -49,6 +49,7 @@ from .engine_host import BoardHost, Reset
 from .engine_micropython import MicroPythonEngine, NoMicroPython, find
 from .parts import Part
 from .plugs import PlugError
+from .usb import ATTACHED
 
 _MOST_READS: Final = 64
 _LOOK_SECONDS: Final = 0.2
@@ -126,7 +127,7 @@ class BoardProcess:
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset())
-        if not board.usb_inside:
+        while not board.usb_inside and board.usb.state == ATTACHED:
             board.usb.wait(1.0)  # its bridge has power already
         happenings = [it.spec for it in (*board.acts(), *board.faults())]
         self._send("ready", path=str(board.usb.path), happenings=happenings)

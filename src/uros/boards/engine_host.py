@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from .engine_pins import PinHost
 from .engine_plugs import INTERRUPT_US, PlugHost
 from .shims import _ops as ops
-from .usb import CONFIGURED, SUSPENDED
+from .usb import CONFIGURED, DETACHED, SUSPENDED
 
 if TYPE_CHECKING:
     from .board import VirtualBoard
@@ -51,7 +51,7 @@ class BoardHost:
         self._idle = idle
         self._heap = heap
         self._usb = usb
-        self._last_usb = board.usb.state
+        self._last_usb = DETACHED
         self._reset_asked = False
         self._within = False  # an operation that is not to be cut short
         self.print = console

@@ -195,9 +195,10 @@ class Session:
         self._clients = {it["address"]: it for it in snapshot["clients"]}
 
     def _client(self, seat: _Seat) -> dict[str, Any] | None:
+        line = f"{seat.board.path} ("  # and the number that it has on that line
         for address, client in self._clients.items():
             where, _, port = address.rpartition(":")
-            if address == str(seat.board.path) or port.isdecimal() and where == seat.address:
+            if address.startswith(line) or port.isdecimal() and where == seat.address:
                 return client
         return None
 
@@ -233,14 +234,14 @@ class Session:
         from .agent_status import node_name
 
         self._ask_agent()
-        rows = [["BOARD", "PROGRAM", "USB", "NODE", "IN", "OUT", "WHAT IS TO BE SEEN"]]
+        rows = [["BOARD", "PROGRAM", "USB", "NODE", "IN/S", "OUT/S", "WHAT IS TO BE SEEN"]]
         for seat in self._seats:
             client = self._client(seat)
             node, came, went = "-", "-", "-"
             if client is not None:
                 node = " ".join(node_name(it) for it in client["nodes"]) or "-"
-                came = f"{client['received']['messages']:,}"
-                went = f"{client['sent']['messages']:,}"
+                came = f"{client['received']['rate']:.1f}"
+                went = f"{client['sent']['rate']:.1f}"
             seen = ", ".join(f"{name} {shows}" for name, shows in seat.shows.items() if shows)
             rows.append(
                 [seat.plan.title, seat.program, seat.board.usb, node, came, went, seen]

@@ -200,7 +200,7 @@ def test_the_table_of_a_terminal(program):
         os.waitpid(pid, 0)
         os.close(fd)
     shown = text.decode()
-    assert re.search(r"BOARD +PROGRAM +USB +NODE +IN +OUT +WHAT IS TO BE SEEN", shown)
+    assert re.search(r"BOARD +PROGRAM +USB +NODE +IN/S +OUT/S +WHAT IS TO BE SEEN", shown)
     row = r"esp32_button_led +runs +configured +- +- +- +knob 50 %, led off, button pressed"
     assert re.search(row, shown), shown[-3000:]
     assert "\033[4;30r" in shown  # two rows and a line above what scrolls
