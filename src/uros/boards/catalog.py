@@ -57,7 +57,10 @@ _LIST: Final = (
     BoardSpec("spresense_camera", "a picture a second", *_SPRESENSE),
     BoardSpec("spresense_service_server", "a service that switches an LED", *_SPRESENSE),
     BoardSpec("spresense_service_client", "calls a service every two seconds", *_SPRESENSE),
-    BoardSpec("spresense_sensors", "ten kinds of sensor messages", *_SPRESENSE),
+    BoardSpec(
+        "spresense_sensors", "ten kinds of sensor messages",
+        _SPRESENSE[0], "spresense_sensors", ("esp32",),
+    ),
     BoardSpec(
         "sprturtlebot", "a rover with a camera, driven by cmd_vel, over Wi-Fi",
         *_ROVER, ("gs2200:spi=1,ready=14,cs=21",), _AGENT,

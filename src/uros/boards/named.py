@@ -55,6 +55,14 @@ NAMED: Final = {
             ("esp32_devkit", "esp32_devkitc", "esp32_generic"),
         ),
         NamedBoard(
+            "esp32_s3", "ESP32-S3 boards, such as ESP32-S3-DevKitC-1", "ESP32-S3", "512 kB",
+            "esp32", "ESP32_GENERIC_S3",
+            "the console has the USB socket of the chip itself; the agent gets the other one, UART"
+            " 1 on pins 43 and 44. Of the variants with PSRAM take N8R2: pins 35 to 37 are free"
+            " there. A camera needs the image of micropython-camera-API",
+            ("esp32s3", "esp32_s3_devkitc_1", "esp32_generic_s3", "esp32_s3_devkitc"),
+        ),
+        NamedBoard(
             "hackerboard", "Manchester Robotics Hackerboard", "ESP32", "520 kB", "esp32",
             "ESP32_GENERIC", "an ESP32 as any other; the console has its USB socket",
             ("manchester_hackerboard", "mcr2_hackerboard"),
@@ -90,8 +98,8 @@ NAMED: Final = {
             "spresense", "Sony Spresense", "CXD5602", "1.5 MB", "", "",
             "MicroPython has no port for its CXD5602 (CircuitPython has one, ports/cxd56, without"
             " the modules machine and network, for which programs with uros are written)."
-            " micro-ROS's C client speaks to this agent as it is; for Python, take a Raspberry Pi"
-            " Pico W or an ESP32",
+            " micro-ROS's C client speaks to this agent as it is; for Python, take an ESP32-S3:"
+            " the programs firmware/spresense_* and sprturtlebot* are written for one",
             ("sony_spresense", "cxd5602"),
         ),
         NamedBoard(

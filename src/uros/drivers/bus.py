@@ -10,7 +10,7 @@ from time import sleep_us  # type: ignore[attr-defined]
 from machine import I2C, Pin  # type: ignore[import-not-found]
 
 try:
-    from typing import Final
+    from typing import Any, Final
 except ImportError:
     pass
 
@@ -22,17 +22,24 @@ _HALF_US: Final = 5
 
 class Bus:
     """I2C channel ``number``, whose clock is the pin ``scl``. Errors are those of ``machine.I2C``.
+    Where a channel has no pins of its own, as on an ESP32, ``sda`` is its other one.
 
     Transfers end after ``timeout_us`` where the port lets that be chosen; renesas-ra always
     takes 1 s. Raises ValueError where the board has no such channel.
     """
 
     def __init__(
-        self, number: int, scl: str, frequency: int = 100000, timeout_us: int = 100000
+        self,
+        number: int,
+        scl: "str | int",
+        frequency: int = 100000,
+        timeout_us: int = 100000,
+        sda: "str | int | None" = None,
     ) -> None:
         self.recovered = 0  # times that the bus was freed after a transfer
         self._number = number
         self._scl = scl
+        self._sda = sda
         self._frequency = frequency
         self._timeout_us = timeout_us
         self._open()
@@ -64,8 +71,11 @@ class Bus:
             sleep_us(_HALF_US)
             scl.value(1)
             sleep_us(_HALF_US)
-        options = {"freq": self._frequency, "timeout": self._timeout_us}
+        options: "dict[str, Any]" = {"freq": self._frequency, "timeout": self._timeout_us}
+        if self._sda is not None:
+            options["scl"], options["sda"] = Pin(self._scl), Pin(self._sda)
         try:
             self._i2c = I2C(self._number, **options)
         except TypeError:  # renesas-ra lets no time be chosen
-            self._i2c = I2C(self._number, freq=self._frequency)
+            del options["timeout"]
+            self._i2c = I2C(self._number, **options)
