@@ -16,6 +16,7 @@ ALLOWED = {
     "ticks": set(),
     "names": set(),
     "drivers": set(),
+    "control": set(),
     "qos": {"wire"},
     "interfaces": {"wire"},
     "transport": {"wire", "ticks"},
@@ -23,13 +24,14 @@ ALLOWED = {
     "middleware": {"interfaces", "qos", "names"},
     "agent": {"wire", "transport", "middleware", "qos", "names"},
     "host": {"client", "middleware", "interfaces", "qos", "names"},
+    "dashboard": {"drivers"},
     "boards": {
-        "wire", "transport", "client", "drivers", "middleware", "interfaces", "agent", "host",
-        "qos", "ticks", "names",
+        "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
+        "host", "dashboard", "qos", "ticks", "names",
     },
     "tools": {
-        "wire", "transport", "client", "drivers", "middleware", "interfaces", "agent", "host",
-        "boards", "qos", "ticks", "names",
+        "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
+        "host", "boards", "dashboard", "qos", "ticks", "names",
     },
 }  # fmt: skip
 

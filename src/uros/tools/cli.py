@@ -38,12 +38,13 @@ _ROOT: Final = Group(
         "agent": _AGENT,
         "demo": Verb("run a virtual board through the agent", "demo"),
         "topic": Group(
-            "look at the topics of a ROS 2 network",
+            "look at the topics of a ROS 2 network, and publish on them",
             {
                 "list": Verb("list the topics", "topic_list"),
                 "info": Verb("show who publishes and subscribes to a topic", "topic_info"),
                 "echo": Verb("print the messages of a topic", "topic_echo"),
                 "hz": Verb("print the rate of a topic", "topic_hz"),
+                "pub": Verb("publish messages on a topic", "topic_pub"),
             },
         ),
         "node": Group(
@@ -53,6 +54,25 @@ _ROOT: Final = Group(
                 "info": Verb("show what a node publishes, subscribes to and serves", "node_info"),
             },
         ),
+        "image": Group(
+            "look at the pictures of a topic, keep them",
+            {
+                "view": Verb("show the pictures of a topic live in a browser", "image_view"),
+                "save": Verb("write the pictures of a topic to files", "image_save"),
+            },
+        ),
+        "pid": Verb("tune the wheels of a rover, with a live plot in a browser", "pid_view"),
+        "calibrate": Verb("find a rover's wheel radii and track from driven squares", "calibrate"),
+        "service": Group(
+            "look at the services of a ROS 2 network, and call them",
+            {
+                "list": Verb("list the services", "service_list"),
+                "type": Verb("print the type of a service", "service_type"),
+                "find": Verb("list the services of a type", "service_find"),
+                "call": Verb("call a service", "service_call"),
+            },
+        ),
+        "run": Verb("run one of the nodes that come with uros", "run_node"),
         "interface": Group(
             "look at the types of messages, services and actions, write them for boards",
             {
@@ -70,13 +90,14 @@ _ROOT: Final = Group(
             "run virtual boards, build programs for real ones",
             {
                 "list": Verb("list the virtual boards", "board_list"),
-                "run": Verb("run a virtual board with its firmware", "board_run"),
+                "run": Verb("run virtual boards with their firmware", "board_run"),
                 "build": Verb("write the files that a board's program needs", "board_build"),
                 "index": Verb("write a package index for MicroPython's mip", "board_index"),
                 "deploy": Verb("put a program on a real board, show its console", "board_deploy"),
                 "console": Verb("show what a real board prints", "board_console"),
             },
         ),
+        "fleet": Verb("run the virtual boards of a file", "fleet"),
         "doctor": Verb("find out why boards and ROS 2 do not meet", "doctor"),
     },
 )

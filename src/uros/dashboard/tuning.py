@@ -1,0 +1,220 @@
+"""The conversation with a rover whose wheels are tuned: it connects, tells, and is told gains.
+
+One rover at a time, and the newest that connects is it: a rover that was reset has left a
+connection behind that nobody closed.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import threading
+import time
+from collections import deque
+from typing import Any, Final
+
+from ..drivers.pid_line import format_gains, parse_gains
+from .samples import Sample, Samples
+from .serve import Newest
+
+HISTORY: Final = 100
+# The document's rover sends each message without an end: so long a pause is one.
+PAUSE: Final = 0.05
+_NOTES: Final = 40
+_SEND_SECONDS: Final = 2.0
+_SIZE: Final = 4096
+# Attack: a flood of nonsense. So many notes a second are kept, and the rest counted.
+_NOTES_A_SECOND: Final = 5
+
+
+class Tuning:
+    """Listens for the rover at ``host`` and ``port``, in a thread of its own, until `close`.
+
+    Raises OSError where it cannot. `snapshot` and `send` are for any thread.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self.newest = Newest()
+        self._samples: deque[Sample] = deque(maxlen=HISTORY)
+        self._notes: deque[dict[str, Any]] = deque(maxlen=_NOTES)
+        self._count = 0
+        self._noted = 0
+        self._left_out = 0
+        self._second = 0
+        self._in_second = 0
+        self._sent = ""
+        self._name = ""
+        self._rover: socket.socket | None = None
+        self._sending = threading.Lock()
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._listener = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            if os.name == "posix":  # elsewhere it lets others take the port
+                self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listener.bind((host, port))
+            self._listener.listen(4)
+        except BaseException:
+            self._listener.close()
+            raise
+        self._listener.setblocking(False)
+        self.port: int = self._listener.getsockname()[1]
+        self._wake, self._woken = socket.socketpair()
+        self._thread = threading.Thread(target=self._run, name="uros-tuning", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the conversation."""
+        self._wake.send(b"x")
+        self._thread.join()
+        self._drop()
+        for one in (self._listener, self._wake, self._woken):
+            one.close()
+
+    # --- for the page and the terminal -----------------------------------------------------
+
+    def snapshot(self, seen: int = -1, seconds: float = 0.0) -> dict[str, Any]:
+        """All that a page shows, as JSON has it; waits for news since version ``seen``."""
+        with self.newest:
+            self.newest.wait(seen, seconds)
+            return {
+                "version": self.newest.version,
+                "rover": self._name,
+                "port": self.port,
+                "count": self._count,
+                "left_out": self._left_out,
+                "samples": list(self._samples),
+                "sent": self._sent,
+                "notes": list(self._notes),
+            }
+
+    def notes_since(self, seen: int, seconds: float) -> tuple[int, list[str]]:
+        """The notes behind number ``seen``, waited for so long; and the last one's number."""
+        with self.newest:
+            if self._noted == seen:
+                self.newest.wait(self.newest.version, seconds)
+            fresh = [it["text"] for it in self._notes if it["number"] > seen]
+            return self._noted, fresh
+
+    def send(self, line: str) -> str:
+        """Send gains to the rover; what was sent. ValueError: why not, for the person."""
+        text = format_gains(parse_gains(line))
+        with self._sending:
+            rover = self._rover
+            if rover is None:
+                raise ValueError(
+                    f"no rover is connected: let it connect to port {self.port} of this machine,"
+                    " or reset it"
+                )
+            try:
+                rover.sendall(f"{text}\n".encode())
+            except OSError as error:
+                _shut(rover)  # half a line may be out, and the next must not go on with it
+                raise ValueError(
+                    f"the rover takes nothing ({error.strerror or 'timed out'}): reset it"
+                ) from error
+        with self.newest:
+            self._sent = text
+            self._note(f"sent {text}")
+        return text
+
+    # --- the thread ---------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        samples = Samples()
+        pending = False
+        while True:
+            rover = self._rover
+            watched = [self._listener, self._woken, *([rover] if rover else [])]
+            ready = select.select(watched, [], [], PAUSE if pending else None)[0]
+            if self._woken in ready:
+                return
+            if self._listener in ready:
+                self._accept()
+                if self._rover is not rover:
+                    samples, pending = Samples(), False
+                    continue
+            if rover is None:
+                continue
+            if rover in ready:
+                octets = self._receive(rover)
+                if octets is None:
+                    self._took(samples, samples.flush())
+                    self._gone("the rover has closed the connection")
+                    continue
+                self._took(samples, samples.feed(octets))
+                pending = True
+            else:
+                self._took(samples, samples.flush())
+                pending = False
+
+    def _receive(self, rover: socket.socket) -> bytes | None:
+        """None: it is gone."""
+        try:
+            return rover.recv(_SIZE) or None
+        except (TimeoutError, BlockingIOError):
+            return b""
+        except OSError:
+            return None
+
+    def _accept(self) -> None:
+        try:
+            rover, address = self._listener.accept()
+        except OSError:  # it has left again
+            return
+        rover.settimeout(_SEND_SECONDS)
+        rover.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        rover.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        known = self._rover is not None
+        self._drop()
+        with self.newest:
+            self._rover, self._name = rover, str(address[0])
+            self._samples.clear()
+            self._note(f"connected: {address[0]}{' in place of the rover before' if known else ''}")
+
+    def _gone(self, why: str) -> None:
+        self._drop()
+        with self.newest:
+            self._note(f"{why}; waiting for it to connect again")
+
+    def _drop(self) -> None:
+        with self.newest:
+            rover, self._rover, self._name = self._rover, None, ""
+        if rover is not None:
+            _shut(rover)  # whoever sends is not to wait
+            with self._sending:
+                rover.close()
+
+    def _took(self, samples: Samples, found: list[Sample]) -> None:
+        said, faults = samples.said[:], samples.faults
+        samples.said.clear()
+        samples.faults = 0
+        if not found and not said and not faults:
+            return
+        with self.newest:
+            self._samples.extend(found)
+            self._count += len(found)
+            self._left_out += faults
+            for text in said:
+                self._note(text, limited=True)
+            self.newest.change()
+
+    def _note(self, text: str, limited: bool = False) -> None:
+        """Within ``with self.newest``."""
+        second = int(time.monotonic())
+        if second != self._second:
+            self._second, self._in_second = second, 0
+        if limited:
+            self._in_second += 1
+            if self._in_second > _NOTES_A_SECOND:
+                return
+        self._noted += 1
+        self._notes.append({"number": self._noted, "at": time.time(), "text": text})
+        self.newest.change()
+
+
+def _shut(rover: socket.socket) -> None:
+    try:
+        rover.shutdown(socket.SHUT_RDWR)
+    except OSError:
+        pass

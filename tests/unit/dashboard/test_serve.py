@@ -1,0 +1,220 @@
+"""The pages by a plain HTTP client: what they may load, who may ask, and how long."""
+
+import http.client
+import json
+import re
+import socket
+import threading
+from importlib import resources
+
+import pytest
+from support.waiting import eventually
+
+from uros.dashboard import serve
+from uros.dashboard.serve import Answer, Newest, Pages, as_json, number
+
+PAGES = resources.files("uros.dashboard").joinpath("pages")
+
+
+def echo(asked):
+    return as_json(asked)
+
+
+@pytest.fixture
+def pages():
+    made = Pages(
+        "127.0.0.1", 0, ("image.html", "page.css", "image.js"),
+        {"/echo": echo, "/empty": lambda _: Answer(200, b"", "text/plain", {"é": "\n"})},
+        {"/post": lambda value: as_json({"got": value})},
+    )  # fmt: skip
+    yield made
+    made.close()
+
+
+def ask(pages, path, method="GET", body=None, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", pages.port, timeout=10)
+    try:
+        connection.request(
+            method, path, body, {it.replace("_", "-"): text for it, text in headers.items()}
+        )
+        answer = connection.getresponse()
+        return answer.status, answer.read(), answer.headers
+    finally:
+        connection.close()
+
+
+def test_the_pages(pages):
+    for path, mime in (
+        ("/", "text/html"), ("/image.html", "text/html"), ("/page.css", "text/css"),
+        ("/image.js", "text/javascript"),
+    ):  # fmt: skip
+        status, body, headers = ask(pages, path)
+        assert status == 200 and headers["Content-Type"] == f"{mime}; charset=utf-8"
+        assert len(body) > 500
+    assert pages.url == f"http://127.0.0.1:{pages.port}/"
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/pid.html", "/../serve.py", "/%2e%2e/serve.py"])
+def test_there_is_nothing_else(pages, path):
+    assert ask(pages, path)[0] == 404
+
+
+def test_what_is_asked_with(pages):
+    status, body, _ = ask(pages, "/echo?a=1&a=2&b=%20x")
+    assert (status, json.loads(body)) == (200, {"a": "2", "b": " x"})
+
+
+def test_facts_beside_the_body(pages):
+    status, body, headers = ask(pages, "/empty")
+    assert (status, body) == (200, b"")
+    assert json.loads(headers["X-About"]) == {"é": "\n"}
+
+
+def test_a_browser_is_told_to_load_nothing_from_elsewhere(pages):
+    headers = ask(pages, "/")[2]
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    assert "unsafe" not in headers["Content-Security-Policy"]
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Cache-Control"] == "no-store"
+
+
+@pytest.mark.parametrize("file", [it.name for it in PAGES.iterdir()])
+def test_no_file_needs_the_internet(file):
+    text = PAGES.joinpath(file).read_text("utf-8")
+    assert not re.findall(r"(?:https?:)?//[\w.]+\.\w+", text)
+    assert "style=" not in text and not re.search(r"<script>|\son\w+=", text)  # the policy
+    assert ".innerHTML" not in text  # text from outside is text
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("127.0.0.1", 200), ("localhost:80", 200), ("[::1]:8", 200), ("192.168.1.7:8090", 200),
+        (socket.gethostname(), 200), ("evil.example", 403), ("", 403), ("[x", 403),
+    ],
+)  # fmt: skip
+def test_a_name_of_somebody_else_that_leads_here(pages, host, status):
+    assert ask(pages, "/echo", Host=host)[0] == status
+
+
+def test_a_page_of_somebody_else(pages):
+    headers = {"Host": "127.0.0.1:5", "Content_Type": "application/json"}
+    assert ask(pages, "/post", "POST", "{}", Origin="http://evil.example", **headers)[0] == 403
+    assert ask(pages, "/post", "POST", "{}", Origin="null", **headers)[0] == 403
+    assert ask(pages, "/post", "POST", "{}", Origin="http://127.0.0.1:5", **headers)[0] == 200
+
+
+def test_only_json_changes_anything(pages):
+    status, body, _ = ask(pages, "/post", "POST", '{"a": 1}', Content_Type="application/json")
+    assert (status, json.loads(body)) == (200, {"got": {"a": 1}})
+    assert ask(pages, "/post", "POST", "a=1")[0] == 415
+    assert ask(pages, "/post", "POST", "{}", Content_Type="text/plain")[0] == 415
+    json_type = {"Content_Type": "application/json; charset=utf-8"}
+    assert ask(pages, "/post", "POST", "{", **json_type)[0] == 400
+    assert ask(pages, "/post", "POST", "[" * 4000, **json_type)[0] == 400
+    assert ask(pages, "/echo", "POST", "{}", **json_type)[0] == 404
+    assert ask(pages, "/post", "POST", "1" * 5000, **json_type)[0] == 413
+    assert ask(pages, "/post", "POST", None, Content_Length="x", **json_type)[0] == 413
+
+
+def test_connections_without_end(pages):
+    held = []
+    for _ in range(serve.MAX_CONNECTIONS):
+        one = socket.create_connection(("127.0.0.1", pages.port))
+        held.append(one)
+    eventually(lambda: len(pages._http._open) == serve.MAX_CONNECTIONS)
+    with socket.create_connection(("127.0.0.1", pages.port)) as late:
+        assert late.recv(100).startswith(b"HTTP/1.0 503 Busy")
+    for one in held:
+        one.close()
+    eventually(lambda: not pages._http._open)
+    assert ask(pages, "/")[0] == 200
+
+
+def test_who_says_nothing_is_dropped(pages, monkeypatch):
+    monkeypatch.setattr(serve._Handler, "timeout", 0.05)
+    with socket.create_connection(("127.0.0.1", pages.port)) as silent:
+        silent.settimeout(10)
+        assert silent.recv(100) == b""
+
+
+def test_any_request_line(pages):
+    for line in (b"\xff\xfe\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"\r\n\r\n"):
+        with socket.create_connection(("127.0.0.1", pages.port)) as one:
+            one.sendall(line)
+            one.shutdown(socket.SHUT_WR)
+            one.settimeout(10)
+            while one.recv(4096):
+                pass
+    assert ask(pages, "/")[0] == 200
+
+
+def test_its_end_does_not_wait_for_those_who_do():
+    newest = Newest()
+
+    def wait(_):
+        with newest:
+            newest.wait(newest.version, 5)
+        return as_json({})
+
+    pages = Pages("127.0.0.1", 0, ("image.html",), {"/wait": wait})
+    with socket.create_connection(("127.0.0.1", pages.port)) as one:
+        one.sendall(b"GET /wait HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        eventually(lambda: pages._http._open)
+        pages.close()
+        one.settimeout(4)
+        try:
+            assert one.recv(100) == b""
+        except ConnectionResetError:
+            pass
+    with newest:
+        newest.change()
+
+
+def test_a_port_that_is_taken():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        with pytest.raises(OSError):
+            Pages("127.0.0.1", taken.getsockname()[1], ("image.html",), {})
+
+
+def test_news_end_the_waiting():
+    newest, seen = Newest(), []
+
+    def wait():
+        with newest:
+            newest.wait(0, 10)
+            seen.append(newest.version)
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    with newest:
+        newest.change()
+    waiting.join(10)
+    assert seen == [1]
+    with newest:
+        newest.wait(1, 0.01)  # no news: only the time ends it
+        newest.wait(0, 10)  # there are news already
+
+
+def test_numbers_that_are_asked_with():
+    assert [number({"a": text}, "a") for text in ("7", "", "-1", "x", "9" * 20)] == [
+        7,
+        -1,
+        -1,
+        -1,
+        -1,
+    ]
+    assert number({}, "a") == -1
+
+
+def test_no_browser_takes_the_terminal(monkeypatch):
+    import webbrowser
+
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)
+    monkeypatch.setattr(serve.sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    assert not serve.show("http://x") and not opened
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert serve.show("http://x") and opened == ["http://x"]

@@ -1,0 +1,121 @@
+"""What docs/host-setup.md and deploy/ name: files, extras, commands that are understood."""
+
+import argparse
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from uros.middleware.base import MAX_DOMAIN
+from uros.tools import agent
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "host-setup.md").read_text("utf-8")
+CONTAINERFILE = (ROOT / "deploy" / "Containerfile").read_text("utf-8")
+COMPOSE = (ROOT / "deploy" / "compose.yaml").read_text("utf-8")
+PROJECT = (ROOT / "pyproject.toml").read_text("utf-8")
+
+
+def understood(words):
+    """Whether ``uros agent`` takes these words; parsed as it does, without starting anything."""
+    parser = argparse.ArgumentParser()
+    agent.add_arguments(parser)
+    (transports,) = [it for it in parser._actions if isinstance(it, argparse._SubParsersAction)]
+    rest = words
+    while rest:
+        transport, *rest = rest
+        known, rest = transports.choices[transport].parse_known_args(rest)
+        if rest and rest[0] not in transports.choices:
+            return False
+    return True
+
+
+def copied():
+    """What the Containerfile copies into the image."""
+    found = []
+    for names in re.findall(r"^COPY (.+)$", CONTAINERFILE, re.M):
+        found += names.split()[:-1]
+    return found
+
+
+def test_the_container_gets_what_the_package_is_built_from():
+    names = copied()
+    assert not [name for name in names if not (ROOT / name).exists()]
+    (readme,) = re.findall(r'^readme = "(.+)"', PROJECT, re.M)
+    (licence,) = re.findall(r'^license-files = \["(.+)"\]', PROJECT, re.M)
+    (forced,) = re.findall(r'force-include\]\n"(\w+)" = ', PROJECT)
+    assert {"pyproject.toml", "src", readme, licence, forced} == set(names)
+
+
+@pytest.mark.parametrize("name", ["Containerfile.containerignore", "Containerfile.dockerignore"])
+def test_nothing_that_is_copied_is_kept_out(name):
+    lines = (ROOT / "deploy" / name).read_text("utf-8").splitlines()
+    assert [it[1:] for it in lines if it.startswith("!")] == copied()
+
+
+def test_the_container_s_extras_and_python_are_the_project_s():
+    (extras,) = re.findall(r"'\.\[(.+?)\]'", CONTAINERFILE)
+    for extra in extras.split(","):
+        assert re.search(rf"^{extra} = \[", PROJECT, re.M), extra
+    (version,) = re.findall(r"^FROM \S+/python:3\.(\d+)-slim$", CONTAINERFILE, re.M)
+    (oldest,) = re.findall(r'^requires-python = ">=3\.(\d+)"', PROJECT, re.M)
+    (newest,) = re.findall(r"cyclonedds~=.*python_version < '3\.(\d+)'", PROJECT)
+    assert int(oldest) <= int(version) < int(newest)
+
+
+def test_what_the_container_starts_is_understood():
+    (entry,) = re.findall(r"^ENTRYPOINT (.+)$", CONTAINERFILE, re.M)
+    (command,) = re.findall(r"^CMD (.+)$", CONTAINERFILE, re.M)
+    words = [*re.findall(r'"(.*?)"', entry), *re.findall(r'"(.*?)"', command)]
+    assert words[:2] == ["uros", "agent"] and understood(words[2:])
+
+
+def test_what_compose_starts_is_understood():
+    (command,) = re.findall(r"^    command: >-\n((?:      .+\n)+)", COMPOSE, re.M)
+    text = re.sub(r"\$\{\w+:-(.*?)\}", r"\1", command)
+    words = text.split()
+    assert words[0] == "agent" and understood(words[1:])
+    assert "dockerfile: deploy/Containerfile" in COMPOSE
+
+
+def test_the_agents_of_the_page_are_understood():
+    commands = re.findall(r"^(?:uros |.*? uros )agent ([^\n#]+)", "\n".join(blocks()), re.M)
+    assert len(commands) >= 4
+    for command in commands:
+        assert understood(shlex.split(command)), command
+
+
+def blocks():
+    text = PAGE.replace("\\\n", " ")
+    return re.findall(r"^```\n(.*?)^```$", text, re.M | re.S)
+
+
+def test_no_container_is_given_the_whole_machine():
+    told = "\n".join(blocks()) + COMPOSE
+    assert "--privileged" not in told and "privileged: true" not in told
+    runs = [it for block in blocks() for it in block.splitlines() if re.match(r"\w+ run ", it)]
+    assert len(runs) == 2
+    for run in runs:
+        assert "--network=host" in run and "--device /dev/ttyACM0" in run and "--group-add" in run
+
+
+def test_the_ports_of_dds():
+    """RTPS 9.6.2: 7400 + 250 a domain; what the page calls safe ends below Linux's own ports."""
+    first, last = map(int, re.search(r"UDP ports (\d+) to (\d+) for domain 0", PAGE).groups())
+    assert (first, last) == (7400, 7400 + 250 - 1)
+    (safe,) = re.findall(r"the same number, 0 to (\d+) to be safe", PAGE)
+    assert 7400 + 250 * int(safe) < 32768 < 7400 + 250 * (int(safe) + 1)
+    assert int(safe) <= MAX_DOMAIN
+
+
+def test_the_rule_is_for_the_board_that_it_says():
+    main = (ROOT / "firmware" / "ra6m5_sensor_node" / "main.py").read_text("utf-8")
+    vendor, product = re.search(r'idVendor\}=="(\w+)", ATTRS\{idProduct\}=="(\w+)"', PAGE).groups()
+    assert re.search(rf"0x{vendor}, 0x{product}", main, re.I)
+
+
+def test_what_was_not_tried_says_so():
+    for name in ("WSL 2", "macOS", "Windows"):
+        (section,) = re.findall(rf"^## {name}\n\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S)
+        assert section.startswith("Not tried.")
