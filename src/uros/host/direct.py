@@ -67,6 +67,9 @@ class _Out:
     def write(self, message: Any, prefix: bytes) -> int:
         return int(self._writer.write(to_cdr(message)))
 
+    def matched(self) -> int:
+        return self._writer.matched()
+
 
 class _Receiving:
     """An end that receives. It takes for its entity when that has nothing to do any more; what
@@ -242,6 +245,12 @@ class Direct:
         self._ends[number] = end
         entity.created = True
         return number
+
+    def matched(self, publisher: Publisher) -> int:
+        """How many subscriptions hear it."""
+        end = self._ends[publisher.number]
+        assert isinstance(end, _Out)
+        return end.matched()
 
     def latched(self, depth: int) -> QoSProfile:
         """For :mod:`~uros.client.actions`, which say it by a flag where nodes need no profile."""

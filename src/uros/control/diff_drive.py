@@ -1,0 +1,176 @@
+"""Two wheels kept at the speeds that a Twist asks for."""
+
+try:
+    from typing import Final
+except ImportError:
+    pass
+
+from .pid import Pid
+from .wheel import Wheel
+
+_MASK: Final = 0x3FFFFFFF
+_HALF: Final = 0x20000000
+# Of its limit: a duty that turns any wheel that is free.
+_HARD: Final = 0.4
+# A wheel that is driven turns by this share of its target at least.
+_RUNS: Final = 0.2
+# Until a motor turns.
+_START_US: Final = 50000
+# How long after a wheel was stuck no command is taken.
+_REST_MS: Final = 1000
+
+
+def is_number(value: float) -> bool:
+    """Neither NaN nor infinite."""
+    return value - value == 0
+
+
+class DiffDrive:
+    """``right`` and ``left`` are Wheels, ``right_pid`` and ``left_pid`` their Pids.
+
+    Call `step` every 20 ms or so, and give ``right_duty`` and ``left_duty`` to the motors' driver:
+    -255.0 to 255.0, where 0 brakes. ``v`` and ``w`` are what is being driven, after limits.
+
+    ``d`` is half the track. Stops ``timeout_ms`` after the last command. A wheel that is driven
+    hard and hardly turns for ``stuck_ms`` stops both; ``fault`` says which, until both turn again
+    or the power is switched, and commands are taken again a second later.
+    """
+
+    def __init__(
+        self,
+        right: Wheel,
+        left: Wheel,
+        right_pid: Pid,
+        left_pid: Pid,
+        d: float = 0.134,
+        fastest: float = 0.9,
+        timeout_ms: int = 1000,
+        stuck_ms: int = 500,
+    ) -> None:
+        self.right = right
+        self.left = left
+        self.right_pid = right_pid
+        self.left_pid = left_pid
+        self.d = d
+        self.fastest = fastest
+        self.right_duty = 0.0
+        self.left_duty = 0.0
+        self.v = 0.0
+        self.w = 0.0
+        self.powered = False
+        self.fault = ""
+        self._timeout_us = timeout_ms * 1000
+        self._stuck_us = stuck_ms * 1000
+        self._right_target = 0.0
+        self._left_target = 0.0
+        # Since the last command, and for how long each wheel was driven hard for nothing.
+        self._idle_us = 0
+        self._right_us = 0
+        self._left_us = 0
+        self._rest_us = 0
+        self._then = -1
+
+    def power(self, on: bool) -> None:
+        """The motors' supply was switched: forget integrals, errors and duties."""
+        self.powered = on
+        self.fault = ""
+        self._rest_us = 0
+        self.stop()
+
+    def command(self, v: float, w: float) -> bool:
+        """Drive at v m/s and turn at w rad/s. Whether it is taken: not while the motors are off,
+        not what is no number, not in the second after a wheel was stuck. What is faster than the
+        wheels' ``fastest`` becomes slower on the same curve."""
+        if not (self.powered and is_number(v) and is_number(w)) or self._rest_us > 0:
+            return False
+        if v == 0 and w == 0:
+            self.stop()
+            return True
+        # Before anything is multiplied: 32-bit floats overflow at 3e38.
+        most = max(abs(v), abs(w) * self.d)
+        if most > self.fastest:
+            v = v / most * self.fastest
+            w = w / most * self.fastest
+        most = abs(v) + abs(w) * self.d
+        if most > self.fastest:
+            v *= self.fastest / most
+            w *= self.fastest / most
+        self.v = v
+        self.w = w
+        self._right_target = v + self.d * w
+        self._left_target = v - self.d * w
+        self._idle_us = 0
+        return True
+
+    def step(self, now_us: int) -> None:
+        """One turn of the control: measure, and set both duties."""
+        then = self._then
+        dt_us = (now_us - then) & _MASK if then >= 0 else 0
+        self._then = now_us
+        if dt_us >= _HALF:
+            dt_us = 0
+        self.right.update(now_us, self._right_target)
+        self.left.update(now_us, self._left_target)
+        if self._rest_us > 0:
+            self._rest_us -= dt_us
+        if self._right_target == 0 and self._left_target == 0:
+            return
+        self._idle_us += dt_us
+        # Rather a step early than late.
+        if self._idle_us + dt_us > self._timeout_us:
+            self.stop()
+            return
+        if dt_us == 0:
+            return
+        dt = dt_us / 1000000
+        self.right_duty = self._one(self.right, self.right_pid, self._right_target, dt)
+        self.left_duty = self._one(self.left, self.left_pid, self._left_target, dt)
+        right_runs = abs(self.right.speed) >= _RUNS * abs(self._right_target)
+        left_runs = abs(self.left.speed) >= _RUNS * abs(self._left_target)
+        # For how long each was driven hard for nothing.
+        hard = _HARD * self.right_pid.limit
+        if right_runs or abs(self.right_pid.output) < hard:
+            self._right_us = 0
+        else:
+            self._right_us += dt_us
+        hard = _HARD * self.left_pid.limit
+        if left_runs or abs(self.left_pid.output) < hard:
+            self._left_us = 0
+        else:
+            self._left_us += dt_us
+        if self._right_us >= self._stuck_us or self._left_us >= self._stuck_us:
+            if self._right_us == 0:
+                self._stuck("the left wheel does")
+            elif self._left_us == 0:
+                self._stuck("the right wheel does")
+            else:
+                self._stuck("both wheels do")
+        elif right_runs and left_runs:
+            self.fault = ""
+
+    def _one(self, wheel: Wheel, pid: Pid, target: float, dt: float) -> float:
+        if target == 0 or wheel.reversing:
+            pid.reset()
+            return 0.0
+        # Two edges are there after so long, where all is well.
+        soon = _START_US + 2.5e6 * wheel.pitch / abs(target)
+        return pid.step(target, wheel.speed, dt, not 0 < wheel.unsure_us < soon)
+
+    def _stuck(self, who: str) -> None:
+        self.stop()
+        self.fault = who + " not turn: look for a block, a motor without power, a loose encoder"
+        self._rest_us = _REST_MS * 1000
+
+    def stop(self) -> None:
+        """Brake now, and forget integrals, errors and duties."""
+        self.v = 0.0
+        self.w = 0.0
+        self._right_target = 0.0
+        self._left_target = 0.0
+        self.right_duty = 0.0
+        self.left_duty = 0.0
+        self.right_pid.reset()
+        self.left_pid.reset()
+        self._idle_us = 0
+        self._right_us = 0
+        self._left_us = 0

@@ -1,0 +1,222 @@
+"""A rover and its control in virtual time: what a board does between encoders and driver."""
+
+import math
+from collections.abc import Callable
+
+from uros.boards.arena import Arena
+from uros.boards.rover import Rover
+from uros.control.autotune import AutoTune
+from uros.control.calibrate import Calibration
+from uros.control.diff_drive import DiffDrive
+from uros.control.odometry import Odometry
+from uros.control.pid import Pid
+from uros.control.square import Square
+from uros.control.wheel import Wheel
+from uros.drivers.drv8835 import DRV8835
+
+PERIOD_US = 20_000
+TICKS = 0x3FFFFFFF
+
+
+class Pwm:
+    """What DRV8835 needs of machine.PWM, on an input of the rover's driver."""
+
+    def __init__(self, rover: Rover, channel: int) -> None:
+        self.rover = rover
+        self.channel = channel
+
+    def duty_u16(self, duty: int) -> None:
+        self.rover.set_duty(self.channel, duty)
+
+
+class Car:
+    """``seed`` is the rover's. ``begin_us`` is where the board's ticks begin; ``late_us`` are the
+    multiples of time at which its interrupts come."""
+
+    def __init__(
+        self,
+        seed: object = 0,
+        pids: tuple[Pid, Pid] | None = None,
+        arena: Arena | None = None,
+        begin_us: int = 0,
+        period_us: int = PERIOD_US,
+        late_us: int = 1,
+        **rover: float,
+    ) -> None:
+        self.rover = Rover(seed=seed, arena=arena, **rover)
+        self.right, self.left = Wheel(), Wheel()
+        self.wheels = (self.right, self.left)
+        for encoder, wheel in zip(self.rover.encoders, self.wheels, strict=True):
+            encoder.on_edge = lambda t_us, level, wheel=wheel: wheel.edge(
+                self.ticks(-(-t_us // late_us) * late_us)
+            )
+        if pids is None:
+            pids = (gains(), gains())
+        self.drive = DiffDrive(self.right, self.left, *pids)
+        self.odometry = Odometry()
+        self.bridges = tuple(
+            DRV8835(Pwm(self.rover, 2 * n), Pwm(self.rover, 2 * n + 1)) for n in (0, 1)
+        )
+        self.t_us = 0
+        self.begin_us = begin_us
+        self.period_us = period_us
+        self.steps = 0
+        self.on_step = lambda: None
+
+    def ticks(self, t_us: int) -> int:
+        return (t_us + self.begin_us) & TICKS
+
+    def start(self) -> "Car":
+        self.rover.power(True)
+        self.drive.power(True)
+        return self
+
+    def settle(self) -> None:
+        """Measure, without control."""
+        self.t_us += self.period_us
+        self.rover.advance(self.t_us)
+        for wheel, duty in zip(self.wheels, self.duties, strict=True):
+            wheel.update(self.ticks(self.t_us), duty)
+
+    def step(self) -> None:
+        """One period: the world goes on, then the control's turn."""
+        self.t_us += self.period_us
+        self.rover.advance(self.t_us)
+        self.drive.step(self.ticks(self.t_us))
+        self.give(self.drive.right_duty, self.drive.left_duty)
+        self.odometry.update(self.right.moved, self.left.moved, self.right.speed, self.left.speed)
+        self.on_step()
+
+    def give(self, right: float, left: float) -> None:
+        self.bridges[0].drive(right)
+        self.bridges[1].drive(left)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * 1e6 / self.period_us)):
+            self.step()
+
+    def drive_for(self, seconds: float, v: float, w: float) -> None:
+        """With a command ten times a second."""
+        end = self.t_us + round(seconds * 1e6)
+        while self.t_us < end:
+            self.drive.command(v, w)
+            self.run(min(0.1, (end - self.t_us) / 1e6))
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """The true one."""
+        return self.rover.x, self.rover.y, self.rover.theta
+
+    def error(self) -> tuple[float, float]:
+        """Of the odometry: metres, degrees. The rover began at 0, 0, 0."""
+        x, y, theta = self.pose
+        turn = math.remainder(self.odometry.theta - theta, math.tau)
+        return math.hypot(self.odometry.x - x, self.odometry.y - y), math.degrees(turn)
+
+
+def gains() -> Pid:
+    """What a rover with average motors is driven with."""
+    return Pid(kp=150, ki=1000, dead_zone=21, kf=214, lag=0.13)
+
+
+class Stuck(AssertionError):
+    """A drive that does not end."""
+
+
+def tune(car: Car) -> AutoTune:
+    """Let it find its gains, and take them where there is no fault."""
+    it = AutoTune(car.right, car.left)
+    car.rover.power(True)
+    going = True
+    while going:
+        car.t_us += car.period_us
+        car.rover.advance(car.t_us)
+        going = it.step(car.ticks(car.t_us))
+        car.give(it.right_duty, it.left_duty)
+        if car.t_us > 60_000_000:
+            raise Stuck("it is still tuning after a minute")
+    if not it.fault:
+        it.apply(car.drive.right_pid, car.drive.left_pid)
+    return it
+
+
+def square(
+    car: Car,
+    side: float = 1.0,
+    clockwise: bool = False,
+    corner: Callable[[], None] = lambda: None,
+) -> None:
+    """Drive one by odometry, with a command each 40 ms. ``corner`` is called where it stands at
+    the end of the first side."""
+    plan = Square(side, clockwise=clockwise)
+    car.start()
+    car.run(0.1)
+    begun = car.t_us
+    first = True
+    while plan.step(car.odometry.x, car.odometry.y, car.odometry.theta):
+        car.drive.command(plan.v, plan.w)
+        car.run(0.04)
+        if plan.turning and first:
+            first = False
+            car.drive.stop()
+            car.run(0.4)
+            corner()
+        if car.t_us - begun > 120_000_000:
+            raise Stuck(f"corner {plan.corner} after two minutes; {car.drive.fault}")
+    car.drive.stop()
+    car.run(0.5)
+
+
+def calibrate(make: Callable[[], Car], measure: Callable[[float], float] = float) -> Calibration:
+    """Squares in both directions, each by a fresh ``make()`` of the same body. ``measure`` is what
+    a person makes of a true length."""
+    found = Calibration()
+    for clockwise in (False, True):
+        car = make()
+        car.on_step = lambda car=car: found.add(car.right.moved, car.left.moved)
+        if clockwise:
+            found.restart()
+        square(
+            car,
+            clockwise=clockwise,
+            corner=lambda car=car: found.measured(measure(car.rover.x), measure(car.rover.y)),
+        )
+        x, y, theta = car.pose
+        found.measured(measure(x), measure(y), theta + 2 * measure(0.0))
+    found.solve()
+    return found
+
+
+def use(car: Car, found: Calibration) -> None:
+    """Drive and count with sizes that were found."""
+    car.right.set_radius(found.right_radius)
+    car.left.set_radius(found.left_radius)
+    car.drive.d = car.odometry.d = found.d
+
+
+class Answer:
+    """How one wheel answers to a new target: ``overshoot`` as a share of it, and ``settled``, the
+    seconds until it stays within 5 %."""
+
+    def __init__(self, course: list[tuple[float, float]], target: float) -> None:
+        self.course = course
+        self.overshoot = max(max(speed / target for _, speed in course) - 1, 0.0)
+        off = [t for t, speed in course if abs(speed / target - 1) > 0.05]
+        self.settled = max(off, default=0.0)
+
+
+def answers(car: Car, v: float, seconds: float = 1.5) -> tuple[Answer, Answer]:
+    """What the true speeds of both wheels do at a step from 0 to ``v``, each millisecond."""
+    courses: tuple[list[tuple[float, float]], ...] = ([], [])
+    car.start()
+    car.run(0.1)
+    begun = car.t_us
+    while car.t_us < begun + seconds * 1e6:
+        car.drive.command(v, 0.0)
+        before = car.t_us
+        for ms in range(before + 1000, before + car.period_us, 1000):
+            car.rover.advance(ms)
+            for course, speed in zip(courses, car.rover.speeds, strict=True):
+                course.append(((ms - begun) / 1e6, speed))
+        car.step()
+    return Answer(courses[0], v), Answer(courses[1], v)
