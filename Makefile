@@ -1,6 +1,7 @@
 # Each of these needs only Python 3.10 to 3.13, git and make: what is missing goes into .venv.
 #
 #   make demo [SECONDS=20]   a virtual board, through the agent, on the ROS 2 network
+#   make board [NAME=...]    a virtual board and an agent; NAME=list has them
 #   make test                all tests that a change must pass
 #   make test-full           these and the slow ones
 #   make coverage            how much of wire and agent their own tests reach
@@ -15,11 +16,15 @@
 
 PYTHON ?= python3
 
-.PHONY: demo test test-full coverage fuzz soak lint bench bench-board clean
+.PHONY: demo board test test-full coverage fuzz soak lint bench bench-board clean
 
 demo:
 	@$(PYTHON) scripts/env.py run
 	@.venv/bin/uros demo $(if $(SECONDS),--seconds $(SECONDS))
+
+board:
+	@$(PYTHON) scripts/env.py run
+	@.venv/bin/uros board $(if $(filter list,$(NAME)),list,run $(or $(NAME),esp32_button_led)) $(ARGS)
 
 test:
 	@$(PYTHON) scripts/env.py test

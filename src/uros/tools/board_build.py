@@ -105,7 +105,7 @@ def build_files(args: argparse.Namespace, program: Path, out: Path) -> list[Path
 
 def program_folder(name: str) -> Path:
     """The program's folder. Raises ToolError."""
-    from ..boards.board import BOARDS, BoardError
+    from ..boards.catalog import BOARDS, BoardError
     from ..boards.running import firmware_folder
 
     if name in BOARDS:

@@ -7,10 +7,18 @@ from __future__ import annotations
 
 import shutil
 import sys
+import textwrap
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 _LEAST_LINES: Final = 5  # below the table, or it is not worth the trouble
+
+
+class Row(NamedTuple):
+    """Of a table: its cells, and what stands below them in as many lines as it takes."""
+
+    cells: Sequence[str]
+    below: str = ""
 
 
 class Screen:
@@ -25,14 +33,19 @@ class Screen:
         """A line below the table."""
         print(text, flush=True)
 
-    def show(self, table: Sequence[Sequence[str]]) -> None:
-        """Draw the table, a row of cells each, anew. The last column takes what is left."""
+    def show(self, table: Sequence[Row]) -> None:
+        """Draw the table anew."""
         if not self.live or not table:
             return
         size = shutil.get_terminal_size()
-        rows = len(table) + 1
-        if size.lines < rows + _LEAST_LINES:
+        lines = layout(table, size.columns)
+        most = size.lines - _LEAST_LINES - 1
+        if most < len(table):
             return
+        lines = lines[:most]
+        # It never becomes shorter: what scrolls below would jump up and down.
+        rows = max(len(lines) + 1, self._rows)
+        lines += [""] * (rows - 1 - len(lines))
         out = []
         if (size.columns, size.lines) != self._size or rows != self._rows:
             if not self._rows:
@@ -41,7 +54,7 @@ class Screen:
             self._rows = rows
             out.append(f"\033[{rows + 1};{size.lines}r\033[{size.lines};1H")
         out.append("\0337\033[H")
-        for line in (*layout(table, size.columns), "─" * size.columns):
+        for line in (*lines, "─" * size.columns):
             out.append(f"{line}\033[K\r\n")
         out.append("\0338")
         sys.stdout.write("".join(out))
@@ -55,12 +68,15 @@ class Screen:
             sys.stdout.flush()
 
 
-def layout(table: Sequence[Sequence[str]], columns: int) -> list[str]:
+def layout(table: Sequence[Row], columns: int) -> list[str]:
     """The rows as lines, none longer than ``columns``."""
-    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]) - 1)]
+    widths = [max(len(row.cells[i]) for row in table) for i in range(len(table[0].cells))]
     lines = []
     for row in table:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
-        line = "  ".join([*cells, row[-1]])
+        cells = [cell.ljust(width) for cell, width in zip(row.cells, widths, strict=True)]
+        line = "  ".join(cells).rstrip()
         lines.append(line if len(line) <= columns else line[: columns - 1] + "…")
+        lines += textwrap.wrap(
+            row.below, max(columns, 20), initial_indent="  ", subsequent_indent="  "
+        )
     return lines

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from .agent_process import AgentProcess
-from .board_screen import Screen
+from .board_screen import Row, Screen
 from .errors import ToolError
 
 if TYPE_CHECKING:
@@ -213,15 +213,26 @@ class Session:
         for seat in self._seats:
             line = seat.board.path
             self._say(seat, f"{seat.plan.board} runs on {seat.plan.engine}; its USB line is {line}")
-        first = self._seats[0]
         if self._wanted:
             self._say(None, "an agent runs beside it; Ctrl-C ends both")
-        else:
-            path = shlex.quote(str(first.board.path))
-            agent = talks_to_agent(first.plan)
-            command = f"uros agent serial --dev {path}" if agent else f"cat {path}"
-            self._say(None, f"next, in another terminal: {command}")
+        for seat in self._seats:
+            command = self._next(seat)
+            if command:
+                self._say(seat, f"next, in another terminal: {command}")
         self._say(None, self._help())
+
+    def _next(self, seat: _Seat) -> str:
+        """What a board still needs at its other end; "" for nothing."""
+        from ..boards.catalog import find
+        from .pid_view import PORT
+
+        path = shlex.quote(str(seat.board.path))
+        wants = find(seat.plan.board).agent.rpartition(":")[2]
+        if not talks_to_agent(seat.plan):
+            return "uros pid" if wants == str(PORT) else f"cat {path}"
+        if self._wanted:
+            return ""
+        return f"uros agent udp4 --port {self._port}" if wants else f"uros agent serial --dev {path}"
 
     def _help(self) -> str:
         seat = self._seats[0]
@@ -230,11 +241,11 @@ class Session:
             what = f"{seat.plan.title} {what}"
         return _HELP.format(example=what, name=seat.plan.board)
 
-    def _table(self) -> list[list[str]]:
+    def _table(self) -> list[Row]:
         from .agent_status import node_name
 
         self._ask_agent()
-        rows = [["BOARD", "PROGRAM", "USB", "NODE", "IN/S", "OUT/S", "WHAT IS TO BE SEEN"]]
+        rows = [Row(("BOARD", "PROGRAM", "USB", "NODE", "IN/S", "OUT/S"))]
         for seat in self._seats:
             client = self._client(seat)
             node, came, went = "-", "-", "-"
@@ -243,9 +254,8 @@ class Session:
                 came = f"{client['received']['rate']:.1f}"
                 went = f"{client['sent']['rate']:.1f}"
             seen = ", ".join(f"{name} {shows}" for name, shows in seat.shows.items() if shows)
-            rows.append(
-                [seat.plan.title, seat.program, seat.board.usb, node, came, went, seen]
-            )
+            cells = (seat.plan.title, seat.program, seat.board.usb, node, came, went)
+            rows.append(Row(cells, seen))
         return rows
 
     # --- what happens -----------------------------------------------------------------

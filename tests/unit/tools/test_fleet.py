@@ -11,7 +11,7 @@ import time
 import pytest
 
 from uros.tools import cli
-from uros.tools.board_screen import layout
+from uros.tools.board_screen import Row, layout
 from uros.tools.errors import ToolError
 from uros.tools.fleet import read
 
@@ -170,10 +170,10 @@ def test_options_of_one_board(capsys):
     assert "--link is for one board; 'uros fleet'" in capsys.readouterr().err
 
 
-def test_a_row_is_cut_at_the_edge():
-    table = [["BOARD", "SEEN"], ["left", "led on, button pressed"]]
-    assert layout(table, 80) == ["BOARD  SEEN", "left   led on, button pressed"]
-    assert layout(table, 12) == ["BOARD  SEEN", "left   led …"]
+def test_a_row_is_cut_at_the_edge_and_what_is_below_it_is_not():
+    table = [Row(["BOARD", "NODE"]), Row(["left", "-"], "led on, button pressed")]
+    assert layout(table, 80) == ["BOARD  NODE", "left   -", "  led on, button pressed"]
+    assert layout(table, 8) == ["BOARD  …", "left   -", "  led on, button", "  pressed"]
 
 
 def test_the_table_of_a_terminal(program):
@@ -200,7 +200,7 @@ def test_the_table_of_a_terminal(program):
         os.waitpid(pid, 0)
         os.close(fd)
     shown = text.decode()
-    assert re.search(r"BOARD +PROGRAM +USB +NODE +IN/S +OUT/S +WHAT IS TO BE SEEN", shown)
-    row = r"esp32_button_led +runs +configured +- +- +- +knob 50 %, led off, button pressed"
-    assert re.search(row, shown), shown[-3000:]
-    assert "\033[4;30r" in shown  # two rows and a line above what scrolls
+    assert re.search(r"BOARD +PROGRAM +USB +NODE +IN/S +OUT/S", shown)
+    assert re.search(r"esp32_button_led +runs +configured +- +- +-", shown), shown[-3000:]
+    assert re.search(r"  knob 50 %, led off, button pressed", shown)
+    assert "\033[5;30r" in shown  # three lines and a rule above what scrolls

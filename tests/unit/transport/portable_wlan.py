@@ -46,6 +46,11 @@ class FakeWlan:
         self.joined = False
         self.calls = []
         self.settings = {}
+        self.addresses = None
+
+    def ifconfig(self, addresses):
+        assert self.up, "esp32 forgets it when it starts"
+        self.addresses = addresses
 
     def active(self, up=None):
         if up is None:
@@ -212,6 +217,16 @@ def test_an_access_point() -> None:
     with Network(Esp32()) as port:
         trouble(AccessPoint("open").check)
         assert port.made[0].settings == {"ssid": "open", "security": 0}
+
+
+def test_an_access_point_with_an_address_of_its_own() -> None:
+    with Network(Esp32()) as port:
+        point = AccessPoint("ESP32-Access-Point", "123456789", address="10.16.1.1")
+        assert "nobody has joined" in trouble(point.check)
+        assert port.made[0].addresses == ("10.16.1.1", "255.255.255.0", "10.16.1.1", "0.0.0.0")
+    with Network(Esp32()) as port:
+        trouble(AccessPoint("robot-7").check)
+        assert port.made[0].addresses is None
 
 
 def test_a_password_that_cannot_be() -> None:
