@@ -1,10 +1,10 @@
 """Boards that know nothing of their agent find it: real agents, multicast on loopback."""
 
-import socket
 from contextlib import ExitStack
 
 import pytest
 from support.lines import SECONDS
+from support.ports import free_port
 from unit.transport.test_discovery import running
 from uros.interfaces.std_msgs.msg import Int32
 
@@ -53,13 +53,6 @@ def until(node, done):
 
 def connected(node):
     until(node, lambda: node.state == AGENT_CONNECTED)
-
-
-def free_port():
-    """One that an agent may have later; none of the group's, where others listen."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("", 0))
-        return sock.getsockname()[1]
 
 
 @pytest.mark.parametrize("host", [GROUP, HERE], ids=["multicast", "unicast"])

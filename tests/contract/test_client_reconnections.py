@@ -5,25 +5,19 @@ subscriptions that hear them through the agent.
 """
 
 import random
-import socket
 import subprocess
 import sys
 import time
 
 import pytest
 from support.lines import SECONDS
+from support.ports import free_port
 from uros.interfaces.std_msgs.msg import Int32
 
 from uros.client import AGENT_AVAILABLE, AGENT_CONNECTED, Node
 from uros.transport.datagram import UdpTransport
 
 TOPICS = 7
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
 
 
 class Agents:

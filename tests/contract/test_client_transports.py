@@ -1,7 +1,6 @@
 """What a node of ours can do over every transport that a board's program has on a host."""
 
 import os
-import random
 import select
 import socket
 import time
@@ -13,6 +12,7 @@ import pytest
 from support.agent import RunningAgent
 from support.certificates import Authority
 from support.lines import SECONDS
+from support.ports import lasting_port
 from uros.interfaces.std_msgs.msg import Int32, UInt8MultiArray
 from uros.interfaces.std_srvs.srv import Trigger
 
@@ -33,20 +33,6 @@ from uros.transport.tcpboard import TcpTransport
 from uros.transport.tlsboard import TlsTransport
 
 QUICK = {"ping_ms": 20, "silence_ms": 200, "wait_ms": 20, "limit": 300_000}
-
-
-def lasting_port(host):
-    """A port that no socket is given by chance, so that an agent finds its own free again."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    for port in random.sample(range(20_000, 30_000), 1000):
-        with socket.socket(family, socket.SOCK_DGRAM) as udp, socket.socket(family) as tcp:
-            try:
-                udp.bind((host, port))
-                tcp.bind((host, port))
-            except OSError:
-                continue
-        return port
-    raise AssertionError("no port is free")
 
 
 class Surroundings:

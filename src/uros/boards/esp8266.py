@@ -10,43 +10,38 @@ try:
 except ImportError:  # MicroPython
     pass
 
+from .modem import Modem
+
 _EMPTY: Final = b""
+_BUSY: Final = b"busy p...\r\n"
 _MOST: Final = 8192  # octets of one datagram to be sent
 _LONGEST_LINE: Final = 256
 
 
-class Esp8266:
+class Esp8266(Modem):
     """The modem, switched on. ``read`` and ``write`` are the board's end of the UART.
 
-    ``ms`` is the time in milliseconds. ``join_ms``, ``answer_ms`` and ``send_ms`` are how long it
-    takes for what. ``joined`` is the access point's name, or ""; ``link`` the UDP link, or None.
-    ``lines`` are all commands that came.
+    ``join_ms``, ``answer_ms`` and ``send_ms`` are how long it takes for what.
 
-    Faults, in ``faults``: ``dead`` says nothing and hears nothing; ``deaf`` hears no commands;
-    ``full`` gets rid of no datagram; ``stuck`` answers no CIPSEND; ``no_ip`` joins without DHCP.
+    Faults: ``dead`` says nothing and hears nothing; ``deaf`` hears no commands; ``busy`` is always
+    busy; ``full`` gets rid of no datagram; ``stuck`` answers no CIPSEND; ``no_ip`` joins without
+    DHCP.
     """
 
     def __init__(
         self, air: "Any", ms: "Callable[[], int]", dialect: str = "esp-at", join_ms: int = 0,
         answer_ms: int = 0, send_ms: int = 0,
     ) -> None:  # fmt: skip
-        self.air = air
+        super().__init__(air, ms)
         self.dialect = dialect
         self.join_ms = join_ms
         self.answer_ms = answer_ms
         self.send_ms = send_ms
-        self.faults: set[str] = set()
-        self.joined = ""
-        self.link: Any = None
-        self.lines: list[bytes] = []
-        self._ms = ms
-        self._echo = True
         self._station = False
         self._heard = bytearray()
         self._want = 0  # octets of a datagram that is still to come
         self._datagram = bytearray()
         self._busy = _EMPTY  # what it says to whoever disturbs it now
-        self._later: list[tuple[int, Callable[[], object]]] = []
         self._out = bytearray()
 
     # --- the board's end ----------------------------------------------------------------------
@@ -82,14 +77,11 @@ class Esp8266:
     def reset(self) -> None:
         """Its power was gone for a moment. The loader talks at another baud rate, then it is
         ready, and nowhere."""
-        self._drop_link()
-        self.joined = ""
-        self._echo = True
+        self._forget()
         self._station = False
         self._heard = bytearray()
         self._want = 0
         self._busy = _EMPTY
-        self._later = []
         self._out = bytearray()
         self.say(b"\x00\x8c\xfe>\xe0l\x0c\x1c\r\x00\nready\x00l\r\n\r\nready\r\n")
 
@@ -101,32 +93,20 @@ class Esp8266:
                 self.say(b"CLOSED\r\n")
             self.say(b"WIFI DISCONNECT\r\n")
 
+    def chat(self) -> None:
+        """Lines that nobody has asked for, and noise."""
+        self.say(b"\r\nWIFI GOT IP\r\n+STA_CONNECTED:\x00\xfe\r\n\r\n+TIME_UPDATED\r\n")
+
     def lose_link(self) -> None:
         """The link alone is gone."""
         if self._drop_link():
             self.say(b"CLOSED\r\n")
 
-    def _drop_link(self) -> bool:
-        link, self.link = self.link, None
-        if link is not None:
-            link.close()
-        return link is not None
-
     # --- inside -------------------------------------------------------------------------------
-
-    def _after(self, ms: int, do: "Callable[[], object]") -> None:
-        if ms:
-            self._later.append((self._ms() + ms, do))
-        else:
-            do()
 
     def _work(self) -> None:
         """What is due, and what has come from the network."""
-        now = self._ms()
-        due = [it for it in self._later if it[0] <= now]
-        self._later = [it for it in self._later if it[0] > now]
-        for _, do in due:
-            do()
+        self._do_due()
         while self.link is not None:
             data = self.link.recv()
             if data is None:
@@ -148,8 +128,8 @@ class Esp8266:
             return
         line = bytes(self._heard)
         self._heard = bytearray()
-        if self._busy:
-            self.say(self._busy)
+        if self._busy or "busy" in self.faults:
+            self.say(self._busy or _BUSY)
         elif line.endswith(b"\r"):
             try:
                 self._command(line[:-1])
@@ -157,7 +137,7 @@ class Esp8266:
                 self._answer(b"\r\nERROR\r\n")
 
     def _answer(self, text: bytes) -> None:
-        self._busy = b"busy p...\r\n"
+        self._busy = _BUSY
         self._after(self.answer_ms, lambda: self._done(text))
 
     def _done(self, text: bytes) -> None:
@@ -202,7 +182,7 @@ class Esp8266:
             self.joined = ""
             self._drop_link()
             self.say(b"WIFI DISCONNECT\r\n")
-        self._busy = b"busy p...\r\n"
+        self._busy = _BUSY
 
         def end() -> None:
             self._busy = _EMPTY

@@ -11,45 +11,39 @@ try:
 except ImportError:  # MicroPython
     pass
 
+from .modem import Modem
+
 _IDLE: Final = 0xF5
 _OK: Final = b"\r\nOK\r\n"
 _ERROR: Final = b"\r\nERROR\r\n"
 _NO_SOCKET: Final = b"\r\nERROR: SOCKET FAILURE 1\r\n"
 
 
-class Gs2200:
+class Gs2200(Modem):
     """The modem, switched on, which is the SPI bus at the same time, and the pin of GPIO37.
 
-    ``ms`` is the time in milliseconds. ``key_ms`` and ``join_ms`` are how long it takes for what,
-    ``answer_ms`` for all else. ``joined`` is the access point's name, or ""; ``link`` the UDP link,
-    or None. ``lines`` are all commands that came. With ``sender``, each datagram tells from whom.
-    ``turn_ms`` is how long it takes to answer a request for a transfer.
+    ``key_ms`` and ``join_ms`` are how long it takes for what, ``answer_ms`` for all else. With
+    ``sender``, each datagram tells from whom. ``turn_ms`` is how long it takes to answer a request
+    for a transfer.
 
-    Faults, in ``faults``: ``dead`` never raises its pin; ``busy`` grants no transfer; ``late``
-    gives idle octets where the first answer after a request should be.
+    Faults: ``dead`` never raises its pin; ``busy`` grants no transfer; ``late`` gives idle octets
+    where the first answer after a request should be.
     """
 
     def __init__(
         self, air: "Any", ms: "Callable[[], int]", key_ms: int = 0, join_ms: int = 0,
         answer_ms: int = 0, sender: bool = False, turn_ms: int = 0,
     ) -> None:  # fmt: skip
-        self.air = air
+        super().__init__(air, ms)
         self.key_ms = key_ms
         self.join_ms = join_ms
         self.answer_ms = answer_ms
         self.sender = sender
         self.turn_ms = turn_ms
-        self.faults: set[str] = set()
-        self.joined = ""
-        self.link: Any = None
-        self.lines: list[bytes] = []
         self.transfers = 0  # that were granted
         self.broken = 0  # headers with a wrong checksum
-        self._ms = ms
-        self._echo = True
         self._bulk = False
         self._key: tuple[str, str] | None = None
-        self._later: list[tuple[int, Callable[[], object]]] = []
         self._heard = bytearray()  # of a header
         self._granted = 0  # octets of data, with their header, once the answer was read
         self._want = 0  # of these, still to come
@@ -113,12 +107,9 @@ class Gs2200:
 
     def reset(self) -> None:
         """Its power was gone for a moment."""
-        self._drop_link()
-        self.joined = ""
-        self._echo = True
+        self._forget()
         self._bulk = False
         self._key = None
-        self._later = []
         self._heard = bytearray()
         self._want = self._granted = 0
         self._came = bytearray()
@@ -128,17 +119,21 @@ class Gs2200:
         self._text = bytearray()
         self.say(b"\r\nSerial2WiFi APP\r\n")
 
+    def chat(self) -> None:
+        """Lines that nobody has asked for, and noise."""
+        self.say(b"\r\nDHCP lease renewed\r\n\x00\xfe\r\nBeacon missed\r\n")
+
+    def lose_link(self) -> None:
+        """The link alone is gone."""
+        if self._drop_link():
+            self.say(b"\r\nDISCONNECT 0\r\n")
+
     def lose_network(self) -> None:
         """The access point is switched off."""
         if self.joined:
             self.joined = ""
             self._drop_link()
             self.say(b"\r\nDisassociation Event\r\n")
-
-    def _drop_link(self) -> None:
-        link, self.link = self.link, None
-        if link is not None:
-            link.close()
 
     # --- transfers ----------------------------------------------------------------------------
 
@@ -192,21 +187,11 @@ class Gs2200:
 
     # --- commands -----------------------------------------------------------------------------
 
-    def _after(self, ms: int, text: "bytes | Callable[[], bytes]") -> None:
-        def do() -> None:
-            self.say(text if isinstance(text, bytes) else text())
-
-        if ms:
-            self._later.append((self._ms() + ms, do))
-        else:
-            do()
+    def _say_after(self, ms: int, text: bytes) -> None:
+        self._after(ms, lambda: self.say(text))
 
     def _work(self) -> None:
-        now = self._ms()
-        due = [it for it in self._later if it[0] <= now]
-        self._later = [it for it in self._later if it[0] > now]
-        for _, do in due:
-            do()
+        self._do_due()
         while self.link is not None and len(self._said) < 4000:
             data = self.link.recv()
             if data is None:
@@ -236,7 +221,7 @@ class Gs2200:
             try:
                 self._command(line.strip())
             except (ValueError, IndexError):  # arguments that are none
-                self._after(self.answer_ms, b"\r\nERROR: INVALID INPUT\r\n")
+                self._say_after(self.answer_ms, b"\r\nERROR: INVALID INPUT\r\n")
 
     def _command(self, line: bytes) -> None:
         self.lines.append(line)
@@ -245,42 +230,42 @@ class Gs2200:
         if name in (b"AT", b"AT+WM", b"AT+NDHCP", b"AT+WREGDOMAIN", b"AT+NCLOSEALL"):
             if name == b"AT+NCLOSEALL":
                 self._drop_link()
-            self._after(answer, _OK)
+            self._say_after(answer, _OK)
         elif name in (b"ATE0", b"ATE1"):
             self._echo = name == b"ATE1"
-            self._after(answer, _OK)
+            self._say_after(answer, _OK)
         elif name == b"AT+BDATA":
             self._bulk = rest == b"1"
-            self._after(answer, _OK)
+            self._say_after(answer, _OK)
         elif name == b"AT+NSTAT":
             state = b"WSTATE=NOT CONNECTED     MODE=NONE\r\n"
             if self.joined:
                 state = b"WSTATE=CONNECTED     MODE=INFRASTRUCTURE\r\n"
                 state += b'BSSID=02:00:00:00:00:01   SSID="' + self.joined.encode()
                 state += b'" CHANNEL=6\r\nSECURITY=WPA2-PERSONAL  RSSI=-51\r\n'
-            self._after(answer, b"MAC=02:00:00:00:00:07\r\n" + state + _OK)
+            self._say_after(answer, b"MAC=02:00:00:00:00:07\r\n" + state + _OK)
         elif name == b"AT+WD":
             self._drop_link()
             self.joined = ""
-            self._after(answer, _OK)
+            self._say_after(answer, _OK)
         elif name == b"AT+WPAPSK":
             ssid, _, password = rest.partition(b",")
             if 8 <= len(password) <= 63:
                 self._key = (ssid.decode(), password.decode())
-                self._after(self.key_ms, b"Computing PSK from SSID and PassPhrase...\r\n" + _OK)
+                self._say_after(self.key_ms, b"Computing PSK from SSID and PassPhrase...\r\n" + _OK)
             else:
-                self._after(answer, b"\r\nERROR: INVALID INPUT\r\n")
+                self._say_after(answer, b"\r\nERROR: INVALID INPUT\r\n")
         elif name == b"AT+WA":
             ssid_text = rest.decode()
-            self._after(self.join_ms, lambda: self._join(ssid_text))
+            self._after(self.join_ms, lambda: self.say(self._join(ssid_text)))
         elif name == b"AT+NCUDP":
             host, port, local_port = rest.decode().split(",")
             if self.joined and self._bulk:
                 self.link = self.air.link(host, int(port), int(local_port))
             made = self.link is not None
-            self._after(answer, b"CONNECT 0\r\n" + _OK if made else _NO_SOCKET)
+            self._say_after(answer, b"CONNECT 0\r\n" + _OK if made else _NO_SOCKET)
         else:
-            self._after(answer, b"\r\nERROR: INVALID INPUT\r\n")
+            self._say_after(answer, b"\r\nERROR: INVALID INPUT\r\n")
 
     def _join(self, ssid: str) -> bytes:
         if ssid not in self.air.networks or self._key != (ssid, self.air.networks[ssid]):

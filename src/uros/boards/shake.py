@@ -3,10 +3,10 @@
 Kept is, in modules of uros and of interfaces: what the program imports or names, what that names in
 turn, and so on. An attribute may belong to anything, but for those of ``self`` and of annotated
 parameters, so a method is kept when anything that is kept has an attribute, or a string (for
-getattr), of its name; so is what a module binds, if the module
-itself is at hand as an object; all methods, where a class has a base that is not ours. What such a
-reading cannot see is a name that is put together at run time: keep that by ``roots``. Imports and
-plain assignments are taken to do nothing but bind.
+getattr), of its name, but for a string that only bounds something (``char <= "z"``); so is what a
+module binds, if the module itself is at hand as an object; all methods, where a class has a base
+that is not ours. What such a reading cannot see is a name that is put together at run time: keep
+that by ``roots``. Imports and plain assignments are taken to do nothing but bind.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from .shrink import Module, absolute, bound, receiver
 
 _DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+_ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 
 
 def shake(modules: dict[str, Module], roots: Iterable[str] = ()) -> dict[str, Module]:
@@ -154,8 +155,11 @@ class _Shaker:
 
     def scan(self, module: Module, root: ast.AST) -> None:
         """All that a piece of live code names."""
-        for node in ast.walk(root):
-            if isinstance(node, ast.Name):
+        bounds: set[ast.expr] = set()
+        for node in ast.walk(root):  # a comparison comes before what it compares
+            if isinstance(node, ast.Compare):
+                bounds.update(_bounds(node))
+            elif isinstance(node, ast.Name):
                 self.use(module.name, node.id)
             elif isinstance(node, ast.Attribute):
                 family = self.families.get(receiver(node), "")
@@ -164,7 +168,7 @@ class _Shaker:
                 else:
                     self.note(node.attr)
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                if node.value.isidentifier():
+                if node.value.isidentifier() and node not in bounds:
                     self.note(node.value)
             elif isinstance(node, (ast.Import, ast.ImportFrom)):
                 for alias in node.names:
@@ -313,6 +317,15 @@ def _changed(node: ast.stmt) -> set[str]:
             if isinstance(target, ast.Name):
                 names.add(target.id)
     return names
+
+
+def _bounds(node: ast.Compare) -> list[ast.expr]:
+    """The operands that are compared for their order alone."""
+    return [
+        operand
+        for at, operand in enumerate((node.left, *node.comparators))
+        if all(isinstance(op, _ORDERS) for op in node.ops[max(at - 1, 0) : at + 1])
+    ]
 
 
 def _has_effect(node: ast.stmt) -> bool:

@@ -93,10 +93,9 @@ class ActionClient(End):
         )  # fmt: skip
         self.make_states(Subscription, status_sub_qos_profile, self._on_status)
         # In this order: feedback that has come before a result is told before it.
-        self.parts = (
+        self.made = self.parts = (
             self._send_goal, self._cancel_goal, feedback, self.states, self._get_result,
         )  # fmt: skip
-        self.others = ()
 
     def server_is_ready(self) -> bool:
         """Whether a goal can be sent now. As far as the agent is concerned: XRCE has no way of

@@ -279,8 +279,7 @@ class ActionServer(End):
             feedback_pub_qos_profile,
         )  # fmt: skip
         self.make_states(Publisher, status_pub_qos_profile)
-        self.parts = (self._send_goal, self._cancel_goal, self._get_result)
-        self.others = (self._feedback, self.states)
+        self.parts = self.made[:3]
 
     def destroy(self) -> None:
         """Take it off the network. Work on goals is closed, where it is by a generator."""

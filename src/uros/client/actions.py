@@ -49,9 +49,9 @@ class CancelResponse:
 
 
 class End:
-    """One end of an action: a single handle of the executor. ``parts`` are the entities that
-    receive; one of them has its turn in a round, an earlier one before a later one. ``states`` is
-    the end of the topic of states, and ``others`` are the rest."""
+    """One end of an action: a single handle of the executor. ``made`` are its entities, and
+    ``parts`` those that receive; one of them has its turn in a round, an earlier one before a later
+    one. ``states`` is the end of the topic of states."""
 
     invocation = ON_NEW_DATA
     kinds = ()  # type: tuple[int, ...]
@@ -62,7 +62,7 @@ class End:
         self.action_type = action_type
         self.name: str = node.resolve_topic_name(action_name)
         self.parts: "tuple[Any, ...]" = ()
-        self.others: "tuple[Any, ...]" = ()
+        self.made: "tuple[Any, ...]" = ()
         self.service("cancel_goal")  # the longest name: raises where it is too long
         node.executor.add(self)  # raises where there are enough, before anything is half made
         node._entities.append(self)
@@ -74,7 +74,7 @@ class End:
         except Exception:
             self.destroy()
             raise
-        self.others += (entity,)
+        self.made += (entity,)
         return entity
 
     def make_states(self, make: "Callable[..., Any]", qos: "Any", *arguments: "Any") -> None:
@@ -116,7 +116,7 @@ class End:
     def destroy(self) -> None:
         """Take it off the network, now and in sessions to come."""
         self.node.forget(self)
-        for part in self.others + self.parts:
+        for part in self.made:
             part.created = False
             self.node.connection.remove(
                 part, tuple([part.object_id(kind) for kind in part.kinds])

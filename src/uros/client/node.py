@@ -408,9 +408,8 @@ def check_name(name: str, what: str, slashes: int = 1) -> str:
             if not part or "0" <= part[0] <= "9" or "__" in part:
                 fault = "has parts that begin with a letter, without __, between single slashes"
             for char in part:
-                # "{" is behind "z", which a board's build would take for the name of a field.
                 if not (
-                    "a" <= char < "{" or "A" <= char <= "Z" or "0" <= char <= "9" or char == "_"
+                    "a" <= char <= "z" or "A" <= char <= "Z" or "0" <= char <= "9" or char == "_"
                 ):
                     fault = "is of letters, digits and _"
     if fault:

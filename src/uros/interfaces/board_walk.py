@@ -6,9 +6,9 @@ from functools import cache
 from typing import Final, NamedTuple
 
 from . import registry
-from .emit import Attribute
-from .layout import Aliases, Alignment, is_octets
+from .layout import Aliases, is_octets
 from .parse import Message
+from .walk import Attribute, Walker
 
 HALVES: Final = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"}
 """Their ``sec`` is kept in two halves: the seconds since 1970 are no small integer on a board."""
@@ -88,55 +88,12 @@ PUBLIC: Final = Names(
 """Where no base class has the public methods."""
 
 
-class Walker:
-    """What packing and loading share: a run of values whose places are known from its start."""
+class BoardWalker(Walker):
+    """What packing and loading share."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases, calls: Names) -> None:
-        self.attribute = attribute
-        self.aliases = aliases
+        super().__init__(attribute, aliases)
         self.calls = calls
-        self.lines: list[str] = []
-        self.at = Alignment()
-        self.names = 0
-        self.codes: list[str] = []
-        self.octets = 0
-
-    def name(self, letter: str) -> str:
-        self.names += 1
-        return f"{letter}{self.names}"
-
-    def local(self, letter: str, expression: str) -> str:
-        var = self.name(letter)
-        self.lines.append(f"{var} = {expression}")
-        return var
 
     def in_place(self, name: str) -> Message | None:
         return registry.message(name) if name in self.calls.once else in_place(name)
-
-    def flush(self) -> None:
-        """Write down what the run has gathered."""
-        raise NotImplementedError
-
-    def pad(self, alignment: int) -> None:
-        """Align at run time."""
-        raise NotImplementedError
-
-    def align(self, alignment: int) -> None:
-        padding = self.at.padding(alignment)
-        if padding is None:
-            self.flush()
-            self.pad(alignment)
-            self.at.know(alignment)
-            return
-        self.codes += ["x"] * padding
-        self.octets += padding
-        self.at.advance(padding)
-
-    def advance(self, code: str, octets: int, alignment: int) -> int:
-        """Take room in the run; gives its place, from the run's start."""
-        self.align(alignment)
-        place = self.octets
-        self.codes.append(code)
-        self.octets += octets
-        self.at.advance(octets)
-        return place

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from . import registry
@@ -10,25 +9,23 @@ from .layout import (
     CODES,
     INLINE_LEAVES,
     Aliases,
-    Alignment,
     fixed_size,
     is_octets,
     least_size,
     leaves,
 )
 from .parse import INTEGERS, Message, Type
+from .walk import Attribute, Run, Walker
 
 RUN_VALUES: Final = 64
 """Values after which one struct call is closed; MicroPython passes at most 255 arguments."""
 UNROLL: Final = 36
 """Fixed arrays up to this size (a covariance) are packed within the run, without allocation."""
 
-Attribute = Callable[[str], str]
-
 
 def sizer(message: Message, attribute: Attribute) -> str:
     """The source of ``cdr_size``."""
-    return Sizer(attribute).method(message)
+    return Sizer(attribute, Aliases()).method(message)
 
 
 def packer(message: Message, attribute: Attribute, aliases: Aliases) -> str:
@@ -70,21 +67,15 @@ def within(var: str, low: int, high: int) -> str:
     return f"-1 <= {var} >> {bits} <= 0" if low else f"{var} >> {bits} == 0"
 
 
-class Sizer:
+class Sizer(Walker):
     """`cdr_size`: constants are summed here, only what varies is computed at run time."""
 
     called = "cdr_size"
     """The method of nested messages that are not inlined."""
 
-    def __init__(self, attribute: Attribute) -> None:
-        self.attribute = attribute
-        self.lines: list[str] = []
-        self.at = Alignment()
-        self.pending = 0
-
     def method(self, message: Message) -> str:
         self.walk(message, "self")
-        tail = f"o + {self.pending}" if self.pending else "o"
+        tail = f"o + {self.octets}" if self.octets else "o"
         if not any(" self." in line or "(self." in line for line in self.lines):
             body = [f"        {line}" for line in self.lines]
             return "\n".join(["    def cdr_size(self, o=0):", *body, f"        return {tail}"])
@@ -100,60 +91,51 @@ class Sizer:
             ]
         )
 
-    def walk(self, message: Message, path: str) -> None:
-        for field in message.fields:
-            self.value(field.type, f"{path}.{self.attribute(field.name)}")
-        if not message.fields:
-            self.add(1, 1)
-
     def add(self, octets: int, alignment: int) -> None:
-        self.align(alignment)
-        self.pending += octets
-        self.at.advance(octets)
+        self.advance([], octets, alignment)
 
-    def align(self, alignment: int) -> None:
-        padding = self.at.padding(alignment)
-        if padding is None:
-            self.flush()
-            self.lines.append(f"o = (o + {alignment - 1}) & -{alignment}")
-            self.at.know(alignment)
-        else:
-            self.pending += padding
-            self.at.advance(padding)
+    def pad(self, alignment: int) -> None:
+        self.lines.append(f"o = (o + {alignment - 1}) & -{alignment}")
 
     def flush(self) -> None:
-        if self.pending:
-            self.lines.append(f"o += {self.pending}")
-            self.pending = 0
+        if self.octets:
+            self.lines.append(f"o += {self.octets}")
+            self.octets = 0
 
-    def value(self, type_: Type, path: str) -> None:
-        if type_.array in ("bounded", "unbounded"):
-            self.add(4, 4)
-            self.sequence(type_, path)
-        elif type_.name in ("string", "wstring"):
-            if type_.array:
-                self.texts(type_, path)
-                return
-            self.add(4, 4)
-            wide = type_.name == "wstring"
-            text = f"len(_wide({path}))" if wide else f"len(_utf8({path}))"
-            self.lines.append(f"o += {text} + {self.pending + (0 if wide else 1)}")
-            self.pending = 0
-            self.at.know(4 if wide else 1)
-        elif type_.primitive:
-            octets = CODES[type_.name][1]
-            self.align(octets)
-            self.add(octets * (type_.size if type_.array else 1), octets)
-        elif type_.array:
-            self.messages(type_, path)
-        elif nested := _inlined(type_):
+    def nothing(self) -> None:
+        self.add(1, 1)
+
+    def number(self, name: str, path: str) -> None:
+        octets = CODES[name][1]
+        self.add(octets, octets)
+
+    def text(self, type_: Type, path: str) -> None:
+        self.add(4, 4)
+        wide = type_.name == "wstring"
+        text = f"len(_wide({path}))" if wide else f"len(_utf8({path}))"
+        self.lines.append(f"o += {text} + {self.octets + (0 if wide else 1)}")
+        self.octets = 0
+        self.at.know(4 if wide else 1)
+
+    def nested(self, type_: Type, path: str) -> None:
+        if nested := _inlined(type_):
             self.walk(nested, path)
         else:
             self.flush()
             self.lines.append(f"o = {path}.{self.called}(o)")
             self.at.know(1)
 
+    def fixed(self, type_: Type, path: str) -> None:
+        if type_.name in ("string", "wstring"):
+            self.texts(type_, path)
+        elif not type_.primitive:
+            self.messages(type_, path)
+        else:
+            octets = CODES[type_.name][1]
+            self.add(octets * type_.size, octets)
+
     def sequence(self, type_: Type, path: str) -> None:
+        self.add(4, 4)
         if type_.name in ("string", "wstring"):
             self.texts(type_, path)
         elif not type_.primitive:
@@ -193,19 +175,13 @@ class Sizer:
         self.at.know(1)
 
 
-class _Packer:
-    """`pack_into`: gathers values into runs, each written by one ``struct.pack_into``."""
+class _Packer(Walker):
+    """`pack_into`: each run is written by one ``struct.pack_into``."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases) -> None:
-        self.attribute = attribute
-        self.aliases = aliases
-        self.lines: list[str] = []
-        self.at = Alignment()
-        self.codes: list[str] = []
+        super().__init__(attribute, aliases)
         self.args: list[str] = []
         self.checks: list[str] = []
-        self.octets = 0
-        self.names = 0
 
     def method(self, message: Message) -> str:
         self.walk(message, "self")
@@ -222,26 +198,8 @@ class _Packer:
             ]
         )
 
-    def name(self, letter: str) -> str:
-        self.names += 1
-        return f"{letter}{self.names}"
-
-    def walk(self, message: Message, var: str) -> None:
-        for field in message.fields:
-            self.value(field.type, f"{var}.{self.attribute(field.name)}")
-        if not message.fields:
-            self.put("B", "0", 1, 1)
-
-    def align(self, alignment: int) -> None:
-        padding = self.at.padding(alignment)
-        if padding is None:
-            self.flush()
-            self.pad(alignment)
-            self.at.know(alignment)
-            return
-        self.codes += ["x"] * padding
-        self.octets += padding
-        self.at.advance(padding)
+    def nothing(self) -> None:
+        self.put("B", "0", 1, 1)
 
     def pad(self, alignment: int, indent: str = "") -> None:
         self.lines += [
@@ -251,11 +209,8 @@ class _Packer:
         ]
 
     def put(self, code: str, args: str, octets: int, alignment: int, values: int = 1) -> None:
-        self.align(alignment)
-        self.codes += [code] * values
+        self.advance([code] * values, octets, alignment)
         self.args.append(args)
-        self.octets += octets
-        self.at.advance(octets)
         if sum(1 for c in self.codes if c != "x") >= RUN_VALUES:
             self.flush()
 
@@ -268,27 +223,10 @@ class _Packer:
             self.lines += [call, f"o += {self.octets}"]
             self.codes, self.args, self.octets = [], [], 0
 
-    def local(self, letter: str, expression: str) -> str:
-        var = self.name(letter)
-        self.lines.append(f"{var} = {expression}")
-        return var
-
-    def value(self, type_: Type, path: str) -> None:
-        if type_.array == "fixed":
-            self.fixed(type_, path)
-        elif type_.array:
-            self.sequence(type_, path)
-        elif type_.name in ("string", "wstring"):
-            self.text(type_, path)
-        elif type_.primitive:
-            self.number(type_, path)
-        else:
-            self.nested(type_, path)
-
-    def number(self, type_: Type, path: str) -> None:
-        code, octets = CODES[type_.name]
-        if limits := range_of(type_.name):
-            var = self.local("i", f"_octet({path})" if type_.name == "byte" else path)
+    def number(self, name: str, path: str) -> None:
+        code, octets = CODES[name]
+        if limits := range_of(name):
+            var = self.local("i", f"_octet({path})" if name == "byte" else path)
             self.checks.append(within(var, *limits))
             path = var
         self.put(code, path, octets, octets)
@@ -385,18 +323,13 @@ class _Packer:
         self.at.know(1)
 
 
-class _Unpacker:
+class _Unpacker(Run):
     """`unpack_from`: the mirror of `_Packer`; the whole message is built in its last line."""
 
     def __init__(self, aliases: Aliases) -> None:
-        self.aliases = aliases
-        self.lines: list[str] = []
-        self.at = Alignment()
-        self.codes: list[str] = []
+        super().__init__(aliases)
         self.values = 0
-        self.octets = 0
         self.tuples = 0
-        self.names = 0
 
     def method(self, message: Message) -> str:
         built = self.walk(message, "cls")
@@ -418,32 +351,15 @@ class _Unpacker:
             self.take("B", 1, 1)
         return f"{cls}({', '.join(self.value(f.type) for f in message.fields)})"
 
-    def name(self, letter: str) -> str:
-        self.names += 1
-        return f"{letter}{self.names}"
-
-    def align(self, alignment: int) -> None:
-        padding = self.at.padding(alignment)
-        if padding is None:
-            self.flush()
-            self.lines.append(f"o += (start - o) & {alignment - 1}")
-            self.at.know(alignment)
-            return
-        self.codes += ["x"] * padding
-        self.octets += padding
-        self.at.advance(padding)
+    def pad(self, alignment: int) -> None:
+        self.lines.append(f"o += (start - o) & {alignment - 1}")
 
     def take(self, code: str, octets: int, alignment: int, values: int = 1) -> tuple[str, int]:
         """Add to the run; gives the run's tuple and the index of the first value in it."""
-        self.align(alignment)
+        codes = [f"{values}{code}"] if values > UNROLL else [code] * values
+        self.advance(codes, octets, alignment)
         index = self.values
-        if values > UNROLL:
-            self.codes.append(f"{values}{code}")
-        else:
-            self.codes += [code] * values
         self.values += values
-        self.octets += octets
-        self.at.advance(octets)
         return f"t{self.tuples}", index
 
     def flush(self) -> None:
@@ -457,11 +373,6 @@ class _Unpacker:
             ]
             self.codes, self.values, self.octets = [], 0, 0
             self.tuples += 1
-
-    def local(self, letter: str, expression: str) -> str:
-        var = self.name(letter)
-        self.lines.append(f"{var} = {expression}")
-        return var
 
     def value(self, type_: Type) -> str:
         if type_.array == "fixed":

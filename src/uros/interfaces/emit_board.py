@@ -15,11 +15,12 @@ from __future__ import annotations
 from typing import Final
 
 from . import registry
-from .board_walk import HALVES, Names, Walker, is_doubles
-from .emit import RUN_VALUES, Attribute, Sizer, range_of, runs, within
+from .board_walk import HALVES, BoardWalker, Names, is_doubles
+from .emit import RUN_VALUES, Sizer, range_of, runs, within
 from .emit_load import Loader
 from .layout import CODES, Aliases, fixed_size, is_octets
 from .parse import Message, Type
+from .walk import Attribute
 
 
 def methods(
@@ -50,8 +51,7 @@ class _Sizer(Sizer):
     """`_size`: `Sizer` without the names of what is wrong."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases, names: Names) -> None:
-        super().__init__(attribute)
-        self.aliases = aliases
+        super().__init__(attribute, aliases)
         self.tell = names.tell
         self.called = names.size
         self.head = names.size_head
@@ -59,27 +59,26 @@ class _Sizer(Sizer):
     def method(self, message: Message) -> str:
         self.walk(message, "self")
         lines, tail = self.lines, "o"
-        if self.pending:
-            tail = f"o + {self.pending}"
+        if self.octets:
+            tail = f"o + {self.octets}"
             if len(lines) == 1 and lines[0].startswith("o = "):
-                lines, tail = [], f"({lines[0][4:]}) + {self.pending}"
+                lines, tail = [], f"({lines[0][4:]}) + {self.octets}"
         if lines and self.tell and lines[-1].startswith("o = ") and tail.startswith("o + "):
             tail = f"({lines.pop()[4:]}){tail[1:]}"
         body = [f"        {line}" for line in lines]
         return "\n".join(["    " + self.head, *body, f"        return {tail}"])
 
-    def value(self, type_: Type, path: str) -> None:
-        if self.tell and not type_.primitive and not type_.array:
-            # It is asked for its size first, and nobody above turns an AttributeError.
-            if fixed_size(registry.message(type_.name)) is None:
-                self.lines += [
-                    f"if {path}.__class__ is not {self.aliases[type_.name]}:",
-                    f"    raise TypeError{self.tell}",
-                ]
-        super().value(type_, path)
+    def nested(self, type_: Type, path: str) -> None:
+        # It is asked for its size first, and nobody above turns an AttributeError.
+        if self.tell and fixed_size(registry.message(type_.name)) is None:
+            self.lines += [
+                f"if {path}.__class__ is not {self.aliases[type_.name]}:",
+                f"    raise TypeError{self.tell}",
+            ]
+        super().nested(type_, path)
 
 
-class _Packer(Walker):
+class _Packer(BoardWalker):
     def __init__(self, attribute: Attribute, aliases: Aliases, calls: Names) -> None:
         super().__init__(attribute, aliases, calls)
         self.args: list[str] = []
@@ -107,11 +106,8 @@ class _Packer(Walker):
             ]
         )
 
-    def walk(self, message: Message, var: str) -> None:
-        for field in message.fields:
-            self.value(field.type, f"{var}.{self.attribute(field.name)}")
-        if not message.fields:
-            self.put("B", "0", 1, 1)
+    def nothing(self) -> None:
+        self.put("B", "0", 1, 1)
 
     def align(self, alignment: int) -> None:
         if self.calls.lean and not self.codes and self.at.padding(alignment) is None:
@@ -137,7 +133,7 @@ class _Packer(Walker):
         return [f"if o - start & {mask}:", f"    o = _align(buf, o, start, {mask})"]
 
     def put(self, code: str, arg: str, octets: int, alignment: int) -> None:
-        self.advance(code, octets, alignment)
+        self.advance([code], octets, alignment)
         self.args.append(arg)
         if len(self.args) >= RUN_VALUES:
             self.flush()
@@ -176,18 +172,6 @@ class _Packer(Walker):
             call = f'_pack_into("<{runs(self.codes)}", buf, o, {", ".join(self.args)})'
             self.lines += [call, f"o += {self.octets}"]
             self.codes, self.args, self.octets = [], [], 0
-
-    def value(self, type_: Type, path: str) -> None:
-        if type_.array == "fixed":
-            self.fixed(type_, path)
-        elif type_.array:
-            self.sequence(type_, path)
-        elif type_.name in ("string", "wstring"):
-            self.text(type_, path)
-        elif type_.primitive:
-            self.number(type_.name, path)
-        else:
-            self.nested(type_, path)
 
     def number(self, name: str, path: str) -> None:
         code, octets = CODES[name]

@@ -6,10 +6,11 @@ import re
 from typing import Final
 
 from . import registry
-from .board_walk import HALVES, Names, Walker, is_doubles
-from .emit import Attribute, runs
+from .board_walk import HALVES, BoardWalker, Names, is_doubles
+from .emit import runs
 from .layout import CODES, Aliases, is_octets, least_size
 from .parse import Message, Type
+from .walk import Attribute
 
 _LOADERS: Final = {
     "_load": ["    def _load(self, buf, o, start, end, little):"],
@@ -32,7 +33,7 @@ VIEW: Final = "[: end if little else 0]"
 """Of big-endian data nothing is left."""
 
 
-class Loader(Walker):
+class Loader(BoardWalker):
     """The mirror of `_Packer`. A run is checked for its length before anything of it is stored."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases, calls: Names) -> None:
@@ -66,18 +67,15 @@ class Loader(Walker):
             ]
         )
 
-    def walk(self, message: Message, var: str) -> None:
-        for field in message.fields:
-            self.value(field.type, f"{var}.{self.attribute(field.name)}")
-        if not message.fields:
-            self.advance("x", 1, 1)
+    def nothing(self) -> None:
+        self.advance(["x"], 1, 1)
 
     def pad(self, alignment: int) -> None:
         self.mask = alignment - 1
 
     def take(self, name: str, target: str) -> None:
         code, octets = CODES[name]
-        self.advance(code, octets, octets)
+        self.advance([code], octets, octets)
         self.targets.append(target)
 
     def flush(self) -> None:
@@ -124,19 +122,10 @@ class Loader(Walker):
             self.lines.append(f"o += start - o & {self.mask}")
             self.mask = 0
 
-    def value(self, type_: Type, path: str) -> None:
-        if type_.array == "fixed":
-            self.fixed(type_, path)
-        elif type_.array:
-            self.sequence(type_, path)
-        elif type_.name in ("string", "wstring"):
-            self.text(type_, path)
-        elif type_.primitive:
-            self.take(type_.name, path)
-            if type_.name == "bool":
-                self.then.append(f"{path} = {path} != 0")
-        else:
-            self.nested(type_, path)
+    def number(self, name: str, path: str) -> None:
+        self.take(name, path)
+        if name == "bool":
+            self.then.append(f"{path} = {path} != 0")
 
     def nested(self, type_: Type, path: str) -> None:
         nested = self.in_place(type_.name)
@@ -146,7 +135,7 @@ class Loader(Walker):
             self.at.know(1)
         elif is_doubles(nested):
             octets = 8 * len(nested.fields)
-            place = self.advance(f"{octets}x", octets, 8)
+            place = self.advance([f"{octets}x"], octets, 8)
             self.rows = True
             if self.lean:
                 self.then.append(f'_pack_into("{octets}s", {path}._d, 0, buf[{_at(place)} :])')
@@ -195,10 +184,10 @@ class Loader(Walker):
     def fixed(self, type_: Type, path: str) -> None:
         size = type_.size
         if is_octets(type_):
-            self.advance(f"{size}s", size, 1)
+            self.advance([f"{size}s"], size, 1)
             self.targets.append(path)
         elif type_.name == "float64":
-            place = self.advance(f"{8 * size}x", 8 * size, 8)
+            place = self.advance([f"{8 * size}x"], 8 * size, 8)
             self.rows = True
             if not self.lean:
                 self.then.append(

@@ -71,6 +71,20 @@ def add_topic(parser: argparse.ArgumentParser, nargs: str | None = None) -> None
     )
 
 
+def add_service(parser: argparse.ArgumentParser) -> None:
+    """The positional argument ``service``."""
+    parser.add_argument(
+        "service", metavar="NAME", type=service_name, help="name of the service, such as /reset"
+    )
+
+
+def add_type(parser: argparse.ArgumentParser) -> None:
+    """The positional argument ``type``: of any kind."""
+    parser.add_argument(
+        "type", metavar="TYPE", help="name of a message, service or action: std_msgs/msg/Header"
+    )
+
+
 # --- values on the command line -----------------------------------------------------
 
 
@@ -113,6 +127,19 @@ def topic_name(text: str) -> str:
         raise argparse.ArgumentTypeError(
             f"{text!r} is no topic name: letters, digits and _ between slashes, no part beginning"
             " with a digit, no __"
+        )
+    return name
+
+
+def service_name(text: str) -> str:
+    """The same for a service."""
+    from .. import names
+
+    name = names.absolute(text)
+    if not names.is_valid(name):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no name of a service: letters, digits and _ between slashes, no part"
+            " beginning with a digit, no __"
         )
     return name
 

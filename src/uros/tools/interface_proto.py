@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 
 from . import values
-from .common import add_interfaces, know_interfaces
+from .common import add_interfaces, add_type, know_interfaces
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "type", metavar="TYPE", help="name of a message, service or action: std_msgs/msg/Header"
-    )
+    add_type(parser)
     parser.add_argument("--no-quotes", action="store_true", help="without the quotes around it")
     add_interfaces(parser)
 

@@ -7,16 +7,14 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from .common import add_interfaces, know_interfaces
+from .common import add_interfaces, add_type, know_interfaces
 
 if TYPE_CHECKING:
     from ..interfaces.parse import Message
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "type", metavar="TYPE", help="name of a message, service or action: std_msgs/msg/Header"
-    )
+    add_type(parser)
     comments = parser.add_mutually_exclusive_group()
     comments.add_argument(
         "--all-comments", action="store_true", help="with the comments of nested messages as well"

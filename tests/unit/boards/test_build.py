@@ -411,6 +411,28 @@ def test_methods_stay_by_name() -> None:
     """)  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("asked", "kept"),
+    [
+        ("'a' <= char <= 'z'", ""),
+        ("char > 'a' or char < 'b' or char >= 'z'", ""),
+        ("not ('a' <= char < 'b' <= 'z')", ""),
+        ("char == 'a' or char != 'b' or char in ('z',)", "abz"),
+        ("'a' <= char == 'b' < 'z'", "b"),  # it is the text of what may be asked for
+        ("char <= min('a', 'b') and 'z' not in char", "abz"),
+        ("getattr(A(), 'z') <= 'a'", "z"),
+    ],
+)
+def test_a_string_that_only_bounds_is_no_name(asked: str, kept: str) -> None:
+    methods = {name: f"    def {name}(self): pass" for name in "abz"}
+    left = shaken(
+        main=f"from m import A\nA().go()\nchar = input()\n{asked}",
+        m="\n".join(["class A:", "    def go(self): pass", *methods.values()]),
+    )
+    wanted = ["class A:", "    def go(self): pass", *(methods[name] for name in kept)]
+    assert left["m"] == code("\n".join(wanted))
+
+
 def test_methods_that_a_foreign_base_may_call_stay() -> None:
     text = """
         from usb.device.cdc import CDCInterface

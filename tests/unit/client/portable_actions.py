@@ -1,6 +1,7 @@
 """Both ends of an action, each with a scripted other end. Also runs on MicroPython."""
 
 from support.board import KEY, FakeAgent, FakeClock
+from support.services import raised
 
 from uros.client import AGENT_CONNECTED, WAITING_AGENT, Node
 from uros.client.action_client import ActionClient, random_uuid
@@ -298,14 +299,6 @@ def counting(goal):
         yield 0.1
     goal.succeed()
     return Count.Result(goal.request.n)
-
-
-def raised(error, call, *arguments):
-    try:
-        call(*arguments)
-    except error as it:
-        return str(it)
-    raise AssertionError("nothing raised")
 
 
 # --- the server ---------------------------------------------------------------------------------

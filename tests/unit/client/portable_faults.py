@@ -7,6 +7,7 @@ test_faults.py has the real agent.
 import sys
 
 from support.board import KEY, Ask, FakeAgent, FakeClock, Number, built, message, number_bytes
+from support.chance import Chance
 
 from uros.client import (
     AGENT_AVAILABLE,
@@ -22,20 +23,6 @@ from uros.wire.streams import HEARTBEAT_MS
 IDENTITY = bytes(range(24))
 # Every instant on CPython; on MicroPython, as WebAssembly, that would take minutes.
 STEP = 1 if sys.implementation.name == "cpython" else 7
-
-
-class Chance:
-    """The same numbers on every platform."""
-
-    def __init__(self, seed):
-        self.state = (seed * 7919 + 12345) & 0x7FFFFFFF
-
-    def below(self, most):
-        self.state = (self.state * 1103515245 + 12345) & 0x7FFFFFFF
-        return (self.state >> 8) % most
-
-    def hit(self, percent):
-        return self.below(100) < percent
 
 
 class LossyAgent(FakeAgent):

@@ -1,6 +1,7 @@
 """The node and its entities, with a scripted agent. Also runs on MicroPython."""
 
 from support.board import KEY, Ask, Blob, FakeAgent, FakeClock, Number, number_bytes, pattern
+from support.services import raised
 
 from uros import qos
 from uros.client import (
@@ -80,15 +81,6 @@ class Bench:
                 content = ()
             out.append((object_id, parent, content))
         return out
-
-
-def raised(error, call, *arguments):
-    """The text of the error that call must raise."""
-    try:
-        call(*arguments)
-    except error as it:
-        return str(it)
-    raise AssertionError("nothing raised: %r" % (arguments,))
 
 
 def quiet(bench, call):

@@ -4,20 +4,10 @@ agent's clock itself was set by a second or more. Also runs on MicroPython."""
 import sys
 
 from support.board import KEY, FakeAgent, FakeClock
+from support.chance import Chance
 
 from uros.client import AGENT_CONNECTED, Node
 from uros.client.clock import STEP_US
-
-
-class Chance:
-    """The same numbers on every platform."""
-
-    def __init__(self, seed):
-        self.state = (seed * 7919 + 12345) & 0x7FFFFFFF
-
-    def below(self, most):
-        self.state = (self.state * 1103515245 + 12345) & 0x7FFFFFFF
-        return (self.state >> 8) % most
 
 
 class Drifting(FakeAgent):
@@ -69,6 +59,16 @@ def watched(seed, ppm, most_us, seconds):
     return worst
 
 
+def settled():
+    """The clock of a node, its agent, whose clock is right, and the node, which knows the time."""
+    clock = FakeClock()
+    agent = Drifting(clock, Chance(1), 0, 0)
+    node = Node("node", agent, key=KEY, clock=clock)
+    for _ in range(100):
+        node.spin_once(0.01)
+    return clock, agent, node
+
+
 def test_time_on_lines_and_clocks_of_all_kinds() -> None:
     for seed in range(8 if sys.implementation.name == "cpython" else 1):
         for ppm in (-200, 0, 200):
@@ -80,11 +80,7 @@ def test_time_on_lines_and_clocks_of_all_kinds() -> None:
 
 def test_steps_of_the_agents_clock_below_a_second_are_never_seen_backwards() -> None:
     for step in (-STEP_US + 1, -300000, -1000, 1000, 300000, STEP_US - 1):
-        clock = FakeClock()
-        agent = Drifting(clock, Chance(1), 0, 0)
-        node = Node("node", agent, key=KEY, clock=clock)
-        for _ in range(100):
-            node.spin_once(0.01)
+        clock, agent, node = settled()
         last = node.clock.now()
         agent.epoch_us += step
         for _ in range(700):
@@ -98,11 +94,7 @@ def test_steps_of_the_agents_clock_below_a_second_are_never_seen_backwards() -> 
 
 def test_a_step_of_a_second_or_more_is_followed_at_once_and_only_once() -> None:
     for step in (-3600000000, -STEP_US, STEP_US, 3600000000):
-        clock = FakeClock()
-        agent = Drifting(clock, Chance(1), 0, 0)
-        node = Node("node", agent, key=KEY, clock=clock)
-        for _ in range(100):
-            node.spin_once(0.01)
+        clock, agent, node = settled()
         last = node.clock.now()
         agent.epoch_us += step
         back = 0

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 import struct
 import subprocess
 import sys
@@ -11,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.ports import free_port
 from support.stubborn import StubbornClient
 
 from uros.wire import ids
@@ -18,12 +18,6 @@ from uros.wire import ids
 SUPPORT = Path(__file__).resolve().parents[2] / "support"
 TYPE = "std_msgs::msg::dds_::UInt32_"
 CLIENTS = []
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("0.0.0.0", 0))
-        return sock.getsockname()[1]
 
 
 class Agent:

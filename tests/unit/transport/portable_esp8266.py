@@ -1,17 +1,33 @@
 """A board's end of an ESP8266 with AT firmware, on a modelled one. Also runs on MicroPython."""
 
 from support.board import pattern
-from support.modem import FakeTime, Line, drain, failure, link_up, trouble, until
+from support.modem import (
+    AGENT,
+    NETWORK,
+    PASSWORD,
+    FakeTime,
+    Line,
+    Setup,
+    attempts,
+    drain,
+    exchange,
+    failure,
+    in_order,
+    link_up,
+    one_by_one,
+    opened,
+    passes_over_what_is_too_long,
+    trouble,
+    until,
+)
 
 from uros.boards.air import Air
 from uros.boards.esp8266 import Esp8266
 from uros.transport.esp8266 import Esp8266Transport
 
-NETWORK, PASSWORD, AGENT = "robots", "secret99", "192.168.1.10"
 
-
-class Place:
-    """A modem in reach of an access point, and a transport on it; ``options`` are the modem's."""
+class Place(Setup):
+    """``options`` are the modem's."""
 
     def __init__(
         self, time, line=None, ssid=NETWORK, password=PASSWORD, mtu=512, room=2048, **options
@@ -22,20 +38,6 @@ class Place:
         self.transport = Esp8266Transport(
             self.line, ssid, password, AGENT, 8888, mtu=mtu, room=room
         )
-
-    @property
-    def link(self):
-        return self.air.links[-1]
-
-
-def exchange(place, messages):
-    """Each message there and back; what came back."""
-    got = []
-    for it in messages:
-        place.transport.send(it)
-        place.link.come.append(it)
-        got += until(place.transport, lambda it=it: place.link.sent[-1:] == [it])
-    return got + drain(place.transport)
 
 
 MESSAGES = (
@@ -55,14 +57,7 @@ def test_it_joins_links_sends_and_receives_in_both_dialects() -> None:
             link_up(place.transport)
             assert place.modem.joined == NETWORK and b"ATE0" in place.modem.lines
             assert place.link.where == (AGENT, 8888, 0)
-            for it in MESSAGES:
-                place.transport.send(memoryview(it))
-                until(place.transport, lambda it=it, place=place: place.link.sent[-1:] == [it])
-                place.link.come.append(it)
-                assert drain(place.transport) == [it]
-            assert place.link.sent == list(MESSAGES)
-            transport = place.transport
-            assert transport.dropped == transport.malformed == transport.mute == 0
+            one_by_one(place, MESSAGES)
 
 
 def test_however_small_the_pieces_are() -> None:
@@ -77,30 +72,14 @@ def test_however_small_the_pieces_are() -> None:
 
 def test_the_order_of_datagrams_stays_and_two_may_be_glued() -> None:
     with FakeTime() as time:
-        place = Place(time)
-        link_up(place.transport)
-        messages = [pattern(n, n) for n in range(1, 200, 3)]
-        place.link.come.extend(messages)
-        assert drain(place.transport) == messages
-        for it in messages[:20]:
-            place.transport.send(it)
-        assert drain(place.transport) == []
-        assert place.link.sent == messages[:20]
+        in_order(Place(time), [pattern(n, n) for n in range(1, 200, 3)], 20)
 
 
 def test_opening_never_waits_and_joining_takes_its_time() -> None:
     with FakeTime() as time:
         place = Place(time, join_ms=7000, answer_ms=3, send_ms=2)
-        before = time.now
-        place.transport.open()
-        assert time.now == before
-        turns = 0
-        while not place.transport.linked:
-            began = time.now
-            assert place.transport.receive(20) is None
-            assert time.now - began <= 40
-            turns += 1
-        assert time.now - before < 7500 and turns > 100
+        took, turns = opened(place, time, 40)
+        assert took < 7500 and turns > 100
 
 
 def test_names_and_passwords_of_all_characters() -> None:
@@ -286,18 +265,7 @@ def test_a_modem_that_starts_anew_at_any_moment() -> None:
                 return write(data)
 
             place.line.write = cut
-            place.transport.open()
-            for _ in range(20):
-                try:
-                    until(place.transport, lambda place=place: place.transport.linked)
-                    exchange(place, [b"hello"])
-                    break
-                except OSError:
-                    healed += 1
-                    place.transport.close()
-                    place.transport.open()
-            else:
-                raise AssertionError(moment)
+            healed += attempts(place, moment)
     assert healed > 5
 
 
@@ -352,14 +320,7 @@ def test_a_datagram_that_lost_bytes_on_the_line() -> None:
 
 def test_what_is_too_long_is_passed_over_and_counted() -> None:
     with FakeTime() as time:
-        place = Place(time, mtu=64)
-        link_up(place.transport)
-        place.link.come.extend([bytes(65), b"fits", b"+IPD,3:abc" * 100, bytes(64)])
-        assert drain(place.transport) == [b"fits", bytes(64)]
-        assert place.transport.malformed == 2
-        place.transport.send(bytes(65))
-        assert place.transport.dropped == 1 and drain(place.transport) == []
-        assert place.link.sent == []
+        passes_over_what_is_too_long(Place(time, mtu=64), b"+IPD,3:abc" * 100)
 
 
 def test_a_length_that_is_none() -> None:

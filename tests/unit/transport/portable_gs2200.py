@@ -1,17 +1,30 @@
 """A board's end of a GS2200 on SPI, on a modelled one. Also runs on MicroPython."""
 
 from support.board import pattern
-from support.modem import FakeTime, drain, failure, link_up, until
+from support.modem import (
+    AGENT,
+    NETWORK,
+    PASSWORD,
+    FakeTime,
+    Setup,
+    attempts,
+    drain,
+    exchange,
+    failure,
+    in_order,
+    link_up,
+    one_by_one,
+    opened,
+    passes_over_what_is_too_long,
+)
 
 from uros.boards.air import Air
 from uros.boards.gs2200 import Gs2200
 from uros.transport.gs2200 import Gs2200Transport
 
-NETWORK, PASSWORD, AGENT = "robots", "secret99", "192.168.1.10"
 
-
-class Place:
-    """A modem in reach of an access point, and a transport on it; ``options`` are the modem's."""
+class Place(Setup):
+    """``options`` are the modem's."""
 
     def __init__(self, time, ssid=NETWORK, password=PASSWORD, mtu=512, cs=None, **options):
         self.air = Air({NETWORK: PASSWORD})
@@ -21,20 +34,6 @@ class Place:
     def again(self, ssid=NETWORK, password=PASSWORD, mtu=512, cs=None):
         modem = self.modem
         return Gs2200Transport(modem, modem, ssid, password, AGENT, mtu=mtu, cs=cs)
-
-    @property
-    def link(self):
-        return self.air.links[-1]
-
-
-def exchange(place, messages):
-    """Each message there and back; what came back."""
-    got = []
-    for it in messages:
-        place.transport.send(it)
-        place.link.come.append(it)
-        got += until(place.transport, lambda it=it: place.link.sent[-1:] == [it])
-    return got + drain(place.transport)
 
 
 MESSAGES = (
@@ -74,14 +73,7 @@ def test_it_joins_links_sends_and_receives() -> None:
             link_up(place.transport)
             assert place.modem.joined == NETWORK
             assert place.link.where == (AGENT, 8888, 10001)
-            for it in MESSAGES:
-                place.transport.send(memoryview(it))
-                until(place.transport, lambda it=it, place=place: place.link.sent[-1:] == [it])
-                place.link.come.append(it)
-                assert drain(place.transport) == [it]
-            assert place.link.sent == list(MESSAGES)
-            transport = place.transport
-            assert transport.dropped == transport.malformed == transport.mute == 0
+            one_by_one(place, MESSAGES)
             assert place.modem.broken == 0
 
 
@@ -118,30 +110,14 @@ def test_heads_that_are_none() -> None:
 
 def test_the_order_of_datagrams_stays() -> None:
     with FakeTime() as time:
-        place = Place(time)
-        link_up(place.transport)
-        messages = [pattern(n, n) for n in range(1, 500, 7)]
-        place.link.come.extend(messages)
-        assert drain(place.transport) == messages
-        for it in messages[:10]:
-            place.transport.send(it)
-        assert drain(place.transport) == []
-        assert place.link.sent == messages[:10]
+        in_order(Place(time), [pattern(n, n) for n in range(1, 500, 7)], 10)
 
 
 def test_opening_never_waits_and_joining_takes_its_time() -> None:
     with FakeTime() as time:
         place = Place(time, key_ms=4000, join_ms=6000, answer_ms=3)
-        before = time.now
-        place.transport.open()
-        assert time.now == before
-        turns = 0
-        while not place.transport.linked:
-            began = time.now
-            assert place.transport.receive(20) is None
-            assert time.now - began <= 25
-            turns += 1
-        assert time.now - before < 10500 and turns > 100
+        took, turns = opened(place, time, 25)
+        assert took < 10500 and turns > 100
 
 
 def test_a_wrong_password_and_an_unknown_network_are_told() -> None:
@@ -332,31 +308,13 @@ def test_a_modem_that_starts_anew_at_any_moment() -> None:
                 write(data)
 
             place.modem.write = cut
-            place.transport.open()
-            for _ in range(20):
-                try:
-                    until(place.transport, lambda place=place: place.transport.linked)
-                    exchange(place, [b"hello"])
-                    break
-                except OSError:
-                    healed += 1
-                    place.transport.close()
-                    place.transport.open()
-            else:
-                raise AssertionError(moment)
+            healed += attempts(place, moment)
     assert healed > 5
 
 
 def test_what_is_too_long_is_passed_over_and_counted() -> None:
     with FakeTime() as time:
-        place = Place(time, mtu=64)
-        link_up(place.transport)
-        place.link.come.extend([bytes(65), b"fits", b"\x1bZ00003abc" * 100, bytes(64)])
-        assert drain(place.transport) == [b"fits", bytes(64)]
-        assert place.transport.malformed == 2
-        place.transport.send(bytes(65))
-        assert place.transport.dropped == 1 and drain(place.transport) == []
-        assert place.link.sent == []
+        passes_over_what_is_too_long(Place(time, mtu=64), b"\x1bZ00003abc" * 100)
 
 
 def test_a_pin_that_selects_the_modem() -> None:

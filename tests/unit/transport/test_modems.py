@@ -5,7 +5,7 @@ import random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.modem import FakeTime, Line, drain, link_up, until
+from support.modem import AGENT, NETWORK, PASSWORD, FakeTime, Line, drain, link_up, until
 
 from uros.boards.air import Air
 from uros.boards.esp8266 import Esp8266
@@ -13,7 +13,6 @@ from uros.boards.gs2200 import Gs2200
 from uros.transport.esp8266 import Esp8266Transport
 from uros.transport.gs2200 import Gs2200Transport
 
-NETWORK, PASSWORD, AGENT = "robots", "secret99", "192.168.1.10"
 MTU = 64
 
 ESP_WORDS = [
