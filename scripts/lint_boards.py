@@ -74,9 +74,9 @@ def main(names: list[str]) -> int:
             for port in ports:
                 sound &= check(port, f"firmware/{name}/")
     if not names:
-        # Drivers are for every port.
+        # Drivers and control are for every port.
         for port in sorted({*STUBS.values()}):
-            sound &= check(port, "-p", "uros.drivers")
+            sound &= check(port, "-p", "uros.drivers", "-p", "uros.control")
     return 0 if sound else 1
 
 

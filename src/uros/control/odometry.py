@@ -39,6 +39,7 @@ class Odometry:
         self.distance = 0.0
         # What the wheels did since the doubt has grown.
         self._way = 0.0
+        self._turn = 0.0
         self._right = 0.0
         self._left = 0.0
         # Variances and covariances.
@@ -73,6 +74,7 @@ class Odometry:
         self.theta = _wrapped(self.theta + turn)
         self.distance += abs(way)
         self._way += way
+        self._turn += turn
         self._right += abs(right)
         self._left += abs(left)
         if self._right + self._left > _LONG:
@@ -84,30 +86,35 @@ class Odometry:
         way = self._way
         right = _DOUBT * self._right
         left = _DOUBT * self._left
-        cos = math.cos(self.theta)
-        sin = math.sin(self.theta)
+        middle = self.theta - self._turn / 2
+        cos = math.cos(middle)
+        sin = math.sin(middle)
         self._way = 0.0
+        self._turn = 0.0
         self._right = 0.0
         self._left = 0.0
-        a = -way * sin
-        b = way * cos
+        # As if all that is new came in the middle of the way.
+        self._move(-way / 2 * sin, way / 2 * cos)
+        # Of the way and of the turn.
+        ahead = (right + left) / 4
+        turn = ahead / (self.d * self.d)
+        both = (right - left) / (4 * self.d)
+        self._xx += cos * cos * ahead
+        self._yy += sin * sin * ahead
+        self._xy += sin * cos * ahead
+        self._xt += cos * both
+        self._yt += sin * both
+        self._tt += turn
+        self._move(-way / 2 * sin, way / 2 * cos)
+
+    def _move(self, a: float, b: float) -> None:
+        """What the doubt of the heading makes of a way of (b, -a)."""
         tt = self._tt
         self._xx += a * (2 * self._xt + a * tt)
         self._xy += a * self._yt + b * self._xt + a * b * tt
         self._yy += b * (2 * self._yt + b * tt)
         self._xt += a * tt
         self._yt += b * tt
-        # Of the way and of the turn.
-        ahead = (right + left) / 4
-        turn = ahead / (self.d * self.d)
-        both = (right - left) / (4 * self.d)
-        half = way / 2
-        self._xx += cos * (cos * ahead - sin * way * both) + sin * sin * half * half * turn
-        self._yy += sin * (sin * ahead + cos * way * both) + cos * cos * half * half * turn
-        self._xy += sin * cos * (ahead - half * half * turn) + (cos * cos - sin * sin) * half * both
-        self._xt += cos * both - sin * half * turn
-        self._yt += sin * both + cos * half * turn
-        self._tt += turn
 
     def pose_covariance(self, into: "list[float]") -> None:
         """Fill the 36 numbers of a PoseWithCovariance. Height, roll and pitch are unknown."""

@@ -25,8 +25,8 @@ class Wheel:
 
     One channel does not tell which way a wheel turns. It is taken to turn the way that it was last
     driven; where that changes, the old one is kept until the wheel stands, braked for ``still_us``
-    without an edge, and ``reversing`` is true until then: brake, and do not drive. After a reversal the same
-    edge passes again, which is no way further.
+    without an edge, and ``reversing`` is true until then: brake, and do not drive. After a reversal
+    the same edge passes again, which is no way further.
 
     Between edges the way goes on with the speed, up to the next edge at most. The speed is that of
     the last two intervals (teeth and slots are not equally wide), falls where the next edge is

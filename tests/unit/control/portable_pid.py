@@ -51,6 +51,27 @@ def test_an_integral_does_not_grow_at_the_limit():
     assert outputs[-1] < 250, outputs
 
 
+def test_while_the_output_is_at_its_limit_nothing_is_added():
+    pid = Pid(1000, 10)
+    for _ in range(100):
+        near(pid.step(1.0, 0.0, 0.02), 255)
+    near(pid.integral, 0)
+    # What brings it back counts.
+    pid.kp = 1
+    pid.step(1.0, 0.9, 0.02)
+    pid.step(1.0, 0.9, 0.02)
+    assert pid.integral > 0
+
+
+def test_gains_may_change_while_it_runs():
+    pid = Pid(10, 100)
+    for _ in range(100):
+        pid.step(1.0, 0.0, 0.02)
+    pid.ki = 10000
+    pid.step(1.0, 1.0, 0.02)
+    assert pid.ki * pid.integral <= 255.1
+
+
 def test_a_reset_forgets():
     pid = Pid(100, 400, 3, lag=0.2)
     for _ in range(10):
