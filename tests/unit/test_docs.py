@@ -14,6 +14,9 @@ import pytest
 from unit.test_house import ALLOWED
 
 from uros.agent.control import Control
+from uros.boards.board import VirtualBoard
+from uros.boards.catalog import BOARDS
+from uros.boards.clock import ManualClock
 from uros.qos import QoSProfile, ReliabilityPolicy
 from uros.tools import agent, cli
 
@@ -48,6 +51,40 @@ def names_in(path):
     """The names of the test functions of a file."""
     tree = ast.parse((ROOT / "tests" / path).read_text("utf-8"))
     return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+
+
+@lru_cache
+def happenings():
+    """All that can be made to happen to a virtual board, without values."""
+    found = set()
+    for name in BOARDS:
+        board = VirtualBoard(name, ManualClock(), plugs=["esp8266:uart=7", "wlan"])
+        try:
+            found |= {it.spec for it in (*board.acts(), *board.faults())}
+        finally:
+            board.close()
+    names = {it.partition(":")[0] for it in found}
+    return found | {f"{it}:off" for it in (*names, "all")}, names
+
+
+@pytest.mark.parametrize(
+    "page",
+    [README, ROOT / "docs" / "boards.md", *sorted((ROOT / "firmware").glob("*/README.md"))],
+    ids=lambda page: f"{page.parent.name}/{page.name}",
+)
+def test_what_a_page_makes_happen_to_boards_can_happen_and_the_boards_exist(page):
+    text = page.read_text("utf-8")
+    known, parts = happenings()
+    specs = re.findall(r"`(\w+):(\w+)(?:=[^`]*)?`", text)
+    wrong = [f"{a}:{b}" for a, b in specs if a in parts and f"{a}:{b}" not in known]
+    assert not wrong, f"there is no {', '.join(wrong)}"
+    boards = set(re.findall(r"uros board run (\w+)", text)) - {"NAME"}
+    assert boards <= set(BOARDS), f"there is no board {', '.join(sorted(boards - set(BOARDS)))}"
+
+
+def test_every_board_is_on_the_page_of_boards():
+    text = (ROOT / "docs" / "boards.md").read_text("utf-8")
+    assert set(re.findall(r"uros board run (\w+)", text)) - {"NAME"} == set(BOARDS)
 
 
 # --- tests ------------------------------------------------------------------------------------
