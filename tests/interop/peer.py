@@ -97,9 +97,9 @@ class Peer:
                 found = dict(self.node.get_publisher_names_and_types_by_node(name, namespace))
             except rclpy.node.NodeNameNonExistentError:  # seen, and gone again
                 return None
-            return found if all(found.get(t) == [k] for t, k in publishers.items()) else None
+            return (found,) if all(found.get(t) == [k] for t, k in publishers.items()) else None
 
-        found = self.wait(seconds, ready)
+        (found,) = self.wait(seconds, ready) or (None,)
         return {"publishers": found, **self.do_graph()}
 
     def do_gone(self, namespace, name, seconds=15):

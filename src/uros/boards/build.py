@@ -30,6 +30,7 @@ from .shrink import ABSENT, Module, Wanted, bound, imports, inline, strip
 PORTABLE: Final = (
     "wire",
     "client",
+    "control",
     "drivers",
     "qos",
     "ticks",
@@ -54,20 +55,20 @@ PORTABLE: Final = (
     "interfaces.table",
 )
 """What boards may have of uros: modules, and the packages of `_WHOLE` with all that is in them."""
-_WHOLE: Final = ("wire", "client", "drivers")
+_WHOLE: Final = ("wire", "client", "control", "drivers")
 
 # What MicroPython 1.27 or one of its ports has, and what micropython-lib puts beside it.
 _PROVIDED: Final = {
-    "_thread", "aioble", "array", "asyncio", "binascii", "bluetooth", "btree", "builtins", "cmath",
-    "collections", "cryptolib", "deflate", "dht", "ds18x20", "errno", "esp", "esp32", "espnow",
-    "framebuf", "gc", "hashlib", "heapq", "io", "jffi", "js", "json", "jsffi", "lcd160cr", "lwip",
-    "machine", "marshal", "math", "micropython", "mimxrt", "mip", "neopixel", "network", "ntptime",
-    "onewire", "openamp", "os", "platform", "pyb", "random", "re", "renesas", "requests", "rp2",
-    "samd", "select", "socket", "ssl", "stm", "struct", "sys", "time", "tls", "uarray", "uasyncio",
-    "ubinascii", "ucollections", "uctypes", "uerrno", "uhashlib", "uheapq", "uio", "ujson",
-    "umachine", "uos", "upysh", "urandom", "ure", "urequests", "uselect", "usb", "usocket", "ussl",
-    "ustruct", "usys", "utime", "uzlib", "vfs", "webrepl", "websocket", "wipy", "zephyr", "zlib",
-    "zsensor",
+    "_thread", "aioble", "array", "asyncio", "binascii", "bluetooth", "btree", "builtins",
+    "camera", "cmath", "collections", "cryptolib", "deflate", "dht", "ds18x20", "errno", "esp",
+    "esp32", "espnow", "framebuf", "gc", "hashlib", "heapq", "io", "jffi", "js", "json",
+    "jsffi", "lcd160cr", "lwip", "machine", "marshal", "math", "micropython", "mimxrt", "mip",
+    "neopixel", "network", "ntptime", "onewire", "openamp", "os", "platform", "pyb", "random",
+    "re", "renesas", "requests", "rp2", "samd", "select", "socket", "ssl", "stm", "struct",
+    "sys", "time", "tls", "uarray", "uasyncio", "ubinascii", "ucollections", "uctypes",
+    "uerrno", "uhashlib", "uheapq", "uio", "ujson", "umachine", "uos", "upysh", "urandom",
+    "ure", "urequests", "uselect", "usb", "usocket", "ussl", "ustruct", "usys", "utime",
+    "uzlib", "vfs", "webrepl", "websocket", "wipy", "zephyr", "zlib", "zsensor",
 }  # fmt: skip
 _STARTED: Final = {"boot", "main"}
 """MicroPython starts these by their text, so they are never compiled."""

@@ -228,22 +228,31 @@ class Radio:
             sock.close()
 
 
+# What happens to a modem, and is over then.
+_MOMENTS: Final = {
+    "reset": "its power is gone for a moment, as often as this is planted",
+    "closed": "its link to the agent is closed, as often as this is planted",
+    "chatty": "says lines that nobody has asked for, as often as this is planted",
+}
+
+
 class Plug(Part):
     """One thing that is plugged in."""
 
     OF: ClassVar[dict[str, dict[str, str]]] = {
         "esp8266": {
             "dead": "has no power",
+            "busy": "answers every command with busy",
             "full": "gets rid of no datagram",
             "stuck": "never asks for a datagram's octets",
             "lost": "its access point is switched off",
-            "reset": "its power is gone for a moment, as often as this is planted",
+            **_MOMENTS,
         },
         "gs2200": {
             "dead": "has no power",
             "busy": "grants no transfer",
             "lost": "its access point is switched off",
-            "reset": "its power is gone for a moment, as often as this is planted",
+            **_MOMENTS,
         },
         "wlan": {
             "lost": "the access point is switched off",
@@ -261,8 +270,8 @@ class Plug(Part):
 
     def fault(self, kind: str) -> None:
         device = self.device
-        if kind == "reset" and not isinstance(device, Radio):
-            device.reset()
+        if kind in _MOMENTS and not isinstance(device, Radio):
+            {"reset": device.reset, "closed": device.lose_link, "chatty": device.chat}[kind]()
             return
         device.faults.add(kind)
         if kind == "lost":

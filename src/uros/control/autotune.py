@@ -93,7 +93,7 @@ class Answer:
 
 class AutoTune:
     """Tunes both wheels at once, on the floor: a ramp until each turns, then forward and back at
-    two duties. It takes about ten seconds, and half a metre of room in front.
+    two duties. It takes about ten seconds, and a metre of room in front.
 
     Call `step` every 20 ms or so until it returns False, and give ``right_duty`` and ``left_duty``
     to the motors. Then ``fault`` is "" and `apply` gives the results to the Pids, or ``fault`` says

@@ -32,12 +32,13 @@ class Chassis:
         right_pid: Pid,
         left_pid: Pid,
         ticks_us: "Callable[[], int]",
-        radius: float = 0.0325,
+        right_radius: float = 0.0325,
+        left_radius: float = 0.0325,
         d: float = 0.134,
         **options: "Any",
     ) -> None:
-        self.right = Wheel(radius)
-        self.left = Wheel(radius)
+        self.right = Wheel(right_radius)
+        self.left = Wheel(left_radius)
         self.drive = DiffDrive(self.right, self.left, right_pid, left_pid, d, **options)
         self.control: "Any" = self.drive
         self.odometry = Odometry(d)

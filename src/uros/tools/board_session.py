@@ -179,6 +179,12 @@ class Session:
         file.write_text("\n".join(rules), encoding="utf-8")
         return file
 
+    def _look_after_agent(self) -> None:
+        """Raises ToolError where it has ended; it has said why."""
+        if self._agent is not None and self._agent.ended:
+            self._close()
+            raise ToolError("the agent has ended; what it said stands above")
+
     def _ask_agent(self) -> None:
         """Who the agent's boards are, now and then."""
         from .inspection import ask, find_agent
@@ -269,6 +275,7 @@ class Session:
                 return
             if now - drawn >= _REDRAW_SECONDS:
                 drawn = now
+                self._look_after_agent()
                 self._tell_shows(now)
                 if self._screen.live:
                     self._screen.show(self._table())
@@ -361,8 +368,9 @@ class Session:
         self._screen.close()
         for seat in self._seats:
             seat.board.stop()
-        if self._agent is not None:
-            self._agent.close()
+        agent, self._agent = self._agent, None
+        if agent is not None:
+            agent.close()
             while not self._events.empty():
                 _, event = self._events.get()
                 if event["event"] == "agent":

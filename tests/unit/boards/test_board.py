@@ -41,12 +41,32 @@ def active(board):
 
 
 @pytest.mark.parametrize("name", BOARDS)
-def test_both_boards_have_the_three_sensors(name, tmp_path):
+def test_every_board_is_whole(name, tmp_path):
     spec = BOARDS[name]
     assert spec.name == name and spec.text and spec.mcu and spec.firmware and spec.ports
     board = VirtualBoard(name, ManualClock(), tmp_path / "line")
+    try:
+        assert board.spec is spec and board.unique_id
+        specs = [it.spec for it in (*board.faults(), *board.acts())]
+        assert len(specs) == len(set(specs)) and "usb:unplug" in specs
+        for it in board.faults():
+            assert it.text and not it.active
+            board.happen(it.spec)
+        board.clock.advance(2_000_000)
+        board.advance()
+        board.reset()
+        board.happen("all:off")
+        assert not [it for it in board.faults() if it.active]
+        for part in board.parts:
+            assert isinstance(part.shows(), str)
+    finally:
+        board.close()
+
+
+@pytest.mark.parametrize("name", ["ra6m5_sensor_node", "ra6m5_usb_text"])
+def test_both_boards_have_the_three_sensors(name, tmp_path):
+    board = VirtualBoard(name, ManualClock(), tmp_path / "line")
     board.clock.advance(2000)
-    assert board.spec is spec
     assert board.i2c[2].scan() == [0x13, 0x44, 0x67]
     board.close()
 

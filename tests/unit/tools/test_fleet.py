@@ -4,6 +4,7 @@ import os
 import pty
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -168,6 +169,20 @@ def test_several_boards_are_told_apart(tmp_path, program):
 def test_options_of_one_board(capsys):
     assert cli.main(["board", "run", "esp32_publisher", "esp32_publisher", "--link", "x"]) == 1
     assert "--link is for one board; 'uros fleet'" in capsys.readouterr().err
+
+
+def test_an_agent_that_ends_ends_the_session(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("", 0))
+        port = taken.getsockname()[1]
+        one = Typed("board", "run", "esp32_wifi_publisher", "--agent-port", port)
+        try:
+            one.until(f"port {port} is in use")
+            one.until("the agent has ended; what it said stands above")
+            assert one.process.wait(20) == 1
+        finally:
+            one.process.kill()
+            one.process.communicate()
 
 
 def test_a_row_is_cut_at_the_edge_and_what_is_below_it_is_not():

@@ -1,0 +1,91 @@
+"""The sub core: motors, encoders, speeds and odometry. It talks to the main core by mailboxes only.
+
+On a board with a second core it can run there: make a SubCore, and call its ``step`` every 20 ms.
+"""
+
+import time
+
+import config
+from machine import PWM, Pin
+from mail import COMMAND, NOTE, ODOMETRY, POWER, Mailbox
+
+from uros.control.chassis import Chassis
+from uros.control.pid import Pid
+from uros.drivers.drv8835 import DRV8835
+
+try:
+    from typing import Any
+except ImportError:
+    pass
+
+PERIOD_S = 0.02
+PWM_HZ = 20000
+
+
+def _motor(inputs: "tuple[int, int]") -> DRV8835:
+    return DRV8835(PWM(Pin(inputs[0]), freq=PWM_HZ), PWM(Pin(inputs[1]), freq=PWM_HZ))
+
+
+class SubCore:
+    """``inbox`` brings POWER (bool), COMMAND (v in m/s, w in rad/s) and ODOMETRY (asked for);
+    ``outbox`` takes ODOMETRY (see `_answer`) and NOTE, a text for the log."""
+
+    def __init__(self, inbox: Mailbox, outbox: Mailbox) -> None:
+        self._inbox = inbox
+        self._outbox = outbox
+        self._fault = ""
+        self.chassis = Chassis(
+            Pin(config.MOTOR_POWER, Pin.OUT, value=0),
+            _motor(config.RIGHT),
+            _motor(config.LEFT),
+            Pin(config.RIGHT_ENCODER, Pin.IN),
+            Pin(config.LEFT_ENCODER, Pin.IN),
+            Pid(**config.RIGHT_PID),
+            Pid(**config.LEFT_PID),
+            time.ticks_us,
+            config.RIGHT_RADIUS,
+            config.LEFT_RADIUS,
+            config.D,
+            fastest=config.FASTEST,
+        )
+
+    def step(self) -> None:
+        """Every 20 ms: read the mail, and one turn of the control."""
+        inbox = self._inbox
+        asked = False
+        number = inbox.receive()
+        while number:
+            if number == POWER:
+                if inbox.value != self.chassis.drive.powered:
+                    self.chassis.power(inbox.value)
+            elif number == COMMAND:
+                self._command(inbox.value[0], inbox.value[1])
+            elif number == ODOMETRY:
+                asked = True
+            number = inbox.receive()
+        self.chassis.step()
+        if self.chassis.drive.fault != self._fault:
+            self._fault = self.chassis.drive.fault
+            self._outbox.send(NOTE, self._fault or "both wheels turn again")
+        if asked:
+            self._outbox.send(ODOMETRY, self._answer())
+
+    def _command(self, v: float, w: float) -> None:
+        drive = self.chassis.drive
+        if drive.command(v, w):
+            if v and drive.v != v or w and drive.w != w:
+                text = "%.2f m/s with %.2f rad/s is too fast: it drives %.2f with %.2f"
+                self._outbox.send(NOTE, text % (v, w, drive.v, drive.w))
+        elif not drive.powered:
+            self._outbox.send(NOTE, "cmd_vel is ignored, the motors are off: see motor_power")
+        elif v - v != 0 or w - w != 0:
+            self._outbox.send(NOTE, "cmd_vel is ignored: it is no number")
+
+    def _answer(self) -> "Any":
+        """x, y, the quaternion's z and w, v, w, and the covariances of pose and twist."""
+        it = self.chassis.odometry
+        pose = [0.0] * 36
+        twist = [0.0] * 36
+        it.pose_covariance(pose)
+        it.twist_covariance(twist)
+        return (it.x, it.y, it.qz, it.qw, it.v, it.w, pose, twist)

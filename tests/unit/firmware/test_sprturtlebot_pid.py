@@ -1,0 +1,242 @@
+"""firmware/sprturtlebot_pid: what a visualiser's lines make of the virtual rover, in virtual
+time."""
+
+import contextlib
+import math
+import re
+
+import pytest
+from unit.firmware.rover_board import TICKS, rover_board
+
+
+class Line:
+    """The connection: what the visualiser says, at which microsecond, and what it hears."""
+
+    def __init__(self, it):
+        self.it = it
+        self.connected = False
+        self.reason = ""
+        self.coming = []
+        self.said = []
+
+    def receive(self, timeout_ms):
+        end = self.it.t_us + timeout_ms * 1000
+        if self.coming and self.coming[0][0] <= end:
+            at, octets = self.coming.pop(0)
+            self.it.to(max(at, self.it.t_us))
+            self.connected = True
+            return octets
+        self.it.to(end)
+        return b""
+
+    def send(self, text):
+        if self.connected:
+            self.said.append(text)
+        return self.connected
+
+
+class Person:
+    """The program, and who sits at its visualiser."""
+
+    def __init__(self, it):
+        self.it = it
+        self.rover = it.rover
+        main = it.main
+        main.Station = lambda *_: None
+        main.Line = lambda *_: Line(it)
+        main.print = self.printed = lambda *words: self.console.append(" ".join(map(str, words)))
+        self.console = []
+        main.start()
+        self.tuner = main.tuner
+        self.line = self.tuner.line
+        self.line.connected = True
+        self.main = main
+        self.run(0.1)
+
+    def run(self, seconds):
+        end = self.it.t_us + round(seconds * 1e6)
+        while self.it.t_us < end:
+            self.main.step()
+
+    def send(self, *parts, apart=0.0):
+        at = self.it.t_us
+        for part in parts:
+            self.line.coming.append((at, part))
+            at += round(apart * 1e6)
+
+    def samples(self):
+        return [
+            [int(it) for it in line.split(",")]
+            for line in self.line.said
+            if not line.startswith("#")
+        ]
+
+    def remarks(self):
+        return [line for line in self.line.said if line.startswith("#")]
+
+
+@contextlib.contextmanager
+def person_at(**options):
+    with rover_board("sprturtlebot_pid", "config", "main", **options) as it:
+        yield Person(it)
+
+
+@pytest.fixture
+def person():
+    with person_at() as running:
+        yield running
+
+
+def test_samples_come_every_60_ms_with_torques_speeds_and_targets(person):
+    person.send(b"200,30,5,210,31,6,0.3,0\n")
+    person.run(1.5)
+    assert len(person.samples()) == pytest.approx(1.6 / 0.06, abs=2)
+    torque_r, torque_l, speed_r, speed_l, target_r, target_l = person.samples()[-1]
+    assert 60 < torque_r < 120 and 60 < torque_l < 120
+    assert speed_r == pytest.approx(300, rel=0.1) and speed_l == pytest.approx(300, rel=0.1)
+    assert (target_r, target_l) == (300, 300)
+    assert person.rover.v == pytest.approx(0.3, rel=0.1)
+    right, left = person.tuner.right_pid, person.tuner.left_pid
+    assert (right.kp, right.ki, right.kd) == (200, 30, 5)
+    assert (left.kp, left.ki, left.kd) == (210, 31, 6)
+
+
+def test_new_gains_begin_without_an_old_integral(person):
+    person.send(b"100,600,0,100,600,0,0.3,0\n")
+    person.run(1.5)
+    pid = person.tuner.right_pid
+    assert pid.integral
+    person.tuner.drive((100, 60, 0, 100, 60, 0, 0.3, 0))
+    assert person.tuner.chassis.drive.v == 0.3
+    assert pid.integral == 0
+
+
+def test_it_stops_two_seconds_after_a_line(person):
+    person.send(b"200,30,5,200,30,5,0.3,0\n")
+    person.run(1.9)
+    assert person.rover.v > 0.25
+    person.run(0.6)
+    assert person.rover.v == 0
+    assert 0.5 < person.rover.way < 0.7
+
+
+@pytest.mark.parametrize(
+    ("line", "v", "w"),
+    [
+        (b"200,30,5,200,30,5,0.3,1", 0.0, 0.3 / 0.134),
+        (b"200,30,5,200,30,5,0.3,-1", 0.0, -0.3 / 0.134),
+        (b"200,30,5,200,30,5,-0.3,1", 0.0, 0.3 / 0.134),  # rot alone says which way
+        (b"200,30,5,200,30,5,-0.3,0", -0.3, 0.0),
+        (b"200,30,5,200,30,5,5,0", 0.9, 0.0),  # what a wheel can do
+    ],
+)
+def test_speed_and_rot(person, line, v, w):
+    person.send(line)
+    person.run(1.2)
+    assert person.rover.v == pytest.approx(v, abs=0.05)
+    assert person.rover.w == pytest.approx(w, abs=0.2)
+
+
+def test_a_line_without_an_end_is_whole_after_a_pause(person):
+    person.send(b"200,30,5,200,", b"30,5,0.3,0", apart=0.03)
+    person.run(0.05)
+    assert person.tuner.chassis.drive.v == 0
+    person.run(0.06)
+    assert person.tuner.chassis.drive.v == 0.3
+
+
+def test_what_is_no_line_moves_nothing_and_is_told(person):
+    person.send(b"200,30,5,200,30,5,inf,0\n", b"hello\n", b"200,30,5,-200,30,5,1.0,0\n")
+    person.run(0.5)
+    assert person.rover.way == 0
+    remarks = person.remarks()
+    assert "speed is inf" in remarks[0] and "8" in remarks[1] and "L_Kp" in remarks[2]
+
+
+def test_what_is_sent_at_the_very_beginning_counts():
+    with rover_board("sprturtlebot_pid", "config", "main") as it:
+        person = Person(it)
+        person.line.connected = False
+        person.run(0.1)
+        assert not person.rover.driver.powered
+        person.send(b"200,30,5,200,30,5,0.3,0\n")
+        person.run(1.0)
+        assert person.rover.driver.powered
+        assert person.rover.v == pytest.approx(0.3, rel=0.1)
+
+
+def test_without_a_connection_the_motors_are_off(person):
+    person.send(b"200,30,5,200,30,5,0.3,0\n")
+    person.run(0.8)
+    person.line.connected = False
+    person.line.reason = "the network is gone"
+    person.run(0.04)
+    assert not person.rover.driver.powered
+    assert person.console[-1] == "no visualiser: the network is gone"
+    person.run(1.0)
+    assert person.rover.v == 0
+    # It does not go on by itself.
+    person.line.connected = True
+    person.line.reason = ""
+    person.run(0.5)
+    assert person.rover.v == 0
+
+
+def test_a_stuck_wheel_is_told_and_the_next_line_has_to_wait(person):
+    person.rover.fault("right_stuck")
+    person.send(b"600,3000,0,600,3000,0,0.3,0\n")
+    person.run(1.2)
+    assert "right wheel does not turn" in person.remarks()[0]
+    person.send(b"200,30,5,200,30,5,0.3,0\n")
+    person.run(0.1)
+    assert "not driven" in person.remarks()[-1]
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_without_gains_it_finds_some_that_drive_well(seed):
+    with person_at(seed=seed, begin_us=TICKS - 3_000_000) as person:
+        person.send(b"0,0,0,0,0,0,0,0\n")
+        person.run(14)
+        tuning, right, left = person.remarks()
+        assert "tuning" in tuning
+        names = {}
+        for line in (right, left):
+            exec(line.removeprefix("# "), names)  # it is what config.py takes
+        for name in ("RIGHT_PID", "LEFT_PID"):
+            assert names[name].keys() == getattr(person.it.config, name).keys()
+            assert 0 < names[name]["kp"] < 1000 and 0 < names[name]["ki"] < 10000
+        assert abs(math.hypot(person.rover.x, person.rover.y)) < 0.1  # back again
+        pids = (person.tuner.right_pid, person.tuner.left_pid)
+        gains = ",".join(f"{it:.4g}" for pid in pids for it in (pid.kp, pid.ki, pid.kd))
+        person.line.said.clear()
+        person.send(f"{gains},0.3,0\n".encode())
+        person.run(1.9)
+        speeds = [it[2:4] for it in person.samples()]
+        assert all(270 < it < 330 for both in speeds[12:-1] for it in both), speeds
+
+
+def test_a_line_that_comes_while_it_tunes_ends_that(person):
+    person.send(b"0,0,0,0,0,0,0,0\n")
+    person.run(3)
+    person.send(b"200,30,5,200,30,5,0,0\n")
+    person.run(1)
+    assert person.rover.v == 0
+    assert len(person.remarks()) == 1
+
+
+def test_tuning_that_fails_says_why_and_changes_nothing(person):
+    before = vars(person.tuner.left_pid).copy()
+    person.rover.fault("left_encoder_dead")
+    person.send(b"0,0,0,0,0,0,0,0\n")
+    person.run(6)
+    assert re.match("# not tuned: the left wheel does not turn", person.remarks()[-1])
+    assert vars(person.tuner.left_pid) == before
+
+
+def test_for_the_document_s_visualiser_it_sends_two_numbers_and_no_words(person):
+    person.it.config.EXTENDED = False
+    person.line.said.clear()
+    person.send(b"nonsense\n")
+    person.run(0.5)
+    assert person.line.said and set(person.line.said) == {"0,0"}
+    assert "left out" in person.console[-1]
