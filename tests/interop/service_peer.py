@@ -13,20 +13,26 @@ class ServicePeer(Peer):
     def __init__(self):
         super().__init__()
         self.clients = {}
+        self.servers = {}
         self.met = set()  # services that have answered
 
-    def do_serve(self, name, type, late=0.0, seconds=15):
-        """Answer requests of a Trigger, from 1 up, each after so long."""
-        count = 0
+    def do_serve(self, name, type, late=0.0, text="answer {}", first=1, seconds=15):
+        """Answer requests of a Trigger, counting up, each after so long; with a ``first`` of 0
+        every other one is no success, as in the documents."""
+        count = first - 1
 
         def answer(_request, response):
             nonlocal count
             count += 1
             time.sleep(late)
-            response.success, response.message = True, f"answer {count}"
+            response.success, response.message = bool(first) or count % 2 == 0, text.format(count)
             return response
 
-        self.node.create_service(find_type(type), name, answer)
+        self.servers[name] = self.node.create_service(find_type(type), name, answer)
+        return {}
+
+    def do_serve_no_more(self, name, seconds=15):
+        self.node.destroy_service(self.servers.pop(name))
         return {}
 
     def do_call(self, name, type, cdr, times=1, seconds=15):

@@ -73,8 +73,33 @@ class Graph:
     def subscriptions(self, topic: str) -> list[EndpointInfo]:
         return self._endpoints(topic, False)
 
+    def services(self) -> NamesAndTypes:
+        """All services that have a server or a client, with their types."""
+        return _collect(
+            (
+                names.service_from_request(end.topic) or names.service_from_reply(end.topic),
+                names.service_type_from_dds(end.type_name),
+            )
+            for end in self._source.endpoints.values()
+        )
+
+    def servers(self, service: str) -> list[EndpointInfo]:
+        """What reads the requests of a service, where that answers them as well."""
+        answering = {
+            end.participant
+            for end in self._source.endpoints.values()
+            if end.is_writer and names.service_from_reply(end.topic) == service
+        }
+        return [
+            found
+            for found in self._on(f"rq{service}Request", False)
+            if self._source.endpoints[found.gid].participant in answering
+        ]
+
     def _endpoints(self, topic: str, is_writer: bool) -> list[EndpointInfo]:
-        dds_name = names.topic_to_dds(topic)
+        return self._on(names.topic_to_dds(topic), is_writer)
+
+    def _on(self, dds_name: str, is_writer: bool) -> list[EndpointInfo]:
         owners = {
             gid: (node.namespace, node.name)
             for node in living_nodes(self._source)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _DEFAULT_DEPTH: Final = 100
 
 # name → (depth, best effort, transient local), from rmw/qos_profiles.h
-_PRESETS: Final = {
+PRESETS: Final = {
     "default": (10, False, False),
     "system_default": (1, True, False),
     "sensor_data": (5, True, False),
@@ -36,9 +36,9 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--qos-profile",
-        choices=tuple(_PRESETS),
+        choices=tuple(PRESETS),
         metavar="NAME",
-        help=f"a preset: {', '.join(_PRESETS)} (default: sensor_data, {_DEFAULT_DEPTH} deep)",
+        help=f"a preset: {', '.join(PRESETS)} (default: sensor_data, {_DEFAULT_DEPTH} deep)",
     )
     group.add_argument(
         "--qos-depth", metavar="N", type=unsigned_int, help="how many messages may wait"
@@ -61,7 +61,7 @@ def choose(args: argparse.Namespace, offered: Sequence[QoSProfile]) -> tuple[QoS
     from ..host.matching import adapt
     from ..qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-    depth, best_effort, transient_local = _PRESETS[args.qos_profile or "sensor_data"]
+    depth, best_effort, transient_local = PRESETS[args.qos_profile or "sensor_data"]
     if args.qos_profile is None:
         depth = _DEFAULT_DEPTH
     reliability = args.qos_reliability if args.qos_reliability != _ADAPTS else None

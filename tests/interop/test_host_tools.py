@@ -1,0 +1,613 @@
+"""``uros topic pub``, ``uros service`` and ``uros run``, as processes, with real rclpy nodes and
+with boards on an agent.
+
+Where a command needs rclpy itself, it runs under the interpreter that has it.
+"""
+
+import json
+import math
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from support.agent import running_agent
+from support.peer import RosPeer
+
+from uros.interfaces import load
+from uros.interfaces.codec import from_cdr, to_cdr
+from uros.tools.fill import constructed
+from uros.tools.run_trigger_service import TriggerService
+from uros.tools.yaml_read import Plain, YamlError, read, resolve
+from uros.transport.datagram import UdpTransport
+
+pytestmark = pytest.mark.timeout(120)
+
+TRIGGER = "std_srvs/srv/Trigger"
+STRING = "std_msgs/msg/String"
+SECONDS = 40
+EMPTY = "0001000000"  # a Trigger's request
+LOG = re.compile(r"\[INFO\] \[(\d{10})\.(\d{9})\] \[(\w+)\]: (.*)\n")
+
+# Whoever started the tests may have told them to ignore Ctrl-C.
+UROS = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    " from uros.tools.cli import main; sys.exit(main())"
+)
+
+
+def environment(**variables):
+    return dict(os.environ, PYTHONPATH=str(ROOT / "src"), **variables)
+
+
+@pytest.fixture(scope="module")
+def peer(ros_python, domain):
+    with RosPeer(ros_python, domain, Path(__file__).parent / "service_peer.py") as running:
+        yield running
+
+
+@pytest.fixture
+def uros(domain):
+    """Run a command to its end: its standard output, or its errors where it fails."""
+
+    def run(*arguments, python=sys.executable, status=0, stdin=""):
+        done = subprocess.run(
+            [str(python), "-c", UROS, *arguments, "--domain", str(domain)],
+            capture_output=True, text=True, input=stdin, timeout=SECONDS, env=environment(),
+        )  # fmt: skip
+        assert done.returncode == status, done.stdout + done.stderr
+        return done.stdout if status == 0 else done.stderr
+
+    return run
+
+
+@contextmanager
+def child(python, *arguments):
+    """A command in a process, which is gone when the block ends, however that ends."""
+    process = subprocess.Popen(
+        [str(python), "-c", UROS, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, env=environment(),
+    )  # fmt: skip
+    timer = threading.Timer(SECONDS, process.kill)  # so that no read waits for ever
+    timer.start()
+    try:
+        yield process
+    finally:
+        timer.cancel()
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        process.stderr.close()
+
+
+@contextmanager
+def going(python, *arguments):
+    """A command that goes on until it is interrupted, which it must take well."""
+    with child(python, *arguments) as process:
+        yield process
+        process.send_signal(signal.SIGINT)
+        process.stdout.read()
+        assert process.wait(SECONDS) == 0, process.stderr.read()
+
+
+@pytest.fixture
+def started(domain):
+    def start(*arguments, python=sys.executable):
+        return going(python, *arguments, "--domain", str(domain))
+
+    return start
+
+
+@contextmanager
+def trigger_board(port, domain):
+    """A board on the agent at this port that serves ``srv_trigger_py``."""
+    node = TriggerService(transport=UdpTransport("127.0.0.1", port), domain_id=domain)
+    with spinning(node):
+        yield
+
+
+@contextmanager
+def spinning(node):
+    """The node works in a thread until the end of the block."""
+    end = threading.Event()
+    failed = []
+
+    def work():
+        try:
+            while not end.is_set():
+                node.spin_once(0.02)
+            node.destroy_node()
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    try:
+        yield node
+    finally:
+        end.set()
+        thread.join()
+    assert not failed, failed
+
+
+@contextmanager
+def agent_with_rclpy(ros_python, domain):
+    """The port of an agent whose services go by rclpy."""
+    process = subprocess.Popen(
+        [str(ros_python), "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain),
+         "--stop-at-eof"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env=environment(),
+    )  # fmt: skip
+    try:
+        for line in process.stdout:
+            if "running..." in line:
+                break
+        port = int(line.split()[-1])
+        reading = threading.Thread(target=process.stdout.read)
+        reading.start()
+        yield port
+        process.stdin.close()
+        assert process.wait(SECONDS) == 0
+        reading.join()
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+@contextmanager
+def rclpy_service(peer, name):
+    peer.do("serve", name=name, type=TRIGGER)
+    spinning_peer = threading.Event()
+
+    def spin():  # it serves while it waits
+        while not spinning_peer.is_set():
+            peer.do("node", namespace="/none", name="none", publishers={}, seconds=0.3)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    try:
+        yield
+    finally:
+        spinning_peer.set()
+        thread.join()
+
+
+# --- topic pub --------------------------------------------------------------------------
+
+
+VALUES = [
+    (STRING, "data: Hello World", {"data": "Hello World"}),
+    (STRING, "{data: 'it''s: \"ü\"'}", {"data": "it's: \"ü\""}),
+    ("std_msgs/msg/Bool", "{data: 1}", {"data": True}),
+    ("std_msgs/msg/Int32", "data: -7", {"data": -7}),
+    ("std_msgs/msg/UInt16", "data: 0x10", {"data": 16}),
+    ("std_msgs/msg/Float32MultiArray", "{data: [0.5, 1, -2.]}", {"data": [0.5, 1.0, -2.0]}),
+]
+
+
+@pytest.mark.parametrize("type_name, text, fields", VALUES)
+def test_rclpy_hears_what_is_published_once(uros, peer, type_name, text, fields):
+    topic = f"/once/{type_name.rpartition('/')[2].lower()}{len(text)}"
+    peer.do("subscribe", topic=topic, type=type_name)
+    message = load(type_name)(**fields)
+    printed = uros("topic", "pub", "--once", topic, type_name, text)
+    assert printed.endswith(
+        f"publisher: beginning loop\npublishing #1: {constructed(message)}\n\n"
+    )
+    assert from_cdr(type(message), peer.message(topic)) == message
+    peer.do("unsubscribe", topic=topic)
+
+
+def test_a_nested_message_with_the_time(uros, peer):
+    kind = load("geometry_msgs/msg/TwistStamped")
+    peer.do("subscribe", topic="/stamped", type=kind._TYPE)
+    text = "header: auto\ntwist:\n  linear: {x: 0.2}\n  angular:\n    z: 1e-1\n"
+    # The type is known: the topic is there.
+    uros("topic", "pub", "-t", "2", "-r", "20", "/stamped", "--stdin", stdin=text)
+    first, second = (from_cdr(kind, peer.message("/stamped")) for _ in range(2))
+    assert (first.twist.linear.x, first.twist.angular.z) == (0.2, 0.1)
+    now = peer.do("graph") and first.header.stamp
+    assert now.sec > 1_700_000_000
+    later = second.header.stamp
+    assert 30 < (later.sec - now.sec) * 1000 + (later.nanosec - now.nanosec) / 1e6 < 1000
+    peer.do("unsubscribe", topic="/stamped")
+
+
+def test_times_and_what_is_printed(uros, peer):
+    peer.do("subscribe", topic="/counted", type=STRING)
+    printed = uros("topic", "pub", "-t", "6", "-r", "50", "-p", "3", "/counted", STRING, "data: x")
+    lines = printed.split("publisher: beginning loop\n")[1].split("\n\n")
+    text = "std_msgs.msg.String(data='x')"
+    assert lines == [f"publishing #3: {text}", f"publishing #6: {text}", ""]
+    assert len([peer.message("/counted") for _ in range(6)]) == 6
+    peer.do("unsubscribe", topic="/counted")
+
+
+def test_it_goes_on_until_it_is_interrupted(started, peer):
+    peer.do("subscribe", topic="/endless", type=STRING)
+    with started("topic", "pub", "-r", "20", "/endless", STRING, "data: on") as process:
+        assert process.stdout.readline() == "publisher: beginning loop\n"
+        assert process.stdout.readline() == "publishing #1: std_msgs.msg.String(data='on')\n"
+        for _ in range(5):
+            assert from_cdr(load(STRING), peer.message("/endless")).data == "on"
+    peer.do("unsubscribe", topic="/endless")
+
+
+def test_it_stays_behind_the_last_message(domain):
+    once = ("topic", "pub", "-1", "-w", "0", "--keep-alive", "1.5", "/kept", STRING)
+    with child(sys.executable, *once, "--domain", str(domain)) as process:
+        while not process.stdout.readline().startswith("publishing #1"):
+            pass
+        started = time.monotonic()
+        assert process.wait(SECONDS) == 0
+        assert time.monotonic() - started > 1.2
+
+
+def test_nobody_subscribes(uros):
+    error = uros(
+        "topic", "pub", "--once", "--max-wait-time-secs", "0.3", "/nobody", STRING, "data: x",
+        status=1,
+    )  # fmt: skip
+    assert "timed out waiting for subscribers: 1 expected, 0 there" in error
+    assert "publishing #1" in uros("topic", "pub", "--once", "-w", "0", "/nobody", STRING)
+
+
+def test_a_subscription_that_will_hear_nothing_is_told_of(uros, peer):
+    peer.do("subscribe", topic="/strict", type=STRING, durability="transient_local")
+    error = uros(
+        "topic", "pub", "--once", "--max-wait-time-secs", "4", "/strict", STRING, status=1
+    )
+    assert "/real/peer asks for transient_local on /strict, and this is volatile" in error
+    uros("topic", "pub", "--once", "/strict", STRING, "--qos-durability", "transient_local")
+    peer.message("/strict")
+    peer.do("unsubscribe", topic="/strict")
+    peer.do("subscribe", topic="/numbers", type="std_msgs/msg/Int32")
+    error = uros(
+        "topic", "pub", "--once", "--max-wait-time-secs", "4", "/numbers", STRING, status=1
+    )
+    assert "/real/peer takes std_msgs/msg/Int32 on /numbers: it will hear nothing" in error
+    peer.do("unsubscribe", topic="/numbers")
+
+
+def test_a_board_hears_it(uros, domain):
+    came = threading.Event()
+    heard = []
+    with running_agent("udp", "dds", domain) as agent:
+        import uros as package
+
+        transport = UdpTransport("127.0.0.1", agent.transport.port)
+        node = package.Node("board", transport, domain_id=domain)
+        node.create_subscription(
+            load("std_msgs/msg/Bool"), "/led", lambda message: (heard.append(message), came.set())
+        )
+        with spinning(node):
+            uros("topic", "pub", "--once", "/led", "std_msgs/msg/Bool", "{data: 1}")
+            assert came.wait(SECONDS)
+    assert [it.data for it in heard] == [True]
+
+
+# --- services -----------------------------------------------------------------------------
+
+
+def answer(text):
+    """(success, message) of what `service call` printed."""
+    match = re.fullmatch(
+        r"requester: making request: std_srvs\.srv\.Trigger_Request\(\)\n\n"
+        r"response:\nstd_srvs\.srv\.Trigger_Response\(success=(\w+), message='(.*)'\)\n\n",
+        text,
+    )
+    assert match, text
+    return match.groups()
+
+
+def test_a_board_is_called_where_nobody_has_rclpy(uros, domain):
+    with running_agent("udp", "dds", domain) as agent:
+        with trigger_board(agent.transport.port, domain):
+            called = [answer(uros("service", "call", "/srv_trigger_py", TRIGGER)) for _ in "12"]
+            assert called == [("True", "Response[0]"), ("False", "Response[1]")]
+            assert answer(uros("service", "call", "srv_trigger_py"))[1] == "Response[2]"
+
+
+def test_a_board_whose_agent_has_rclpy(uros, ros_python, peer, domain):
+    with agent_with_rclpy(ros_python, domain) as port, trigger_board(port, domain):
+        # What the tool itself has decides: rclpy's form is for rclpy.
+        with_rclpy = uros("service", "call", "/srv_trigger_py", TRIGGER, python=ros_python)
+        assert answer(with_rclpy) == ("True", "Response[0]")
+        error = uros("service", "call", "/srv_trigger_py", TRIGGER, status=1)
+        assert "served in the form of rmw_fastrtps, which rclpy alone speaks" in error
+        assert "source /opt/ros/<distro>/setup.bash" in error
+        called = peer.do("call", name="/srv_trigger_py", type=TRIGGER, cdr=EMPTY)
+        reply = from_cdr(load(TRIGGER).Response, bytes.fromhex(called["replies"][0]))
+        assert not reply.message.startswith(" ") and reply.message.startswith("Response[")
+
+
+def test_with_rclpy_too_a_board_of_the_other_form_is_called(uros, ros_python, domain):
+    with running_agent("udp", "dds", domain) as agent:
+        with trigger_board(agent.transport.port, domain):
+            called = uros("service", "call", "/srv_trigger_py", TRIGGER, python=ros_python)
+            assert answer(called) == ("True", "Response[0]")
+
+
+def test_an_rclpy_service_is_called(uros, ros_python, peer):
+    with rclpy_service(peer, "/real/go"):
+        called = uros("service", "call", "/real/go", TRIGGER, python=ros_python)
+        assert answer(called) == ("True", "answer 1")
+        error = uros("service", "call", "/real/go", TRIGGER, status=1)
+        assert "/real/go is served in the form of rmw_fastrtps" in error
+
+
+def test_values_of_a_request_and_a_rate(uros, domain):
+    from uros import Node
+
+    kind = load("std_srvs/srv/SetBool")
+    asked = []
+
+    def switch(request, response):
+        asked.append(request.data)
+        response.success, response.message = request.data, "on" if request.data else "off"
+        return response
+
+    node = Node("switches", domain_id=domain)
+    node.create_service(kind, "/light", switch)
+    with spinning(node):
+        printed = uros("service", "call", "/light", "std_srvs/SetBool", "{data: 1}")
+        assert printed == (
+            "requester: making request: std_srvs.srv.SetBool_Request(data=True)\n\n"
+            "response:\nstd_srvs.srv.SetBool_Response(success=True, message='on')\n\n"
+        )
+        calls = ("service", "call", "/light", "std_srvs/SetBool", "{data: 0}", "-r", "20")
+        with child(sys.executable, *calls, "--domain", str(domain)) as process:
+            for _ in range(3 * 5):
+                process.stdout.readline()
+            process.send_signal(signal.SIGINT)
+            process.stdout.read()
+            assert process.wait(SECONDS) == 130
+        error = uros("service", "call", "/light", TRIGGER, status=1)
+        assert error == "uros: /light is std_srvs/srv/SetBool, not std_srvs/srv/Trigger\n"
+    assert asked[0] is True and asked[1:4] == [False] * 3
+
+
+def test_a_service_that_is_not_there(uros, domain):
+    error = uros("service", "call", "/nowhere", TRIGGER, "--timeout", "0.3", status=1)
+    assert "waiting for service /nowhere to become available" in error
+    assert "there was no service /nowhere within 0.3 s" in error
+
+
+def test_a_service_that_comes_later(domain):
+    late = ("service", "call", "/late", TRIGGER, "--domain", str(domain))
+    with child(sys.executable, *late) as process:
+        assert "waiting for service /late" in process.stderr.readline()
+        from uros import Node
+
+        node = Node("late", domain_id=domain)
+        node.create_service(load(TRIGGER), "/late", lambda request, response: response)
+        with spinning(node):
+            out = process.stdout.read()
+    assert answer(out) == ("False", "")
+
+
+def test_a_server_that_does_not_answer_or_leaves(uros, domain):
+    from uros import Node
+
+    node = Node("deaf", domain_id=domain)
+    node.create_service(load(TRIGGER), "/deaf", lambda request, response: response)
+    error = uros("service", "call", "/deaf", TRIGGER, "--timeout", "0.5", status=1)
+    assert "/deaf did not answer within 0.5 s" in error
+    deaf = ("service", "call", "/deaf", TRIGGER, "--domain", str(domain))
+    with child(sys.executable, *deaf) as process:
+        assert process.stdout.readline().startswith("requester: making request")
+        node.destroy_node()
+        assert process.stderr.read() == (
+            "uros: /deaf has left and has not answered; call it again\n"
+        )
+        assert process.wait(SECONDS) == 1
+
+
+def test_list_type_and_find(uros, peer):
+    with rclpy_service(peer, "/real/listed"):
+        listed = uros("service", "list", "-t").splitlines()
+        assert f"/real/listed [{TRIGGER}]" in listed
+        assert "/real/peer/get_parameters [rcl_interfaces/srv/GetParameters]" in listed
+        assert uros("service", "type", "/real/listed") == f"{TRIGGER}\n"
+        found = uros("service", "find", "std_srvs/Trigger").splitlines()
+        assert "/real/listed" in found and "/real/peer/get_parameters" not in found
+        assert int(uros("service", "find", TRIGGER, "-c")) == len(found)
+        error = uros("service", "type", "/real/liste", status=1)
+        assert "there is no service '/real/liste'" in error and "'/real/listed'" in error
+
+
+# --- uros run -------------------------------------------------------------------------------
+
+
+def said(process):
+    match = LOG.fullmatch(process.stdout.readline())
+    assert match
+    return match[3], match[4]
+
+
+def test_the_talker_and_the_listener_meet(started, domain):
+    with started("run", "listener") as listener, started("run", "talker") as talker:
+        for count in (1, 2, 3):
+            assert said(talker) == ("talker", f"Publishing: 'Hello World: {count}'")
+        name, text = said(listener)
+        assert name == "listener" and re.fullmatch(r"I heard: \[Hello World: [12]\]", text)
+
+
+def test_rclpy_hears_the_talker_and_is_heard(started, peer):
+    peer.do("subscribe", topic="/chatter", type=STRING)
+    with started("run", "talker"):
+        assert from_cdr(load(STRING), peer.message("/chatter")).data.startswith("Hello World: ")
+    peer.do("unsubscribe", topic="/chatter")
+    hello = to_cdr(load(STRING)(data="from rclpy")).hex()
+    with started("run", "listener", "-r", "chatter:=/news", "-r", "__node:=reader") as listener:
+        heard = []
+        reading = threading.Thread(target=lambda: heard.append(said(listener)))
+        reading.start()
+        while reading.is_alive():  # what is published before they know each other is lost
+            peer.do("publish", topic="/news", type=STRING, cdr=[hello])
+            reading.join(0.2)
+    assert heard == [("reader", "I heard: [from rclpy]")]
+
+
+def test_rclpy_calls_the_trigger_service(started, peer, ros_python):
+    with started("run", "trigger_service", python=ros_python) as service:
+        called = peer.do("call", name="/srv_trigger_py", type=TRIGGER, cdr=EMPTY, times=3)
+        replies = [
+            from_cdr(load(TRIGGER).Response, bytes.fromhex(it)) for it in called["replies"]
+        ]
+        first = int(replies[0].message[9:-1])  # its first request may have been repeated
+        assert [(it.success, it.message) for it in replies] == [
+            (n % 2 == 0, f"Response[{n}]") for n in range(first, first + 3)
+        ]
+        assert said(service) == ("trigger_service", "incoming request")
+        assert said(service) == ("trigger_service", "Response[0]")
+
+
+@pytest.mark.parametrize("with_rclpy", [False, True], ids=["dds", "rclpy"])
+def test_a_board_calls_the_trigger_service(started, domain, ros_python, with_rclpy):
+    """Agent and service in one environment, as a user has them."""
+    import uros as package
+
+    python = ros_python if with_rclpy else sys.executable
+    with started("run", "trigger_service", python=python), agent_at(
+        ros_python if with_rclpy else None, domain
+    ) as port:
+        node = package.Node("board", UdpTransport("127.0.0.1", port), domain_id=domain)
+        client = node.create_client(load(TRIGGER), "/srv_trigger_py")
+        answers = []
+
+        def ask():
+            client.call_async(load(TRIGGER).Request()).add_done_callback(
+                lambda future: future.exception() or answers.append(future.result())
+            )
+
+        node.create_timer(0.2, ask)
+        while len(answers) < 3:
+            node.spin_once(0.1)
+        node.destroy_node()
+    numbers = [int(it.message[9:-1]) for it in answers]
+    assert numbers == list(range(numbers[0], numbers[0] + 3))
+    assert [it.success for it in answers] == [n % 2 == 0 for n in numbers]
+
+
+@contextmanager
+def agent_at(ros_python, domain):
+    """The port of an agent, with rclpy where its interpreter is given."""
+    if ros_python is not None:
+        with agent_with_rclpy(ros_python, domain) as port:
+            yield port
+    else:
+        with running_agent("udp", "dds", domain) as agent:
+            yield agent.transport.port
+
+
+# --- what is read, and what is printed ------------------------------------------------------
+
+# PyYAML's reading of documents, with the names of fields as they are written.
+READ_YAML = """
+import json, sys, yaml
+
+class Loader(yaml.SafeLoader):
+    pass
+
+def mapping(loader, node):
+    return {key.value: loader.construct_object(value, deep=True) for key, value in node.value}
+
+Loader.add_constructor("tag:yaml.org,2002:map", mapping)
+Loader.add_constructor("tag:yaml.org,2002:timestamp", lambda loader, node: node.value)
+read = []
+for text in json.load(sys.stdin):
+    try:
+        read.append(repr(yaml.load(text, Loader)))
+    except Exception:
+        read.append(None)
+json.dump(read, sys.stdout)
+"""
+PIECES = [
+    "{", "}", "[", "]", ",", ": ", ":", "- ", "-", "\n", "\n  ", "\n    ", " ", "a", "b", "x y",
+    "1", "1.5", "'", "''", '"', "\\n", "\\x41", "#", " # c", "yes", "~", "0x1F", "010", "1:30",
+    "1e3", "1.0e+3", "?", "!", "&a", "|", "...", "---", "\u2028", "\x85", "\r\n", "é", ".inf",
+    "-.inf", ".nan", "1_000", "a: 1", "\n- ", "\na: ", "\nb:", "%", "@", "=", "2020-01-01",
+]  # fmt: skip
+
+
+def python_of(node):
+    if isinstance(node, dict):
+        return {key: python_of(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [python_of(item) for item in node]
+    return resolve(node) if isinstance(node, Plain) else str(node)
+
+
+def test_yaml_is_read_as_pyyaml_reads_it(ros_python):
+    """What is read here is read alike there; the seed makes it the same in every run."""
+    chance = random.Random(7)
+    texts = [
+        "".join(chance.choices(PIECES, k=chance.randint(1, 12))) for _ in range(20_000)
+    ]
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(
+        [str(ros_python), "-c", READ_YAML], input=json.dumps(texts), capture_output=True,
+        text=True, check=True, env=environment, timeout=100,
+    )  # fmt: skip
+    same = 0
+    for text, theirs in zip(texts, json.loads(done.stdout), strict=True):
+        try:
+            ours = python_of(read(text))
+        except YamlError:
+            continue
+        if theirs is not None:  # we read "..." and "--- a: 1" as well
+            assert repr(ours) == theirs, text
+            same += 1
+    assert same > 3000
+
+
+SHOWN = [
+    "std_msgs/msg/String", "std_msgs/msg/Byte", "std_msgs/msg/Float64", "std_msgs/msg/Bool",
+    "std_srvs/srv/Trigger_Request", "std_srvs/srv/Trigger_Response", "geometry_msgs/msg/Twist",
+    "std_msgs/msg/Float32MultiArray", "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/ByteMultiArray",
+    "test_msgs/msg/Nested", "test_msgs/msg/UnboundedSequences", "test_msgs/msg/Strings",
+]  # fmt: skip
+PRINT_REPR = """
+import json, sys
+from importlib import import_module
+from rclpy.serialization import deserialize_message
+shown = []
+for name, cdr in json.load(sys.stdin):
+    package, kind, plain = name.split("/")
+    module = import_module(package + "." + kind)
+    service, _, part = plain.partition("_")
+    cls = getattr(getattr(module, service), part) if part else getattr(module, plain)
+    shown.append(repr(deserialize_message(bytes.fromhex(cdr), cls)))
+json.dump(shown, sys.stdout)
+"""
+
+
+def test_messages_are_printed_as_rclpy_prints_them(ros_python):
+    messages = [load(name)() for name in SHOWN]
+    messages += [
+        load("std_msgs/msg/String")(data="it's \"so\" \u2603\n"),
+        load("std_msgs/msg/Byte")(data=200),
+        load("std_msgs/msg/Float64")(data=math.inf),
+        load("std_msgs/msg/Float32MultiArray")(data=[0.5, 1, -2]),
+        load("std_msgs/msg/ByteMultiArray")(data=[1, 65]),
+        load("std_msgs/msg/UInt8MultiArray")(data=bytes([1, 65])),
+    ]
+    asked = [(message._TYPE, to_cdr(message).hex()) for message in messages]
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(
+        [str(ros_python), "-c", PRINT_REPR], input=json.dumps(asked), capture_output=True,
+        text=True, check=True, env=environment, timeout=SECONDS,
+    )  # fmt: skip
+    ours = [constructed(from_cdr(type(message), to_cdr(message))) for message in messages]
+    assert ours == json.loads(done.stdout)
