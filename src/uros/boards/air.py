@@ -35,7 +35,7 @@ class Link:
 
 
 class Air:
-    """``networks`` are the access points in reach, by their names, with the passwords.
+    """``address`` is the board's own, "" for any. ``networks`` are the access points in reach, by their names, with the passwords.
 
     ``hosts`` are the names and addresses that they know the way to, None for any; ``links`` are
     all that was ever opened.
@@ -44,6 +44,7 @@ class Air:
     def __init__(self, networks: "dict[str, str]", hosts: "tuple[str, ...] | None" = None) -> None:
         self.networks = networks
         self.hosts = hosts
+        self.address = ""
         self.links: list[Any] = []
 
     def link(self, host: str, port: int, local_port: int) -> "Any":

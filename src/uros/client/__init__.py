@@ -28,6 +28,7 @@ imported:
 ``lifecycle``   nodes that others bring up and shut down
 ``tf``          broadcasters of transforms
 ``shapes``      messages without classes, for what these services say
+``status``      an LED, and words, for whether there is an agent
 ``latch``       a publisher that speaks again to each new agent
 ==============  ================================================================
 """

@@ -1,0 +1,341 @@
+"""The programs for the Spresense on their virtual boards, on both engines, through our agent to a
+real rclpy node, which checks what the document says to check."""
+
+import io
+import os
+import re
+import shutil
+import subprocess
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from PIL import Image
+from support.agent import running_agent
+from support.peer import RosPeer
+
+from uros.boards.running import RunningBoard
+from uros.interfaces import load as load_type
+from uros.interfaces.codec import from_cdr, to_cdr
+
+pytestmark = pytest.mark.timeout(120)
+
+ENGINES = ("cpython", "micropython")
+NODE = "my_node_serial"
+INT32 = "std_msgs/msg/Int32"
+IMAGE = "sensor_msgs/msg/CompressedImage"
+TRIGGER = "std_srvs/srv/Trigger"
+NUMBERS = "/my_publisher_serial"
+PICTURES = "/image/compressed"
+SECONDS = 20.0
+# The line is open, and nobody has been asked for half a second.
+LOOKING = "looking for the agent"
+CONNECTED = "connected to the agent"
+
+
+@pytest.fixture(params=ENGINES)
+def engine(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def peer(ros_python, domain):
+    with RosPeer(ros_python, domain, Path(__file__).parent / "service_peer.py") as running:
+        for topic, kind in ((NUMBERS, INT32), (PICTURES, IMAGE)):
+            running.do("subscribe", topic=topic, type=kind)
+        yield running
+
+
+def running_board(name, engine, program=None, **options):
+    # Bytecode takes its time to make: it is tried with the largest of them.
+    form = "mpy" if (name, engine) == ("spresense_camera", "micropython") else "py"
+    return RunningBoard(program or name, name, engine, form=form, **options)
+
+
+@contextmanager
+def served(name, engine, domain):
+    """A board that its own agent serves."""
+    with running_board(name, engine) as board:
+        with running_agent("serial", "dds", domain, device=board.path):
+            board.wait(CONNECTED)
+            yield board
+
+
+def read(kind, cdr):
+    return from_cdr(load_type(kind), cdr)
+
+
+def number(peer):
+    return read(INT32, peer.message(NUMBERS)).data
+
+
+def forget(peer, topic):
+    peer.messages[topic].clear()
+    peer.times[topic].clear()
+
+
+def listed(peer, publishers):
+    """The node, as ``ros2 node info`` shows it; what it publishes, and nothing else."""
+    seen = peer.do("node", namespace="/", name=NODE, publishers=publishers)
+    assert seen["publishers"] == {topic: [kind] for topic, kind in publishers.items()}
+
+
+def blinking(board):
+    """LED0 is toggled, as from now."""
+    before = len(board.shown("led0"))
+    while len(board.shown("led0")) < before + 2:
+        board.wait_shows("led0", "on", SECONDS)
+        board.wait_shows("led0", "off", SECONDS)
+
+
+# --- publisher ------------------------------------------------------------------------
+
+
+def test_the_publisher_counts_ten_a_second_and_on_with_another_agent(engine, peer, domain):
+    forget(peer, NUMBERS)
+    with running_board("spresense_publisher", engine) as board:
+        board.wait(LOOKING)
+        blinking(board)
+        with running_agent("serial", "dds", domain, device=board.path):
+            board.wait(CONNECTED)
+            listed(peer, {NUMBERS: INT32})
+            first, start = peer.timed_message(NUMBERS)
+            heard = [peer.timed_message(NUMBERS) for _ in range(10)]
+            assert board.shows("led0") == "on"
+        first = read(INT32, first).data
+        assert [read(INT32, cdr).data for cdr, _ in heard] == list(range(first + 1, first + 11))
+        assert 0.85 < (heard[-1][1] - start) / 1e9 < 1.15
+        if engine == "cpython":
+            return  # once is enough of what takes so long
+        board.wait("no agent: ")
+        blinking(board)
+        forget(peer, NUMBERS)
+        with running_agent("serial", "dds", domain, device=board.path):
+            board.wait(CONNECTED)
+            assert number(peer) > first + 10
+
+
+# --- publisher by Wi-Fi -----------------------------------------------------------------
+
+
+def by_wifi(tmp_path, **changes):
+    """The program with another config.py."""
+    folder = tmp_path / "program"
+    shutil.copytree(ROOT / "firmware" / "spresense_publisher_wifi", folder)
+    config = folder / "config.py"
+    for name, value in changes.items():
+        text, count = re.subn(f"(?m)^{name} = .*$", f"{name} = {value!r}", config.read_text())
+        assert count == 1
+        config.write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("modem", "engine", "fault", "said"),
+    [
+        # tests/mpy/test_plugs.py has more of what can happen.
+        ("gs2200", "micropython", "lost", "cannot join robots"),
+        ("esp8266", "cpython", "closed", "has closed the link"),
+    ],
+)
+def test_the_same_by_either_modem_and_what_happens_to_it(
+    modem, engine, fault, said, peer, domain, tmp_path
+):
+    forget(peer, NUMBERS)
+    program = by_wifi(tmp_path, MODEM=modem)
+    with running_agent("udp", "dds", domain) as agent:
+        # The address that config.py has is this one here.
+        with running_board(
+            "spresense_publisher_wifi", engine, program, agent=("127.0.0.1", agent.transport.port)
+        ) as board:
+            board.wait(CONNECTED)
+            board.wait_shows(modem, "in robots")
+            listed(peer, {NUMBERS: INT32})
+            first = number(peer)
+            board.happen(f"{modem}:chatty")
+            assert [number(peer) for _ in range(10)] == list(range(first + 1, first + 11))
+            assert board.shows("led0") == "on"
+            board.happen(f"{modem}:{fault}")
+            board.wait(said)
+            blinking(board)
+            board.happen(f"{modem}:off")
+            board.wait(CONNECTED)
+            board.wait_shows("led0", "on")
+            forget(peer, NUMBERS)
+            assert number(peer) > first + 10
+
+
+@pytest.mark.parametrize("modem", ["gs2200", "esp8266"])
+def test_a_wrong_password_is_told(modem, tmp_path):
+    program = by_wifi(tmp_path, MODEM=modem, PASSWORD="wrong-one")
+    with running_board("spresense_publisher_wifi", "cpython", program) as board:
+        assert "password" in board.wait("cannot join robots")
+        blinking(board)
+        assert not board.ended
+
+
+def test_what_keeps_the_program_from_starting_is_told_again_and_again(tmp_path):
+    program = by_wifi(tmp_path, MODEM="esp32")
+    with running_board("spresense_publisher_wifi", "cpython", program) as board:
+        for _ in range(2):  # it goes on trying
+            board.wait("MODEM in config.py is 'esp32': make it gs2200 or esp8266")
+            blinking(board)
+
+
+# --- subscriber -------------------------------------------------------------------------
+
+
+def send(peer, topic, value):
+    cdr = [to_cdr(load_type(INT32)(data=value)).hex()]
+    assert peer.do("publish", topic=topic, type=INT32, cdr=cdr)["subscribers"]
+
+
+def test_the_subscriber_switches_led1(engine, peer, domain):
+    topic = "/my_subscriber_serial"
+    with served("spresense_subscriber", engine, domain) as board:
+        (info,) = peer.do("topic", topic=topic, of="subscriptions")["infos"]
+        assert info["type"] == INT32
+        assert board.shows("led1") == "off"
+        # As `ros2 topic pub` without --once, which tells it again and again: the reader finds the
+        # writer a moment later than it is found.
+        while board.shows("led1") == "off":
+            send(peer, topic, 1)
+            peer.do("node", namespace="/none", name="none", publishers={}, seconds=0.1)
+        for value in (0, 5, 0, -1, 0, 2**31 - 1, 0, -(2**31)):
+            send(peer, topic, value)
+            board.wait_shows("led1", "on" if value else "off", SECONDS)
+        assert board.shown("led1") == ["off", "on"] * 5
+        assert board.shows("led0") == "on"
+
+
+# --- camera -----------------------------------------------------------------------------
+
+
+def picture(peer):
+    """The next one; its message and when it came."""
+    cdr, now = peer.timed_message(PICTURES)
+    message = read(IMAGE, cdr)
+    assert (message.header.frame_id, message.format) == ("myframe", "jpeg")
+    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    # The line takes 0.2 s for it, and a busy machine its own time.
+    assert 0 < now - stamp < 900_000_000
+    assert len(message.data) <= 20_000
+    with Image.open(io.BytesIO(bytes(message.data))) as image:
+        image.load()  # all of it
+        assert (image.format, image.size) == ("JPEG", (320, 240))
+    return stamp
+
+
+def test_the_camera_publishes_a_picture_a_second_and_tells_what_fails(engine, peer, domain):
+    forget(peer, PICTURES)
+    with served("spresense_camera", engine, domain) as board:
+        listed(peer, {PICTURES: IMAGE})
+        picture(peer)
+        stamps = [picture(peer) for _ in range(2)]
+        assert abs(stamps[1] - stamps[0] - 10**9) < 3e8
+        faults = [("large", "led3"), ("failed", "led2"), ("torn", "led2")]
+        for fault, led in faults[:1] if engine == "micropython" else faults[1:]:
+            board.happen(f"camera:{fault}")
+            board.wait_shows(led, "on", SECONDS)
+            forget(peer, PICTURES)
+            assert board.shows("led2" if led == "led3" else "led3") == "off"
+            board.happen("camera:off")
+            stamp = picture(peer)
+            assert stamp > stamps[-1]
+            assert (board.shows("led2"), board.shows("led3")) == ("off", "off")
+        assert board.shows("led0") == "on"
+        assert set(board.shown("led1")) == {"off"}
+
+
+# --- services ---------------------------------------------------------------------------
+
+
+@contextmanager
+def agent_with_rclpy(python, domain, link):
+    """One in a process of its own, on this line: services need rclpy."""
+    process = subprocess.Popen(
+        [str(python), "-m", "uros", "agent", "serial", "--dev", str(link), "-m", "auto",
+         "--domain", str(domain), "--stop-at-eof"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env=dict(os.environ, PYTHONPATH=str(ROOT / "src")),
+    )  # fmt: skip
+    said = []
+    thread = threading.Thread(target=lambda: said.extend(process.stdout), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        process.stdin.close()
+        try:
+            process.wait(SECONDS)
+        finally:
+            process.kill()
+            thread.join()
+            process.stdout.close()
+    assert process.returncode == 0 and "internal error" not in "".join(said), said
+
+
+@pytest.fixture(scope="class")
+def link(ros_python, domain, tmp_path_factory):
+    """A line that an agent waits for. One board after the other is at its end."""
+    path = tmp_path_factory.mktemp("line") / "ttyUSB0"
+    with agent_with_rclpy(ros_python, domain, path):
+        yield path
+
+
+class TestServiceServer:
+    def test_it_answers_by_turns_and_led1_follows(self, engine, peer, link):
+        name = "/srv_trigger_serial"
+        with running_board("spresense_service_server", engine, link=link) as board:
+            board.wait(CONNECTED)
+            offered = {name: [TRIGGER]}
+            seen = peer.do("services", namespace="/", name=NODE, services=offered, clients={})
+            assert seen["found"] == [offered, {}]
+            success, text = called(peer, name)
+            board.wait(f"answered {success} {text}")
+            first = int(text.removeprefix("Response[").rstrip("]"))  # it may have been asked twice
+            assert success == (first % 2 == 0)
+            for n in range(first + 1, first + 5):
+                assert called(peer, name) == (n % 2 == 0, f"Response[{n}]")
+                board.wait_shows("led1", "off" if n % 2 else "on")
+                assert board.wait("answered ") == f"answered {n % 2 == 0} Response[{n}]"
+            assert board.shows("led0") == "on"
+
+
+def called(peer, name):
+    (cdr,) = peer.do("call", name=name, type=TRIGGER, cdr="0001000000")["replies"]
+    response = from_cdr(load_type(TRIGGER).Response, bytes.fromhex(cdr))
+    return response.success, response.message
+
+
+class TestServiceClient:
+    def test_it_asks_every_two_seconds_and_led1_toggles(self, engine, peer, link):
+        name = "/srv_trigger_py"
+        # Its time goes twice as fast as ours: tests are short, and two seconds are one.
+        with running_board("spresense_service_client", engine, link=link, speed=2.0) as board:
+            board.wait(CONNECTED)
+            used = {name: [TRIGGER]}
+            seen = peer.do("services", namespace="/", name=NODE, services={}, clients=used)
+            assert seen["found"] == [{}, used]
+            if engine == "cpython":
+                board.wait("no answer: does a node serve /srv_trigger_py?")
+            peer.do("serve", name=name, type=TRIGGER, text="Response[{}]", first=0)
+            start, line = answer(board)
+            first = int(line.split("[")[1].rstrip("]"))
+            assert line == f"answer {first % 2 == 0} Response[{first}]"
+            end, line = answer(board)
+            assert line == f"answer {first % 2 == 1} Response[{first + 1}]"
+            assert 0.85 < end - start < 1.15
+            assert board.shown("led1") == ["off", "on", "off"]
+        peer.do("serve_no_more", name=name)
+
+
+def answer(board):
+    """When the next one came, and the line that tells of it."""
+    line = ""
+    while not line.startswith("answer "):
+        line = board.wait("answer ")
+    return time.monotonic(), line
