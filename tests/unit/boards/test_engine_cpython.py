@@ -255,6 +255,21 @@ def test_the_clock_begins_in_2000(runner):
     assert runner.fine(program) == expected
 
 
+def test_the_real_time_clock_can_be_set(runner):
+    program = """
+        import time
+        from machine import RTC
+        RTC().datetime((2026, 11, 22, 6, 15, 2, 48, 250000))
+        print(RTC().datetime(), time.localtime()[:6], time.ticks_ms())
+    """
+    expected = "(2026, 11, 22, 6, 15, 2, 48, 250000) (2026, 11, 22, 15, 2, 48) 0\n"
+    assert runner.fine(program) == expected
+    runner.host.reset()
+    runner.board.clock.advance(1_750_000)
+    again = "from machine import RTC\nprint(RTC().datetime())\n"
+    assert runner.fine(again) == "(2026, 11, 22, 6, 15, 2, 50, 0)\n"
+
+
 def test_the_calendar_is_that_of_everybody(runner):
     epoch = datetime(2000, 1, 1, tzinfo=timezone.utc)
     moments = [epoch + timedelta(days=d, seconds=d) for d in range(-15000, 60000, 7)]

@@ -95,6 +95,16 @@ def test_options_are_those_of_the_drive():
     assert parts.motors[0].duties[-1] == 0.0
 
 
+def test_each_wheel_has_its_own_radius():
+    made = Parts()
+    chassis = Chassis(
+        made.power, made.motors[0], made.motors[1], made.encoders[0], made.encoders[1],
+        Pid(200, 0), Pid(200, 0), lambda: 0, 0.03, 0.04, 0.1,
+    )  # fmt: skip
+    assert abs(chassis.right.pitch / chassis.left.pitch - 0.75) < 1e-6
+    assert chassis.drive.d == chassis.odometry.d == 0.1
+
+
 def test_another_may_have_the_wheels_until_the_power_is_switched():
     parts = Parts()
     chassis = parts.chassis

@@ -1,0 +1,333 @@
+"""The programs for the ESP32, each on its virtual board, through our agent, with a real rclpy node:
+the checks that their document goes through by hand, and what can go wrong.
+
+No tf2_msgs is to be had for that rclpy, so transforms are received as bytes, by a reader with the
+quality of service of tf2_ros, and read by rosbags.
+"""
+
+import calendar
+import math
+import re
+import shutil
+import time
+from contextlib import contextmanager
+from functools import partial
+
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from support.agent import running_agent
+
+from uros.boards.catalog import find
+from uros.boards.running import RunningBoard, firmware_folder
+from uros.host.network import Network
+from uros.interfaces import load
+from uros.interfaces.codec import from_cdr, to_cdr
+from uros.qos import QoSProfile
+
+pytestmark = pytest.mark.timeout(120)
+
+INT32 = "std_msgs/msg/Int32"
+FLOAT32 = "std_msgs/msg/Float32"
+STRING = "std_msgs/msg/String"
+TIME = "builtin_interfaces/msg/Time"
+TF = "tf2_msgs/msg/TFMessage"
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STAMP_NS = 200_000_000
+NAN = float("nan")
+
+
+@pytest.fixture(params=["cpython", "micropython"])
+def engine(request):
+    return request.param
+
+
+@contextmanager
+def talking(board, peer, domain, node, publishers):
+    """An agent on the board's line; the ROS graph has the node, with these publishers, and at the
+    end has it no more."""
+    with running_agent("serial", "dds", domain, device=board.path) as agent:
+        see_node(peer, node, publishers)
+        yield agent
+    assert peer.do("gone", namespace="/", name=node)["gone"]
+
+
+def see_node(peer, node, publishers):
+    """Until ``ros2 node list`` and ``ros2 topic list -t`` show these."""
+    found = peer.do("node", namespace="/", name=node, publishers=publishers)["publishers"]
+    assert found == {topic: [name] for topic, name in publishers.items()}
+
+
+def echo(peer, topic, type_name, count, **qos):
+    """The next so many messages, as ``ros2 topic echo`` shows them, and when each came, in ns."""
+    forget(peer, topic)
+    peer.do("subscribe", topic=topic, type=type_name, **qos)
+    came = [peer.timed_message(topic) for _ in range(count)]
+    return [from_cdr(load(type_name), cdr) for cdr, _ in came], [now for _, now in came]
+
+
+def forget(peer, topic):
+    """What has come of a topic so far."""
+    peer.messages[topic].clear()
+    peer.times[topic].clear()
+
+
+@pytest.fixture(autouse=True)
+def silence(peer):
+    """What a test has subscribed to ends with it."""
+    yield
+    for topic in list(peer.messages):
+        peer.do("unsubscribe", topic=topic)
+        del peer.messages[topic], peer.times[topic]
+
+
+def pub(peer, topic, *values):
+    """As ``ros2 topic pub`` of Float32, to whoever subscribes."""
+    cdr = [to_cdr(load(FLOAT32)(data=value)).hex() for value in values]
+    assert peer.do("publish", topic=topic, type=FLOAT32, cdr=cdr)["subscribers"]
+
+
+def pub_until(peer, topic, value, seen):
+    """The same again and again, as it is without ``--once``: a reader just found may not know of
+    the writer yet, and then misses what is sent."""
+    for _ in range(40):
+        pub(peer, topic, value)
+        try:
+            return seen(timeout=0.5)
+        except TimeoutError:
+            pass
+    raise AssertionError(f"{value} on {topic} never came")
+
+
+def subscription(peer, topic):
+    """What ``ros2 topic info -v`` says of who listens. For a moment, these are two readers of the
+    agent: see uros.middleware.dds."""
+    infos = peer.do("topic", topic=topic, of="subscriptions")["infos"]
+    ((type_name, reliability),) = {(it["type"], it["reliability"]) for it in infos}
+    return type_name, reliability
+
+
+def is_count(numbers):
+    return numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def wait_blinks(board, led):
+    """Until it has gone on and off and on."""
+    board.wait_shows(led, "on")
+    board.wait_shows(led, "off")
+    board.wait_shows(led, "on")
+
+
+def test_activity_1_a_publisher(engine, peer, domain):
+    with RunningBoard("esp32_publisher", engine=engine) as board:
+        board.wait("looking for the agent")
+        wait_blinks(board, "led")
+        with talking(
+            board, peer, domain, "micro_ros_pub_node", {"/micro_ros_counter": INT32}
+        ) as agent:
+            board.wait("connected to the agent")
+            board.wait_shows("led", "on")
+            counts, times = echo(peer, "/micro_ros_counter", INT32, 2)
+            assert is_count([it.data for it in counts])
+            assert 0.7e9 < times[1] - times[0] < 1.4e9
+            (info,) = peer.do("topic", topic="/micro_ros_counter")["infos"]
+            assert (info["type"], info["reliability"]) == (INT32, "RELIABLE")
+            said = agent.said.getvalue()
+            for what in ("participant", "topic", "publisher", "datawriter"):
+                assert said.count(f"{what} created") == 1, said
+        if engine == "micropython":
+            return
+        # Started again, the agent is told everything again; the board needs no reset.
+        with talking(board, peer, domain, "micro_ros_pub_node", {"/micro_ros_counter": INT32}):
+            (again,), _ = echo(peer, "/micro_ros_counter", INT32, 1)
+            assert again.data > counts[-1].data
+
+
+def test_activity_1_2_four_states_and_a_count_that_survives(engine, peer, domain):
+    node, topic = "micro_ros_pub_node", "/micro_ros_counter"
+    with RunningBoard("esp32_publisher_reconnect", engine=engine) as board:
+        assert board.console.get(timeout=20) == "WAITING_AGENT"
+        numbers = []
+        for count in (2, 1):
+            with talking(board, peer, domain, node, {topic: INT32}):
+                assert board.console.get(timeout=20) == "AGENT_AVAILABLE"
+                assert board.console.get(timeout=20) == "AGENT_CONNECTED"
+                numbers += [it.data for it in echo(peer, topic, INT32, count)[0]]
+            if count == 1:
+                break
+            gone = time.monotonic()
+            assert board.console.get(timeout=20) == "AGENT_DISCONNECTED"
+            assert time.monotonic() - gone < 4
+            assert board.console.get(timeout=20) == "WAITING_AGENT"
+        # What was under way when the agent went is lost, but nothing begins anew.
+        assert is_count(numbers[:2])
+        assert 1 <= numbers[2] - numbers[1] <= 6, numbers
+
+
+def test_activity_2_a_brightness(engine, peer, domain):
+    topic = "/micro_ros_sub"
+    with RunningBoard("esp32_subscriber", engine=engine) as board:
+        wait_blinks(board, "error_led")
+        with talking(board, peer, domain, "micro_ros_sub_node", {}):
+            board.wait_shows("error_led", "on")
+            assert subscription(peer, topic) == (FLOAT32, "RELIABLE")
+            pub_until(peer, topic, 0.3, partial(board.wait_shows, "led", "30 %"))
+            pub(peer, topic, 1.5)
+            board.wait_shows("led", "on")
+            pub(peer, topic, -3.0)
+            board.wait_shows("led", "off")
+            pub(peer, topic, 0.5, NAN, 0.25)
+            board.wait("ValueError: a brightness is a number from 0 to 1, not nan")
+            board.wait_shows("led", "25 %")
+            assert board.shown("led") == ["off", "30 %", "on", "off", "50 %", "25 %"]
+            pub(peer, topic, math.inf)
+            board.wait_shows("led", "on")
+
+
+def test_activity_2_2_four_states_and_a_brightness(engine, peer, domain):
+    topic = "/micro_ros_sub"
+    with RunningBoard("esp32_subscriber_reconnect", engine=engine) as board:
+        assert board.console.get(timeout=20) == "WAITING_AGENT"
+        for brightness in (0.3, 0.6):
+            with talking(board, peer, domain, "micro_ros_sub_node", {}):
+                assert board.console.get(timeout=20) == "AGENT_AVAILABLE"
+                assert board.console.get(timeout=20) == "AGENT_CONNECTED"
+                shows = f"{round(100 * brightness)} %"
+                pub_until(peer, topic, brightness, partial(board.wait_shows, "led", shows))
+            if brightness == 0.6:
+                break
+            assert board.console.get(timeout=20) == "AGENT_DISCONNECTED"
+            assert board.console.get(timeout=20) == "WAITING_AGENT"
+            assert board.shows("led") == shows, "it stays as it was"
+
+
+def wait_state(peer, data):
+    """Until the button's state is told as this; how often it was another before."""
+    before = 0
+    while True:
+        (state,), _ = echo(peer, "/button_state", STRING, 1)
+        if state.data == data:
+            return before
+        before += 1
+        assert before < 100, f"it stays {state.data}"
+
+
+def test_activity_3_a_button_and_a_brightness(engine, peer, domain):
+    topic = "/led_brightness"
+    with (
+        RunningBoard("esp32_button_led", engine=engine, happen=["button:bounce=25"]) as board,
+        talking(board, peer, domain, "esp32_button_led_node", {"/button_state": STRING}),
+    ):
+        states, times = echo(peer, "/button_state", STRING, 6)
+        assert {it.data for it in states} == {"inactive"}
+        assert 0.35e9 < times[-1] - times[0] < 0.8e9
+        assert subscription(peer, topic) == (FLOAT32, "RELIABLE")
+        pub_until(peer, topic, NAN, partial(board.wait, "not nan"))
+        pub(peer, topic, 0.25)  # and nothing is to be seen of it yet
+        board.happen("button:press")
+        board.wait_shows("button", "pressed")
+        states, _ = echo(peer, "/button_state", STRING, 4)
+        assert states[-1].data == "inactive", "it is still held down"
+        assert board.shown("led") == ["off"]
+        board.happen("button:release")
+        wait_state(peer, "active")
+        board.wait_shows("led", "25 %")
+        pub(peer, topic, 0.5)
+        board.wait_shows("led", "50 %")
+        pub(peer, topic, NAN, 7.0)
+        board.wait_shows("led", "on")
+        board.happen("button:tap=0.1")
+        wait_state(peer, "inactive")
+        board.wait_shows("led", "off")
+        pub(peer, topic, 0.75)
+        board.happen("button:stuck")
+        board.happen("button:tap=0.1")
+        states, _ = echo(peer, "/button_state", STRING, 3)
+        assert {it.data for it in states} == {"inactive"}, "a push without an end"
+        board.happen("button:off")
+        wait_state(peer, "active")
+        board.happen("button:tap=0.1")
+        wait_state(peer, "inactive")
+        board.happen("button:broken")
+        board.happen("button:tap=0.1")
+        states, _ = echo(peer, "/button_state", STRING, 3)
+        assert {it.data for it in states} == {"inactive"}, "a push without a beginning"
+        board.happen("button:off")
+        board.happen("button:tap=0.1")
+        wait_state(peer, "active")
+        board.wait_shows("led", "75 %")
+        assert " ".join(board.shown("led")) == "off 25 % 50 % on off 75 % off 75 %"
+
+
+def test_activity_4_over_an_access_point_of_the_boards_own(engine, peer, domain):
+    node, topic = "int32_publisher_rclc", "/std_msgs_msg_Int32"
+    with running_agent("udp", "dds", domain) as agent:
+        with RunningBoard(
+            "esp32_wifi_publisher",
+            engine=engine,
+            agent=("127.0.0.1", agent.transport.port),
+            happen=["wlan:alone"],
+        ) as board:
+            board.wait("nobody has joined the access point ESP32-Access-Point yet")
+            wait_blinks(board, "led")
+            board.happen("wlan:off")
+            board.wait("connected to the agent")
+            board.wait_shows("wlan", "ESP32-Access-Point, one computer")
+            see_node(peer, node, {topic: INT32})
+            (count,), _ = echo(peer, topic, INT32, 1, reliability="best_effort")
+            (info,) = peer.do("topic", topic=topic)["infos"]
+            assert (info["type"], info["reliability"]) == (INT32, "BEST_EFFORT")
+            if engine == "micropython":
+                return
+            board.happen("wlan:lost")
+            board.wait("no agent:")
+            board.happen("wlan:off")
+            board.wait("connected to the agent")
+            (again,), _ = echo(peer, topic, INT32, 1)
+            assert again.data > count.data
+
+
+def test_what_cannot_be_set_up_is_told_and_blinks_and_is_tried_for_ever(tmp_path):
+    folder = tmp_path / "short"
+    shutil.copytree(firmware_folder(find("esp32_wifi_publisher")), folder)
+    config = folder / "config.py"
+    config.write_text(config.read_text().replace("123456789", "1234567"))
+    with RunningBoard(folder, "esp32_wifi_publisher") as board:
+        for _ in range(2):
+            board.wait("an access point's password has 8 to 63 characters")
+            wait_blinks(board, "led")
+
+
+def test_transforms_and_the_time_on_the_board(engine, peer, domain):
+    with (
+        RunningBoard("esp32_tf_clock", engine=engine) as board,
+        talking(board, peer, domain, "esp32_tf_clock", {"/board_time": TIME, "/tf": TF}),
+        Network(domain) as network,
+    ):
+        line = board.wait("the clock is set: ")
+        set_to = calendar.timegm(tuple(map(int, re.findall(r"\d+", line))))
+        assert abs(set_to - time.time()) < 5, line
+        (told,), (now,) = echo(peer, "/board_time", TIME, 1)
+        assert abs(told.sec * 10**9 + told.nanosec - now) < STAMP_NS, (told, now)
+        seen = []
+
+        def heard(it):
+            (one,) = STORE.deserialize_cdr(it.cdr, TF).transforms
+            seen.append((one, time.time_ns()))
+
+        network.listen("/tf", TF, QoSProfile(100), heard)
+        assert network.spin(lambda: len(seen) >= 6, 20)
+        for one, _ in seen:
+            assert (one.header.frame_id, one.child_frame_id) == ("base_link", "sensor")
+            turn = one.transform.rotation
+            assert (turn.x, turn.y) == (0, 0)
+            assert abs(turn.z**2 + turn.w**2 - 1) < 1e-6
+            assert abs(one.transform.translation.z - 0.3) < 1e-6
+        late = [now - it.header.stamp.sec * 10**9 - it.header.stamp.nanosec for it, now in seen]
+        assert min(map(abs, late)) < STAMP_NS, late  # this process may have been busy
+        # 0.5 rad/s, counter-clockwise, ten a second.
+        turns = [it.transform.rotation for it, _ in seen]
+        headings = [2 * math.atan2(it.z, it.w) for it in turns]
+        for before, after in zip(headings, headings[1:], strict=False):
+            assert abs((after - before) % (2 * math.pi) - 0.05) < 1e-3
+        stamps = [it.header.stamp.sec + it.header.stamp.nanosec / 1e9 for it, _ in seen]
+        assert 0.4 < stamps[5] - stamps[0] < 0.6
