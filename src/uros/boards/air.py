@@ -35,7 +35,8 @@ class Link:
 
 
 class Air:
-    """``address`` is the board's own, "" for any. ``networks`` are the access points in reach, by their names, with the passwords.
+    """``networks`` are the access points in reach, by their names, with the passwords. ``address``
+    is the board's own, "" for any.
 
     ``hosts`` are the names and addresses that they know the way to, None for any; ``links`` are
     all that was ever opened.

@@ -174,8 +174,9 @@ class VirtualBoard:
             if self.i2c:
                 self.parts.add(_Wires(self.i2c))
             self.parts.add(_Cable(self.usb))
-            own = {it.partition(":")[0] for it in plugs}
-            for spec in (*(it for it in self.spec.plugs if it.partition(":")[0] not in own), *plugs):
+            taken = {it.partition(":")[0] for it in plugs}
+            kept = [it for it in self.spec.plugs if it.partition(":")[0] not in taken]
+            for spec in (*kept, *plugs):
                 self.parts.add(plug(self, spec))
         except BaseException:
             self.close()
@@ -248,9 +249,11 @@ class VirtualBoard:
         ]
 
     def happen(self, spec: str) -> None:
-        """Plant a fault, like "sht3x:nack", or do what a hand does, like "button:press"; "sht3x:off"
-        takes all of a part's faults away, "all:off" everybody's. Several of one part add up. Raises
-        FaultError."""
+        """Plant a fault, like "sht3x:nack", or do what a hand does, like "button:press".
+
+        "sht3x:off" takes all of a part's faults away, "all:off" everybody's. Several of one part
+        add up. Raises FaultError.
+        """
         name, _, what = spec.partition(":")
         kind, _, value = what.partition("=")
         with self.lock:
@@ -260,9 +263,10 @@ class VirtualBoard:
                     part.heal()
                 return
             if name not in self.parts:
+                names = ", ".join(it.name for it in self.parts)
                 raise FaultError(
-                    f"there is no {spec}: it is one of {', '.join(it.name for it in self.parts)}, a"
-                    f" colon and what is to happen, like {self._example()}; all:off heals everything"
+                    f"there is no {spec}: it is one of {names}, a colon and what is to happen, like"
+                    f" {self._example()}; all:off heals everything"
                 )
             part = self.parts[name]
             if what == "off" and part.FAULTS:

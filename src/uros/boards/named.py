@@ -98,8 +98,8 @@ NAMED: Final = {
             "spresense", "Sony Spresense", "CXD5602", "1.5 MB", "", "",
             "MicroPython has no port for its CXD5602 (CircuitPython has one, ports/cxd56, without"
             " the modules machine and network, for which programs with uros are written)."
-            " micro-ROS's C client speaks to this agent as it is; for Python, take an ESP32-S3:"
-            " the programs firmware/spresense_* and sprturtlebot* are written for one",
+            " micro-ROS's C client speaks to this agent as it is; for Python, take an ESP32-S3, for"
+            " which firmware/spresense_* and sprturtlebot* are written, or a Raspberry Pi Pico W",
             ("sony_spresense", "cxd5602"),
         ),
         NamedBoard(

@@ -238,7 +238,8 @@ class Session:
             return "uros pid" if wants == str(PORT) else f"cat {path}"
         if self._wanted:
             return ""
-        return f"uros agent udp4 --port {self._port}" if wants else f"uros agent serial --dev {path}"
+        how = f"udp4 --port {self._port}" if wants else f"serial --dev {path}"
+        return f"uros agent {how}"
 
     def _help(self) -> str:
         seat = self._seats[0]

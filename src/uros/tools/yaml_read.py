@@ -1,14 +1,12 @@
 """YAML text as nested dicts, lists and scalars, read by PyYAML.
 
 A plain scalar stays the text that it is, since what ``1`` or ``yes`` means is for the field to say;
-`resolve` tells what YAML takes it for. What no message can be made of is refused by name: aliases,
-merging, tags that say something else than the value, names of fields that are no words.
+`resolve` tells what YAML takes it for. What no message can be made of is refused by name.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from functools import cache
 from typing import Any, Final, Union
 
@@ -19,32 +17,28 @@ class Plain(str):
     """A scalar without quotes."""
 
 
-class YamlError(ValueError):
+class YamlError(Exception):
     """The text is no YAML, or none that is taken here; says where and what to do."""
 
 
-# Attack: brackets in brackets, until Python's stack is used up.
-_DEEPEST: Final = 64
-# Attack: digits that take long to make a number of. Python itself reads no more of them.
-_LONGEST: Final = 4300
-_SURROGATE: Final = re.compile("[\ud800-\udfff]")
-_CORE: Final = "tag:yaml.org,2002:"
-_TAGS: Final = {"int": (int,), "float": (int, float), "bool": (bool,), "null": (type(None),)}
+_DEEPEST: Final = 64  # attack: brackets in brackets, until Python's stack is used up
+_LONGEST: Final = 4300  # attack: digits that take long to make a number of; Python's own bound
+_TEXT: Final = "tag:yaml.org,2002:str"  # a tag that does what quotes do; others change nothing
+_MEANT: Final = [_TEXT.replace("str", kind) for kind in ("int", "float", "bool", "null")]
+_TAGS: Final = [None, "!", _TEXT, *_MEANT, *(_TEXT.replace("str", kind) for kind in ("seq", "map"))]
 # What PyYAML says, and what to say of it; for the rest, its own words.
 _REMEDIES: Final = (
     (r"expected ',' or '(.)', but got '<stream end>'", r"the \1 is missing"),
     (r"expected ',' or '(.)'", r"a comma or \1 was expected; put longer text in quotes"),
     (r"end of stream", "the closing quote is missing"),
-    (r"document separator", "another document begins within the quotes; close them"),
     (r"unknown escape", r"there is no such escape; a backslash is written as \\\\"),
     (r"sequence of (\d+) hex", r"\1 hexadecimal digits were expected"),
     (r"mapping values", "a second colon in a value; put {..} or quotes around the value"),
     (r"sequence entries", "a list begins on a line of its own, or in [brackets]"),
     (r"expected ':'", "a colon and a blank were expected behind a field's name"),
     (r"<block end>|<document start>", "here the value has ended; put longer text in quotes"),
-    (r"node content", "a value was expected; put signs alone in quotes"),
-    (r"'\\t' that", "a tab stands before it; indent by blanks"),
-    (r"'(.)' that", r"no value begins with \1; put the text in quotes"),
+    (r"'\\t' that", "a tab cannot stand here; put blanks"),
+    (r"(.*)", r"\1; put text that holds signs in quotes"),
 )
 
 
@@ -52,128 +46,94 @@ def read(text: str) -> Node:
     """The value of a document; an empty one is `Plain` and empty. Raises YamlError."""
     import yaml
 
+    foreign = yaml.SafeLoader.NON_PRINTABLE.search(text)
+    if foreign:
+        what = f"the character {foreign[0]!a} cannot stand in YAML; in double quotes, write it"
+        raise _fault(text, foreign.start(), f"{what} as \\x.., \\u.... or \\n")
+    loader = _loader()(text)
+    nodes = []
     try:
-        loader = yaml.SafeLoader(text)
-    except yaml.reader.ReaderError as error:
-        what = f"the character {text[error.position]!a} cannot stand in YAML; in double quotes,"
-        raise _fault(text, error.position, f"{what} write it as \\x.., \\u.... or \\n") from None
-    try:
-        return _Reader(text, loader).document()
+        while loader.check_node():
+            nodes.append(loader.get_node())
+            if len(nodes) > 1 and (len(nodes) > 2 or nodes[1].value):  # `topic echo` ends by ---
+                raise _at(nodes[-1], "another document begins; give one")
+        return _value(nodes[0]) if nodes else Plain("")
     except yaml.MarkedYAMLError as error:
-        said = str(error.problem)
-        found = [(re.search(pattern, said), remedy) for pattern, remedy in _REMEDIES]
-        told = [match.expand(remedy) for match, remedy in found if match]
-        what = told[0] if told else f"{said}; put the text in quotes"
+        tried = ((re.search(said, error.problem), remedy) for said, remedy in _REMEDIES)
+        what = next(match.expand(remedy) for match, remedy in tried if match)
         raise _fault(text, error.problem_mark.index, what) from None
-    except YamlError:
-        raise
-    except (ValueError, OverflowError):  # "\U00110000", or a version of 5000 digits
-        raise _fault(text, loader.index, "there is no such character or number") from None
-    except RecursionError:
-        raise _fault(text, loader.index, "nested too deep; give fewer brackets") from None
+    except (ValueError, OverflowError, RecursionError) as error:  # "\U00110000" is the first two
+        what = f"no such character or number, or nested too deep ({error}); leave it out"
+        raise _fault(text, loader.index, what) from None
 
 
 def _fault(text: str, at: int, what: str) -> YamlError:
-    near = re.split("[\r\n\x85\u2028\u2029]", text[at : at + 20])[0]
+    near = re.split("[\0\r\n\x85\u2028\u2029]", text[at : at + 20])[0]
     where = f"line {text.count(chr(10), 0, at) + 1}, column {at - text.rfind(chr(10), 0, at)}"
     return YamlError(f"{where}, at {near!r}: {what}" if near else f"{where}: {what}")
 
 
-class _Reader:
-    """The value that PyYAML's events make."""
+def _at(found: Any, what: str) -> YamlError:
+    return _fault(found.start_mark.buffer, found.start_mark.index, what)
 
-    def __init__(self, text: str, loader: Any) -> None:
-        import yaml
 
-        self._text = text
-        self._kinds = yaml.events
-        self._events: Iterator[Any] = iter(loader.get_event, None)
-        self._depth = 0
+@cache
+def _loader() -> Any:
+    import yaml
 
-    def document(self) -> Node:
-        documents: list[Node] = []
-        for event in self._events:
-            if isinstance(event, self._kinds.DocumentStartEvent):
-                documents.append(self._value(next(self._events)))
-                if documents[1:] not in ([], [""]):  # `topic echo` ends by ---, and nothing
-                    raise self._fault(event, "another document begins; give one")
-        return documents[0] if documents else Plain("")
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        depth = 0
 
-    def _fault(self, event: Any, what: str) -> YamlError:
-        return _fault(self._text, event.start_mark.index, what)
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            event = self.peek_event()
+            if isinstance(event, yaml.AliasEvent) or event.tag not in _TAGS:
+                raise _at(event, "this would be an alias or a tag; put the text in quotes")
+            self.depth += 1
+            if self.depth > _DEEPEST:
+                raise _at(event, f"nested more than {_DEEPEST} deep; give fewer brackets")
+            node = super().compose_node(parent, index)
+            self.depth -= 1
+            if node.id == "scalar":
+                node.value.encode()  # a ValueError for half a character, "\ud800"
+                node.style = "'" if event.tag == _TEXT else node.style
+            return node
 
-    def _value(self, event: Any) -> Node:
-        """What begins by ``event``; the events up to its end are taken."""
-        if isinstance(event, self._kinds.AliasEvent):
-            raise self._fault(event, "this would be an alias; write it out, or put it in quotes")
-        if isinstance(event, self._kinds.ScalarEvent):
-            return self._scalar(event)
-        self._depth += 1
-        if self._depth > _DEEPEST:
-            raise self._fault(event, f"nested more than {_DEEPEST} deep; give fewer brackets")
-        is_list = isinstance(event, self._kinds.SequenceStartEvent)
-        self._untagged(event, event.tag == _CORE + ("seq" if is_list else "map"))
-        value = self._items() if is_list else self._pairs(event.flow_style)
-        self._depth -= 1
-        return value
+    return Loader
 
-    def _untagged(self, event: Any, fits: bool) -> None:
-        if event.tag not in (None, "!") and not fits:
-            raise self._fault(event, "this would be a tag; leave it out, or put the text in quotes")
 
-    def _items(self) -> list[Node]:
-        items: list[Node] = []
-        for event in self._events:
-            if isinstance(event, self._kinds.SequenceEndEvent):
-                break
-            items.append(self._value(event))
-        return items
-
-    def _pairs(self, in_braces: bool) -> dict[str, Node]:
-        pairs: dict[str, Node] = {}
-        for event in self._events:
-            if isinstance(event, self._kinds.MappingEndEvent):
-                break
-            key = self._value(event)
-            if not isinstance(key, str):
-                raise self._fault(event, "the name of a field is a word, and no list or fields")
-            if key == "<<" and isinstance(key, Plain):
-                raise self._fault(event, "merging (<<) is not known here; write the fields out")
-            if key in pairs:
-                raise self._fault(event, f"{str(key)!r} stands there twice; leave one out")
-            value = self._value(next(self._events))
-            if in_braces and isinstance(key, Plain) and ":" in key and value == "":
-                raise self._fault(event, f"a blank is missing behind the colon of {str(key)!r}")
-            pairs[str(key)] = value
-        return pairs
-
-    def _scalar(self, event: Any) -> str:
-        """The text that stands there; a tag may only say what it is anyway, or that it is text."""
-        text: str = event.value
-        if _SURROGATE.search(text):
-            raise self._fault(event, "there is no such character; write it as \\U........")
-        kind = (event.tag or "").removeprefix(_CORE)
-        self._untagged(event, kind == "str" or type(resolve(text)) in _TAGS.get(kind, ()))
-        return text if kind == "str" or (event.style and not kind) else Plain(text)
+def _value(node: Any) -> Node:
+    if node.id == "scalar":
+        return str(node.value) if node.style else Plain(node.value)
+    if node.id == "sequence":
+        return [_value(item) for item in node.value]
+    pairs: dict[str, Node] = {}
+    for name, item in node.value:
+        key, value = _value(name), _value(item)
+        if not isinstance(key, str) or (key == "<<" and isinstance(key, Plain)):
+            raise _at(name, "the name of a field is a word; write the fields out, without merging")
+        if key in pairs:
+            raise _at(name, f"{str(key)!r} stands there twice; leave one out")
+        if node.flow_style and isinstance(key, Plain) and ":" in key and value == "":
+            raise _at(name, f"a blank is missing behind the colon of {str(key)!r}")
+        pairs[str(key)] = value
+    return pairs
 
 
 @cache
 def _meanings() -> Any:
-    import yaml
-
-    return yaml.SafeLoader("")
+    return _loader()("")
 
 
 def resolve(text: str) -> None | bool | int | float | str:
-    """What YAML 1.1 takes a plain scalar for; a date stays text, and what is no number after all."""
+    """What YAML 1.1 takes a plain scalar for; text that is no number after all, and a date."""
     from yaml import ScalarNode
 
-    loader = _meanings()
-    tag = loader.resolve(ScalarNode, text, (True, False))
-    value: None | bool | int | float | str = str(text)
-    if tag.removeprefix(_CORE) in _TAGS and len(text) <= _LONGEST:
+    tag = _meanings().resolve(ScalarNode, text, (True, False))
+    if tag in _MEANT and len(text) <= _LONGEST:
         try:
-            value = loader.yaml_constructors[tag](loader, ScalarNode(tag, value))
-        except (ValueError, KeyError, OverflowError):
+            value: None | bool | int | float
+            value = _meanings().yaml_constructors[tag](_meanings(), ScalarNode(tag, text))
+            return value
+        except (ValueError, KeyError, OverflowError):  # 0x_, "yes\n"
             pass
-    return value
+    return str(text)

@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from uros.boards.catalog import BOARDS
 from uros.boards.build import build
+from uros.boards.catalog import BOARDS
 from uros.boards.running import firmware_folder
 from uros.interfaces import InterfaceError, load
 from uros.tools import cli

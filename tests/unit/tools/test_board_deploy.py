@@ -246,10 +246,10 @@ def test_a_module_of_the_boards_firmware_can_be_named(
 ) -> None:
     folder = tmp_path / "own"
     folder.mkdir()
-    (folder / "main.py").write_text("import camera\n")
+    (folder / "main.py").write_text("import ulab\n")
     out = str(tmp_path / "out")
-    assert "(--provided camera)" in fail("build", str(folder), out)
-    assert cli.main(["board", "build", str(folder), out, "--provided", "camera", "--mip"]) == 0
+    assert "(--provided ulab)" in fail("build", str(folder), out)
+    assert cli.main(["board", "build", str(folder), out, "--provided", "ulab", "--mip"]) == 0
     said = capsys.readouterr().out
     assert f"mpremote connect PORT mip install --target . {out}/package.json" in said
     assert (tmp_path / "out" / "package.json").is_file()

@@ -105,7 +105,7 @@ PROBE = (
     "    try: main([*verb, '--help'])\n"
     "    except SystemExit: pass\n"
     "main(['run', '--list'])\n"
-    "heavy = ('cyclonedds', 'ctypes', 'rclpy', 'uros.middleware', 'uros.interfaces')\n"
+    "heavy = ('cyclonedds', 'ctypes', 'rclpy', 'yaml', 'uros.middleware', 'uros.interfaces')\n"
     "print([it for it in heavy if it in sys.modules])\n"
 )
 

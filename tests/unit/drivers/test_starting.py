@@ -1,0 +1,35 @@
+"""A start that fails. Not for MicroPython in one piece, where no module has a clock of its own."""
+
+from unit.drivers.portable_button_led import FakePin
+
+from uros.drivers import starting
+from uros.drivers.led import Signal
+
+
+class FakeTime:
+    def __init__(self):
+        self.slept = []
+
+    def sleep(self, seconds):
+        self.slept.append(seconds)
+
+
+def test_a_start_that_fails_is_told_and_blinks_for_a_second():
+    real, starting.time = starting.time, FakeTime()
+    print_real, said = starting.print_exception, []
+    starting.print_exception = said.append
+    try:
+        pin = FakePin(0)
+
+        def build():
+            raise ValueError("UART(2) doesn't exist")
+
+        assert starting.attempt(build, Signal(pin)) is None
+        assert starting.attempt(build) is None
+        assert starting.time.slept == [0.1] * 20
+        assert pin.told == [1] + [0, 1] * 5
+        assert [str(it) for it in said] == ["UART(2) doesn't exist"] * 2
+        assert starting.attempt(lambda: 7, Signal(pin)) == 7
+        assert starting.time.slept == [0.1] * 20
+    finally:
+        starting.time, starting.print_exception = real, print_real
