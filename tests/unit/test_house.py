@@ -73,7 +73,7 @@ def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
         "from uros.tools import cli\n"
         "try: cli.main(['--help'])\n"
         "except SystemExit: pass\n"
-        "heavy = {'cyclonedds', 'numpy', 'rosbags', 'asyncio', 'ctypes'} & set(sys.modules)\n"
+        "heavy = {'cyclonedds', 'numpy', 'rosbags', 'asyncio', 'ctypes', 'yaml'} & set(sys.modules)\n"
         "print('HEAVY', sorted(heavy))\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
@@ -86,7 +86,7 @@ def test_an_agent_loads_what_its_options_ask_for_and_no_more() -> None:
         "from uros.tools import cli\n"
         "cli.main(['agent', 'udp4', '-p', '0', '-m', 'memory', '-v', '0', '--stop-at-eof'])\n"
         "parts = ('keeper', 'restoring', 'state', 'capture', 'pcapng', 'metrics', 'describe')\n"
-        "more = {'ssl', 'prometheus_client', 'http.server', 'asyncio', 'ctypes', 'numpy'}\n"
+        "more = {'ssl', 'prometheus_client', 'http.server', 'asyncio', 'ctypes', 'numpy', 'yaml'}\n"
         "more |= {'uros.agent.' + it for it in parts}\n"
         "print('MORE', sorted(more & set(sys.modules)))\n"
     )

@@ -2,7 +2,7 @@ import math
 import sys
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uros.tools.yaml_read import Plain, YamlError, read, resolve
@@ -51,6 +51,7 @@ def python_of(node):
         ("%YAML 1.1\n--- a\n...\n", "a"),
         ("'<<': 1", {"<<": 1}),
         ("[" * 64 + "]" * 64, eval("[" * 64 + "]" * 64)),
+        ("[" + "[a], " * 99 + "]", [["a"]] * 99),
     ],
 )  # fmt: skip
 def test_documents(text, value):
@@ -152,7 +153,7 @@ SIGNS = "{}[],:-#'\"\\ \n\tab1~?!&*|>%@x<=.\x85\u2028"
 WORDS = ["!!str ", "&a ", "*a", "<<: ", "---\n", "...\n", "%YAML 1.1\n", ">-\n", "\\ud800"]
 
 
-# Hypothesis' deadline is the bound of time.
+@settings(deadline=5000)
 @given(
     st.text()
     | st.text(st.sampled_from(SIGNS), max_size=30)
