@@ -73,7 +73,8 @@ def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
         "from uros.tools import cli\n"
         "try: cli.main(['--help'])\n"
         "except SystemExit: pass\n"
-        "heavy = {'cyclonedds', 'numpy', 'rosbags', 'asyncio', 'ctypes', 'yaml'} & set(sys.modules)\n"
+        "heavy = {'cyclonedds', 'numpy', 'rosbags', 'asyncio', 'ctypes', 'yaml'}\n"
+        "heavy &= set(sys.modules)\n"
         "print('HEAVY', sorted(heavy))\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
