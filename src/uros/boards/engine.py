@@ -95,6 +95,7 @@ class BoardProcess:
         self._reads: list[tuple[int, int]] = []  # not told yet
         self._micropython: MicroPythonEngine | None = None
         self._base: int | None = None  # the heap before the program
+        self._heap_asked = False  # before there was an engine
         self._shown: dict[str, str] = {}  # of parts, as it was told
         try:
             link = None if options.link is None else Path(options.link)
@@ -153,6 +154,9 @@ class BoardProcess:
         with self._ending:
             self._base = None
             engine = self._micropython = MicroPythonEngine(root, host, self._options.measure)
+            if self._heap_asked:
+                self._heap_asked = False
+                engine.ask_heap()
         try:
             engine.run()
         finally:
@@ -240,10 +244,16 @@ class BoardProcess:
                 elif command["do"] == "reset":
                     os.kill(os.getpid(), signal.SIGUSR1)  # the program's thread is to hear of it
                 elif command["do"] == "heap":
-                    with self._ending:
-                        if self._micropython is not None:
-                            self._micropython.ask_heap()
+                    self._ask_heap()
         self.end(0)
+
+    def _ask_heap(self) -> None:
+        """Now, or as soon as there is an engine to be asked."""
+        with self._ending:
+            if self._micropython is None:
+                self._heap_asked = True
+            else:
+                self._micropython.ask_heap()
 
     def _happen(self, spec: str) -> None:
         error = ""

@@ -10,6 +10,7 @@ import time
 
 import pytest
 
+from uros.boards import engine
 from uros.boards.board import FaultError
 from uros.boards.catalog import BoardError
 from uros.boards.running import BoardGone, RunningBoard, StartError
@@ -261,3 +262,36 @@ def test_events_instead_of_queues(program):
     leds = [(it["name"], it["shows"]) for it in events if it["event"] == "part"]
     assert leds == [("led_blue", "off"), ("led_green", "off"), ("led_red", "off")]
     assert board.console.empty()
+
+
+def test_a_heap_that_is_asked_for_before_there_is_an_engine(program, monkeypatch):
+    asked = []
+
+    class Engine:
+        def __init__(self, root, host, measure):
+            asked.append("begun")
+
+        def ask_heap(self):
+            asked.append("heap")
+
+        def run(self):
+            asked.append("runs")
+
+        def stop(self):
+            pass
+
+        close = stop
+
+    monkeypatch.setattr(engine, "MicroPythonEngine", Engine)
+    reading, writing = os.pipe()
+    options = engine.Options(str(program("")), BOARD, engine="micropython")
+    process = engine.BoardProcess(options, reading, writing)
+    try:
+        process._ask_heap()
+        process._run_program(None, None)
+        process._run_program(None, None)
+    finally:
+        process.close()
+        os.close(reading)
+        os.close(writing)
+    assert asked == ["begun", "heap", "runs", "begun", "runs"]
