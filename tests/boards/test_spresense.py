@@ -9,7 +9,6 @@ import subprocess
 import threading
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -43,7 +42,7 @@ def engine(request):
 
 @pytest.fixture(scope="module")
 def peer(ros_python, domain):
-    with RosPeer(ros_python, domain, Path(__file__).parent / "service_peer.py") as running:
+    with RosPeer(ros_python, domain, ROOT / "tests" / "interop" / "service_peer.py") as running:
         for topic, kind in ((NUMBERS, INT32), (PICTURES, IMAGE)):
             running.do("subscribe", topic=topic, type=kind)
         yield running
