@@ -90,6 +90,7 @@ SHARED = (
     "support/modem.py",
     "support/portable.py",
     "support/recorder.py",
+    "support/script.py",
     "support/services.py",
     "unit/interfaces/rclpy_vectors.py",
     "unit/interfaces/vectors.py",
