@@ -13,7 +13,7 @@ class Script:
 
     def _next(self, address, kind):
         wanted = self.transfers.pop(0)
-        assert wanted[:3] == "%02x%s" % (address, kind), (wanted, address, kind)
+        assert wanted[:3] == f"{address:02x}{kind}", (wanted, address, kind)
         if wanted[3] == "!":
             raise OSError(int(wanted[4:]))
         return bytes.fromhex(wanted[3:])
