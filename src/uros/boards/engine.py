@@ -14,7 +14,8 @@ and events go out the same way::
     {"event": "console", "line": …}          what the program printed
     {"event": "read", "address": …, "ns": …} an I2C read has ended, by the monotonic clock; told
                                              when the program next waits
-    {"event": "happened", "spec": …, "error": …}
+    {"event": "happened", "spec": …, "error": …, "still": […]}
+                                             what else is wrong with that part, still
     {"event": "part", "name": …, "shows": …} what is to be seen of a part has changed
     {"event": "heap", "used": …, "peak": …, "base": …}
     {"event": "reset"}                       the program starts anew
@@ -261,7 +262,13 @@ class BoardProcess:
             self._board.happen(spec)
         except FaultError as refused:
             error = str(refused)
-        self._send("happened", spec=spec, error=error)
+        part = spec.partition(":")[0]
+        still = [
+            it.spec
+            for it in self._board.faults()
+            if it.active and it.spec != spec and it.spec.partition(":")[0] == part
+        ]
+        self._send("happened", spec=spec, error=error, still=still)
         self._tell_parts()
         self._host.usb_state()
 

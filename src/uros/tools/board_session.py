@@ -26,9 +26,12 @@ _REDRAW_SECONDS: Final = 0.25
 _ASK_SECONDS: Final = 1.0
 # Without a table, what a part shows is told no more often.
 _TELL_SECONDS: Final = 1.0
+# What the agent logs.
+_WARNINGS: Final = 3
+_INFO: Final = 4
 _HELP: Final = (
-    "type what is to happen, one a line: {example}; or reset, heap ('uros board list {name}' has"
-    " all)"
+    "type what is to happen, one a line: {example}; or reset, heap, quit ('uros board list {name}'"
+    " tells what can happen)"
 )
 
 
@@ -107,6 +110,8 @@ class Session:
                 seat.board.start()
             if self._wanted:
                 self._start_agent()
+            if self._screen.live:
+                self._screen.show(self._table())  # what is said then stands below it
             self._introduce()
             threading.Thread(target=_read_input, args=(self._events,), daemon=True).start()
             self._loop()
@@ -155,6 +160,8 @@ class Session:
             arguments += ["multiserial", "--devs", *lines]
         if any(find(it.board).agent or it.plugs for it in self._plans) or not lines:
             arguments += ["udp4", "--port", str(self._port)]
+        # The table shows who is there: beside it, only what is wrong.
+        arguments += ["--verbose", str(_WARNINGS if self._screen.live else _INFO)]
         rules = self._write_rules()
         if rules is not None:
             arguments += ["--control", str(rules)]
@@ -230,6 +237,7 @@ class Session:
     def _next(self, seat: _Seat) -> str:
         """What a board still needs at its other end; "" for nothing."""
         from ..boards.catalog import find
+        from ..middleware.base import environment_domain
         from .pid_view import PORT
 
         path = shlex.quote(str(seat.board.path))
@@ -239,7 +247,8 @@ class Session:
         if self._wanted:
             return ""
         how = f"udp4 --port {self._port}" if wants else f"serial --dev {path}"
-        return f"uros agent {how}"
+        domain = environment_domain()
+        return f"uros agent {how}" + (f" --domain {domain}" if domain else "")
 
     def _help(self) -> str:
         seat = self._seats[0]
@@ -317,7 +326,9 @@ class Session:
             seat.program = "failed" if seat.failed else "ended"
             self._say(seat, "the program has ended; Ctrl-C switches the board off")
         elif kind == "happened":
-            self._say(seat, event["error"] or f"done: {event['spec']}")
+            still = ", ".join(event["still"])
+            done = f"done: {event['spec']}" + (f"; still so: {still}" if still else "")
+            self._say(seat, event["error"] or done)
         elif kind == "heap":
             used = event["used"] - event["base"]
             self._say(seat, f"heap: {used} bytes in use by the program")

@@ -236,10 +236,11 @@ def test_a_board_with_its_agent(run, own_domain_id):
     assert board.process.wait(10) == 0
 
 
-def test_the_sensor_node_is_for_an_agent(run):
-    board = run("ra6m5_sensor_node", "--no-agent")
+@pytest.mark.parametrize(("domain", "words"), [("0", ""), ("82", " --domain 82")])
+def test_the_sensor_node_is_for_an_agent(run, domain, words):
+    board = run("ra6m5_sensor_node", "--no-agent", env=dict(os.environ, ROS_DOMAIN_ID=domain))
     path = board.until("USB line")[0].rsplit(" ", 1)[1]
-    assert board.until("next")[-1].endswith(f": uros agent serial --dev {path}")
+    assert board.until("next")[-1].endswith(f": uros agent serial --dev {path}{words}")
 
 
 @pytest.mark.parametrize(

@@ -154,6 +154,9 @@ def test_several_boards_are_told_apart(tmp_path, program):
         assert "esp32_button_led: done: button:press" in seen
         fleet.type("esp32_publisher#2 error_led:dead")
         fleet.until("esp32_publisher#2: done: error_led:dead")
+        fleet.type("button:broken")
+        fleet.type("button:stuck")
+        fleet.until("esp32_button_led: done: button:stuck; still so: button:broken")
         fleet.type("knob:turn=3")
         fleet.until("say which board, a space, and what: esp32_publisher, esp32_publisher#2")
         fleet.type("esp32_publisher reset")
@@ -218,4 +221,5 @@ def test_the_table_of_a_terminal(program):
     assert re.search(r"BOARD +PROGRAM +USB +NODE +IN/S +OUT/S", shown)
     assert re.search(r"esp32_button_led +runs +configured +- +- +-", shown), shown[-3000:]
     assert re.search(r"  knob 50 %, led off, button pressed", shown)
+    assert shown.index("BOARD ") < shown.index("its USB line is")  # which is not wiped away
     assert "\033[5;30r" in shown  # three lines and a rule above what scrolls
