@@ -255,8 +255,8 @@ class Plug(Part):
             **_MOMENTS,
         },
         "wlan": {
-            "lost": "the access point is switched off",
-            "deaf": "the access point does not answer",
+            "lost": "the access point is switched off; the board's own one too",
+            "deaf": "the access point that the board joins does not answer",
             "alone": "nobody joins the board's own access point",
         },
     }

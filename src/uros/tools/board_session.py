@@ -364,6 +364,10 @@ class Session:
                 it for it in self._seats if any(s.startswith(part) for s in it.board.happenings)
             ]
             meant = self._seats if len(self._seats) == 1 else having
+        if line == "all:off":
+            for seat in meant or self._seats:
+                seat.board.press("happen", spec=line)
+            return
         if len(meant) != 1:
             known = ", ".join(it.plan.title for it in self._seats)
             self._say(None, f"say which board, a space, and what: {known}")

@@ -157,6 +157,10 @@ def test_several_boards_are_told_apart(tmp_path, program):
         fleet.type("button:broken")
         fleet.type("button:stuck")
         fleet.until("esp32_button_led: done: button:stuck; still so: button:broken")
+        fleet.type("all:off")
+        missing = {f"{it}: done: all:off" for it in (*names[1:], "esp32_publisher#2")}
+        while missing:
+            missing -= set(fleet.until("done: all:off"))
         fleet.type("knob:turn=3")
         fleet.until("say which board, a space, and what: esp32_publisher, esp32_publisher#2")
         fleet.type("esp32_publisher reset")
