@@ -120,7 +120,7 @@ class Calibration:
             if abs(value - nominal) > most * nominal:
                 raise CalibrationError(
                     "%s of %.4f m instead of %.4f m, which cannot be: check the measured poses"
-                    " (metres, radians; x ahead, y to the left) and that no wheel slipped"
+                    " (metres; x ahead, y to the left) and that no wheel slipped"
                     % (what, value, nominal)
                 )
         rest = self._residuals(sizes)

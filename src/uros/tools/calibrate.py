@@ -44,6 +44,7 @@ _COMMAND_SECONDS: Final = 0.2  # a rover stops a second after the last one
 _TURN_SPEED: Final = 0.8
 _BRAKE_SECONDS: Final = 0.15
 _STILL: Final = 0.001  # m and rad between two messages
+_FAR_OFF: Final = 0.5  # m between odometry and what was measured: a slip of the pen
 _SILENT_SECONDS: Final = 5.0
 _LOST_SECONDS: Final = 60.0  # for a side, or a corner
 
@@ -97,9 +98,10 @@ def run(args: argparse.Namespace) -> int:
         calibration.solve()
     except CalibrationError as error:
         raise ToolError(str(error)) from error
-    print(f"right wheel  radius {calibration.right_radius:.5f} m")
-    print(f"left wheel   radius {calibration.left_radius:.5f} m")
-    print(f"half track   d {calibration.d:.5f} m")
+    print("for the rover's config.py, in metres:\n")
+    print(f"RIGHT_RADIUS = {calibration.right_radius:.5f}")
+    print(f"LEFT_RADIUS = {calibration.left_radius:.5f}")
+    print(f"D = {calibration.d:.5f}\n")
     print(f"what was measured differs from that by {1000 * calibration.misfit:.1f} mm")
     return 0
 
@@ -157,6 +159,10 @@ class Watched:
         """What a person measured: x, y in metres and perhaps theta in radians; nothing: not."""
         raise NotImplementedError
 
+    def say(self, text: str) -> None:
+        """To the person."""
+        _say(text)
+
 
 def square(
     rover: Watched, calibration: Calibration, side: float, speed: float, clockwise: bool
@@ -168,13 +174,14 @@ def square(
         calibration.add(ds + d * dtheta, ds - d * dtheta)
 
     rover.on_step = step
+    began = (rover.x, rover.y, rover.theta)
     turn = math.copysign(math.pi / 2, -1 if clockwise else 1)
     for corner in range(4):
         _leg(rover, lambda began: math.hypot(rover.x - began[0], rover.y - began[1]), side, speed)
         if corner == 0:
-            _measure(rover, calibration, "after the first side")
+            _measure(rover, calibration, "after the first side", began)
         _leg(rover, lambda began: abs(rover.theta - began[2]), abs(turn), 0.0, turn)
-    _measure(rover, calibration, "at the end")
+    _measure(rover, calibration, "at the end", began)
 
 
 def _leg(
@@ -215,10 +222,23 @@ def _until(rover: Watched, ends: float) -> Iterator[None]:
     raise ToolError("the rover does not stand still: does something push it?")
 
 
-def _measure(rover: Watched, calibration: Calibration, where: str) -> None:
+def _measure(
+    rover: Watched, calibration: Calibration, where: str, began: tuple[float, float, float]
+) -> None:
+    """Ask until a pose can be, or is left out."""
     from ..control.calibrate import CalibrationError
 
-    pose = rover.ask_pose(where)
+    x, y, theta = began
+    ahead = (rover.x - x) * math.cos(theta) + (rover.y - y) * math.sin(theta)
+    aside = (rover.y - y) * math.cos(theta) - (rover.x - x) * math.sin(theta)
+    while pose := rover.ask_pose(where):
+        off = math.hypot(pose[0] - ahead, pose[1] - aside)
+        if off < _FAR_OFF:
+            break
+        rover.say(
+            f"that is {off:.2f} m from where its odometry has it ({ahead:.2f} {aside:.2f}): metres"
+            " from where it began, x ahead, y to the left"
+        )
     if pose:
         try:
             calibration.measured(*pose)
@@ -299,6 +319,8 @@ class _Rover(Watched):
 
     def ask_line(self) -> str:
         """A line that the person types. Raises ToolError where there will be none."""
+        while sys.stdin.isatty() and not self._lines.empty():
+            self._lines.get()  # typed before it was asked for
         while True:
             self._node.spin_once(0.1)
             try:

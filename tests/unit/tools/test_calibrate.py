@@ -21,10 +21,15 @@ class Driven(Watched):
         super().__init__()
         self.car = Car(seed, **rover).start()
         self.blur = blur
+        self.slips = []  # of the pen, one an answer
         self.asked = []
-        self.say()
+        self.said = []
+        self.tell()
 
-    def say(self):
+    def say(self, text):
+        self.said.append(text)
+
+    def tell(self):
         """An Odometry."""
         it = self.car.odometry
         point = SimpleNamespace(x=it.x, y=it.y)
@@ -45,7 +50,7 @@ class Driven(Watched):
             before = self.car.t_us // SAID_US
             self.car.step()
             if self.car.t_us // SAID_US != before:
-                self.say()
+                self.tell()
                 return True
         return False
 
@@ -54,6 +59,8 @@ class Driven(Watched):
 
     def ask_pose(self, what):
         self.asked.append(what)
+        if self.slips:
+            return self.slips.pop()
         rover = self.car.rover
         return rover.x + self.blur, rover.y, rover.theta
 
@@ -77,6 +84,21 @@ def test_two_squares_find_the_wheels_and_the_track(seed):
     assert calibration.d == pytest.approx(rover.car.rover.half_track, rel=0.006)
     nominal = max(abs(it / 0.0325 - 1) for it in (right, left))
     assert nominal > 0.003  # there was something to find
+
+
+def test_a_slip_of_the_pen_is_told_at_once_and_asked_again():
+    rover = Driven(2)
+    calibration = Calibration()
+    rover.slips = [(98.0, 1.0)]  # centimetres
+    square(rover, calibration, 1.0, 0.2, False)
+    assert rover.asked == ["after the first side", "after the first side", "at the end"]
+    (said,) = rover.said
+    assert said.startswith("that is 97.0") and "metres from where it began" in said
+    calibration.restart()
+    rover.put_back()
+    square(rover, calibration, 1.0, 0.2, True)
+    calibration.solve()
+    assert calibration.right_radius == pytest.approx(rover.car.rover.radii[0], rel=0.003)
 
 
 def test_a_rover_that_does_not_move_is_told():
