@@ -3,9 +3,9 @@
 import time
 
 try:
-    from sys import print_exception  # type: ignore[attr-defined]
+    from sys import print_exception  # type: ignore[attr-defined,unused-ignore]
 except ImportError:  # CPython
-    from traceback import print_exception
+    from traceback import print_exception  # type: ignore[import-not-found,no-redef,unused-ignore]
 
 try:
     from typing import Any, Callable, Final
