@@ -51,12 +51,7 @@ def idle() -> None:
 
 
 def lightsleep(ms: int) -> None:
-    left = ms * 1000
-    while left > 0:
-        wait = min(left, 500000000)
-        left -= wait - _board.number(_board.SLEEP, struct.pack("<I", wait))
-        if _irq.handlers:
-            _irq.run()
+    time.sleep_ms(ms)  # type: ignore[attr-defined]
 
 
 def disable_irq() -> int:
@@ -105,7 +100,6 @@ class Pin:
     ) -> None:  # fmt: skip
         self._name: str = id._name if isinstance(id, Pin) else str(id)
         self._octets = self._name.encode()
-        self._irq = 0
         self.init(mode, pull, value=value)
 
     def init(
