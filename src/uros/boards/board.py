@@ -161,8 +161,7 @@ class VirtualBoard:
         self.capture: Callable[[int, int, int], bytes] | None = None
         self.unique_id = b""
         self.usb_inside = False
-        self.watched: list[Pin] = []  # those that the firmware asked for interrupts at
-        self.interrupts: deque[tuple[int, int, int]] = deque()  # time, index in watched, level
+        self.interrupts: deque[tuple[int, Pin, int]] = deque()
         self.interruptible = False  # whether the firmware asked for any
         self.changed = changed
         self.address = address
@@ -225,16 +224,11 @@ class VirtualBoard:
                 if not self.clock.held:
                     self.parts.advance(self.clock.world_us())
 
-    def watch(self, pin: Pin, edges: int) -> int:
-        """The firmware wants an interrupt at these edges; 0: none any more. Its index in
-        :attr:`watched`."""
-        if pin not in self.watched:
-            self.watched.append(pin)
-        index = self.watched.index(pin)
+    def watch(self, pin: Pin, edges: int) -> None:
+        """The firmware wants an interrupt at these edges; 0: none any more."""
         pin.edges = edges
-        pin.on_edge = lambda t_us, it, level: self.interrupts.append((t_us, index, level))
-        self.interruptible = any(it.edges for it in self.watched)
-        return index
+        pin.on_edge = lambda t_us, it, level: self.interrupts.append((t_us, it, level))
+        self.interruptible = any(it.edges for it in self.pins.values())
 
     # --- what happens to it -----------------------------------------------------------
 
@@ -304,7 +298,6 @@ class VirtualBoard:
                 pin.reset()
             for part in self.parts:
                 part.reset()
-            self.watched.clear()
             self.interrupts.clear()
             self.interruptible = False
             self.clock.hold(None)

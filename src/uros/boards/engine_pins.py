@@ -66,7 +66,8 @@ class PinHost:
         if data[0] & ~(RISING | FALLING):
             raise ValueError("there are rising and falling edges")
         pin = self._pin(data[1:])
-        return 1 + self._board.watch(pin, data[0])
+        self._board.watch(pin, data[0])
+        return 1 + list(self._board.pins).index(pin.name)
 
     def _next(self, data: bytes) -> int:
         board = self._board
@@ -75,11 +76,11 @@ class PinHost:
             board.advance()
             if not board.interrupts:
                 return 0
-        t_us, index, level = board.interrupts.popleft()
+        t_us, pin, level = board.interrupts.popleft()
         with board.lock:
             board.clock.hold(t_us)
-        self._due = (board.watched[index], level)
-        return 2 * (1 + index) + level
+        self._due = (pin, level)
+        return 2 * (1 + list(board.pins).index(pin.name)) + level
 
     def _pwm(self, data: bytes) -> bytes:
         frequency, duty = _PWM.unpack_from(data)

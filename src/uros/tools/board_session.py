@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,7 +19,6 @@ from .board_screen import Row, Screen
 from .errors import ToolError
 
 if TYPE_CHECKING:
-    from ..boards.catalog import BoardSpec
     from ..boards.running import RunningBoard
 
 AGENT_PORT: Final = 8888
@@ -52,21 +50,6 @@ class Plan:
     link: str | None = None
     speed: float = 1.0
     namespace: str = ""
-
-    @property
-    def spec(self) -> BoardSpec:
-        """What the board is. Raises BoardError."""
-        from ..boards.catalog import find
-
-        return find(self.board)
-
-    @cached_property
-    def talks_to_agent(self) -> bool:
-        """Whether the program is a ROS node, as far as its imports tell."""
-        from ..boards.running import firmware_folder
-
-        folder = Path(self.firmware) if self.firmware else firmware_folder(self.spec)
-        return any("uros.client" in it.read_text(encoding="utf-8") for it in folder.rglob("*.py"))
 
 
 def titles(names: Sequence[str]) -> list[str]:
@@ -106,7 +89,7 @@ class Session:
         self._plans = plans
         self._seconds = seconds
         self._port = port
-        self._wanted = any(plan.talks_to_agent for plan in plans) if agent is None else agent
+        self._wanted = any(map(talks_to_agent, plans)) if agent is None else agent
         self._events: queue.Queue[tuple[_Seat | None, dict[str, Any]]] = queue.Queue()
         self._seats: list[_Seat] = []
         self._screen = Screen()
@@ -142,11 +125,12 @@ class Session:
         return int(any(seat.failed for seat in self._seats))
 
     def _seat(self, index: int, plan: Plan) -> _Seat:
+        from ..boards.catalog import find
         from ..boards.running import RunningBoard
 
         # Each has an address of its own, as in a real network, where this system has so many.
         address = f"127.0.0.{10 + index}" if sys.platform == "linux" and index < 240 else ""
-        wanted = plan.spec.agent.rpartition(":")[2]
+        wanted = find(plan.board).agent.rpartition(":")[2]
         port = self._port if wanted in ("", str(AGENT_PORT)) else int(wanted)
         seat: _Seat
         board = RunningBoard(
@@ -161,19 +145,20 @@ class Session:
     # --- the agent --------------------------------------------------------------------
 
     def _start_agent(self) -> None:
+        from ..boards.catalog import find
         from ..middleware.base import environment_domain
 
         lines = [
             str(seat.board.path)
             for seat in self._seats
-            if not seat.plan.spec.agent and seat.plan.talks_to_agent
+            if not find(seat.plan.board).agent and talks_to_agent(seat.plan)
         ]
         arguments = []
         if len(lines) == 1:
             arguments += ["serial", "--dev", lines[0]]
         elif lines:
             arguments += ["multiserial", "--devs", *lines]
-        if any(it.spec.agent or it.plugs for it in self._plans) or not lines:
+        if any(find(it.board).agent or it.plugs for it in self._plans) or not lines:
             arguments += ["udp4", "--port", str(self._port)]
         # The table shows who is there: beside it, only what is wrong.
         arguments += ["--verbose", str(_WARNINGS if self._screen.live else _INFO)]
@@ -251,12 +236,13 @@ class Session:
 
     def _next(self, seat: _Seat) -> str:
         """What a board still needs at its other end; "" for nothing."""
+        from ..boards.catalog import find
         from ..middleware.base import environment_domain
         from .pid_view import PORT
 
         path = shlex.quote(str(seat.board.path))
-        wants = seat.plan.spec.agent.rpartition(":")[2]
-        if not seat.plan.talks_to_agent:
+        wants = find(seat.plan.board).agent.rpartition(":")[2]
+        if not talks_to_agent(seat.plan):
             return "uros pid" if wants == str(PORT) else f"cat {path}"
         if self._wanted:
             return ""
@@ -407,6 +393,15 @@ class Session:
                     self._screen.say(event["line"])
         if self._rules is not None:
             self._rules.cleanup()
+
+
+def talks_to_agent(plan: Plan) -> bool:
+    """Whether the program is a ROS node, as far as its imports tell."""
+    from ..boards.catalog import find
+    from ..boards.running import firmware_folder
+
+    folder = Path(plan.firmware) if plan.firmware else firmware_folder(find(plan.board))
+    return any("uros.client" in it.read_text(encoding="utf-8") for it in folder.rglob("*.py"))
 
 
 def _read_input(events: queue.Queue[tuple[_Seat | None, dict[str, Any]]]) -> None:

@@ -51,7 +51,12 @@ def idle() -> None:
 
 
 def lightsleep(ms: int) -> None:
-    time.sleep_ms(ms)  # type: ignore[attr-defined]
+    left = ms * 1000
+    while left > 0:
+        wait = min(left, 500000000)
+        left -= wait - _board.number(_board.SLEEP, struct.pack("<I", wait))
+        if _irq.handlers:
+            _irq.run()
 
 
 def disable_irq() -> int:
@@ -100,6 +105,7 @@ class Pin:
     ) -> None:  # fmt: skip
         self._name: str = id._name if isinstance(id, Pin) else str(id)
         self._octets = self._name.encode()
+        self._irq = 0
         self.init(mode, pull, value=value)
 
     def init(
