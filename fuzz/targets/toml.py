@@ -4,7 +4,8 @@ that were taken can be applied to anything a board may be called."""
 from collections.abc import Iterator
 from random import Random
 
-from uros.agent.control import MAX_FILE, Control, ControlError
+from uros import names
+from uros.agent.control import GLOBAL, MAX_FILE, Control, ControlError, NameRefused
 from uros.middleware.base import MAX_DOMAIN, Service
 from uros.qos import QoSProfile
 
@@ -13,7 +14,10 @@ from .world import must
 from .xml import scratch
 
 _NODES = (("/", "n"), ("/a/b", "turtle_1"), ("/ü", ""))
-_TOPICS = ("rt/odom", "rt/cmd_vel", "rt/tf", "HelloWorldTopic", "rt/", "")
+_TOPICS = (
+    "rt/odom", "rt/cmd_vel", "rt/tf", "rq/addRequest", "rr/tfReply", "ra/x", "rt/../x",
+    "HelloWorldTopic", "rt/", "",
+)  # fmt: skip
 _ADDRESSES = ("192.168.1.9:4000", "[fe80::1%lo]:5", "/dev/ttyUSB0 (1)", "can0 (0x00000001)", "")
 
 
@@ -37,11 +41,32 @@ def one_input(data: bytes) -> None:
 
 def _apply(settings, namespace: str) -> None:  # type: ignore[no-untyped-def]
     must(settings.domain is None or 0 <= settings.domain <= MAX_DOMAIN, "a domain")
-    must(settings.node(namespace, "n")[0].startswith("/"), "a namespace")
-    service = Service("rq/addRequest", "A_", "rr/addReply", "B_")
-    must(settings.service(service).request_topic.startswith("rq/"), "a service's topic")
+    try:
+        must(not names.fault(names.join(*settings.node(namespace, "n")), 300), "a namespace")
+    except NameRefused:
+        must(namespace == "/ü" or len(settings.namespace) > 200, "a node is refused")
     for topic in _TOPICS:
-        must(settings.topic(topic).startswith("rt/") == topic.startswith("rt/"), "a topic")
+        try:
+            name = settings.topic(topic)
+        except NameRefused:
+            continue
+        prefix, inside, _ = names.split_dds(name) or ("", "", "")
+        must(prefix == topic[:2] or name == topic, f"the prefix of {name}")
+        must(not prefix or not names.fault(inside), f"no name of ROS: {name}")
+        must(
+            not settings.namespace
+            or inside.startswith(settings.namespace + "/")
+            or inside in settings.remapped
+            or (prefix == "rt" and inside in GLOBAL),
+            f"{name} is outside of {settings.namespace}",
+        )
+    service = Service("rq/addRequest", "A_", "rr/addReply", "B_")
+    try:
+        renamed = settings.service(service)
+        must(renamed.request_topic[2:-7] == renamed.reply_topic[2:-5], "one service")
+    except NameRefused:
+        must(len(settings.namespace) > 200 or bool(settings.remapped), "a service is refused")
+    for topic in _TOPICS:
         qos = QoSProfile()
         settings.apply(qos, topic)
         must(1 <= qos.depth <= 1_000_000, f"a depth of {qos.depth}")

@@ -18,6 +18,48 @@ def test_what_is_no_topic(dds):
     assert names.topic_from_dds(dds) is None
 
 
+@pytest.mark.parametrize(
+    "dds, parts",
+    [
+        ("rt/a/b", ("rt", "/a/b", "")),
+        ("rq/goRequest", ("rq", "/go", "Request")),
+        ("rr/goReply", ("rr", "/go", "Reply")),
+        ("rq/goReply", ("rq", "/goReply", "")),
+        ("rq/Request", ("rq", "/", "Request")),
+        ("ra/x", ("ra", "/x", "")),
+        ("rt/", ("rt", "/", "")),
+        ("rt", None),
+        ("rtx/y", None),
+        ("/rt/a", None),
+        ("", None),
+    ],
+)
+def test_prefix_name_and_suffix(dds, parts):
+    assert names.split_dds(dds) == parts
+
+
+@pytest.mark.parametrize(
+    "name, why",
+    [
+        ("/a/b_1/_c", ""),
+        ("", "begin"),
+        ("a", "begin"),
+        ("/", "ends"),
+        ("/a/", "ends"),
+        ("/a-b", "'-'"),
+        ("/~/a", "'~'"),
+        ("/..", "'.'"),
+        ("/a//b", "two slashes"),
+        ("/a/1b", "digit"),
+        ("/" + "a" * 246, ""),
+        ("/" + "a" * 247, "247 are the most"),
+    ],
+)
+def test_why_ros_refuses_a_name(name, why):
+    assert why in names.fault(name)
+    assert bool(why) == bool(names.fault(name))
+
+
 def test_services():
     assert names.service_from_request("rq/lab/goRequest") == "/lab/go"
     assert names.service_from_reply("rr/lab/goReply") == "/lab/go"

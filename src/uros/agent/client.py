@@ -36,7 +36,7 @@ from ..wire.streams import ticks_diff
 from . import representation
 from .budget import CLIENT_BYTES, OBJECT_BYTES, Budget
 from .clock import wall_clock
-from .control import Control
+from .control import Control, NameRefused
 from .delivery import Delivery
 from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
 from .graph import GraphEndpoint, Graphs
@@ -199,6 +199,9 @@ class Client:
             )
         except UnknownReference as error:
             status = ids.STATUS_ERR_UNKNOWN_REFERENCE
+            self._refused(kind, object_id, str(error))
+        except NameRefused as error:
+            status = ids.STATUS_ERR_DENIED
             self._refused(kind, object_id, str(error))
         except (DecodeError, ProfileError) as error:
             status = ids.STATUS_ERR_INVALID_DATA

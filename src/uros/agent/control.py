@@ -15,7 +15,10 @@ and what comes later wins::
     max_rate = 100
     qos."/odom" = { reliability = "best_effort", depth = 1 }
 
-Names are ROS names; topics that are none (no ``rt/``) stay as they are.
+Names are ROS names, whatever prefix they have in DDS (``rt/``, ``rq/``, ``rr/`` and those that are
+reserved): a plain datawriter on one half of a service obeys what holds for the service. A name with
+such a prefix that ROS does not allow is refused. A name without one stays as it is, where no
+namespace is to stand before it: there it is refused, as it cannot be in a namespace.
 """
 
 from __future__ import annotations
@@ -111,6 +114,10 @@ class Rule:
         return not self.nodes or any(fnmatchcase(node, it) for it in self.nodes)
 
 
+class NameRefused(Exception):
+    """A topic, service or node may not have this name; the text says why, and the remedy."""
+
+
 class Settings:
     """What the rules come to for one node of one client."""
 
@@ -134,44 +141,78 @@ class Settings:
 
     # --- names ------------------------------------------------------------------
 
-    def node(self, namespace: str, name: str) -> tuple[str, str]:
-        """Where the node stands and what it is called."""
-        return (self.namespace + namespace).rstrip("/") or "/", name
+    @property
+    def remapped(self) -> frozenset[str]:
+        """The names that remappings lead to; no namespace stands before them."""
+        return frozenset(self._remap.values())
 
-    def name(self, name: str) -> str:
-        """The name of a topic or service for the one that the board uses."""
+    def node(self, namespace: str, name: str) -> tuple[str, str]:
+        """Where the node stands and what it is called. Raises NameRefused."""
+        whole = (self.namespace + namespace).rstrip("/") or "/"
+        why = "" if whole == "/" else names.fault(whole, names.MAX_NAMESPACE)
+        if not why and len(name) > names.MAX_NODE_NAME:
+            why = f"the name has {len(name)} characters, and {names.MAX_NODE_NAME} are the most"
+        if why:
+            raise NameRefused(f"node {_cut(names.join(whole, name))!a}: {why}")
+        return whole, name
+
+    def name(self, name: str, prefix: str = "rt") -> str:
+        """The name of a topic or service for the one that the board uses. ``prefix`` is that of
+        DDS: a service that is called as a topic of :data:`GLOBAL` is in the namespace."""
         to = self._remap.get(name)
         if to is None:
-            to = name if name in GLOBAL else self.namespace + name
+            to = name if prefix == "rt" and name in GLOBAL else self.namespace + name
         return to
 
     def topic(self, dds_name: str) -> str:
-        """The same for a topic's DDS name; other than ROS's stay as they are."""
-        name = names.topic_from_dds(dds_name)
-        return dds_name if name is None else names.topic_to_dds(self.name(name))
+        """The DDS name of a topic, or of one half of a service, for the one that the board uses.
+
+        Raises NameRefused for what ROS does not allow behind its prefixes, and for what is no name
+        of ROS where the board is in a namespace.
+        """
+        found = names.split_dds(dds_name)
+        if found is None:
+            if self.namespace:
+                raise NameRefused(
+                    f"topic {_cut(dds_name)!a} is no name of ROS (rt/…), and a rule puts this board"
+                    f" into the namespace {self.namespace}: name it rt/…, or take the board out of"
+                    " the rule"
+                )
+            if not 0 < len(dds_name) <= names.MAX_DDS_NAME:
+                raise NameRefused(
+                    f"topic {_cut(dds_name)!a}: it has {len(dds_name)} characters, and DDS has 1 to"
+                    f" {names.MAX_DDS_NAME}"
+                )
+            return dds_name
+        prefix, given, suffix = found
+        why = names.fault(given)
+        if why:
+            raise NameRefused(f"topic {_cut(dds_name)!a} is refused by the rules of ROS: {why}")
+        name = self.name(given, prefix)
+        why = names.fault(name)
+        if why:
+            raise NameRefused(
+                f"topic {_cut(dds_name)!a} would be {_cut(name)!a} by the agent's rules: {why}"
+            )
+        return f"{prefix}{name}{suffix}"
 
     def service(self, service: Service) -> Service:
         """The same for a service's pair of topics."""
         return Service(
-            self._half(names.service_from_request, service.request_topic, "rq", "Request"),
+            self.topic(service.request_topic),
             service.request_type,
-            self._half(names.service_from_reply, service.reply_topic, "rr", "Reply"),
+            self.topic(service.reply_topic),
             service.reply_type,
         )
-
-    def _half(
-        self, demangle: Callable[[str], str | None], topic: str, prefix: str, suffix: str
-    ) -> str:
-        name = demangle(topic)
-        return topic if name is None else f"{prefix}{self.name(name)}{suffix}"
 
     # --- QoS and limits ------------------------------------------------------------
 
     def apply(self, qos: QoSProfile, dds_name: str) -> None:
         """Set what the rules say of the topic that the board calls ``dds_name``."""
-        given = names.topic_from_dds(dds_name) or dds_name
+        prefix, given, _ = names.split_dds(dds_name) or ("", names.absolute(dds_name), "")
+        called = {given, self.name(given, prefix)}
         for pattern, fields in self._qos:
-            if fnmatchcase(given, pattern) or fnmatchcase(self.name(given), pattern):
+            if any(fnmatchcase(it, pattern) for it in called):
                 for key, value in fields.items():
                     setattr(qos, key, value)
 
@@ -253,6 +294,11 @@ class Control:
         """What applies to a node of a client; see :meth:`Rule.matches`."""
         rules = [rule for rule in self._rules if rule.matches(key, address, node)]
         return Settings(rules) if rules else NOTHING
+
+
+def _cut(name: str) -> str:
+    """As much of a refused name as a line of the log needs."""
+    return name if len(name) <= 80 else name[:80] + "…"
 
 
 def _is_at(address: str, pattern: str) -> bool:
@@ -345,6 +391,11 @@ def _name(value: Any, what: str) -> str:
         raise ControlError(
             f"{what}: {shown(value)} is no ROS name: letters, digits and _ between slashes, no"
             " part beginning with a digit"
+        )
+    if len(name) > names.MAX_NAMESPACE:
+        raise ControlError(
+            f"{what}: {shown(value)} has {len(name)} characters, and {names.MAX_NAMESPACE} are the"
+            " most that leave room for a topic"
         )
     return name
 

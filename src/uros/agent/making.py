@@ -38,9 +38,6 @@ from .representation import (
 if TYPE_CHECKING:
     from .client import Client, Surroundings
 
-# Topics, requests and replies of ROS 2 (design.ros2.org, "Topic and Service name mapping").
-_ROS_PREFIXES = ("rt/", "rq/", "rr/")
-
 
 class Maker:
     """Makes what the objects of one client stand for.
@@ -75,11 +72,13 @@ class Maker:
                 f"its {KIND_NAMES[thing.parent & 15]} {object_label(thing.parent)} does not exist"
             )
         about = f", {KIND_NAMES[parent.kind]}_id: {object_label(parent.object_id)}"
-        if isinstance(spec, TopicSpec) and not spec.name.startswith(_ROS_PREFIXES):
-            client.log(
-                INFO, "ProxyClient", "create_topic", "not a ROS topic",
-                f"topic: {spec.name}, ROS 2 nodes see names that begin with rt/ only",
-            )  # fmt: skip
+        if isinstance(spec, TopicSpec):
+            parent.settings.topic(spec.name)  # refused here, and not only with its first endpoint
+            if names.split_dds(spec.name) is None:
+                client.log(
+                    INFO, "ProxyClient", "create_topic", "not a ROS topic",
+                    f"topic: {spec.name}, ROS 2 nodes see names that begin with rt/ only",
+                )  # fmt: skip
         if isinstance(spec, (TopicSpec, GroupSpec)):
             return about
         participant = self._participant_of(parent)

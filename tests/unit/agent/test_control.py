@@ -4,7 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uros.agent.control import GLOBAL, Control, ControlError, Rule, Settings, parse_rule
+from uros import names
+from uros.agent.control import (
+    GLOBAL,
+    NOTHING,
+    Control,
+    ControlError,
+    NameRefused,
+    Rule,
+    Settings,
+    parse_rule,
+)
 from uros.middleware.base import Service
 from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -69,12 +79,100 @@ def test_services_are_renamed_as_a_pair():
     assert (go.request_type, go.reply_type) == ("a", "b")
     other = settings.service(Service("rq/n/setRequest", "a", "rr/n/setReply", "b"))
     assert (other.request_topic, other.reply_topic) == ("rq/r1/n/setRequest", "rr/r1/n/setReply")
-    plain = settings.service(Service("go_Request", "a", "go_Reply", "b"))
-    assert (plain.request_topic, plain.reply_topic) == ("go_Request", "go_Reply")
 
 
-def test_topics_that_are_not_of_ros_stay():
-    assert Settings([parse_rule({"namespace": "/r1"})]).topic("Square") == "Square"
+def test_topics_that_are_not_of_ros_stay_where_there_is_no_namespace():
+    for rules in ({"remap": {"Square": "/other"}}, {"max_rate": 1}, {"namespace": "/"}):
+        settings = Settings([parse_rule(rules)])
+        assert settings.topic("Square") == "Square"
+        plain = settings.service(Service("go_Request", "a", "go_Reply", "b"))
+        assert (plain.request_topic, plain.reply_topic) == ("go_Request", "go_Reply")
+
+
+def test_what_is_no_name_of_ros_is_refused_in_a_namespace():
+    settings = Settings([parse_rule({"namespace": "/r1"})])
+    for name in ("Square", "ros_discovery_info", "go_Request", "rtx/a", "rt", "", "/rt/a"):
+        with pytest.raises(NameRefused, match="is no name of ROS .*into the namespace /r1"):
+            settings.topic(name)
+    with pytest.raises(NameRefused):
+        settings.service(Service("rq/goRequest", "a", "go_Reply", "b"))
+
+
+def test_every_prefix_of_ros_obeys_the_rules():
+    settings = Settings([parse_rule({"namespace": "/jail", "remap": {"/go": "/run"}})])
+    for before, after in {
+        "rq/addRequest": "rq/jail/addRequest",
+        "rr/addReply": "rr/jail/addReply",
+        "rq/goRequest": "rq/runRequest",
+        "rr/goReply": "rr/runReply",
+        "rq/add": "rq/jail/add",  # is no service, and stays inside all the same
+        "rq/addReply": "rq/jail/addReply",
+        "rt/arm/_action/feedback": "rt/jail/arm/_action/feedback",
+        "rq/arm/_action/send_goalRequest": "rq/jail/arm/_action/send_goalRequest",
+        "rq/node/set_parametersRequest": "rq/jail/node/set_parametersRequest",
+        "rs/a": "rs/jail/a",
+        "rp/a": "rp/jail/a",
+        "ra/a": "ra/jail/a",
+        "rt/tf": "rt/tf",
+        "rq/tfRequest": "rq/jail/tfRequest",  # a service of that name is not every robot's
+        "ra/clock": "ra/jail/clock",
+    }.items():
+        assert settings.topic(before) == after
+
+
+def test_names_that_ros_refuses_are_refused_with_rules_and_without():
+    for settings in (NOTHING, Settings([parse_rule({"namespace": "/jail"})])):
+        for name in (
+            "rt/../x", "rt/a/../x", "rt//x", "rt/x/", "rt/", "rt/1x", "rt/a/1", "rt/~/x", "rt/~x",
+            "rt/a b", "rt/{node}", "rt/a-b", "rt/a.b", "rt/é", "rt/a\n", "rq/Request", "rr/Reply",
+            "rq/../goRequest", "ra/..", "rp/1", "rs//a", f"rt/{'x' * 247}", "rq/a/Request",
+        ):  # fmt: skip
+            with pytest.raises(NameRefused, match="refused by the rules of ROS: it |a part of it"):
+                settings.topic(name)
+    assert NOTHING.topic(f"rt/{'x' * 246}") == f"rt/{'x' * 246}"
+    assert NOTHING.topic("rt/a__b/_c") == "rt/a__b/_c"  # rmw lets these pass
+    with pytest.raises(NameRefused, match="by the agent's rules: it has 252 characters"):
+        Settings([parse_rule({"namespace": "/jail"})]).topic(f"rt/{'x' * 246}")
+    for name in ("", "x" * 256):
+        with pytest.raises(NameRefused, match="and DDS has 1 to 255"):
+            NOTHING.topic(name)
+
+
+def test_nodes_have_the_lengths_of_ros():
+    jail = Settings([parse_rule({"namespace": "/jail"})])
+    assert jail.node("/" + "n" * 239, "x" * 255) == ("/jail/" + "n" * 239, "x" * 255)
+    for namespace, name in (("/" + "n" * 240, "x"), ("/", "x" * 256)):
+        with pytest.raises(NameRefused, match="are the most"):
+            jail.node(namespace, name)
+
+
+_PIECES = st.sampled_from(
+    ["rt", "rq", "rr", "ra", "/", "..", "~", "jail", "tf", "go", "Request", "Reply", "_", "1", "{}"]
+)
+
+
+@given(st.one_of(st.lists(_PIECES, max_size=8).map("".join), st.text(max_size=20)))
+def test_no_name_leads_out_of_a_namespace(dds_name):
+    settings = Settings([parse_rule({"namespace": "/jail", "remap": {"/go": "/run"}})])
+    try:
+        prefix, name, _ = names.split_dds(settings.topic(dds_name))
+    except NameRefused as error:
+        assert str(error).isprintable()
+        return
+    assert not names.fault(name)
+    assert name.startswith("/jail/") or name == "/run" or (prefix == "rt" and name in GLOBAL)
+
+
+def test_qos_of_half_a_service_and_of_what_is_no_name_of_ros():
+    qos_of = {"/go": {"depth": 3}, "/jail/a": {"depth": 4}}
+    rules = [parse_rule({"namespace": "/jail", "qos": qos_of})]
+    for name, depth in {"rq/goRequest": 3, "rr/goReply": 3, "rq/aRequest": 4, "rt/b": 10}.items():
+        qos = QoSProfile()
+        Settings(rules).apply(qos, name)
+        assert qos.depth == depth
+    qos = QoSProfile()
+    Settings([parse_rule({"qos": {"*": {"depth": 5}}})]).apply(qos, "Square")
+    assert qos.depth == 5
 
 
 def test_qos_of_a_topic_by_either_of_its_names(tmp_path):
@@ -183,6 +281,7 @@ def test_without_limits_the_writer_is_what_it_was():
         ("[[client]]\ndomain = true", "domain is True, not a whole number from 0 to 232"),
         ("[[client]]\nkey = 'abc'\ndomain = 1", "0x4B0CBE99"),
         ("[[client]]\nnamespace = '1x'", "'1x' is no ROS name"),
+        (f"[[client]]\nnamespace = '/{'n' * 245}'", "has 246 characters, and 245 are the most"),
         ("[[client]]\nnamespace = 5", "5 is no ROS name"),
         ("[[client]]\nremap = 5", "remap is 5, not a table"),
         ("[[client]]\nremap = { a = 'b c' }", "'b c' is no ROS name"),

@@ -3,12 +3,33 @@
 import pytest
 from support.agent import running_agent
 from support.client import BEST_EFFORT, XrceClient
+from unit.agent import helpers
+from unit.agent.helpers import (
+    APPLICATION,
+    OK,
+    PARTICIPANT,
+    PUBLISHER,
+    READER,
+    REPLIER,
+    REQUESTER,
+    SUBSCRIBER,
+    UNKNOWN,
+    WRITER,
+    Board,
+    Desk,
+    by_reference,
+    endpoint,
+    group,
+    participant,
+    topic,
+    xml,
+)
 
 from uros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from uros.wire import ids
+from uros.wire import entities, ids
 
 TYPE = "std_msgs::msg::dds_::String_"
-SERVICE = ("go", "p::srv::dds_::Go_Request_", "p::srv::dds_::Go_Response_")
+SERVICE = ("/go", "p::srv::dds_::Go_Request_", "p::srv::dds_::Go_Response_")
 
 
 @pytest.fixture
@@ -147,3 +168,118 @@ def test_a_rate_drops_best_effort_samples_and_counts_them(agent):
         one.write(writer, bytes([number]) * 4, stream=ids.STREAM_BEST_EFFORT)
     assert one.ping() == 1
     assert agent.agent.clients[1].session.dropped == 9
+
+
+# --- every way to an endpoint, and every prefix -------------------------------------------------
+
+HALVES = ("rq/goRequest", "rr/goReply", "rt/a", "rs/a", "rp/a", "ra/a", "rt/arm/_action/status")
+DENIED = ids.STATUS_ERR_DENIED
+
+
+def _profiles(name):
+    """An endpoint's and a service's XML, with room for an attribute."""
+    on = f"<topic><name>{name}</name><dataType>T</dataType></topic>"
+    service = 'service_name="s" request_type="A" reply_type="B"'
+    topics = "".join(f"<{it}>{name}</{it}>" for it in ("request_topic_name", "reply_topic_name"))
+    return {
+        WRITER: f"<data_writer{{}}>{on}</data_writer>",
+        READER: f"<data_reader{{}}>{on}</data_reader>",
+        REQUESTER: f"<requester{{}} {service}>{topics}</requester>",
+        REPLIER: f"<replier{{}} {service}>{topics}</replier>",
+    }
+
+
+PARENTS = {
+    WRITER: PUBLISHER, READER: SUBSCRIBER, REQUESTER: PARTICIPANT, REPLIER: PARTICIPANT,
+}  # fmt: skip
+
+
+def _made(form, name):
+    """What makes one endpoint of each kind on a topic of this name."""
+    start = [participant(), group(), group(SUBSCRIBER)]
+    if form == "binary":
+        return [
+            *start, topic(name=name, type_name="T"), endpoint(),
+            endpoint(READER, parent=SUBSCRIBER),
+            *(helpers.create(it, ids.IN_BINARY, helpers.built(
+                entities.push_binary_service, "s", "A", "B", name, name,
+            ), PARTICIPANT) for it in (REQUESTER, REPLIER)),
+        ]  # fmt: skip
+    if form == "xml":
+        return start + [
+            xml(it, text.format(""), PARENTS[it]) for it, text in _profiles(name).items()
+        ]
+    if form == "reference":
+        return start + [by_reference(it, f"p{it}", PARENTS[it]) for it in PARENTS]
+    parts = "".join(
+        text.format(f' object_id="0x{it:04X}"') for it, text in _profiles(name).items()
+    )
+    inside = f'<domain_participant name="n">{parts}</domain_participant>'
+    text = f'<application name="x">{inside}</application>'
+    return [xml(APPLICATION, f"<dds><application_library>{text}</application_library></dds>")]
+
+
+def _topics(desk):
+    bus = desk.middleware.bus
+    return {key[1] for ends in (bus.writers, bus.readers) for key, it in ends.items() if it}
+
+
+def _desk(tmp_path, name):
+    file = tmp_path / "agent.refs"
+    texts = [
+        text.format(f' profile_name="p{it}"') for it, text in _profiles(name).items()
+    ]
+    file.write_text("<profiles>" + "".join(texts) + "</profiles>")
+    return Desk(refs=file)
+
+
+@pytest.mark.parametrize("form", ["binary", "xml", "reference", "application"])
+@pytest.mark.parametrize("name", HALVES)
+def test_no_endpoint_leaves_its_namespace_however_it_is_made(tmp_path, form, name):
+    desk = _desk(tmp_path, name)
+    desk.agent.control.add({"namespace": "/jail"})
+    board = Board(desk, mtu=60_000)
+    made = _made(form, name)
+    assert board.ask(*made) == [OK] * len(made), desk.log()
+    assert _topics(desk) == {f"{name[:2]}/jail{name[2:]}"}
+    desk.close()
+
+
+@pytest.mark.parametrize("form", ["binary", "xml", "reference", "application"])
+@pytest.mark.parametrize("name", ["rt/../x", "rq/../goRequest", "rt/jail/../x", "Square"])
+def test_names_that_lead_out_are_refused_however_they_are_made(tmp_path, form, name):
+    desk = _desk(tmp_path, name)
+    desk.agent.control.add({"namespace": "/jail"})
+    board = Board(desk, mtu=60_000)
+    answers = board.ask(*_made(form, name))
+    if form == "binary":  # the endpoints' topic does not exist
+        assert answers == [OK] * 3 + [DENIED] + [UNKNOWN] * 2 + [DENIED] * 2
+    elif form == "application":
+        assert answers == [DENIED]
+    else:
+        assert answers == [OK] * 3 + [DENIED] * 4
+    assert not _topics(desk)
+    assert "refused by the rules of ROS" in desk.log() or "is no name of ROS" in desk.log()
+    desk.close()
+
+
+@pytest.mark.parametrize("form", ["binary", "xml", "reference", "application"])
+def test_names_that_are_none_of_ros_pass_where_no_rule_is_against_it(tmp_path, form):
+    desk = _desk(tmp_path, "Square")
+    board = Board(desk, mtu=60_000)
+    made = _made(form, "Square")
+    assert board.ask(*made) == [OK] * len(made), desk.log()
+    assert _topics(desk) == {"Square"}
+    desk.close()
+
+
+@pytest.mark.parametrize("name", ["rq/goRequest", "ra/a", "rt/a"])
+def test_limits_hold_for_every_prefix(tmp_path, name):
+    desk = _desk(tmp_path, name)
+    desk.agent.control.add({"max_size": 8, "qos": {"/go": {"depth": 3}, "/a": {"depth": 3}}})
+    board = Board(desk, mtu=60_000)
+    board.ask(*_made("binary", name))
+    board.send(helpers.write_data(WRITER, bytes(20)))
+    assert "are over max_size 8" in desk.log()
+    assert helpers.writer_of(board).qos.depth == 3
+    desk.close()

@@ -66,7 +66,7 @@ def test_performance_of_a_c_client_is_a_timestamp(board):
 # --- GET_INFO ------------------------------------------------------------------------------------
 
 BOTH = ids.INFO_CONFIGURATION | ids.INFO_ACTIVITY
-LONG = "x" * 300
+LONG = "x" * 240
 
 
 def ask_info(board, object_id, mask=BOTH, request=0x0A0B, stream=0x80):

@@ -44,8 +44,10 @@ from uros.wire.cdr import Writer
 @pytest.mark.parametrize("length", [61, 100, 255, 256, 1000])
 @pytest.mark.parametrize("form", ["binary", "xml", "reference"])
 def test_names_of_any_length(tmp_path, length, form):
-    """micro-ROS has room for 60 characters, XRCE clients in C for 512, DDS for 255 and more."""
-    node, name, type_name = "n" * length, "rt/" + "t" * length, "a::" + "T" * length
+    """micro-ROS has room for 60 characters, XRCE clients in C for 512; topics and nodes have what
+    ROS allows, types and references what fits a message."""
+    node, type_name = "n" * min(length, 255), "a::" + "T" * length
+    name = "rt/" + "t" * (min(length, 246) - len("_Request"))
     on_topic = f"<name>{name}</name><dataType>{type_name}</dataType>"
     service_types = f'request_type="{type_name}" reply_type="{type_name}"'
     texts = {  # with room for an attribute

@@ -286,7 +286,7 @@ def test_silence_is_told_where_ticks_have_gone_around(owner):
 
 def test_long_names_and_many_endpoints_are_cut(owner):
     board = Board(owner.desk, mtu=60_000)
-    board.ask(*publisher_entities(name="rt/" + "x" * 5000))
+    board.ask(*publisher_entities(name="rt/" + "x" * 246))
     for number in range(2, 400):
         board.send(endpoint(oid(number, ids.KIND_DATAWRITER), TOPIC, PUBLISHER))
     client = owner.client()
