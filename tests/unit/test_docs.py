@@ -411,7 +411,8 @@ def test_the_page_of_status_is_how_it_looks():
     def board(key, address, nodes, heard, rates, lost):
         return {
             "key": key, "address": address, "nodes": nodes, "heard_ago": heard, "rate_over": 9.6,
-            "received": {"lost": lost, "rate": rates[0]}, "sent": {"resent": 0, "rate": rates[1]},
+            "received": {"lost": lost, "given_up": 0, "rate": rates[0]},
+            "sent": {"resent": 0, "rate": rates[1]},
             "queues": {"unacknowledged": 0, "stalled": 0, "early": 0},
         }  # fmt: skip
 

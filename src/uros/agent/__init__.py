@@ -4,6 +4,7 @@ One client, from the network in:
 
 ====================  ==========================================================
 ``session``           its streams: datagrams in, submessages out of them
+``splices``           a message that a client gave up, and the next one behind it
 ``handler``           what a session needs of its client
 ``client``            its objects, and the rules of creating them
 ``representation``    what a CREATE says, whichever of three formats it uses

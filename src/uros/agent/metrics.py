@@ -55,6 +55,8 @@ _CLIENT: Final = (
     ("received_bytes", "Bytes of these messages", True, ("received", "bytes")),
     ("lost_messages", "Best-effort messages of the board that never came, by their numbers",
      True, ("received", "lost")),
+    ("given_up_messages", "Long messages of which the board sent the first fragments only",
+     True, ("received", "given_up")),
     ("sent_messages", "Messages to the board", True, ("sent", "messages")),
     ("sent_bytes", "Bytes of these messages", True, ("sent", "bytes")),
     ("resent_messages", "Messages that were sent to the board again", True, ("sent", "resent")),

@@ -43,6 +43,7 @@ from ..wire.streams import (
 from .budget import MESSAGE_BYTES, Budget, unlimited
 from .handler import GONE, Handler
 from .log import unexpected
+from .splices import NONE, beginning, long_stop, surplus
 
 WriteSample = Callable[[memoryview], bool]
 
@@ -76,26 +77,19 @@ class _Stalled(Exception):
 class _In:
     """A reliable input stream with what belongs to it at the agent."""
 
-    __slots__ = ("ack_due", "fragment_at", "fragments", "stalled", "stream")
+    __slots__ = (
+        "ack_due", "first_fragment", "fragment_at", "fragments", "stalled", "stream"
+    )  # fmt: skip
 
     def __init__(self, limit: int) -> None:
         self.stream = ReliableIn()
         self.fragments = Fragments(limit)
         self.fragment_at = 0  # the number after that of the message with the last fragment
+        self.first_fragment = 0  # length of the first of a message; 0: before the agent's start
         self.ack_due = False
         # Messages that wait for a writer's room, in order; all but the last of a
         # datagram are reassembled ones.
         self.stalled: list[bytearray] = []
-
-
-def _long_stop(stop: int, start: int, end: int) -> int:
-    """Where a submessage ends that has more than 64 kB of message before it.
-
-    C clients say 0, and it runs to the end, or the low 16 bits of its length, and then up
-    to 3 bytes of padding follow. ``stop`` is what they would mean in a short message.
-    """
-    padding = (end - stop) & 0xFFFF
-    return end - padding if stop != start and padding < 4 else end
 
 
 class Session:
@@ -117,6 +111,7 @@ class Session:
         "_scratch",
         "_warned",
         "dropped",
+        "given_up",
         "heard",
         "key",
         "lost",
@@ -151,6 +146,7 @@ class Session:
         self.received = 0  # messages, and their bytes
         self.received_bytes = 0
         self.lost = 0  # numbers of best-effort streams that never came, or came too late
+        self.given_up = 0  # long messages of which the client sent the first fragments only
         self.sent = 0
         self.sent_bytes = 0
         self.resent = 0  # messages that were sent again, each time counts
@@ -307,7 +303,7 @@ class Session:
                         f"submessage {kind} announces {stop - start} bytes,"
                         f" {end - start} are there"
                     )
-                stop = _long_stop(stop, start, end)
+                stop = long_stop(stop, start, end)
             write = None
             if kind == ids.WRITE_DATA and not flags & ids.FORMAT_MASK and stop - start > 4:
                 write = self.writers.get(buf[start + 2] << 8 | buf[start + 3])
@@ -361,10 +357,10 @@ class Session:
             # fragments in the stream, and go on with others (on_full_output_buffer_fragmented).
             if incoming.fragments.pending and number != (incoming.fragment_at + 1) & 0xFFFF:
                 incoming.fragments.drop()
-                self._handler.fault(
-                    "message given up", f"its last fragment never came, stream: {stream_id}"
-                )
+                self._given_up(stream_id)
             incoming.fragment_at = number
+        if not incoming.fragments.pending:
+            incoming.first_fragment = len(part)
         if len(self._in) > 1:  # all streams together hold no more than one may
             kept = sum(
                 it.fragments.pending + sum(map(len, it.stalled)) for it in self._in.values()
@@ -375,8 +371,13 @@ class Session:
             return True
         if len(whole) < 4 or whole[0] == ids.FRAGMENT:
             raise DecodeError("fragments of what is no submessage, or of fragments")
-        if len(whole) - 4 <= 0xFFFF:  # one submessage; what follows it is nothing
-            del whole[4 + (whole[2] | whole[3] << 8) :]
+        start = beginning(whole, incoming.first_fragment, len(part), self.writers)
+        if start:
+            self._given_up(stream_id)
+            if start == NONE:
+                return True
+            del whole[:start]
+        del whole[len(whole) - surplus(whole) :]  # one submessage; what follows it is nothing
         try:
             self._submessages(whole, memoryview(whole), 0, len(whole), stream_id, now)
         except _Stalled:
@@ -385,6 +386,12 @@ class Session:
         except DecodeError as error:  # of it, and not of what comes behind it
             self._handler.fault("deserialization error", str(error))
         return True
+
+    def _given_up(self, stream_id: int) -> None:
+        self.given_up += 1
+        self._handler.fault(
+            "message given up", f"its last fragment never came, stream: {stream_id}"
+        )
 
     def _acknack(self, reader: Reader, now: int) -> None:
         first, missing, stream_id = pull_acknack(reader)

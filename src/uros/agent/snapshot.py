@@ -206,7 +206,7 @@ def _client(server: Server, client: Client, rates: Rates) -> dict[str, Any]:
         "objects": Counter(KIND_NAMES[it.kind] for it in client.objects.values()),
         "received": {
             "messages": session.received, "bytes": session.received_bytes, "lost": session.lost,
-            "rate": round(rate_in, 2),
+            "given_up": session.given_up, "rate": round(rate_in, 2),
         },
         "sent": {
             "messages": session.sent, "bytes": session.sent_bytes, "resent": session.resent,

@@ -135,7 +135,7 @@ def _clients(snapshot: Snapshot, before: Snapshot | None) -> list[list[str]]:
         rows.append(
             [it["key"], plain(it["address"]), " ".join(nodes) or "-",
              duration(it["heard_ago"]), f"{rate_in:.1f}", f"{rate_out:.1f}",
-             str(it["received"]["lost"]), str(it["sent"]["resent"]),
+             str(it["received"]["lost"] + it["received"]["given_up"]), str(it["sent"]["resent"]),
              str(queues["unacknowledged"] + queues["stalled"] + queues["early"])]
         )  # fmt: skip
     return rows

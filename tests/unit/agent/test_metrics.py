@@ -95,6 +95,7 @@ def test_a_scrape_has_what_the_snapshot_has():
             ("received_messages_total", "received", "messages"),
             ("received_bytes_total", "received", "bytes"),
             ("lost_messages_total", "received", "lost"),
+            ("given_up_messages_total", "received", "given_up"),
             ("sent_messages_total", "sent", "messages"),
             ("resent_messages_total", "sent", "resent"),
             ("dropped_messages_total", "sent", "dropped"),

@@ -418,7 +418,7 @@ def test_fragments_that_make_nonsense_take_nothing_else_along(talk):
     talk.hear(fragment(short[:200]))
     talk.hear(fragment(short[200:], True), write_data(WRITER, b"other"))
     assert talk.samples() == [b"other"]
-    assert [what for what, _ in talk.handler.faults] == ["deserialization error"]
+    assert [what for what, _ in talk.handler.faults] == ["message given up"]
 
 
 # --- reset ------------------------------------------------------------------------------

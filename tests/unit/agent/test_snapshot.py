@@ -29,6 +29,7 @@ from unit.agent.helpers import (
     sub,
     subscriber_entities,
     topic,
+    whole,
     write_data,
 )
 from unit.transport.bare_host import BareHost
@@ -243,6 +244,20 @@ def test_early_stalled_dropped_and_half(owner):
     assert owner.client()["sent"]["dropped"] == 1
     owner.desk.hear(message([write_data(WRITER, SAMPLE)], 0x81, 0, SESSION, KEY))
     assert owner.client()["queues"]["stalled"] == 1
+
+
+def test_a_long_message_that_is_given_up_counts(owner):
+    board = Board(owner.desk)
+    board.ask(*publisher_entities())
+    assert owner.client()["received"]["given_up"] == 0
+    half = whole(write_data(WRITER, bytes(100)))
+    board.send(fragment(half[:60]))
+    board.send(write_data(WRITER, SAMPLE))
+    board.send(fragment(half[:60]))  # the rest of the first would have come before
+    assert owner.client()["received"]["given_up"] == 1
+    board.send(fragment(half[:60]))
+    board.send(fragment(half[60:], True))
+    assert owner.client()["received"]["given_up"] == 2
 
 
 # --- rates and times ----------------------------------------------------------------

@@ -27,7 +27,7 @@ def client(key="0x4B0CBE99", received=100, sent=50, age=20.0, **more):
         "address": "192.168.100.107:2018", "mtu": 512, "age": age, "heard_ago": 0.25,
         "nodes": [{"name": "/left/a_board_of_the_hall", "domain": 3}],
         "objects": {"participant": 1, "topic": 2},
-        "received": {"messages": received, "bytes": 5000, "lost": 4, "rate": 10.0},
+        "received": {"messages": received, "bytes": 5000, "lost": 3, "given_up": 1, "rate": 10.0},
         "sent": {"messages": sent, "bytes": 100, "resent": 2, "dropped": 1, "rate": 5.0},
         "rate_over": 9.6,
         "queues": {"unacknowledged": 3, "stalled": 1, "early": 2, "fragments": 100},
