@@ -18,9 +18,7 @@ node: "Any" = None
 
 def build() -> Node:
     line = UART(2, 115200, tx=17, rx=16, timeout=0, rxbuf=512)
-    node = Node(
-        "micro_ros_pub_node", StreamTransport(line), wait_ms=500, ping_ms=200, silence_ms=1000
-    )
+    node = Node("micro_ros_pub_node", StreamTransport(line), wait_ms=500, ping_ms=200)
     node.on_state = lambda state: print(STATES[state])
     publisher = node.create_publisher(Int32, "micro_ros_counter", 10)
     count = Int32()

@@ -20,9 +20,7 @@ node: "Any" = None
 def build() -> Node:
     led = Dimmer(PWM(Pin(22), freq=5000, duty_u16=0))
     line = UART(2, 115200, tx=17, rx=16, timeout=0, rxbuf=512)
-    node = Node(
-        "micro_ros_sub_node", StreamTransport(line), wait_ms=500, ping_ms=200, silence_ms=1000
-    )
+    node = Node("micro_ros_sub_node", StreamTransport(line), wait_ms=500, ping_ms=200)
     node.on_state = lambda state: print(STATES[state])
     node.create_subscription(Float32, "micro_ros_sub", lambda message: led.set(message.data))
     print(STATES[node.state])

@@ -380,6 +380,38 @@ def test_a_name_with_addresses_of_both_families(kind, monkeypatch):
         assert node.connection.connections == 2
 
 
+def test_an_address_that_has_answered_is_kept_while_its_agent_restarts(monkeypatch):
+    """A restarted agent with --state knows the board by its port."""
+
+    def listen(port=0):
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        sock.bind(("127.0.0.1", port))
+        sock.settimeout(10)
+        return sock
+
+    agent = listen()
+    port = agent.getsockname()[1]
+    both = [
+        (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.1", port)),
+        (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.2", port)),
+    ]
+    monkeypatch.setattr("uros.transport.datagram.socket.getaddrinfo", lambda *_: both)
+    transport = UdpTransport("robot.local", port)
+    transport.open()
+    transport.send(b"before")
+    board = agent.recvfrom(100)[1]
+    agent.sendto(b"answer", board)
+    assert transport.receive(10000) == b"answer"
+    agent.close()
+    transport.send(b"lost")
+    assert transport.receive(10000) is None  # the refusal
+    agent = listen(port)
+    transport.send(b"after")
+    assert agent.recvfrom(100) == (b"after", board)
+    agent.close()
+    transport.close()
+
+
 def test_a_name_with_no_way_to_any_address(monkeypatch):
     nowhere = [(socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("fe80::1", 9, 0, 0))]
     monkeypatch.setattr("uros.transport.datagram.socket.getaddrinfo", lambda *_: nowhere)

@@ -8,8 +8,9 @@
 
 * WAITING_AGENT: the transport is opened, and the agent pinged every ``wait_ms``.
 * AGENT_AVAILABLE: a new session; its entities are created and the time is asked for.
-* AGENT_CONNECTED: samples travel. An agent that is silent is pinged every ``ping_ms``; one that
-  says nothing for ``silence_ms``, or does not know the session any more, is lost.
+* AGENT_CONNECTED: samples travel. The agent is pinged ``ping_ms`` after it last said something
+  other than an answer to a ping, and then every ``ping_ms``. It is lost when it says nothing for
+  ``silence_ms`` from the first unanswered ping on, or does not know the session any more.
 * AGENT_DISCONNECTED lasts for one step: the transport is closed, nothing waits for the agent.
 """
 
@@ -110,7 +111,8 @@ class Connection(Session):
         self._known = False  # the session, to the agent
         self._lost = ""
         self._delivered = False  # whether a sample has come in this pump
-        self._next = self._heard = self._answered = self._next_time = self.clock.ms()
+        self._next = self._answered = self._next_time = self.clock.ms()
+        self._asked_at = -1  # when the first ping or hello since the agent spoke went out
         self._times = 0  # answers about the time that the first one still needs
         self._time_retry = _TIME_RETRY_MS
         self._asked_us = -1
@@ -207,7 +209,8 @@ class Connection(Session):
 
     def on_pong(self) -> None:
         if self.state == WAITING_AGENT:
-            self._next = self._heard = self.clock.ms()
+            self._next = self.clock.ms()
+            self._asked_at = -1
             self._enter(AGENT_AVAILABLE)
 
     def on_unknown(self) -> None:
@@ -282,7 +285,9 @@ class Connection(Session):
             while message is not None:
                 now = self.clock.ms()
                 if self.receive(message, now):
-                    self._heard = now
+                    self._asked_at = -1
+                    if self._known and message[4] != ids.INFO:
+                        self._next = ticks_add(now, self.ping_ms)
                 count += 1
                 if self._delivered or count == _BURST:
                     break
@@ -290,7 +295,8 @@ class Connection(Session):
             # Only now: a callback that took long is no fault of the agent, whose words may wait.
             if message is None and self.state != WAITING_AGENT:
                 now = self.clock.ms()
-                if ticks_diff(now, self._heard) >= self.silence_ms:
+                asked = self._asked_at
+                if asked >= 0 and ticks_diff(now, asked) >= self.silence_ms:
                     self._lost = self._lost or "the agent is silent"
                 elif (
                     self.state == AGENT_AVAILABLE
@@ -337,10 +343,12 @@ class Connection(Session):
         """Everything that a session needs by time."""
         if ticks_diff(now, self._next) >= 0:
             self._next = ticks_add(now, self.ping_ms)
-            if not self._known:
-                self.hello()
-            elif ticks_diff(now, self._heard) >= self.ping_ms:
+            if self._asked_at < 0:
+                self._asked_at = now
+            if self._known:
                 self.ping(True)
+            else:
+                self.hello()
         if not self._known:
             return
         self._feed()

@@ -16,12 +16,15 @@ class UdpTransport:
 
     ``host`` is a name, or an address of IPv4 or IPv6. Of a name's addresses, the next is tried
     where one says that nobody is there: localhost can be 127.0.0.1 and ::1, the agent on one.
+    An address that has answered is kept until the next :meth:`open`: a restarted agent knows the
+    session by our port.
     """
 
     def __init__(self, host: str, port: int = 8888, mtu: int = 512) -> None:
         self.mtu = mtu
         self._agent = (host, port)
         self._turn = 0
+        self._answered = False
         self._addresses: "Any" = ()
         self._socket: "Any" = None
         self._poll: "Any" = None
@@ -29,6 +32,7 @@ class UdpTransport:
     def open(self) -> None:
         """Raises OSError where the host is not known or the network is down."""
         self.close()
+        self._answered = False
         self._addresses = socket.getaddrinfo(self._agent[0], self._agent[1], 0, socket.SOCK_DGRAM)
         self._connect()
 
@@ -80,11 +84,12 @@ class UdpTransport:
         try:
             data: bytes = self._socket.recv(self.mtu)
         except OSError:  # the answer of a host with no agent: as if nothing had come
-            if len(self._addresses) > 1:
+            if len(self._addresses) > 1 and not self._answered:
                 self._turn += 1
                 try:
                     self._connect()
                 except OSError:  # the socket that was there stays
                     pass
             return None
+        self._answered = True
         return data

@@ -1,0 +1,21 @@
+"""How long the programs of firmware/ wait for an agent that is restarted."""
+
+import ast
+from pathlib import Path
+
+FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
+
+
+def test_every_program_waits_two_seconds_and_for_several_pings() -> None:
+    """As README.md promises of an agent with --state."""
+    nodes = 0
+    for path in FIRMWARE.glob("*/*.py"):
+        for call in ast.walk(ast.parse(path.read_text())):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
+                given = {it.arg: ast.literal_eval(it.value) for it in call.keywords
+                         if it.arg in ("ping_ms", "silence_ms")}  # fmt: skip
+                nodes += call.func.id == "Node"
+                silence_ms = given.get("silence_ms", 2000)
+                assert silence_ms >= 2000, path
+                assert silence_ms >= 2 * given.get("ping_ms", 200), path
+    assert nodes >= 10
