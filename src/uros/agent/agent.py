@@ -92,8 +92,9 @@ class Agent:
         self._places: dict[int, tuple[ServerTransport, Any]] = {}
         self.attended: set[Session] = set()
         self._scratch = bytearray(128)
-        # The place of the client that left last: its confirmation goes there.
-        self._left: dict[int, tuple[ServerTransport, Any]] = {}
+        # Sessions that have ended since the last flush, which takes them out: what they still
+        # have to say, such as that the client is deleted, goes to where it was.
+        self._left: dict[Session, tuple[ServerTransport, Any]] = {}
         self._conflicts: set[tuple[str, str, str]] = set()
         self.liveliness = Liveliness(self, DEAD_TIME if dead_time is None else dead_time)
         self.rivals = Rivals(self)
@@ -398,9 +399,9 @@ class Agent:
     def flush(self, session: Session) -> None:
         """Send what the session has to send to where its client is, or was."""
         outgoing = session.outgoing
+        place = self._left.pop(session, None) or self._places.get(session.key)
         if not outgoing:
             return
-        place = self._places.get(session.key) or self._left.pop(session.key, None)
         if place is not None:
             transport, peer = place
             if self.taps:
@@ -431,7 +432,8 @@ class Agent:
         place = self._places.pop(key, None)
         if place is not None:
             place[0].sessions.pop(place[1], None)
-            self._left = {key: place}
+            self._left[client.session] = place
+            self.attend(client.session)  # so that it is flushed, whoever has deleted it
         about = f"client_key: {key_label(key)}"
         self.log.info("Root", "delete_client", "delete", about)
         if place is not None:

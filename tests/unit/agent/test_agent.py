@@ -3,6 +3,7 @@
 import pytest
 from unit.agent import helpers
 from unit.agent.helpers import (
+    KEY,
     PARTICIPANT,
     READER,
     Board,
@@ -333,3 +334,40 @@ def test_clients_that_made_something_stay_and_new_ones_are_refused(desk):
     for key in range(3, 103):
         admitted(desk, key, peer=3)
     assert desk.log().count("over 2 clients") == 1
+
+
+def test_clients_that_leave_in_one_turn_all_hear_of_it(desk):
+    boards = [Board(desk, 1 + it, KEY + it) for it in range(5)]
+    for number, board in enumerate(boards):
+        stream = ids.STREAM_RELIABLE if number & 1 else ids.STREAM_NONE
+        farewell = message(
+            [delete(ids.OBJECT_CLIENT)], stream, 0, board.session_id, board.key
+        )
+        buf = bytearray(farewell)
+        desk.place.deliver(desk, board.peer, buf, memoryview(buf), len(buf), desk.clock)
+    for peer, datagram in desk.settle():
+        boards[peer - 1].look(datagram)
+    assert [board.statuses() for board in boards] == [[OK]] * 5
+    assert not desk.agent.clients and not desk.agent._left
+    assert "unknown session" not in desk.log()
+
+
+def test_what_a_session_still_says_goes_to_its_own_place_and_not_to_the_next_ones(desk):
+    first = Board(desk, 1)
+    buf = bytearray(message([delete(ids.OBJECT_CLIENT)], 0))
+    desk.place.deliver(desk, 1, buf, memoryview(buf), len(buf), desk.clock)
+    buf = bytearray(create_client())  # another board with its key, in the same turn
+    desk.place.deliver(desk, 2, buf, memoryview(buf), len(buf), desk.clock)
+    sent = desk.settle()
+    assert sorted(
+        (peer, kind) for peer, datagram in sent for kind, _, _ in parse(datagram)[1]
+    ) == [(1, ids.STATUS), (2, ids.STATUS_AGENT)]
+    assert desk.agent.place(first.key) == (desk.place, 2)
+
+
+def test_clients_that_are_sent_away_leave_nothing_in_the_agent(desk):
+    for number in range(3):
+        Board(desk, 1 + number, KEY + number)
+        desk.agent.delete_client(KEY + number)
+    desk.settle()
+    assert not desk.agent._left

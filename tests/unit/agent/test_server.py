@@ -3,6 +3,7 @@
 import io
 import os
 import socket
+import struct
 import threading
 import time
 from contextlib import contextmanager
@@ -62,6 +63,23 @@ class Running:
         while not done.wait(0.05):
             self.server._wake.set()
         return out[0] if out else None
+
+
+    @contextmanager
+    def held(self):
+        """The server's thread stands still inside the block: what comes is one turn's."""
+        stands, go_on = threading.Event(), threading.Event()
+
+        def stand():
+            stands.set()
+            go_on.wait(SECONDS)
+
+        self.server.soon(stand)
+        assert stands.wait(SECONDS)
+        try:
+            yield
+        finally:
+            go_on.set()
 
 
 @contextmanager
@@ -361,3 +379,18 @@ def test_calls_from_other_threads_come_in_order_and_a_faulty_one_harms_none():
         assert said == [running.thread, 1]
         assert "ZeroDivisionError" in running.said.getvalue()
         running.said.truncate(0)  # running_agent() finds no fault then
+
+
+@pytest.mark.parametrize("transport", ["udp", "tcp"])
+def test_sixty_clients_that_leave_together_all_hear_of_it_at_once(transport):
+    with running() as agent:
+        clients = [agent.client(1 + it, transport) for it in range(60)]
+        with agent.held():
+            for one in clients:
+                one._send(
+                    ids.DELETE, struct.pack(">HH", 1, ids.OBJECT_CLIENT), ids.STREAM_RELIABLE
+                )
+        for one in clients:
+            one.until(lambda one=one: one.statuses, "it waits in vain")
+            assert one.statuses == {(1, ids.OBJECT_CLIENT): ids.STATUS_OK}
+        assert "unknown session" not in agent.said.getvalue()
