@@ -10,11 +10,13 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parents[2] / "src" / "uros"
 
-# What each room may import besides itself. "qos", "ticks" and "names" are single modules.
+# What each room may import besides itself. "qos", "ticks", "names" and "printable" are single
+# modules.
 ALLOWED = {
     "wire": set(),
     "ticks": set(),
     "names": set(),
+    "printable": set(),
     "drivers": set(),
     "control": set(),
     "qos": {"wire"},
@@ -22,16 +24,16 @@ ALLOWED = {
     "transport": {"wire", "ticks"},
     "client": {"wire", "interfaces", "qos", "ticks"},
     "middleware": {"interfaces", "qos", "names"},
-    "agent": {"wire", "transport", "middleware", "qos", "names"},
-    "host": {"client", "middleware", "interfaces", "qos", "names"},
+    "agent": {"wire", "transport", "middleware", "qos", "names", "printable"},
+    "host": {"client", "middleware", "interfaces", "qos", "names", "printable"},
     "dashboard": {"drivers"},
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
-        "host", "dashboard", "qos", "ticks", "names",
+        "host", "dashboard", "qos", "ticks", "names", "printable",
     },
     "tools": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
-        "host", "boards", "dashboard", "qos", "ticks", "names",
+        "host", "boards", "dashboard", "qos", "ticks", "names", "printable",
     },
 }  # fmt: skip
 
@@ -57,6 +59,7 @@ def modules() -> list[Path]:
         SOURCE / "qos.py",
         SOURCE / "ticks.py",
         SOURCE / "names.py",
+        SOURCE / "printable.py",
     ]
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
+from ..printable import printable_ascii
 from ..qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from ..wire import ids
 from ..wire import session as messages
@@ -492,9 +493,7 @@ def plain(text: str) -> str:
     """A name from outside, escaped where it must be, and within its limit."""
     if len(text) > _MAX_TEXT:
         return f"{plain(text[:_MAX_TEXT])}... ({len(text)} characters)"
-    if text.isascii() and text.isprintable():
-        return text or "''"
-    return ascii(text)[1:-1]
+    return printable_ascii(text) or "''"
 
 
 def _quoted(text: str) -> str:

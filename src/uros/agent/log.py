@@ -15,6 +15,8 @@ import threading
 import time
 from typing import Final, TextIO
 
+from ..printable import printable_ascii, unguarded
+
 CRITICAL: Final = 1
 ERROR: Final = 2
 WARNING: Final = 3
@@ -48,7 +50,7 @@ class Log:
 
     def __init__(self, level: int = INFO, stream: TextIO | None = None) -> None:
         self.level = level
-        self._stream = stream or sys.stdout
+        self._stream = unguarded(stream or sys.stdout)
         self._colour = self._stream.isatty()
         self._waiting: queue.Queue[str | None] = queue.Queue(_MAX_WAITING)
         self._thread: threading.Thread | None = None
@@ -81,7 +83,7 @@ class Log:
             name = f"{_COLOURS[level]}{name}\033[0m"
         line = (
             f"[{now // 1_000_000}.{now % 1_000_000:06d}] {name} | {part:<18} | {function:<24} |"
-            f" {what:<30} | {plain(about)}".rstrip()
+            f" {printable_ascii(what):<30} | {printable_ascii(about)}".rstrip()
             + "\n"
         )
         if self._thread is None:
@@ -144,20 +146,6 @@ class Log:
 
     def debug(self, part: str, function: str, what: str, about: str = "") -> None:
         self(DEBUG, part, function, what, about)
-
-
-def plain(text: str) -> str:
-    """``text`` with escapes for what is not printable ASCII.
-
-    Names and profiles in it are a client's words: they must not start lines, colour
-    terminals, or end the log of one that cannot show them.
-    """
-    if text.isascii() and text.isprintable():
-        return text
-    return "".join(
-        it if it.isascii() and it.isprintable() else it.encode("unicode_escape").decode()
-        for it in text
-    )
 
 
 def unexpected(error: Exception, where: str = "") -> str:

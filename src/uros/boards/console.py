@@ -7,8 +7,10 @@ checksum, and counted. What is left is made harmless: a terminal obeys control c
 from __future__ import annotations
 
 import codecs
+import re
 from typing import Final
 
+from ..printable import printable
 from ..wire.framing import Deframer
 
 _FLAG: Final = 0x7E
@@ -18,9 +20,13 @@ _HEAD: Final = 4
 _TAIL: Final = 2
 # A board's message is no longer: what looks like the beginning of a longer one is text with a "~".
 _LONGEST: Final = 2048
-# What a terminal may get besides text: tab, new line, carriage return, backspace, bell, escape (the
-# prompt's line editor moves the cursor).
-_HARMLESS: Final = frozenset("\t\n\r\b\a\x1b")
+# What a terminal may get besides text: tab, new line, carriage return, backspace, bell.
+_HARMLESS: Final = "\t\n\r\b\a"
+# Of escape sequences the prompt's line editor needs cursor left and right and erase to the end of
+# the line, and programs colours. Attack: sequences that set titles, the clipboard or keys, or that
+# have the terminal answer as if somebody typed.
+_SEQUENCE: Final = re.compile(r"\x1b\[(?:[0-9]{0,3}[CDK]|[0-9;]{0,16}m)")
+_BEGUN: Final = re.compile(r"\x1b(?:\[[0-9;]{0,16})?\Z")
 
 
 class ConsoleText:
@@ -29,12 +35,13 @@ class ConsoleText:
     def __init__(self) -> None:
         self.frames = 0
         self._held = b""  # from a flag on, as long as it may become a frame
+        self._begun = ""  # the beginning of an escape sequence
         self._decoder = codecs.getincrementaldecoder("utf-8")("replace")
 
     @property
     def holding(self) -> bool:
         """Whether something waits for the rest of a frame; see `flush`."""
-        return bool(self._held)
+        return bool(self._held or self._begun)
 
     def feed(self, data: bytes) -> str:
         """The text in ``data``, as far as it is known to be text."""
@@ -63,13 +70,20 @@ class ConsoleText:
         Its first octet is text and the rest is looked at anew.
         """
         held, self._held = self._held, b""
-        return self._text(held[:1]) + (self.feed(held[1:]) if held[1:] else "")
+        text = self._text(held[:1]) + (self.feed(held[1:]) if held[1:] else "")
+        begun, self._begun = self._begun, ""
+        return text + printable(begun)
 
     def _text(self, data: bytes) -> str:
-        text = self._decoder.decode(data)
-        return "".join(
-            it if it.isprintable() or it in _HARMLESS else f"\\x{ord(it):02x}" for it in text
-        )
+        text = self._begun + self._decoder.decode(data)
+        begun = _BEGUN.search(text)
+        self._begun = begun[0] if begun else ""
+        text = text[: len(text) - len(self._begun)]
+        out, at = [], 0
+        for sequence in _SEQUENCE.finditer(text):
+            out += [printable(text[at : sequence.start()], _HARMLESS), sequence[0]]
+            at = sequence.end()
+        return "".join([*out, printable(text[at:], _HARMLESS)])
 
 
 def _frame_end(data: bytes, flag: int) -> int | None:

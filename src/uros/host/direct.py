@@ -21,6 +21,7 @@ from ..client.entities import Client, Publisher, Service, Subscription
 from ..client.node import Node
 from ..interfaces.codec import to_cdr
 from ..middleware import base
+from ..printable import printable
 from ..qos import DurabilityPolicy, QoSProfile, services_profile
 from .interrupt import Interrupt
 
@@ -322,9 +323,11 @@ class Direct:
         if conflict not in self._conflicts:
             self._conflicts.add(conflict)
             print(
-                f"uros: {topic[2:]} is {names.type_from_dds(here)} here, and"
-                f" {names.type_from_dds(there)} elsewhere on the network: samples of one do not"
-                " reach the other",
+                printable(
+                    f"uros: {topic[2:]} is {names.type_from_dds(here)} here, and"
+                    f" {names.type_from_dds(there)} elsewhere on the network: samples of one do not"
+                    " reach the other"
+                ),
                 file=sys.stderr,
             )
 

@@ -1,6 +1,7 @@
 """The ROS graph: what a middleware has discovered, under ROS names.
 
-The rules are those of rmw_dds_common's graph cache, so the answers agree with ``ros2``.
+The rules are those of rmw_dds_common's graph cache, so the answers agree with ``ros2``. All names
+and types are `printable`: anybody in the domain can announce any text.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from .. import names
-from ..middleware.graph import EndpointSource, Source, living_nodes
+from ..middleware.graph import EndpointSource, NodeSource, Source, living_nodes
+from ..printable import printable
 from ..qos import HistoryPolicy, QoSProfile
 
 UNKNOWN_NODE: Final = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
@@ -88,7 +90,7 @@ class Graph:
         answering = {
             end.participant
             for end in self._source.endpoints.values()
-            if end.is_writer and names.service_from_reply(end.topic) == service
+            if end.is_writer and names.service_from_reply(printable(end.topic)) == service
         }
         return [
             found
@@ -107,15 +109,15 @@ class Graph:
         }
         found = []
         for end in self._source.endpoints.values():
-            if end.topic != dds_name or end.is_writer != is_writer:
+            if end.is_writer != is_writer or printable(end.topic) != dds_name:
                 continue
             ros = end.participant in self._source.announced
             namespace, name = owners.get(end.guid, UNKNOWN_NODE if ros else BARE_DDS)
             found.append(
                 EndpointInfo(
-                    namespace,
-                    name,
-                    names.type_from_dds(end.type_name),
+                    printable(namespace),
+                    printable(name),
+                    printable(names.type_from_dds(end.type_name)),
                     type_hash(end.qos.user_data),
                     is_writer,
                     end.guid,
@@ -126,12 +128,12 @@ class Graph:
 
     def nodes(self) -> list[str]:
         """Full names of all nodes, sorted; one name may be there more than once."""
-        return sorted(names.join(node.namespace, node.name) for node in living_nodes(self._source))
+        return sorted(map(_full_name, living_nodes(self._source)))
 
     def node(self, full_name: str) -> NodeInfo | None:
         """What belongs to the node, to one of them if several bear the name."""
         for node in living_nodes(self._source):
-            if names.join(node.namespace, node.name) == full_name:
+            if _full_name(node) == full_name:
                 break
         else:
             return None
@@ -148,6 +150,10 @@ class Graph:
             _named(writers, _action, _action_type),
             _named(readers, _action, _action_type),
         )
+
+
+def _full_name(node: NodeSource) -> str:
+    return printable(names.join(node.namespace, node.name))
 
 
 def type_hash(user_data: bytes) -> str:
@@ -177,7 +183,7 @@ def _collect(pairs: Iterable[tuple[str | None, str]]) -> NamesAndTypes:
     found: dict[str, set[str]] = {}
     for name, type_name in pairs:
         if name is not None:
-            found.setdefault(name, set()).add(type_name)
+            found.setdefault(printable(name), set()).add(printable(type_name))
     return {name: sorted(found[name]) for name in sorted(found)}
 
 

@@ -9,7 +9,8 @@ import sys
 import time
 from typing import Any, Final
 
-from ..agent.log import plain
+from ..printable import printable_ascii as plain
+from ..printable import unguarded
 from .common import positive_float, positive_int
 
 NAME: Final = "status"
@@ -51,7 +52,10 @@ def run(args: argparse.Namespace) -> int:
             width = shutil.get_terminal_size().columns if wide else 10_000
             text = "\n".join(page(snapshot, before, args.verbose, width))
             # Home, and clear what is below: no flicker.
-            print(f"\033[H\033[J{text}" if wide and args.watch else text, flush=True)
+            if wide and args.watch:
+                print(f"\033[H\033[J{text}", file=unguarded(sys.stdout), flush=True)
+            else:
+                print(text, flush=True)
             if args.watch and not wide:
                 print(flush=True)
         if args.watch is None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
+from ..printable import printable, unguarded
 from .common import positive_float, positive_int
 from .errors import ToolError
 
@@ -149,7 +150,7 @@ def show(port: OpenPort, device: str, seconds: float | None) -> None:
             _carry(port, device, text, keys, end)
     except KeyboardInterrupt:
         pass
-    print(text.flush().replace("\r", ""))
+    _print(text.flush() + "\n", False)
     if text.frames:
         _say(
             f"{text.frames} XRCE frames passed: now the agent can have the line:"
@@ -181,9 +182,18 @@ def _carry(port: OpenPort, device: str, text: Any, keys: int | None, end: float 
         elif text.holding and now - heard > _HOLD_SECONDS:
             shown += text.flush()
         if shown:
-            # Where this is no terminal, pieces may end between the two.
-            sys.stdout.write(shown.replace("\r", "") if keys is None else shown)
-            sys.stdout.flush()
+            _print(shown, keys is not None)
+
+
+def _print(text: str, live: bool) -> None:
+    """``live``: to a terminal on which somebody types, which needs the editor's sequences."""
+    if live:
+        out = unguarded(sys.stdout)  # `ConsoleText` has cleaned it
+        out.write(text)
+        out.flush()
+        return
+    # Where this is no terminal, pieces may end between the two.
+    print(printable(text.replace("\r", ""), "\n\t"), end="", flush=True)
 
 
 def _reopen(port: OpenPort, keys: int | None, end: float | None) -> bool:

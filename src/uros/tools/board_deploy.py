@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from ..printable import printable, unguarded
 from .board_build import add_build, build_files, program_folder
 from .board_console import add_port, add_seconds, open_port, show
 from .board_named import add_named, named
@@ -172,7 +173,7 @@ def _count(paths: list[str]) -> str:
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)
+    print(printable(text), flush=True)
 
 
 def _ask_for_reset() -> None:
@@ -192,8 +193,8 @@ class _Progress:
 
     def __call__(self, path: str, done: int, size: int) -> None:
         if self._live:
-            line = f"{100 * done // max(size, 1):3} %  {path}"
-            print(f"\r{line:{len(self._last)}}", end="", flush=True)
+            line = f"{100 * done // max(size, 1):3} %  {printable(path)}"
+            self._draw(f"\r{line:{len(self._last)}}")
             self._last = line
         elif self._visible and path != self._last:
             self._last = path
@@ -201,7 +202,10 @@ class _Progress:
 
     def end(self) -> None:
         if self._live and self._last:
-            print("\r" + " " * len(self._last) + "\r", end="", flush=True)
+            self._draw("\r" + " " * len(self._last) + "\r")
+
+    def _draw(self, text: str) -> None:
+        print(text, end="", file=unguarded(sys.stdout), flush=True)
 
 
 def _silence(args: argparse.Namespace, error: NoRepl) -> str:

@@ -11,6 +11,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from ..printable import printable, unguarded
+
 _LEAST_LINES: Final = 5  # below the table, or it is not worth the trouble
 
 
@@ -31,7 +33,7 @@ class Screen:
 
     def say(self, text: str) -> None:
         """A line below the table."""
-        print(text, flush=True)
+        print(printable(text, "\n\t"), flush=True)
 
     def show(self, table: Sequence[Row]) -> None:
         """Draw the table anew."""
@@ -57,19 +59,24 @@ class Screen:
         for line in (*lines, "─" * size.columns):
             out.append(f"{line}\033[K\r\n")
         out.append("\0338")
-        sys.stdout.write("".join(out))
-        sys.stdout.flush()
+        _draw("".join(out))
 
     def close(self) -> None:
         """The terminal is an ordinary one again; the table stays where it is."""
         if self._rows:
             self._rows = 0
-            sys.stdout.write(f"\033[r\033[{self._size[1]};1H\n")
-            sys.stdout.flush()
+            _draw(f"\033[r\033[{self._size[1]};1H\n")
+
+
+def _draw(text: str) -> None:
+    out = unguarded(sys.stdout)
+    out.write(text)
+    out.flush()
 
 
 def layout(table: Sequence[Row], columns: int) -> list[str]:
-    """The rows as lines, none longer than ``columns``."""
+    """The rows as lines, none longer than ``columns``; their text is made `printable`."""
+    table = [Row([*map(printable, row.cells)], printable(row.below)) for row in table]
     widths = [max(len(row.cells[i]) for row in table) for i in range(len(table[0].cells))]
     lines = []
     for row in table:

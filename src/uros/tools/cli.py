@@ -18,6 +18,7 @@ from importlib import import_module
 from typing import Final, NamedTuple
 
 from .. import __version__
+from ..printable import guarded, printable
 
 
 class Verb(NamedTuple):
@@ -199,7 +200,17 @@ def _complete_streams() -> None:
 
 
 def _guard(run: Callable[[], int]) -> int:
+    """Run a command with guarded output; its exit status."""
     _complete_streams()
+    streams = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = guarded(sys.stdout), guarded(sys.stderr)
+    try:
+        return _reported(run)
+    finally:
+        sys.stdout, sys.stderr = streams
+
+
+def _reported(run: Callable[[], int]) -> int:
     try:
         try:
             status = run()
@@ -222,7 +233,7 @@ def _guard(run: Callable[[], int]) -> int:
     except Exception as error:
         if not isinstance(error, _user_errors()):
             raise
-        print(f"uros: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"uros: {printable(' '.join(str(error).split()))}", file=sys.stderr)
         return 1
 
 

@@ -17,6 +17,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any, Final
 
+from ..printable import printable, unguarded
 from .agent_process import AgentProcess
 from .common import add_engine, domain, positive_float
 from .errors import ToolError
@@ -204,7 +205,7 @@ def _watch(
                 print("\nWhat arrives by DDS (Ctrl-C ends it):\n")
                 drawn = _draw(topics, live)
         elif live:
-            print(f"\033[{drawn}A", end="")
+            print(f"\033[{drawn}A", end="", file=unguarded(sys.stdout))
             drawn = _draw(topics, live)
 
 
@@ -224,7 +225,10 @@ def _draw(topics: list[_Topic], live: bool = False) -> int:
         line = "  ".join([*cells, row[4].ljust(widths[4]), row[5]])
         # A line that wraps would be two to the cursor that goes up again.
         cut = line[:room] if sys.stdout.isatty() else line
-        print(f"{cut}\033[K" if live else cut, flush=True)
+        if live:
+            print(f"{printable(cut)}\033[K", file=unguarded(sys.stdout), flush=True)
+        else:
+            print(printable(cut), flush=True)
     return len(rows)
 
 

@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final
 
+from ..printable import printable, unguarded
 from ..transport.base import DEFAULT_PORT
 from .common import domain as domain_number
 from .common import positive_float, positive_int
-from .doctor_finding import NOTE, OK, PROBLEM, UNKNOWN, Finding, problem, shown, unknown
+from .doctor_finding import NOTE, OK, PROBLEM, UNKNOWN, Finding, problem, unknown
 from .doctor_snapshots import Agents
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def _print(finding: Finding) -> None:
     text = lines(finding, width)
     if coloured and not os.environ.get("NO_COLOR"):
         text = f"{_COLOURS[finding.state]}{finding.state}\033[0m" + text[len(finding.state) :]
-    print(text, flush=True)
+    print(text, file=unguarded(sys.stdout) if coloured else sys.stdout, flush=True)
 
 
 def lines(finding: Finding, width: int = _WIDTH) -> str:
@@ -102,12 +103,12 @@ def lines(finding: Finding, width: int = _WIDTH) -> str:
     that is not broken within commands."""
     head = f"{finding.state:<9}{finding.check:<15}"
     told = textwrap.wrap(
-        shown(finding.what), width - len(head), break_long_words=False, break_on_hyphens=False
+        printable(finding.what), width - len(head), break_long_words=False, break_on_hyphens=False
     )
     out = [head + f"\n{_INDENT}".join(told)]
     if finding.mend:
         out.append(f"{'':<9}{'mend:' if finding.state in (PROBLEM, UNKNOWN) else 'hint:':<15}"
-                   + shown(finding.mend))  # fmt: skip
+                   + printable(finding.mend))  # fmt: skip
     return "\n".join(out)
 
 
@@ -146,7 +147,7 @@ class Doctor:
                     self._tell(finding)
 
     def _say(self, text: str) -> None:
-        print(f"... {text}", file=sys.stderr, flush=True)
+        print(f"... {printable(text)}", file=sys.stderr, flush=True)
 
     def examine(self) -> None:
         from . import doctor_agents, doctor_clock

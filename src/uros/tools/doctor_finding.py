@@ -21,13 +21,6 @@ def word(text: str) -> str:
     return shlex.quote(text)
 
 
-def shown(text: str) -> str:
-    """Text that may be from outside, with nothing in it that a terminal obeys."""
-    if text.isprintable():
-        return text
-    return "".join(it if it.isprintable() else it.encode("unicode_escape").decode() for it in text)
-
-
 @dataclass(frozen=True)
 class Finding:
     """``check``: which one, in a word; ``what``: one sentence; ``mend``: the command or the change

@@ -313,9 +313,7 @@ class DeviceLine:
 
 @dataclass(frozen=True)
 class Heard:
-    """What came: ``kind`` is one of _MOST_HOLDERS: Final = 3
-
-    SOUND, TEXT, NOISE and SILENCE."""
+    """What came: ``kind`` is one of SOUND, TEXT, NOISE and SILENCE."""
 
     kind: str
     size: int = 0

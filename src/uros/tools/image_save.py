@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from ..printable import printable
 from .common import add_common, discover, join, positive_float, unsigned_int
 from .errors import ToolError
 from .image_source import ImageSource, add_image_topic, age
@@ -83,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     if args.count:
         print(
             f"uros: {saver.count} of {args.count} pictures came within {args.timeout:g} s"
-            f"{f': {said}' if said else ''}",
+            f"{f': {printable(said)}' if said else ''}",
             file=sys.stderr,
         )
     return int(saver.count < max(1, args.count))

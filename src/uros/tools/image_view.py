@@ -9,6 +9,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Final
 
 from ..dashboard.serve import Answer, Newest, number
+from ..printable import printable
 from .common import add_common, discover, join
 from .image_source import ImageSource, add_image_topic, age
 from .pages import add_page_arguments, open_pages
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
                 why = source.check()
                 shown.waiting(why)
                 if why and why != said:
-                    print(why, file=sys.stderr, flush=True)
+                    print(printable(why), file=sys.stderr, flush=True)
                 said = why
                 network.spin(lambda: False, _CHECK_SECONDS)
     except KeyboardInterrupt:
@@ -111,7 +112,7 @@ class Shown:
                 "picture": self._number,
                 "topic": self._topic,
                 "broken": self._broken,
-                "trouble": self._trouble or self._waiting,
+                "trouble": printable(self._trouble or self._waiting),
                 "rate": round(self._rate(), 2),
             }
             received_ns = self._received_ns
@@ -119,7 +120,7 @@ class Shown:
             return Answer(200, b"", "text/plain", about)
         about.update(
             width=picture.width, height=picture.height, octets=len(picture.data), was=picture.was,
-            suffix=picture.suffix, frame_id=picture.frame_id[:64],
+            suffix=picture.suffix, frame_id=printable(picture.frame_id[:64]),
             age=age(picture.stamp_ns, received_ns),
             stamp=f"{picture.stamp_ns // 10**9}.{picture.stamp_ns % 10**9:09d}",
             ago=round(max(0.0, time.time() - received_ns / 1e9), 1),

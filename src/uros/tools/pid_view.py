@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from ..dashboard.serve import Answer, as_json, number
 from ..dashboard.tuning import Tuning
+from ..printable import printable
 from .pages import add_page_arguments, bind_error, open_pages, port_number
 
 PORT: Final = 10001
@@ -63,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
             while True:
                 seen, fresh = tuning.notes_since(seen, _WAIT_SECONDS)
                 for text in fresh:
-                    print(text, flush=True)
+                    print(printable(text), flush=True)
         finally:
             pages.close()
     except KeyboardInterrupt:

@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from typing import Final
 
+from ..printable import printable
 from ..wire import ids
 from ..wire import session as messages
 from ..wire.cdr import Reader
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr)
+    print(printable(text), file=sys.stderr)
 
 
 class _Board:

@@ -7,6 +7,7 @@ from typing import Any
 
 import uros
 from uros.interfaces import load
+from uros.printable import printable
 
 String = load("std_msgs/msg/String")
 
@@ -19,7 +20,7 @@ class Listener(uros.Node):
         self.create_subscription(String, "chatter", self.heard, 10)
 
     def heard(self, message: Any) -> None:
-        self.get_logger().info(f"I heard: [{message.data}]")
+        self.get_logger().info(f"I heard: [{printable(message.data)}]")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from ..agent.kinds import key_label
+from ..printable import printable, unguarded
 from ..wire import ids
 from .common import positive_int
 from .errors import ToolError
@@ -79,9 +80,10 @@ def run(args: argparse.Namespace) -> int:
     elif args.follow:
         records = follow(args.file)
     else:
-        records = read(args.file, lambda text: print(text, file=sys.stderr))
+        records = read(args.file, lambda text: print(printable(text), file=sys.stderr))
     colours = sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-    printer = Printer(sys.stdout, args.client, args.time, args.hex, args.json, colours)
+    out = unguarded(sys.stdout) if colours else sys.stdout
+    printer = Printer(out, args.client, args.time, args.hex, args.json, colours)
     live = args.file is None or args.follow
     try:
         for record in records:

@@ -11,6 +11,7 @@ from array import array
 from dataclasses import dataclass
 from typing import Any, Final
 
+from ..printable import printable
 from .yaml_text import Value
 
 _ARRAY: Final = re.compile(r"(?P<inner>.+)\[(?P<size>\d+)\]")
@@ -122,7 +123,8 @@ def _csv(value: Any, kind: str, show: Show) -> str:
     if kind == "octet":
         return str(bytes([value]))
     if isinstance(value, str):
-        return describe_string(value) if show.no_str else _cut(value, show)
+        # One line a message, whatever is in its strings.
+        return describe_string(value) if show.no_str else printable(_cut(value, show))
     if isinstance(value, (bool, int, float)):
         return str(value)
     return csv(value, show)
@@ -158,7 +160,7 @@ def is_message(value: Any) -> bool:
 
 
 def text(value: Any, kind: str) -> str:
-    """A single value as rclpy's would be printed."""
+    """A single value as rclpy's would be printed; of a string, line ends and tabs stay."""
     if kind == "octet":
         return str(bytes([value]))
     match = _SEQUENCE.fullmatch(kind)
@@ -166,4 +168,4 @@ def text(value: Any, kind: str) -> str:
         return str(array(_CODES[match["inner"]], value))
     if element(kind) == "octet":
         return str([bytes([item]) for item in value])
-    return str(list(value)) if element(kind) else str(value)
+    return printable(str(list(value)) if element(kind) else str(value), "\n\t")

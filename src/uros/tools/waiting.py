@@ -6,6 +6,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Final
 
+from ..printable import printable
 from .common import remedy
 from .errors import ToolError
 
@@ -17,7 +18,7 @@ _TOGETHER: Final = 1.0
 
 
 def warn(text: str) -> None:
-    print(f"WARNING: {text}", file=sys.stderr, flush=True)
+    print(f"WARNING: {printable(text)}", file=sys.stderr, flush=True)
 
 
 def topic_types(network: Network, topic: str, deadline: float | None = None) -> list[str]:

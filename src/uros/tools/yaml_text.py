@@ -2,7 +2,8 @@
 
 That is YAML 1.1 in the choices of PyYAML's ``dump`` with ``allow_unicode`` and lines of any
 length: strings stay plain where they can be read back as strings, else they are single-quoted,
-and double-quoted where they hold something that only an escape can carry.
+and double-quoted where they hold something that only an escape can carry, or, other than there,
+what is not `printable`.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final, Union
 
+from ..printable import is_printable
+
 Value = Union[None, bool, int, float, str, "Sequence[Value]", "Mapping[str, Value]"]
 
 _INDENT: Final = 2
+_LINE_BREAK: Final = "\n"
 _BREAKS: Final = "\n\x85\u2028\u2029"
 _UNPRINTABLE: Final = re.compile(
     "[^\n\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010fffe]"
@@ -131,8 +135,12 @@ def _number(value: float) -> str:
 
 def _string(text: str, indent: int, in_flow: bool) -> str:
     """``indent``: of the lines that follow the first one."""
-    if _UNPRINTABLE.search(text) or _NEEDS_ESCAPES.search(text):
-        return '"' + _ESCAPED.sub(_escape, text) + '"'
+    if (
+        _UNPRINTABLE.search(text)
+        or _NEEDS_ESCAPES.search(text)
+        or not is_printable(text, _LINE_BREAK)
+    ):
+        return '"' + "".join(map(_quoted, text)) + '"'
     if (
         _NOT_PLAIN.match(text)
         or _NO_STRING.fullmatch(text)
@@ -153,8 +161,10 @@ def _single(text: str, indent: int) -> str:
     return re.sub(f"[{_BREAKS}]+", break_lines, text)
 
 
-def _escape(match: re.Match[str]) -> str:
-    char = match[0]
+def _quoted(char: str) -> str:
+    """One character between double quotes."""
+    if is_printable(char) and not _ESCAPED.match(char):
+        return char
     if char in _ESCAPES:
         return "\\" + _ESCAPES[char]
     code = ord(char)

@@ -1,7 +1,7 @@
 """What a console shows of a line that prints and XRCE frames share."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from uros.boards.console import ConsoleText
@@ -47,7 +47,18 @@ def test_a_terminal_is_not_told_what_it_obeys() -> None:
     assert shown(b"\x00\x0e\x7f\xff\xc2\x9b") == ("\\x00\\x0e\\x7f\ufffd\\x9b", 0)
 
 
+@pytest.mark.parametrize("size", [1, 3, 100])
+def test_the_editors_sequences_and_colours_pass_and_no_others(size: int) -> None:
+    passing = b"\x1b[12D\x1b[K\x1b[3C\x1b[1;31mred\x1b[0m"
+    assert shown(passing, size) == (passing.decode(), 0)
+    harmful = b"\x1b[2J\x1b]0;title\x07\x1b[6n\x1b[21t\x1bc\x1bP\x1b[9999C\x1b"
+    text = shown(harmful, size)[0]
+    assert "\x1b" not in text and text.count("\\x1b") == harmful.count(b"\x1b")
+    assert shown("a\u202eb\u200b".encode(), size) == ("a\\u202eb\\u200b", 0)
+
+
 @given(st.binary(max_size=300), st.integers(1, 40))
+@example(b"\x1b[1;1;1;1;1;1;1;1;1mx\x1b", 2)
 def test_any_octets_in_any_pieces_give_the_same(data: bytes, size: int) -> None:
     assert shown(data, size) == shown(data, max(1, len(data)))
 

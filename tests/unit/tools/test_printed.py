@@ -1,0 +1,516 @@
+"""Every verb is fed with names, types, messages and lines that others made to fool a terminal."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+import threading
+import tty
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from support.screen import FORGED, HOSTILE, UNENCODABLE, seen
+from unit.dashboard.test_pictures import JPEG
+from unit.host.test_graph import FAST_DDS, End, Node
+from unit.tools.test_agent_status import client, snapshot
+
+from uros.agent.log import Log
+from uros.host import network as network_module
+from uros.host.graph import Graph
+from uros.host.network import Network, Received
+from uros.interfaces import load
+from uros.interfaces.codec import to_cdr
+from uros.middleware.graph import living_nodes
+from uros.printable import guarded, printable
+from uros.qos import QoSProfile
+from uros.tools import cli, demo, inspection, run_listener
+
+STRING = "std_msgs::msg::dds_::String_"
+ADD = "example_interfaces::srv::dds_::AddTwoInts_"
+NAME = HOSTILE + UNENCODABLE
+LINE = HOSTILE.replace("\n", "")
+
+
+@pytest.fixture
+def output(capsys):
+    """Runs a command line; what it printed, both streams, read as a terminal would."""
+
+    def run(*arguments, status=None):
+        got = cli.main([*map(str, arguments)])
+        said = capsys.readouterr()
+        assert status is None or got == status, said
+        return seen(said.out) + seen(said.err)
+
+    return run
+
+
+# --- a network in which somebody has hostile names --------------------------------------------
+
+
+class Hostile:
+    """A middleware's graph, and in it what a hostile participant announces."""
+
+    def __init__(self, source):
+        self._source = source
+        self._one = FAST_DDS + b"h" * 14
+        self._ends = {}
+        for is_writer in (True, False):
+            for topic, kind in (
+                (f"rt/{NAME}", STRING),
+                ("rt/chatter", STRING),
+                ("rt/mixed", f"std_msgs::msg::dds_::{NAME}_"),
+                ("rt/mixed", STRING),
+                ("rt/typed", f"std_msgs::msg::dds_::{NAME}_"),
+                ("rt/image", "sensor_msgs::msg::dds_::CompressedImage_"),
+                (f"rq/{NAME}Request", f"{ADD}Request_"),
+                (f"rr/{NAME}Reply", f"{ADD}Response_"),
+                ("rq/addRequest", f"{ADD}{NAME}_Request_"),
+                ("rr/addReply", f"{ADD}{NAME}_Response_"),
+                (f"rt/{NAME}/_action/feedback", f"x::action::dds_::{NAME}_FeedbackMessage_"),
+            ):
+                guid = self._one[:12] + len(self._ends).to_bytes(4, "big")
+                self._ends[guid] = End(guid, self._one, is_writer, topic, kind, QoSProfile())
+        ends = list(self._ends)
+        self._nodes = [
+            Node(f"/{NAME}", NAME, ends, ends),
+            Node("/", "evil", ends, ends),
+            Node("/", "evil", [], []),
+        ]
+
+    @property
+    def participants(self):
+        return {**self._source.participants, self._one: NAME.encode("utf-8", "replace")}
+
+    @property
+    def endpoints(self):
+        return {**self._source.endpoints, **self._ends}
+
+    @property
+    def announced(self):
+        return {**self._source.announced, self._one: self._nodes}
+
+
+@pytest.fixture
+def hostile(monkeypatch, own_domain_id):
+    """The options that a command needs to join it."""
+    monkeypatch.setattr(network_module, "Graph", lambda source: Graph(Hostile(source)))
+    return ["--domain", str(own_domain_id)]
+
+
+@pytest.fixture
+def sends(monkeypatch):
+    """Makes a topic bring one message, and then Ctrl-C."""
+
+    def make(message):
+        def listen(network, topic, type_name, qos, on_sample):
+            network._taken.append((on_sample, Received(to_cdr(message), 12, 34)))
+            return lambda: None
+
+        def spin(network, done, seconds=None):
+            while network._taken:
+                tell, received = network._taken.popleft()
+                tell(received)
+            if done():
+                return True
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(Network, "listen", listen)
+        monkeypatch.setattr(Network, "settle", lambda network, seconds=0.0: None)
+        monkeypatch.setattr(Network, "spin", spin)
+
+    return make
+
+
+def evil_string():
+    return load("std_msgs/String")(data=HOSTILE)
+
+
+# --- the verbs ----------------------------------------------------------------------------------
+
+
+def topic_list(output, hostile):
+    for options in ([], ["-t"], ["-v"]):
+        lines = output("topic", "list", "--include-hidden-topics", *hostile, *options, status=0)
+        assert any(printable(NAME) in line for line in lines)
+
+
+def topic_info(output, hostile):
+    for options in ([], ["-v"]):
+        output("topic", "info", "/typed", *hostile, *options, status=0)
+    output("topic", "info", "/mixt", *hostile, status=1)
+
+
+def topic_echo(output, hostile, sends):
+    sends(evil_string())
+    for options in ([], ["--csv"], ["--raw"], ["-i"], ["--flow-style"]):
+        output("topic", "echo", "/chatter", "--once", *hostile, *options, status=0)
+    output("topic", "echo", "/mixed", *hostile, status=1)
+    output("topic", "echo", "/typed", *hostile, status=1)
+    output("topic", "echo", "/typed", "std_msgs/msg/String", "--once", *hostile, status=0)
+
+
+def topic_hz(output, hostile, sends):
+    sends(evil_string())
+    output("topic", "hz", "/typed", "/mixed", *hostile, status=0)
+
+
+def topic_pub(output, hostile):
+    output("topic", "pub", "--times", "2", "-w", "0", "/mixed", "std_msgs/msg/Int32",
+           *hostile, status=0)  # fmt: skip
+    output("topic", "pub", "/mixed", *hostile, status=1)
+    output("topic", "pub", "--once", "-w", "0", "/new", "std_msgs/msg/String",
+           json.dumps({"data": HOSTILE[:-1]}), *hostile, status=0)  # fmt: skip
+
+
+def node_list(output, hostile):
+    lines = output("node", "list", "-a", *hostile, status=0)
+    assert any(printable(NAME) in line for line in lines)
+
+
+def node_info(output, hostile):
+    for name in ("/evil", f"/{printable(NAME)}/{printable(NAME)}"):
+        lines = output("node", "info", name, "--include-hidden", *hostile, status=0)
+        assert any(printable(NAME) in line for line in lines)
+    output("node", "info", f"/{NAME.replace(FORGED, '')}", *hostile, status=1)
+
+
+def service_list(output, hostile):
+    output("service", "list", "-t", *hostile, status=0)
+
+
+def service_type(output, hostile):
+    output("service", "type", "/add", *hostile, status=0)
+    output("service", "type", "/ad", *hostile, status=1)
+
+
+def service_find(output, hostile):
+    lines = output("service", "find", "example_interfaces/srv/AddTwoInts", *hostile, status=0)
+    assert any(printable(NAME) in line for line in lines)
+
+
+def service_call(output, hostile, monkeypatch):
+    from uros.tools import service_call
+
+    output("service", "call", "/add", *hostile, status=1)
+    output("service", "call", "/add", "std_srvs/srv/Trigger", *hostile, status=1)
+    # and one whose answer says it
+    answer = to_cdr(load("std_srvs/srv/Trigger").Response(message=HOSTILE))
+    line = SimpleNamespace(
+        requester=SimpleNamespace(request=lambda request: 1), close=lambda: None, wait=None
+    )
+    served = SimpleNamespace(type_name="std_srvs::srv::dds_::Trigger_Request_")
+    monkeypatch.setattr(service_call, "_find", lambda *_: [served])
+    monkeypatch.setattr(service_call, "_open", lambda *_: line)
+    monkeypatch.setattr(service_call, "_answer", lambda *_: answer)
+    output("service", "call", "/x", "std_srvs/srv/Trigger", *hostile, status=0)
+
+
+def image_view(output, hostile, sends):
+    picture = load("sensor_msgs/msg/CompressedImage")(format=HOSTILE, data=b"no picture")
+    picture.header.frame_id = HOSTILE
+    sends(picture)
+    output("image", "view", "/image", "--no-open", "--port", "0", *hostile, status=0)
+    output("image", "view", "/typed", "--no-open", "--port", "0", *hostile, status=0)
+
+
+def image_save(output, hostile, sends, tmp_path):
+    for data in (b"no picture", JPEG):
+        picture = load("sensor_msgs/msg/CompressedImage")(format=HOSTILE, data=data)
+        picture.header.frame_id = HOSTILE
+        sends(picture)
+        output("image", "save", "/image", "--count", "1", "--out", tmp_path, *hostile)
+    output("image", "save", "/typed", "--count", "1", "--out", tmp_path, *hostile)
+
+
+def pid(output, monkeypatch):
+    import socket
+
+    from uros.tools import pid_view
+
+    says = threading.Event()
+
+    def tell(url):
+        """A rover comes, says it, and is heard: then Ctrl-C."""
+
+    real = pid_view.Tuning.notes_since
+
+    def notes_since(tuning, seen_until, seconds):
+        if not says.is_set():
+            says.set()
+            rover = socket.create_connection(("127.0.0.1", tuning.port))
+            rover.sendall(HOSTILE.encode() + b"\n")
+            tuning.rover = rover
+        number, fresh = real(tuning, seen_until, seconds)
+        if any("HOSTILE" in it or "owned" in it for it in fresh) or seen_until > 1:
+            tuning.rover.close()
+            raise KeyboardInterrupt
+        return number, fresh
+
+    monkeypatch.setattr(pid_view.Tuning, "notes_since", notes_since)
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    output("pid", "--no-open", "--port", "0", "--page-port", "0", "--host", "127.0.0.1", status=0)
+
+
+def run_node(output, capsys):
+    said = SimpleNamespace(get_logger=lambda: SimpleNamespace(info=print))
+    cli._guard(lambda: run_listener.Listener.heard(said, evil_string()) or 0)
+    seen(capsys.readouterr().out)
+
+
+def interface_folder(tmp_path):
+    folder = tmp_path / "evil_msgs"
+    (folder / "msg").mkdir(parents=True)
+    comment = " ".join(LINE.replace(FORGED, "").splitlines())
+    (folder / "msg" / "Evil.msg").write_text(f"# {comment}\nstring text\n", "utf-8")
+    return folder
+
+
+def interface(*arguments):
+    """As a process: definitions that one has read stay. Its exit status."""
+    command = [sys.executable, "-m", "uros", "interface", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONUTF8": "1"})
+    seen(done.stdout.decode("utf-8", "surrogateescape"))
+    seen(done.stderr.decode("utf-8", "surrogateescape"))
+    return done.returncode
+
+
+def interface_show(tmp_path):
+    folder = interface_folder(tmp_path)
+    assert interface("show", "evil_msgs/msg/Evil", "--interfaces", folder) == 0
+    (folder / "msg" / "Evil.msg").write_text(f"string {HOSTILE}\n", "utf-8")
+    assert interface("show", "evil_msgs/msg/Evil", "--interfaces", folder) == 1
+
+
+def interface_any(verb):
+    def feed(tmp_path):
+        folder = interface_folder(tmp_path)
+        (folder / "msg" / f"Evil{NAME[:10]}\u202e.msg").write_text("")
+        more = {
+            "package": ["evil_msgs"], "proto": ["evil_msgs/msg/Evil"],
+            "build": ["--for-board", tmp_path / "out", "evil_msgs/msg/Evil"],
+        }.get(verb, [])  # fmt: skip
+        assert interface(verb, *more, "--interfaces", folder) in (0, 1)
+
+    return feed
+
+
+def trace(output, tmp_path):
+    for file in captures(tmp_path):
+        for options in ([], ["--hex"], ["--json"], ["--client", "77"]):
+            output("trace", file, *options)
+
+
+def captures(folder):
+    """Captures that somebody has made up."""
+    name = NAME
+    begin = "8000000000011000585243450100010faaaabbbb8100fc01"
+    create = "81800000" + "0101" + "1000" + "000a01000200" + "0a000000"
+    named = create + HOSTILE.encode().hex()
+    line = {"t": 1.0, "from": "client", "client": 0, "transport": name, "address": name}
+    good = folder / "good.jsonl"
+    good.write_text("\n".join(json.dumps({**line, "hex": it}) for it in (begin, named)) + "\n")
+    yield good
+    for number, text in enumerate(
+        [
+            json.dumps({**line, "hex": begin, "from": name}),
+            json.dumps({**line, "hex": name}),
+            json.dumps({**line, "t": name, "hex": ""}),
+            json.dumps({**line, "client": name, "hex": begin}),
+            name.encode("utf-8", "replace").decode(),
+        ]
+    ):
+        file = folder / f"bad{number}.jsonl"
+        file.write_text(text + "\n")
+        yield file
+
+
+def replay(output, tmp_path):
+    for file in captures(tmp_path):
+        output("replay", file, "udp4://127.0.0.1:9", "--fast", "--patience", "0.01", status=1)
+
+
+def board_run(output, tmp_path):
+    # A console has the lines that the program prints.
+    (tmp_path / "main.py").write_text(f"print({LINE!r})\nprint({UNENCODABLE!r})\n")
+    output("board", "run", "esp32_publisher", "--firmware", tmp_path, "--no-agent",
+           "--seconds", "3")  # fmt: skip
+
+
+def fleet(output, tmp_path):
+    (tmp_path / "main.py").write_text(f"raise RuntimeError({HOSTILE!r})\n")
+    file = tmp_path / "fleet.toml"
+    file.write_text('[[board]]\nrun = "esp32_publisher"\nfirmware = "."\ncount = 2\n')
+    output("fleet", file, "--no-agent", "--seconds", "3")
+    file.write_text(json.dumps(HOSTILE) + " = 1\n")
+    output("fleet", file, status=1)
+
+
+@contextmanager
+def saying(data):
+    """A line on which a board says this, again and again."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    ended = threading.Event()
+
+    def say():
+        while not ended.wait(0.05):
+            try:
+                os.read(master, 65536)
+            except OSError:
+                pass
+            try:
+                os.write(master, data)
+            except OSError:
+                pass
+
+    thread = threading.Thread(target=say)
+    thread.start()
+    try:
+        yield os.ttyname(slave)
+    finally:
+        ended.set()
+        thread.join()
+        os.close(slave)
+        os.close(master)
+
+
+def board_console(output):
+    with saying(LINE.encode() + b"\xff\x1b[") as device:
+        output("board", "console", "--port", device, "--seconds", "0.5", status=0)
+
+
+def board_deploy(output, tmp_path, monkeypatch):
+    from uros.boards import rawrepl
+
+    monkeypatch.setattr(rawrepl, "ENTER_SECONDS", 1.0)
+    (tmp_path / "main.py").write_text("print()\n")
+    answers = (
+        HOSTILE.encode(),
+        b"raw REPL; CTRL-B to exit\r\n>soft reboot\r\n" + HOSTILE.encode(),
+        b"raw REPL; CTRL-B to exit\r\n>soft reboot\r\nraw REPL; CTRL-B to exit\r\n>R\x01\x80\0\x04"
+        + b"\x04" + HOSTILE.encode() + b"\x04>",
+    )
+    for data in answers:
+        with saying(data) as device:
+            output("board", "deploy", tmp_path, "--port", device, "--no-console", status=1)
+
+
+def doctor(output, hostile, monkeypatch):
+    found = snapshot(clients=[client(nodes=[{"name": NAME, "domain": 3}], address=NAME)])
+    found["transports"][0].update(label=NAME, name=NAME)
+    found["refused"][0].update(why=NAME, address=NAME)
+    agents = [inspection.RunningAgent(1, Path("x"))]
+    monkeypatch.setattr(inspection, "find_agents", lambda: agents)
+    monkeypatch.setattr(inspection, "ask", lambda *_: found)
+    output("doctor", *hostile, "--seconds", "0.1")
+    output("doctor", *hostile, "--seconds", "0.1", "--json")
+
+
+def agent_status(output, monkeypatch):
+    evil = client(nodes=[{"name": NAME, "domain": 3}], address=NAME)
+    evil["endpoints"][0].update(topic=NAME, type=NAME)
+    found = snapshot(clients=[evil])
+    found["transports"][0].update(label=NAME)
+    found["refused"][0].update(why=NAME, address=NAME)
+    monkeypatch.setattr(inspection, "find_agent", lambda pid=None: None)
+    monkeypatch.setattr(inspection, "ask", lambda *_: found)
+    for options in ([], ["-v"], ["--json"]):
+        output("agent", "status", *options, status=0)
+
+
+def agent(capsys):
+    """The log, to a pipe and to a terminal: its colours are its own."""
+    for level in range(1, 7):
+        out = io.StringIO()
+        Log(6, guarded(out))(level, "part", "function", NAME, NAME)
+        assert len(seen(out.getvalue())) == 2
+
+
+def demonstration(output, capsys):
+    topic = demo._Topic("/sensors/diagnostic", "std_msgs/msg/String", None, demo._Reads())
+    topic.heard(Received(to_cdr(evil_string()), 1, 2))
+    cli._guard(lambda: demo._summary([topic]))
+    seen(capsys.readouterr().out)
+
+
+def own_words(reason):
+    """For a verb that prints nothing which others wrote."""
+    assert reason
+    return lambda: None
+
+
+FEEDS = {
+    "agent": agent,
+    "agent status": agent_status,
+    "demo": demonstration,
+    "topic list": topic_list,
+    "topic info": topic_info,
+    "topic echo": topic_echo,
+    "topic hz": topic_hz,
+    "topic pub": topic_pub,
+    "node list": node_list,
+    "node info": node_info,
+    "image view": image_view,
+    "image save": image_save,
+    "pid": pid,
+    "calibrate": own_words("it takes numbers of an Odometry alone"),
+    "service list": service_list,
+    "service type": service_type,
+    "service find": service_find,
+    "service call": service_call,
+    "run": run_node,
+    "interface list": interface_any("list"),
+    "interface packages": interface_any("packages"),
+    "interface package": interface_any("package"),
+    "interface show": interface_show,
+    "interface proto": interface_any("proto"),
+    "interface build": interface_any("build"),
+    "trace": trace,
+    "replay": replay,
+    "board list": own_words("its table is in the code"),
+    "board run": board_run,
+    "board build": own_words("it reads the user's own program"),
+    "board index": own_words("it prints names of packages, which the parser holds"),
+    "board deploy": board_deploy,
+    "board console": board_console,
+    "fleet": fleet,
+    "doctor": doctor,
+}
+
+
+def verbs(group=cli._ROOT, words=()):
+    for name, member in group.members.items():
+        if isinstance(member, cli.Verb):
+            yield " ".join((*words, name))
+        else:
+            yield from verbs(member, (*words, name))
+
+
+def test_every_verb_has_a_feed():
+    assert {*verbs(), "agent status"} == set(FEEDS), "a new verb is fed here too"
+
+
+@pytest.mark.parametrize("verb", FEEDS)
+def test_what_others_wrote_reaches_the_terminal_as_text(verb, request):
+    feed = FEEDS[verb]
+    names = feed.__code__.co_varnames[: feed.__code__.co_argcount]
+    feed(*[request.getfixturevalue(name) for name in names])
+
+
+def test_a_field_of_text_keeps_its_lines_and_nothing_else(capsys, hostile, sends):
+    text = "<robot>\n\t<link/>\n</robot>"
+    for data, shown in ((text, text), (f"{text}\x1b[2J\r", f"{text}\\x1b[2J\\r")):
+        sends(load("std_msgs/String")(data=data))
+        assert cli.main(["topic", "echo", "/chatter", "--once", "--field", "data", *hostile]) == 0
+        assert capsys.readouterr().out == f"{shown}\n---\n"
+
+
+def test_the_hostile_network_is_seen(hostile, own_domain_id):
+    """Or the tests above would hold for an empty one."""
+    with Network(own_domain_id) as network:
+        assert len(living_nodes(network.graph._source)) >= 3
+        assert f"/{printable(NAME)}" in network.graph.topics()
