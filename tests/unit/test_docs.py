@@ -171,7 +171,7 @@ def test_the_rooms_on_the_page_are_those_of_the_house():
     named = re.findall(r"^  (\w+)(?:/|\.py) ", house, re.M)
     source = ROOT / "src" / "uros"
     rooms = {it.parent.name for it in source.glob("*/__init__.py")}
-    assert sorted(named) == sorted(rooms | {"qos", "ticks", "names"})
+    assert sorted(named) == sorted(rooms | {"qos", "ticks", "names", "printable"})
 
 
 def test_the_walls_on_the_page_are_those_that_are_tested():
