@@ -111,7 +111,9 @@ class XrceClient:
             self._put(ids.HEARTBEAT, payload, ids.STREAM_NONE, ids.FLAG_LITTLE_ENDIAN)
 
     def take(self, message):
-        _, stream, number, _, start = pull_header(message, len(message))
+        session_id, stream, number, _, start = pull_header(message, len(message))
+        if session_id & 0x7F and session_id != self.session_id:
+            return  # late, from an earlier session on the same line
         if stream >= ids.STREAM_RELIABLE:
             if self._in.receive(number, message[start:]):
                 self._submessages(message, start)

@@ -55,10 +55,10 @@ def agent():
 
 
 class Villain:
-    """A client that sends what it likes."""
+    """A client that sends what it likes, over a line of its own or one that is given."""
 
-    def __init__(self, agent, session_id=0x81):
-        self.line = agent.line()
+    def __init__(self, agent, session_id=0x81, line=None):
+        self.line = line or agent.line()
         self.session_id = session_id
         self.sequence = 0
         self.client = XrceClient(self.line, KEY, session_id)
@@ -78,7 +78,9 @@ def villain(agent, bystanders):
     one.send(*EVERYTHING)
     yield one
     bystanders.check()
-    again = Villain(agent)  # and who did it can come again
+    # The client itself can connect again. It does so from its own address: from another one the
+    # agent would probe the known address for half a second first.
+    again = Villain(agent, session_id=0x82, line=one.line)
     assert again.client.delete(PARTICIPANT) in (0, ids.STATUS_ERR_UNKNOWN_REFERENCE)
     assert again.client.close() == ids.STATUS_OK
 
