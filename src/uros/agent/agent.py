@@ -187,7 +187,10 @@ class Agent:
             client = self.clients.get(key) if key is not None else None
             if client is not None and client.session.session_id == session_id:
                 if self._places[client.key] != (transport, peer):
-                    self.rivals.challenge(client, transport, peer, None)
+                    if self._may_go_on(client, transport, peer):
+                        self.rivals.challenge(client, transport, peer, None)
+                    else:  # it must begin anew, with the rules of its own place
+                        self._stranger(transport, peer, session_id)
                 elif client.session.receive(buf, view, length, self.now()):
                     self.attend(client.session)
             else:
@@ -320,12 +323,17 @@ class Agent:
         if resident is not None and resident.key != key:
             self.delete_client(resident.key)
         client = self.clients.get(key)
-        if client is not None and client.session.session_id != session_id:
+        if client is not None and (
+            client.session.session_id != session_id
+            or not self._may_go_on(client, transport, peer)
+        ):
             self.delete_client(key)
             client = None
         about = f"client_key: {key_label(key)}, session_id: 0x{session_id:02X}"
         if client is None:
-            client = self.clients[key] = Client(self, key, session_id, mtu)
+            client = self.clients[key] = Client(
+                self, key, session_id, mtu, transport.certificate_of(peer)
+            )
             self.log.info("Root", "create_client", "create", about)
             client.session.heard = self.now()
         else:
@@ -339,6 +347,23 @@ class Agent:
         if self.keeper is not None:
             self.keeper.placed(client, transport, peer, properties)
         self.liveliness.enroll(client, properties)
+
+    def _may_go_on(self, client: Client, transport: ServerTransport, peer: Any) -> bool:
+        """Whether what the client has made may belong to whoever talks from there.
+
+        Its objects stand under the rules of the place where they were made, so only a place of the
+        same transport, certificate and rules will do.
+        """
+        known, at = self._places[client.key]
+        return known is transport and (
+            at == peer
+            or (
+                client.certificate == transport.certificate_of(peer)
+                and self.control.same_rules(
+                    client.key, known.address(at), transport.address(peer)
+                )
+            )
+        )
 
     def resume(
         self, key: int, transport: ServerTransport, peer: Any, request: Request

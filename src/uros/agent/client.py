@@ -91,8 +91,12 @@ class Surroundings(Protocol):
 class Client:
     """See the module."""
 
-    def __init__(self, agent: Surroundings, key: int, session_id: int, mtu: int) -> None:
+    def __init__(
+        self, agent: Surroundings, key: int, session_id: int, mtu: int,
+        certificate: str | None = None,
+    ) -> None:  # fmt: skip
         self.key = key
+        self.certificate = certificate  # what it has shown, see ServerTransport.certificate_of
         self.session = Session(key, session_id, mtu, self, agent.budget, agent.limits.message)
         self.objects: dict[int, XrceObject] = {}
         self.born = time.monotonic()

@@ -105,11 +105,15 @@ class Rule:
     max_rate: float | None = None
     max_size: int | None = None
 
-    def matches(self, key: int, address: str, node: str) -> bool:
-        """``address`` as the log shows it, ``node`` as the board names it."""
+    def is_for(self, key: int, address: str) -> bool:
+        """:meth:`matches`, for some node."""
         if self.keys and key not in self.keys:
             return False
-        if self.addresses and not any(_is_at(address, it) for it in self.addresses):
+        return not self.addresses or any(_is_at(address, it) for it in self.addresses)
+
+    def matches(self, key: int, address: str, node: str) -> bool:
+        """``address`` as the log shows it, ``node`` as the board names it."""
+        if not self.is_for(key, address):
             return False
         return not self.nodes or any(fnmatchcase(node, it) for it in self.nodes)
 
@@ -294,6 +298,13 @@ class Control:
         """What applies to a node of a client; see :meth:`Rule.matches`."""
         rules = [rule for rule in self._rules if rule.matches(key, address, node)]
         return Settings(rules) if rules else NOTHING
+
+    def same_rules(self, key: int, one: str, other: str) -> bool:
+        """Whether a client that talks from either of two addresses has the same rules, whatever its
+        nodes are called."""
+        return one == other or all(
+            rule.is_for(key, one) == rule.is_for(key, other) for rule in self._rules
+        )
 
 
 def _cut(name: str) -> str:

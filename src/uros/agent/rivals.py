@@ -6,6 +6,10 @@ sign of life. While that is awaited the newcomer gets no answer (C clients ask a
 second). Whatever comes from the known place in half a second defends it, and the newcomer is
 refused; else the newcomer has its place.
 
+A place with a certificate goes to nobody who does not show the same one, however silent it is: the
+client must have left, or be forgotten. And who takes a place has what the former client made only
+where transport, certificate and rules are the same (:meth:`.agent.Agent.take_over`).
+
 A place that was defended is not asked again for some seconds, in which all newcomers are
 refused at once: a flood of them costs the client a few small messages and, where its network
 loses some, not its session.
@@ -56,8 +60,11 @@ class Owner(Protocol):
     def attend(self, session: Session) -> None:
         """The session has something to send."""
 
-    def address(self, key: int) -> str:
+    def place(self, key: int) -> tuple[ServerTransport, Any]:
         """Where a client talks from."""
+
+    def address(self, key: int) -> str:
+        """The same as text."""
 
     def take_over(
         self, key: int, transport: ServerTransport, peer: Any, request: Request | None
@@ -102,6 +109,9 @@ class Rivals:
     ) -> None:
         """A newcomer talks as ``client``, which is known at another place."""
         key, now = client.key, self._agent.now()
+        if client.certificate not in (None, transport.certificate_of(peer)):
+            self._refuse(client, transport, peer, request)
+            return
         trial = self._trials.get(key)
         if trial is not None:
             if trial.transport is transport and trial.peer == peer:
@@ -110,7 +120,7 @@ class Rivals:
             return
         since = self._defended.get(key)
         if since is not None and 0 <= ticks_diff(now, since) < DEFENDED_MS:
-            self._refuse(key, transport, peer, request)
+            self._refuse(client, transport, peer, request)
         elif len(self._trials) < MAX_TRIALS:
             trial = self._trials[key] = _Trial(client, transport, peer, request, now)
             self._look(key, trial)
@@ -126,16 +136,20 @@ class Rivals:
         if self._trials.get(key) is not trial:
             return
         agent, client, now = self._agent, trial.client, self._agent.now()
-        if agent.clients.get(key) is not client:  # it has left meanwhile
+        resident = agent.clients.get(key)
+        if resident is not client:  # it has left meanwhile
             del self._trials[key]
-            if trial.request is not None:
-                agent.take_over(key, trial.transport, trial.peer, trial.request)
+            place, request = (trial.transport, trial.peer), trial.request
+            if request is not None and resident is not None and agent.place(key) != place:
+                self.challenge(resident, *place, request)  # another one has come before it
+            elif request is not None:
+                agent.take_over(key, *place, request)
         elif client.session.heard != trial.heard:
             del self._trials[key]
             if len(self._defended) >= MAX_TRIALS:
                 self._defended.clear()
             self._defended[key] = now
-            self._refuse(key, trial.transport, trial.peer, trial.request)
+            self._refuse(client, trial.transport, trial.peer, trial.request)
         elif ticks_diff(now, trial.due) < 0:
             return
         elif trial.asked < len(WAIT_MS):
@@ -152,16 +166,19 @@ class Rivals:
             agent.take_over(key, trial.transport, trial.peer, trial.request)
 
     def _refuse(
-        self, key: int, transport: ServerTransport, peer: Any, request: Request | None
+        self, client: Client, transport: ServerTransport, peer: Any, request: Request | None
     ) -> None:
-        agent, address = self._agent, transport.address(peer)
+        agent, key, address = self._agent, client.key, transport.address(peer)
+        why = "answers"
+        if client.certificate not in (None, transport.certificate_of(peer)):
+            why = "has shown a certificate, and its place goes to no other"
         agent.refusals.note(key, KEY_IN_USE, address, time.monotonic())
         times = agent.faults.times(f"{KEY_IN_USE} {key:08X}")
         if times is not None:
             agent.log.warning(
                 "Root", "create_client", KEY_IN_USE,
                 f"client_key: {key_label(key)}, refused at {address}: the client at"
-                f" {agent.address(key)} answers (give each board a key of its own){times}",
+                f" {agent.address(key)} {why} (give each board a key of its own){times}",
             )  # fmt: skip
         if request is not None:
             agent.deny(key, transport, peer, request)

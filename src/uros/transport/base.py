@@ -115,6 +115,11 @@ class ServerTransport(ABC):
         """The IP address that the peer talks from, in numbers; None: it does not talk over IP."""
         return None
 
+    def certificate_of(self, peer: Any) -> str | None:
+        """What tells the certificate that the peer has shown from all others (its SHA-256, in hex);
+        None: it has shown none, as nobody does but clients of TLS."""
+        return None
+
     @abstractmethod
     def close(self) -> None:
         """Close everything. Twice is once."""

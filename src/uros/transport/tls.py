@@ -9,6 +9,7 @@ least: a flood from one machine does not keep the others out.
 from __future__ import annotations
 
 import errno
+import hashlib
 import re
 import socket
 import ssl
@@ -36,6 +37,8 @@ _PAUSE: Final = 0.05
 _SWEEP_SECONDS: Final = 1.0
 # How many networks' shares are remembered.
 _REMEMBERED: Final = 4096
+# Of a client's name; X.509 has no longer ones, but for those of hosts.
+_MAX_CN: Final = 64
 _BEGINNING: Final = b"\x16\x03"
 _WANTS: Final = (ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
@@ -82,6 +85,7 @@ class TlsServer(TcpServer):
         self._clock = clock
         self._cpu = cpu
         self._names: dict[Any, str] = {}  # of those who are through; "": without a certificate
+        self._shown: dict[Any, str] = {}  # the certificates of those who have shown one
         self._shaking: dict[Any, float] = {}  # since when, the oldest first
         self._waiting: set[Any] = set()  # those of them whose time has not come
         self._spent: dict[str, float] = {}  # seconds, by network
@@ -210,6 +214,9 @@ class TlsServer(TcpServer):
         if done:
             del self._shaking[connection]
             self._names[connection] = _name_in(connection.sock.getpeercert())
+            shown = connection.sock.getpeercert(binary_form=True)
+            if shown:
+                self._shown[connection] = hashlib.sha256(shown).hexdigest()
             self._watch(connection, False)
             self._ready(connection)
 
@@ -272,6 +279,7 @@ class TlsServer(TcpServer):
         self._waiting.discard(connection)
         super()._drop(connection)
         self._names.pop(connection, None)
+        self._shown.pop(connection, None)
 
     def label(self) -> str:
         return f"{super().label()}, TLS"
@@ -280,15 +288,24 @@ class TlsServer(TcpServer):
         name = self._names.get(peer)
         return f"{super().address(peer)} (CN={name})" if name else super().address(peer)
 
+    def certificate_of(self, peer: Any) -> str | None:
+        return self._shown.get(peer)
+
 
 def _name_in(certificate: Any) -> str:
-    """Whose certificate it is, or nothing; in letters with which no name looks like another."""
+    """Whose certificate it is, or nothing; in letters with which no name looks like another.
+
+    Rules may be for a name, so one that is cut ends with what tells it from others.
+    """
     if not certificate:
         return ""
     found = [value for part in certificate.get("subject", ()) for key, value in part
              if key == "commonName"]  # fmt: skip
     found += [value for kind, value in certificate.get("subjectAltName", ()) if kind == "DNS"]
-    return re.sub(r"[^\w.@ -]", "?", found[0][:64], flags=re.ASCII) if found else "?"
+    name = found[0] if found else "?"
+    if len(name) > _MAX_CN:
+        name = f"{name[: _MAX_CN - 17]}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
+    return re.sub(r"[^\w.@ -]", "?", name, flags=re.ASCII)
 
 
 def _explain(error: Exception) -> str:

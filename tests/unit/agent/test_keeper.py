@@ -399,6 +399,42 @@ def test_a_session_by_key_moves_and_goes_on_where_it_is(world):
     assert heard() == [1]
 
 
+@pytest.mark.parametrize("lasting", [False, True])
+def test_a_restored_session_is_not_for_somebody_of_another_transport(world, lasting):
+    """Nor is it for a board with a certificate: it begins with its own rules."""
+    publisher(world).turns()
+    desk = world.restart()
+    desk.agent.control.add({"address": "peer 9", "namespace": "/left"})
+    assert desk.agent.clients[0xA1].objects
+    place, other = desk.place, helpers.Place()
+    other.lasting, other.name = lasting, "OtherAgent"
+    other.certificate_of = lambda peer: "left"
+    desk.place = other
+    desk.hear(helpers.create_client(0xA1), 9)
+    desk.wait(1000)
+    client = desk.agent.clients[0xA1]
+    assert desk.agent.place(0xA1) == (other, 9)
+    assert client.certificate == "left" and not client.objects
+    assert not place.sessions and not desk.middleware.bus.writers
+    desk = world.restart()
+    assert not desk.agent.clients
+    assert (0xA1 in desk.keeper._asleep) == lasting
+    assert not desk.middleware.bus.writers
+
+
+def test_a_restored_session_has_the_rules_of_today(world, monkeypatch):
+    publisher(world).turns()
+    init = Desk.__init__
+
+    def ruled(self, *args, **more):
+        init(self, *args, **more)
+        self.agent.control.add({"namespace": "/jail"})
+
+    monkeypatch.setattr(Desk, "__init__", ruled)
+    world.restart()
+    assert {key[1] for key, it in world.bus.writers.items() if it} == {"rt/jail/up"}
+
+
 def test_read_data_of_some_samples_is_not_begun_anew(world):
     client = Client(world)
     client.topic("rt/down", TYPE)

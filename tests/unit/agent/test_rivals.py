@@ -3,15 +3,18 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.agent import running_agent
+from support.agent import RunningAgent, running_agent, serving
+from support.certificates import Authority
 from support.client import XrceClient
-from support.lines import TcpLine, UdpLine
+from support.lines import TcpLine, TlsLine, UdpLine
+from support.waiting import eventually
 from unit.agent.helpers import (
     KEY,
     PARTICIPANT,
     WRITER,
     Board,
     Desk,
+    Place,
     acknack,
     create_client,
     delete,
@@ -25,7 +28,9 @@ from unit.agent.helpers import (
 )
 
 from uros.agent import rivals as module
+from uros.transport.certificates import Certificates
 from uros.transport.tcp import TcpServer
+from uros.transport.tls import TlsServer
 from uros.transport.udp import UdpServer
 from uros.wire import ids
 
@@ -157,6 +162,96 @@ def test_without_a_clock_that_wakes_the_next_request_decides(desk):
         out += statuses(desk.hear(create_client(), 2), 2)
         desk.clock += 250
     assert out == [OK] and of(desk) == 2
+
+
+# --- rights ------------------------------------------------------------------------------------
+
+
+def certified(desk, monkeypatch, shown):
+    """Peers of the desk show these certificates."""
+    monkeypatch.setattr(desk.place, "certificate_of", lambda peer: shown.get(peer), raising=True)
+
+
+def test_a_place_with_a_certificate_goes_to_no_other_however_silent_it_is(desk, monkeypatch):
+    certified(desk, monkeypatch, {1: "left", 3: "right"})
+    Board(desk, 1).ask(*publisher_entities())
+    for peer in (2, 3):
+        sent = desk.hear(create_client(), peer)
+        assert statuses(sent, peer) == [DENIED] and not questions(sent, 1)
+        assert not desk.wait(DECIDED)
+    desk.hear(create_client(session_id=0x82), 2)
+    desk.wait(60_000)
+    assert of(desk) == 1 and desk.agent.clients[KEY].objects
+    assert (
+        "refused at peer 2: the client at peer 1 has shown a certificate, and its place goes to no"
+        " other (give each board a key of its own)"
+    ) in desk.log()
+
+
+def test_a_place_with_a_certificate_goes_to_the_same_one_with_what_was_made(desk, monkeypatch):
+    certified(desk, monkeypatch, {1: "left", 4: "left"})
+    Board(desk, 1).ask(*publisher_entities())
+    sent = desk.hear(create_client(), 4) + desk.wait(DECIDED)
+    assert statuses(sent, 4) == [OK] and of(desk) == 4
+    assert desk.agent.clients[KEY].objects
+    assert desk.agent.clients[KEY].certificate == "left"
+    assert statuses(desk.hear(create_client(), 2) + desk.wait(DECIDED), 2) == [DENIED]
+
+
+def test_a_place_with_a_certificate_is_free_when_its_client_has_left(desk, monkeypatch):
+    certified(desk, monkeypatch, {1: "left"})
+    Board(desk, 1).send(delete(ids.OBJECT_CLIENT))
+    assert statuses(desk.hear(create_client(), 2), 2) == [OK]
+
+
+def test_a_certificate_takes_a_place_without_one_and_nothing_of_what_was_made(desk, monkeypatch):
+    certified(desk, monkeypatch, {1: "left"})
+    Board(desk, 2).ask(*publisher_entities())
+    assert statuses(desk.hear(create_client(), 1) + desk.wait(DECIDED), 1) == [OK]
+    assert of(desk) == 1 and desk.agent.clients[KEY].certificate == "left"
+    assert not desk.agent.clients[KEY].objects and not desk.middleware.bus.nodes
+
+
+def test_another_transport_has_nothing_of_what_was_made(desk):
+    Board(desk, 1).ask(*publisher_entities())
+    first = desk.agent.clients[KEY]
+    desk.place, before = Place(), desk.place
+    assert not statuses(desk.hear(create_client(), 1), 1)
+    assert before.sent  # it was asked
+    assert statuses(desk.wait(DECIDED), 1) == [OK]
+    assert desk.agent.clients[KEY] is not first and not desk.agent.clients[KEY].objects
+    assert not desk.middleware.bus.nodes and not before.sessions
+
+
+@pytest.mark.parametrize("session_id", [0x05, 0x81])
+def test_other_rules_at_the_other_address_have_nothing_of_what_was_made(desk, session_id):
+    desk.agent.control.add({"address": "peer 1", "namespace": "/left"})
+    desk.agent.control.add({"address": ["peer 1", "peer 3"], "key": 5, "max_rate": 3})
+    Board(desk, 1, session_id=session_id).ask(*publisher_entities())
+    datagram = message([write_data(WRITER, b"mine")], 0x80, 4, session_id)
+    desk.hear(datagram, 2)
+    desk.wait(DECIDED)  # a message alone does not take the place, as it begins nothing anew
+    assert of(desk) == 1 and "unknown session" in desk.log()
+    assert statuses(desk.hear(create_client(session_id=session_id), 2) + desk.wait(DECIDED), 2) == [
+        OK
+    ]
+    assert of(desk) == 2 and not desk.agent.clients[KEY].objects
+    board = Board(desk, 2, session_id=session_id)
+    board.ask(*publisher_entities())
+    assert {key[1] for key in desk.middleware.bus.writers} == {"rt/chatter"}
+    sent = desk.hear(create_client(session_id=session_id), 3) + desk.wait(DECIDED)
+    assert statuses(sent, 3) == [OK]
+    assert desk.agent.clients[KEY].objects  # the same rules
+
+
+def test_who_waited_does_not_push_away_another_one_that_came_meanwhile(desk, monkeypatch):
+    certified(desk, monkeypatch, {3: "left"})
+    Board(desk, 1)
+    desk.hear(create_client(), 2)  # it waits
+    desk.hear(message([delete(ids.OBJECT_CLIENT)], 0), 1)
+    assert statuses(desk.hear(create_client(), 3), 3) == [OK]
+    assert statuses(desk.wait(DECIDED), 2) == [DENIED]
+    assert of(desk) == 3
 
 
 # --- a key in every header ---------------------------------------------------------------------
@@ -336,3 +431,75 @@ def _second(running, transport):
     while not done.wait(0.01):
         running.server._wake.set()
     return transport
+
+
+# --- with TLS ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def mutual(tmp_path):
+    """(agent, authority, UDP): an agent with mutual TLS, and UDP beside it."""
+    made = Authority(tmp_path)
+    tls = TlsServer(0, "127.0.0.1", Certificates(*made.agent(), made.ca))
+    with serving(RunningAgent(tls, "memory", 0, 4)) as running:
+        running.agent.control.add({"address": "*(CN=left)", "namespace": "/left"})
+        yield running, made, _second(running, UdpServer(0, "127.0.0.1"))
+
+
+def _line(running, made, name):
+    line = TlsLine(running.transport.port, made.client(name))
+    running.lines.append(line)
+    return line
+
+
+def _topics(running):
+    return sorted({key[1] for key, it in running.middleware.bus.writers.items() if it})
+
+
+@pytest.mark.parametrize("newcomer", ["plain UDP", "CN=right"])
+def test_the_place_of_a_board_with_a_certificate_is_not_taken(mutual, newcomer):
+    running, made, udp = mutual
+    left = XrceClient(_line(running, made, "left"), 0x77)
+    assert left.open() == OK
+    left.writer("n", "rt/a", "T")
+    line = UdpLine(udp.port) if newcomer == "plain UDP" else _line(running, made, "right")
+    running.lines.append(line)
+    other = XrceClient(line, 0x77)
+    assert other.open() == DENIED  # left reads nothing and answers nothing
+    assert running.agent.place(0x77)[0] is running.transport
+    assert _topics(running) == ["rt/left/a"]
+    assert left.ping() == 1
+    left.line.close()  # now it is gone, and the key is free
+    running.lines.remove(left.line)
+    eventually(lambda: 0x77 not in running.agent.clients)
+    assert other.open() == OK
+    other.writer("n", "rt/a", "T")
+    assert _topics(running) == ["rt/a"]
+
+
+def test_the_same_certificate_takes_its_silent_place_back(mutual):
+    running, made, _ = mutual
+    context = made.client("left")
+    clients = []
+    for _ in range(2):
+        line = TlsLine(running.transport.port, context)
+        running.lines.append(line)
+        clients.append(XrceClient(line, 0x77))
+        assert clients[-1].open() == OK  # the first one's connection is open, and it is silent
+        if len(clients) == 1:
+            clients[0].writer("n", "rt/a", "T")
+    assert _topics(running) == ["rt/left/a"]
+    assert clients[1].ping() == 1
+
+
+def test_a_board_with_a_certificate_begins_with_its_own_rules(mutual):
+    running, made, udp = mutual
+    plain = XrceClient(UdpLine(udp.port), 0x77)
+    running.lines.append(plain.line)
+    assert plain.open() == OK
+    plain.writer("n", "rt/a", "T")
+    left = XrceClient(_line(running, made, "left"), 0x77)
+    assert left.open() == OK
+    assert not _topics(running) and not udp.sessions
+    left.writer("n", "rt/a", "T")
+    assert _topics(running) == ["rt/left/a"]

@@ -138,15 +138,27 @@ def test_with_state_what_was_acknowledged_is_handed_on_before_the_end(monkeypatc
         line.close()
 
 
-def test_a_key_in_the_header_moves_between_transports(server):
+def test_a_key_in_the_header_moves_between_addresses_of_one_transport(server):
     one = server.client(0x0A0B, session_id=0x05)
     writer, reader = one.writer("a", "rt/a", TYPE), one.reader("a", "rt/a", TYPE)
     one.read(reader)
-    other = TcpLine(server.tcp.port)
-    server.lines.append(other)
-    one.line = other
+    one.line = UdpLine(server.udp.port)
+    server.lines.append(one.line)
     one.write(writer, b"from elsewhere")
     assert one.sample(reader) == b"from elsewhere"
+
+
+def test_a_key_in_the_header_does_not_move_to_another_transport(server):
+    one = server.client(0x0A0C, session_id=0x05)
+    one.participant("a")
+    one.line = TcpLine(server.tcp.port)
+    server.lines.append(one.line)
+    one._put(ids.GET_INFO, get_info()[2], ids.STREAM_NONE, ids.FLAG_LITTLE_ENDIAN)
+    wait_for(server.said.getvalue, "unknown session")
+    assert server.agent.place(0x0A0C)[0] is server.udp
+    assert one.open() == ids.STATUS_OK  # anew, without what it had
+    assert server.agent.place(0x0A0C)[0] is server.tcp
+    assert not server.agent.clients[0x0A0C].objects
 
 
 def test_heartbeats_come_by_the_clock(server):

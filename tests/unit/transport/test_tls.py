@@ -111,7 +111,10 @@ def test_names_that_would_look_like_another():
 
     assert named("a) (CN=b") == "a? ?CN?b"
     assert named("a\n[0.1] info\x1b[31m") == "a??0.1? info??31m"
-    assert named("x" * 100) == "x" * 64
+    assert named("x" * 64) == "x" * 64
+    long = [named("x" * 100), named("x" * 101)]
+    assert all(it.startswith("x" * 47 + "-") and len(it) == 64 for it in long)
+    assert long[0] != long[1]
     assert named("Müller") == "M?ller"
     assert named() == "?" and _name_in(None) == ""
     assert _name_in({"subjectAltName": (("DNS", "left.local"),)}) == "left.local"
