@@ -74,6 +74,7 @@ PORTABLE = (
     "control",
     "interfaces/__init__.py",
     "interfaces/codec.py",
+    "interfaces/checked.py",
     "interfaces/compact.py",
     "interfaces/dynamic.py",
     "interfaces/errors.py",

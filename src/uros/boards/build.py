@@ -23,6 +23,7 @@ from uros.interfaces import InterfaceError, package, registry
 from .bare import bare
 from .bundle import NotBundled
 from .bundle import bundle as bundle_modules
+from .fields import check_fields
 from .lean import make_lean
 from .shake import shake as shake_modules
 from .shrink import ABSENT, Module, Wanted, bound, imports, inline, strip
@@ -47,6 +48,7 @@ PORTABLE: Final = (
     "transport.tlsboard",
     "transport.wlan",
     "interfaces",
+    "interfaces.checked",
     "interfaces.codec",
     "interfaces.compact",
     "interfaces.dynamic",
@@ -85,6 +87,7 @@ class BuildError(ValueError):
         └── BuildError
             ├── SourceError     the program is not there, or a file of it is no Python
             ├── MissingModule   an import that nobody provides, or of a name that is not there
+            ├── FieldError      a field that its message does not have, or a value that does not fit
             └── CompilerError   mpy-cross is not there, or refuses a module
     """
 
@@ -96,6 +99,11 @@ class SourceError(BuildError):
 class MissingModule(BuildError):
     """The program imports what neither it, nor uros, nor the interfaces, nor a board has: a module,
     or a name in one of uros's."""
+
+
+class FieldError(BuildError):
+    """The program names a field that its message does not have, or sets one to a value that does
+    not fit: a line for each."""
 
 
 class CompilerError(BuildError):
@@ -112,6 +120,7 @@ def build(
     bundle: bool | None = None,
     roots: Iterable[str] = (),
     provided: Iterable[str] = (),
+    checked: bool = False,
 ) -> list[Path]:
     """Write a board's file system into the folder ``out``; returns its files, sorted.
 
@@ -131,6 +140,8 @@ def build(
     (``std_msgs.msg:Int32``). ``bundle`` puts all modules but the program's into one and shortens
     names there; by default only as bytecode, since a board needs more memory to compile one big
     text than that saves. ``provided`` are further modules that the board has by itself.
+    ``checked`` is for virtual boards: messages refuse attributes that are no fields, and an error
+    of packing names the field, its value and its range, in a lean build too.
 
     ``out`` is replaced as a whole, once all is made; a folder that holds anything but an earlier
     build is refused. What is wrong with the program raises `BuildError`, what the disk refuses
@@ -141,15 +152,17 @@ def build(
         raise BuildError(f"no form {form!r}; give 'py' or 'mpy'")
     if out.resolve().is_relative_to(program.resolve()):
         raise BuildError(f"{out} is inside of the program; give a folder beside it")
-    search = _Search(program, set(provided), lean)
+    search = _Search(program, set(provided), lean, checked)
     modules = search.run(tuple(roots))
+    if faults := check_fields(modules.values()):
+        raise FieldError("\n".join(faults))
     if bundle is None:
         bundle = form == "mpy"
     kept = set(roots)
     if bundle:
         kept.update(_adopt(modules))
     if lean:
-        make_lean(modules)
+        make_lean(modules, "uros.interfaces." if checked else "-")
     inline(modules)
     if shake:
         modules = shake_modules(modules, kept)
@@ -203,9 +216,10 @@ class _Asserts(ast.NodeTransformer):
 class _Search:
     """Finds all modules that a program needs, and parses them."""
 
-    def __init__(self, program: Path, provided: set[str], lean: bool) -> None:
+    def __init__(self, program: Path, provided: set[str], lean: bool, checked: bool) -> None:
         self.program = program
-        self.lean = lean
+        self.lean = lean and not checked
+        self.checked = checked
         self.provided = _PROVIDED | provided
         self.modules: dict[str, Module] = {}
         self.types: dict[str, Module] = {}  # names of types, and who was first to import each
@@ -404,7 +418,9 @@ class _Search:
     def interfaces(self) -> None:
         try:
             bare_types = bare(self.modules.values(), self.types)
-            sources = package.modules(sorted(self.types), self.lean, self.reuses(), bare_types)
+            sources = package.modules(
+                sorted(self.types), self.lean, self.reuses(), bare_types, self.checked
+            )
         except InterfaceError as error:
             raise BuildError(str(error)) from error
         for name, text in sources.items():

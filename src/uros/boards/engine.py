@@ -30,6 +30,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -53,6 +54,7 @@ from .plugs import PlugError
 from .usb import ATTACHED
 
 _MOST_READS: Final = 64
+_TRACEBACK_LINES: Final = 200  # held back until its last one comes
 _LOOK_SECONDS: Final = 0.2
 
 
@@ -81,6 +83,39 @@ class Options:
     address: str = ""
 
 
+class Once:
+    """Lets the traceback of a fault of one field through once: a program that goes on meets it at
+    each turn of its timer."""
+
+    _FAULT: Final = re.compile(r"\w+Error: \w+/(?:msg|srv|action)/\w+(?:[.\w]*:| has no field \w+)")
+
+    def __init__(self) -> None:
+        self._held: list[str] = []  # of a traceback whose last line is to come
+        self._seen: set[str] = set()
+
+    def pass_on(self, line: str) -> list[str]:
+        """The lines to show, now that this one is there."""
+        inside = line.startswith("  ") and self._held
+        if line.startswith("Traceback (most") or inside:
+            return [] if self._hold(line) else self.flush()
+        fault = self._FAULT.match(line)
+        if fault and self._held:
+            if fault[0] in self._seen:
+                self._held.clear()
+                return []
+            self._seen.add(fault[0])
+        return [*self.flush(), line]
+
+    def _hold(self, line: str) -> bool:
+        self._held.append(line)
+        return len(self._held) < _TRACEBACK_LINES
+
+    def flush(self) -> list[str]:
+        """What is held back."""
+        held, self._held = self._held, []
+        return held
+
+
 class BoardProcess:
     """The process, without its beginning: see the module."""
 
@@ -93,6 +128,7 @@ class BoardProcess:
         self._ended_by: int | None = None  # the exit status
         self._folder = tempfile.TemporaryDirectory(prefix="uros-board-")
         self._unfinished = ""  # a line being printed
+        self._once = Once()
         self._reads: list[tuple[int, int]] = []  # not told yet
         self._micropython: MicroPythonEngine | None = None
         self._base: int | None = None  # the heap before the program
@@ -119,7 +155,9 @@ class BoardProcess:
         for folder in options.interfaces:
             add_folder(folder)
         root = Path(self._folder.name) / "flash"
-        build(Path(options.program), root, options.form)
+        # As a board has it where that is what is looked at: as bytecode, or for its memory.
+        checked = options.form == "py" and not options.measure
+        build(Path(options.program), root, options.form, checked=checked)
         if options.reads:
             for bus in board.i2c.values():
                 bus.on_read = self._read
@@ -182,11 +220,14 @@ class BoardProcess:
     def _print(self, text: str) -> None:
         *lines, self._unfinished = (self._unfinished + text).split("\n")
         for line in lines:
-            self._send("console", line=line.rstrip("\r"))
+            for told in self._once.pass_on(line.rstrip("\r")):
+                self._send("console", line=told)
 
     def _flush(self) -> None:
         if self._unfinished:
             self._print("\n")
+        for line in self._once.flush():
+            self._send("console", line=line)
 
     def _ended(self, traceback: str) -> None:
         self._tell_reads()

@@ -21,15 +21,18 @@ _ONE: Final = _PEERS | {"EncodeError"}
 _QUIET: Final = ("uros.wire.", "uros.interfaces.")
 
 
-def make_lean(modules: dict[str, Module]) -> None:
-    """Leave out of uros's modules what only says more about an error."""
+def make_lean(modules: dict[str, Module], spared: str = "-") -> None:
+    """Leave out of uros's modules what only says more about an error; those whose names begin with
+    ``spared`` keep it."""
     for (name, constant), value in _LEAN.items():
-        for node in modules[name].tree.body if name in modules else ():
+        known = name in modules and not name.startswith(spared)
+        for node in modules[name].tree.body if known else ():
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == constant:
                 node.value = ast.Constant(value)
     named = named_from_outside(module for module in modules.values() if module.own)
     for module in modules.values():
-        if module.name.startswith("uros.") and not module.own:
+        plain = module.own or module.name.startswith(spared)
+        if module.name.startswith("uros.") and not plain:
             quiet = module.name.startswith(_QUIET)
             module.tree = _Untold(_UNTOLD if quiet else _PEERS).visit(module.tree)
             _one_error(module, _ONE - named)

@@ -84,6 +84,8 @@ class Parts(NamedTuple):
     """Types whose messages are made without arguments, as those of ``unnamed`` are anyway."""
     alike: str = ""
     """A type that needs nothing which its base, `compact.Doubles`, has not."""
+    checked: bool = False
+    """Attributes that are no fields are refused: see `checked`. Not together with ``lean``."""
 
 
 def generate_together(
@@ -131,7 +133,8 @@ def _module(name: str, nested: list[str], body: str) -> str:
     if "_array" in used:
         lines.append("from array import array as _array")
     lines += ["", *nested]
-    for module, helpers in (("compact", _COMPACT), ("runtime", _HELPERS)):
+    modules = (("checked", ("checked",)), ("compact", _COMPACT), ("runtime", _HELPERS))
+    for module, helpers in modules:
         if imported := [f"{name} as _{name}" for name in helpers if "_" + name in used]:
             lines.append(f"from uros.interfaces.{module} import (")
             lines += [f"    {name}," for name in imported]
@@ -259,6 +262,10 @@ def _message_class(message: Message, aliases: Aliases, board: Parts | None) -> s
     pairs = [f'("{f.name}", "{field_type_name(f.type)}")' for f in message.fields]
     lines.append(f"    _FIELDS = {_tuple(pairs)}")
     lines += [f"    {c.name} = {_literal(c.value)}" for c in message.constants]
+    if board is not None and board.checked:
+        kept = "doubles" if doubles else "halves" if halves else ""
+        what = f'"{message.type_name}", {_tuple(map(repr, names))}, "{kept}"'
+        lines.append(f"    __setattr__ = _checked({what})")
     blocks = ["\n".join(lines)]
     part = board is not None and board.lean and message.type_name in board.unnamed | board.bare
     if board is not None and message.type_name == board.alike:

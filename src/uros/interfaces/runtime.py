@@ -170,10 +170,10 @@ def check(message: "Any", where: str) -> None:
             value = getattr(message, attribute)
         except AttributeError:
             raise TypeError("%s is not set" % place)
-        _check(value, pair[1], place)
+        check_value(value, pair[1], place)
 
 
-def _check(value: "Any", kind: str, where: str) -> None:
+def check_value(value: "Any", kind: str, where: str) -> None:
     if kind.startswith("sequence<"):
         inner, _, bound = kind[9:-1].rpartition(", ")
         if inner and not bound.endswith(">"):
@@ -227,7 +227,7 @@ def _check_items(value: "Any", kind: str, low: int, high: int, where: str) -> No
             % (where, count, "only" if low else "at most", high)
         )
     for i, item in enumerate(value):
-        _check(item, kind, "%s[%d]" % (where, i))
+        check_value(item, kind, "%s[%d]" % (where, i))
 
 
 def _check_text(value: "Any", kind: str, where: str) -> None:

@@ -295,3 +295,55 @@ def test_a_heap_that_is_asked_for_before_there_is_an_engine(program, monkeypatch
         os.close(reading)
         os.close(writing)
     assert asked == ["begun", "heap", "runs", "begun", "runs"]
+
+
+FAULTS = """
+    import sys
+    from sensor_msgs.msg import BatteryState, Imu
+    from std_msgs.msg import String, UInt8
+    kinds = {"battery": BatteryState, "imu": Imu, "octet": UInt8, "text": String}
+    def attempt(kind, path, value):
+        message = kinds[kind]()
+        try:
+            *inside, name = path.split(".")
+            at = message
+            for it in inside:
+                at = getattr(at, it)
+            setattr(at, name, value)
+            message.pack_into(bytearray(1000), 0, 0)
+            print("packed", getattr(at, name))
+        except Exception as error:
+            sys.print_exception(error)
+    for i in range(3):
+        attempt("battery", "volts", 7.4 + i)
+        attempt("imu", "orientation.a", 1.0)
+        attempt("imu", "header.stamp.sek", 1)
+        attempt("octet", "data", 300 + i)
+        attempt("text", "data", i)
+        attempt("imu", "orientation.w", 1.0)
+        attempt("imu", "header.stamp.sec", 1234567890)
+        attempt("battery", "voltage", 7.5)
+        print("round", i)
+"""
+
+
+@pytest.mark.parametrize("engine_name", ["cpython", "micropython"])
+def test_a_field_that_is_not_there_and_a_value_that_does_not_fit_are_told_once(
+    program, engine_name
+):
+    """By no name that the build could see; what is right goes on as ever."""
+    lines = []
+    with RunningBoard(program(FAULTS), BOARD, engine_name) as board:
+        while "round 2" not in (line := board.console.get(timeout=30)):
+            lines.append(line)
+    told = [line.partition("Error: ")[2] for line in lines if "Error: " in line]
+    assert told == [
+        "sensor_msgs/msg/BatteryState has no field volts; did you mean voltage?",
+        "geometry_msgs/msg/Quaternion has no field a; it has x, y, z, w",
+        "builtin_interfaces/msg/Time has no field sek; did you mean sec?",
+        "std_msgs/msg/UInt8.data: 300 is out of range 0 to 255",
+        "std_msgs/msg/String.data: expected string, got int",
+    ]
+    good = ["packed 1.0", "packed 1234567890", "packed 7.5"]
+    assert [line for line in lines if line.startswith("packed")] == 3 * good
+    assert sum(line.startswith("Traceback") for line in lines) == len(told)

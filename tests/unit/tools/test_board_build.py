@@ -147,3 +147,14 @@ def test_places_that_cannot_be_written(program, tmp_path, capsys):
 def test_bad_command_lines(capsys):
     assert cli.main(["board", "build", "ra6m5_sensor_node"]) == 2
     assert capsys.readouterr().err.startswith("usage: uros board build")
+
+
+def test_a_misspelt_field_is_refused_by_its_place_and_with_the_name_that_was_meant(
+    program, tmp_path, capsys
+):
+    folder = program("from std_msgs.msg import Int32\nm = Int32()\nm.dta = 1\n")
+    assert cli.main(["board", "build", str(folder), str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err.strip() == (
+        f"uros: {folder}/main.py:3: std_msgs/msg/Int32 has no field dta; did you mean data?"
+    )
+    assert not (tmp_path / "out").exists()
