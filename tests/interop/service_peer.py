@@ -14,6 +14,7 @@ class ServicePeer(Peer):
         super().__init__()
         self.clients = {}
         self.servers = {}
+        self.counted = {}
         self.met = set()  # services that have answered
 
     def do_serve(self, name, type, late=0.0, text="answer {}", first=1, seconds=15):
@@ -34,6 +35,23 @@ class ServicePeer(Peer):
     def do_serve_no_more(self, name, seconds=15):
         self.node.destroy_service(self.servers.pop(name))
         return {}
+
+    def do_count(self, name, type, seconds=15):
+        """Serve with a callback that keeps each request it gets, and no more."""
+        cls = find_type(type)
+        self.counted[name] = []
+
+        def answer(request, response):
+            self.counted[name].append(str(request))
+            return response
+
+        self.servers[name] = self.node.create_service(cls, name, answer)
+        return {}
+
+    def do_counted(self, name, least=0, seconds=15):
+        """What that callback got, waiting until it was called so often or the time is up."""
+        self.wait(seconds, lambda: len(self.counted[name]) >= max(1, least))
+        return {"requests": self.counted[name]}
 
     def do_call(self, name, type, cdr, times=1, seconds=15):
         """Call a service when it is there, again after each reply; replies and their seconds.

@@ -292,6 +292,19 @@ class Client:
 
         return ready
 
+    def on_refusal(self, thing: XrceObject) -> Callable[[list[int], str], None]:
+        """What its requester calls for requests that nobody will answer, with the reason. C clients
+        pass a STATUS over that they do not wait for, and the C++ agent sends none."""
+        def refused(request_ids: list[int], why: str) -> None:
+            self.fault("request refused", f"{object_label(thing.object_id)}, {why}")
+            for request_id in request_ids:
+                self._status(
+                    request_id, thing.object_id, ids.STATUS_ERR_DDS_ERROR, ids.STREAM_RELIABLE
+                )
+            self._agent.attend(self.session)
+
+        return refused
+
     def _delete(self, r: Reader, stream: int) -> None:
         request_id, object_id = messages.pull_request(r)
         if object_id & 0x0F == ids.KIND_CLIENT:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from copy import copy
 from typing import Final
 
-from ..middleware.base import Node, Reader, Service, Writer
+from ..middleware.base import MiddlewareError, Node, Reader, Service, Writer
 from ..qos import HistoryPolicy, QoSProfile, services_profile
 from ..wire.data import SAMPLE_IDENTITY_SIZE, pull_sample_identity, push_sample_identity
 from ..wire.errors import DecodeError
@@ -23,6 +23,8 @@ MAX_PENDING: Final = 256
 # Attack: a reader that keeps all, or two thousand million, and is never asked. Fast DDS keeps so
 # many, with the C++ agent; the oldest go then, so that no writer waits for a client that is slow.
 MAX_UNREAD: Final = 5000
+# Attack: replies nobody asked for, as fast as they can be sent. Takes of them in a row.
+_MAX_MISSES: Final = 4
 
 
 class WriterEndpoint:
@@ -78,22 +80,42 @@ class ReaderEndpoint:
 
 
 class RequesterEndpoint:
-    """A requester: remembers which of the client's requests a reply belongs to."""
+    """A requester: remembers which of the client's requests a reply belongs to.
 
-    __slots__ = ("_object_id", "_pending", "_requester", "taken")
+    ``on_refusal(request_ids, why)`` is called for requests that nobody will answer.
+    """
+
+    __slots__ = ("_object_id", "_on_ready", "_on_refusal", "_pending", "_requester", "taken")
 
     def __init__(
-        self, node: Node, service: Service, object_id: int, on_ready: Callable[[], None]
+        self,
+        node: Node,
+        service: Service,
+        object_id: int,
+        on_ready: Callable[[], None],
+        on_refusal: Callable[[list[int], str], None],
     ) -> None:
         self._object_id = object_id.to_bytes(2, "big")
         self._pending: dict[int, bytes] = {}
+        self._on_ready = on_ready
+        self._on_refusal = on_refusal
         self.taken = 0  # replies
-        self._requester = node.create_requester(service, services_profile(), on_ready)
+        self._requester = node.create_requester(service, services_profile(), self._ready)
+
+    def _ready(self) -> None:
+        self._on_ready()
+        if self._pending and (why := self._requester.refusal()):
+            pending, self._pending = self._pending, {}
+            self._on_refusal([int.from_bytes(it, "big") for it in pending.values()], why)
 
     def write(self, flags: int, payload: memoryview) -> bool:
         """``payload``: request id, object id, body. False: no room now."""
         request_id = bytes(payload[:2])
-        sequence = self._requester.request(bytes((0, flags & 1, 0, 0)) + payload[4:])
+        try:
+            sequence = self._requester.request(bytes((0, flags & 1, 0, 0)) + payload[4:])
+        except MiddlewareError as error:
+            self._on_refusal([int.from_bytes(request_id, "big")], str(error))
+            return True
         if sequence is None:
             return False
         if len(self._pending) >= MAX_PENDING:
@@ -103,14 +125,16 @@ class RequesterEndpoint:
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         out: list[tuple[int, bytes]] = []
-        while not out:
+        for _ in range(_MAX_MISSES):
             replies = self._requester.take(limit)
             for sequence, sample in replies:
                 request_id = self._pending.pop(sequence, None)
                 if request_id is not None:
                     out.append((sample[1] & 1, request_id + self._object_id + sample[4:]))
-            if not replies:
+            if out or not replies:
                 break
+        else:
+            self._requester.again()
         self.taken += len(out)
         return out
 

@@ -91,7 +91,9 @@ class Maker:
             thing.named = service.request_topic, service.request_type
             ready = client.on_ready(thing)
             if thing.kind == ids.KIND_REQUESTER:
-                thing.endpoint = RequesterEndpoint(node, service, thing.object_id, ready)
+                thing.endpoint = RequesterEndpoint(
+                    node, service, thing.object_id, ready, client.on_refusal(thing)
+                )
             else:
                 thing.endpoint = ReplierEndpoint(node, service, ready)
         thing.node = node

@@ -225,6 +225,10 @@ class Connection(Session):
         entity = self._awaited.pop(request_id, None)
         # What was not there needs no deletion.
         if status >= ids.STATUS_ERR_DDS_ERROR and (entity is not None or not known):
+            for it in self._by_id.values():
+                if request_id in getattr(it, "_pending", ()):  # a call that has no server
+                    it._queue.append((it._pending.pop(request_id), None))
+                    return
             self._refused(entity.name if known else "request %d" % request_id, status)
 
     def on_time(self, transmit: "tuple[int, ...]", receive: "tuple[int, ...]") -> None:

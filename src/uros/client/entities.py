@@ -367,8 +367,8 @@ class Client(_Receiver):
         super().__init__(node, name, type, qos)
 
     def call_async(self, request: "Any") -> Future:
-        """Send a request. The future fails with OSError where it cannot be sent now, and when
-        the session ends before the answer."""
+        """Send a request. The future fails with OSError where it cannot be sent now, when the
+        agent refuses it (its log says why), and when the session ends before the answer."""
         future = Future()
         number = self.created and self.connection.write(
             self.object_id(ids.KIND_REQUESTER), request, b"", self.flags & ids.QOS_RELIABLE
@@ -413,7 +413,7 @@ class Client(_Receiver):
             future, response = self._queue.pop(0)
             error = None
             if response is None:
-                error = OSError("%s: the agent was lost, or its answer malformed" % self.name)
+                error = OSError("%s: lost, refused or malformed" % self.name)
             future.finish(response, error)
 
 

@@ -17,7 +17,7 @@ from typing import Any, Final, Protocol
 from .. import names
 from ..client.clock import Clock
 from ..client.connection import AGENT_CONNECTED, AGENT_DISCONNECTED
-from ..client.entities import Client, Publisher, Service, Subscription
+from ..client.entities import Client, Future, Publisher, Service, Subscription
 from ..client.node import Node
 from ..interfaces.codec import to_cdr
 from ..middleware import base
@@ -32,6 +32,8 @@ _NUMBERS: Final = 0xFFFF
 # How soon an answer that found no room is tried again.
 _RETRY_MS: Final = 5
 _GUID: Final = 16
+# Attack: replies nobody asked for, as fast as they can be sent. Takes of them in a row.
+_MAX_MISSES: Final = 4
 
 
 class SystemClock(Clock):
@@ -147,34 +149,67 @@ class _Server(_Receiving):
         ]
 
 
+class _Failing:
+    """Stands for a future in its client's queue, and has it fail for a reason of ours."""
+
+    def __init__(self, future: Future, why: str) -> None:
+        self._future = future
+        self._why = why
+
+    def finish(self, _result: Any, _error: Exception | None) -> None:
+        self._future.finish(None, OSError(self._why))
+
+
 class _Asker(_Receiving):
     """A client's. It knows the sequence number behind each number that the entity waits for."""
 
     def __init__(self, node: base.Node, entity: Client, waiting: set[_Receiving]) -> None:
         super().__init__(entity, waiting)
         self._asked: dict[int, int] = {}
+        self._refused: dict[int, str] = {}  # why; their numbers are negative
         self._requester = node.create_requester(_service(entity), services_profile(), self.on_ready)
         self.close = self._requester.close
 
     def write(self, message: Any, prefix: bytes) -> int:
-        sequence = self._requester.request(to_cdr(message))
+        try:
+            sequence = self._requester.request(to_cdr(message))
+        except base.MiddlewareError as error:
+            number = -1 - len(self._refused)
+            self._refused[number] = str(error)
+            self._waiting.add(self)
+            return number
         if sequence is None:
             return 0
         number = sequence % _NUMBERS + 1
         self._asked[number] = sequence
         return number
 
+    def fill(self) -> bool:
+        """As others', and fail the calls that nobody will answer."""
+        came = super().fill()
+        if self._asked and (why := self._requester.refusal()):
+            self._refused.update(dict.fromkeys(self._asked, why))
+            self._asked.clear()
+        for number, why in self._refused.items():
+            future = self._entity._pending.pop(number, None)
+            if future is not None:
+                self._entity._queue.append((_Failing(future, why), None))
+                came = True
+        self._refused.clear()
+        return came
+
     def take(self, limit: int) -> list[tuple[bytes, bytes]]:
         out: list[tuple[bytes, bytes]] = []
-        while not out:
+        for _ in range(_MAX_MISSES):
             replies = self._requester.take(limit)
-            if not replies:
-                break
             for sequence, sample in replies:
                 number = sequence % _NUMBERS + 1
                 if self._asked.get(number) == sequence:
                     del self._asked[number]
                     out.append((number.to_bytes(2, "big") + bytes(2), sample))
+            if out or not replies:
+                return out
+        self._requester.again()
         return out
 
 

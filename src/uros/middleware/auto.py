@@ -292,8 +292,8 @@ def _without_rclpy(error: Exception) -> str:
     from . import NAMES
 
     return (
-        "ROS 2 nodes with rmw_fastrtps see services of boards but get no answers (those with"
-        " rmw_cyclonedds do), as rclpy cannot be used here"
+        "ROS 2 nodes with rmw_fastrtps see services of boards but get no answers, and calls of"
+        " their services are refused (those with rmw_cyclonedds work), as rclpy cannot be used here"
         f" ({error}): {NAMES['ros2'][1]}"
     )
 

@@ -83,19 +83,32 @@ class Reader(ABC):
 
 
 class Requester(ABC):
-    """Sends requests of one service and receives the replies to them."""
+    """Sends requests of one service and receives the replies to them.
+
+    ``on_ready`` comes as well when :meth:`refusal` may have become another."""
 
     __slots__ = ()
 
+    def refusal(self) -> str:
+        """Why no call is made, and none that waits will be answered: a server is there that would
+        read its arguments wrongly. Empty where calls can be made."""
+        return ""
+
+    def again(self) -> None:  # noqa: B027  where what is left is announced anyway
+        """Have ``on_ready`` called again, after others: not all was taken."""
+
     @abstractmethod
     def request(self, cdr: Bytes) -> int | None:
-        """Send; the sequence number its reply will bear. None: no room now."""
+        """Send; the sequence number its reply will bear. None: no room now.
+
+        Raises MiddlewareError where there is a :meth:`refusal`."""
 
     @abstractmethod
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """At most ``limit`` replies to own requests: (sequence number, sample).
 
-        None only where there are none: others' replies are passed over."""
+        Others' replies are passed over. None: there are none, or so many of others that
+        ``on_ready`` comes again for the rest."""
 
     @abstractmethod
     def close(self) -> None:
@@ -109,7 +122,9 @@ class Replier(ABC):
 
     @abstractmethod
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
-        """At most ``limit`` requests: (16-byte GUID of the asker, number, sample)."""
+        """At most ``limit`` requests: (16-byte GUID of the asker, number, sample).
+
+        None: there are none, or ``on_ready`` comes again for the rest."""
 
     @abstractmethod
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:

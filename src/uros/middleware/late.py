@@ -77,6 +77,13 @@ class LateRequester(Late[Requester], Requester):
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         return [] if self._end is None else self._end.take(limit)
 
+    def refusal(self) -> str:
+        return "" if self._end is None else self._end.refusal()
+
+    def again(self) -> None:
+        if self._end is not None:
+            self._end.again()
+
 
 class LateReplier(Late[Replier], Replier):
     __slots__ = ()

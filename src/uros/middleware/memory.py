@@ -122,6 +122,11 @@ class MemoryReader(Reader):
             self.announced = False
             return [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
 
+    def again(self) -> None:
+        """Call ``on_ready`` once more."""
+        with self._middleware.bus.lock:
+            self._middleware.mark(self)
+
     def close(self) -> None:
         bus = self._middleware.bus
         with bus.lock:
@@ -143,7 +148,7 @@ def _leave(ends: dict[tuple[int, str], list[_End]], key: tuple[int, str], end: _
 class MemoryRequester(Requester):
     """Requests travel as samples with 16 bytes of identity in front, replies likewise."""
 
-    def __init__(self, guid: int, writer: Writer, reader: Reader) -> None:
+    def __init__(self, guid: int, writer: Writer, reader: MemoryReader) -> None:
         self._guid = guid.to_bytes(8, "little")
         self._sequence = 0
         self._writer = writer
@@ -153,6 +158,9 @@ class MemoryRequester(Requester):
         self._sequence += 1
         self._writer.write(self._guid + self._sequence.to_bytes(8, "little") + bytes(cdr))
         return self._sequence
+
+    def again(self) -> None:
+        self._reader.again()
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         while True:

@@ -225,7 +225,7 @@ def _answer(line: _Line, requester: Requester, number: int, args: argparse.Names
 
     def came() -> bool:
         answers.update(requester.take(16))
-        return number in answers or not line.is_served()
+        return number in answers or bool(requester.refusal()) or not line.is_served()
 
     patience = _PATIENCE if args.timeout is None else min(_PATIENCE, args.timeout)
     if not line.wait(came, patience):
@@ -237,6 +237,8 @@ def _answer(line: _Line, requester: Requester, number: int, args: argparse.Names
                 f"{args.service} did not answer within {args.timeout:g} s; is its node busy, or"
                 " does it spin at all?"
             )
+    if number not in answers and (why := requester.refusal()):
+        raise ToolError(why)
     if number not in answers:
         raise ToolError(f"{args.service} has left and has not answered; call it again")
     return answers[number]

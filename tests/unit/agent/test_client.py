@@ -718,14 +718,15 @@ def test_replies_that_answer_nothing(body):
     desk.close()
 
 
-def test_a_middleware_error_of_a_service_is_a_fault():
+def test_a_middleware_error_of_a_request_is_a_fault_and_a_status():
     desk, _, asker = services()
 
     def fail(cdr):
         raise MiddlewareError("big-endian service payloads cannot be passed on")
 
     desk.agent.clients[asker.key].objects[REQUESTER].endpoint._requester.request = fail
-    assert asker.ask(write_data(REQUESTER, b"data"), topic()) == [OK]
+    asked = asker.ask(write_data(REQUESTER, b"data"), topic())
+    assert asked == [ids.STATUS_ERR_DDS_ERROR, OK]
     assert "big-endian service payloads" in desk.log()
     desk.close()
 

@@ -218,6 +218,41 @@ def test_services_likewise(bad, owner, call, error):
         pair.check()
 
 
+def test_calls_without_a_server_that_understands_them_get_a_status(monkeypatch):
+    """Those that are refused at once, and those that wait when such a server comes."""
+    why = []
+    made = []
+    monkeypatch.setattr(MemoryRequester, "refusal", lambda self: "".join(why), raising=False)
+    create = MemoryNode.create_requester
+
+    def keep(self, service, qos, on_ready):
+        made.append(on_ready)
+        return create(self, service, qos, on_ready)
+
+    monkeypatch.setattr(MemoryNode, "create_requester", keep)
+    with running() as server:
+        pair = Pair(server)
+        client = server.client(1)
+        assert service(client, ids.KIND_REQUESTER, client.participant("n")) == ids.STATUS_OK
+        thing = 9 << 4 | ids.KIND_REQUESTER
+        waiting = [client.write(thing, b"abcd") for _ in range(3)]
+        why.append("no server understands it")
+        server.server.soon(made[0])
+        for request in waiting:
+            client.until(lambda key=(request, thing): key in client.statuses, "no STATUS")
+            assert client.statuses[request, thing] == ids.STATUS_ERR_DDS_ERROR
+        monkeypatch.setattr(MemoryRequester, "request", _refuse)
+        request = client.write(thing, b"abcd")
+        client.until(lambda: (request, thing) in client.statuses, "no STATUS")
+        pair.check()
+        assert "request refused" in server.said.getvalue()
+        assert "no server understands it" in server.said.getvalue()
+
+
+def _refuse(self, cdr):
+    raise MiddlewareError("not called")
+
+
 def test_a_writer_that_never_has_room_holds_up_its_client_only_and_it_can_leave(monkeypatch):
     write = MemoryWriter.write
     monkeypatch.setattr(

@@ -1,6 +1,16 @@
 """The node and its entities, with a scripted agent. Also runs on MicroPython."""
 
-from support.board import KEY, Ask, Blob, FakeAgent, FakeClock, Number, number_bytes, pattern
+from support.board import (
+    KEY,
+    Ask,
+    Blob,
+    FakeAgent,
+    FakeClock,
+    Number,
+    built,
+    number_bytes,
+    pattern,
+)
 from support.services import raised
 
 from uros import qos
@@ -13,7 +23,7 @@ from uros.client import (
 )
 from uros.client.executor import ALWAYS
 from uros.client.node import board_key
-from uros.wire import ids
+from uros.wire import ids, session
 from uros.wire.cdr import Reader
 from uros.wire.entities import (
     pull_binary_endpoint,
@@ -561,6 +571,23 @@ def test_a_malformed_answer_fails_its_call() -> None:
     bench.agent.sample(0x07, bytes((request >> 8, request & 0xFF, 0, 7)) + b"ab")
     bench.run()
     assert bench.client.malformed == 2 and isinstance(future.exception(), OSError)
+
+
+def test_a_call_that_the_agent_refuses_fails_and_the_session_goes_on() -> None:
+    bench = calling()
+    bench.until(AGENT_CONNECTED)
+    futures, requests = [], []
+    for i in range(2):
+        futures.append(bench.client.call_async(Ask.Request(i)))
+        requests.append(last_request(bench))
+    refused = built(session.push_status, requests[1], 0x07, ids.STATUS_ERR_DDS_ERROR)
+    bench.agent.reliable(ids.STATUS, refused)
+    bench.run()
+    assert "refused" in raised(OSError, futures[1].result) and not futures[0].done()
+    answer(bench, requests[0], 7)
+    bench.run()
+    assert futures[0].result() == Ask.Response(7)
+    assert bench.states.count(AGENT_DISCONNECTED) == 0
 
 
 def test_an_answer_nobody_waits_for_any_more() -> None:

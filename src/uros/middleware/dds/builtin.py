@@ -120,6 +120,24 @@ def _take_endpoints(
     return [] if isinstance(got, int) else got
 
 
+def matched_reader(writer: int, handle: int) -> tuple[bytes, bytes] | None:
+    """(GUID, USER_DATA) of a reader that a writer is matched with; None where it is not (any
+    more)."""
+    return _matched(_clayer.ddspy_get_matched_subscription_data, writer, handle)
+
+
+def matched_writer(reader: int, handle: int) -> tuple[bytes, bytes] | None:
+    """The same of a writer that a reader is matched with."""
+    return _matched(_clayer.ddspy_get_matched_publication_data, reader, handle)
+
+
+def _matched(get: Any, endpoint: int, handle: int) -> tuple[bytes, bytes] | None:
+    found: tuple[bytes, bytes] | None = get(
+        endpoint, handle, lambda key, *about: (key, about[4]), _user_data
+    )
+    return found
+
+
 _ALIVE: Final = 16  # DDS_ALIVE_INSTANCE_STATE
 
 
@@ -156,11 +174,17 @@ def read_qos(pointer: int) -> QoSProfile:
     if _qget_ownership(pointer, ctypes.byref(kind)):
         qos.ownership_exclusive = kind.value == 1
     qos.partitions = _partitions(pointer)
-    data, size = _void_p(), _size()
-    if _qget_userdata(pointer, ctypes.byref(data), ctypes.byref(size)) and data.value:
-        qos.user_data = ctypes.string_at(data.value, size.value)
-        _free(data)
+    qos.user_data = _user_data(pointer)
     return qos
+
+
+def _user_data(pointer: int) -> bytes:
+    data, size = _void_p(), _size()
+    found = b""
+    if _qget_userdata(pointer, ctypes.byref(data), ctypes.byref(size)) and data.value:
+        found = ctypes.string_at(data.value, size.value)
+        _free(data)
+    return found
 
 
 def _milliseconds(nanoseconds: int) -> int | None:

@@ -35,6 +35,7 @@ INFINITE: Final = 0x7FFFFFFFFFFFFFFF
 RETCODE_TIMEOUT: Final = -10
 RETCODE_OUT_OF_RESOURCES: Final = -5
 STATUS_DATA_AVAILABLE: Final = 1 << 8  # taking resets it
+STATUS_PUBLICATION_MATCHED: Final = 1 << 11
 STATUS_SUBSCRIPTION_MATCHED: Final = 1 << 12
 # sample, view and instance states of dds_take: all of them
 ANY_STATE: Final = 0x7F
@@ -260,9 +261,14 @@ def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
     return c_qos
 
 
-def wake_on(reader: int, status: int) -> None:
-    """Which status of a reader wakes the waitset it is in."""
-    check(_set_status_mask(reader, status), "watch a reader")
+def wake_on(endpoint: int, status: int) -> None:
+    """Which status of a reader or writer wakes the waitset it is in."""
+    check(_set_status_mask(endpoint, status), "watch an endpoint")
+
+
+def reset(endpoint: int, status: int) -> None:
+    """Reset a status, so that its next change wakes the waitset."""
+    _take_status(endpoint, ctypes.byref(ctypes.c_uint32()), status)
 
 
 def matched_writers(reader: int) -> set[int]:
@@ -270,17 +276,25 @@ def matched_writers(reader: int) -> set[int]:
 
     Resets the status SUBSCRIPTION_MATCHED first, so that a change is not missed.
     """
-    status = ctypes.c_uint32()
-    _take_status(reader, ctypes.byref(status), STATUS_SUBSCRIPTION_MATCHED)
+    reset(reader, STATUS_SUBSCRIPTION_MATCHED)
     return heard_writers(reader)
 
 
 def heard_writers(reader: int) -> set[int]:
     """:func:`matched_writers` without resetting that status, for who does not wait for it."""
+    return _matched(_get_matched_publications, reader)
+
+
+def matched_readers(writer: int) -> set[int]:
+    """The instance handles of the readers a writer reaches, local ones included."""
+    return _matched(_get_matched_subscriptions, writer)
+
+
+def _matched(get: Any, endpoint: int) -> set[int]:
     size = 64
     while True:
         handles = (ctypes.c_uint64 * size)()
-        count: int = _get_matched_publications(reader, handles, size)
+        count: int = get(endpoint, handles, size)
         if count <= size:
             return set(handles[: max(0, count)])
         size = count
@@ -445,17 +459,31 @@ def _is_ops_table(address: int) -> bool:
 # --- samples --------------------------------------------------------------------
 
 _ddspy_write = _clayer.ddspy_write
+_ddspy_writedispose = _clayer.ddspy_writedispose
 _ddspy_take = _clayer.ddspy_take
 
 
 def write(writer: int, cdr: Bytes) -> bool:
     """Write one sample; False where the writer has no room and would wait."""
+    code: int = _ddspy_write(writer, _filled(cdr) if len(cdr) & 3 else cdr)
+    return code == 0 or _refused(code)
+
+
+def write_disposed(writer: int, cdr: Bytes) -> bool:
+    """:func:`write` with the status "disposed": Cyclone's readers take it as data, others as no
+    valid sample; see :mod:`~uros.middleware.dds.forms`."""
+    code: int = _ddspy_writedispose(writer, _filled(cdr) if len(cdr) & 3 else cdr)
+    return code == 0 or _refused(code)
+
+
+def _filled(cdr: Bytes) -> bytes:
+    """The sample with zeros to a multiple of 4: Cyclone would fill it up with what its memory last
+    held."""
     fill = -len(cdr) & 3
-    if fill:  # Cyclone would fill it up with what its memory last held
-        cdr = bytes(cdr[:3]) + bytes((fill,)) + bytes(cdr[4:]) + bytes(fill)
-    code: int = _ddspy_write(writer, cdr)
-    if code == 0:
-        return True
+    return bytes(cdr[:3]) + bytes((fill,)) + bytes(cdr[4:]) + bytes(fill)
+
+
+def _refused(code: int) -> bool:
     if code in (RETCODE_TIMEOUT, RETCODE_OUT_OF_RESOURCES):
         return False
     raise MiddlewareError(f"DDS cannot write: {_strretcode(code).decode()}")

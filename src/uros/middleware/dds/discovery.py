@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from ...qos import HistoryPolicy, QoSProfile
 from . import announce, builtin, config, cyclone
-from .offers import MARK
+from .forms import OFFER
 from .watched import Watched
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ class Discovery(Peers):
                 self.endpoints.pop(guid, None)
             else:
                 participant, topic, type_name, qos = about
-                if MARK in qos.user_data:
+                if OFFER in qos.user_data:
                     continue  # there for a moment, and nobody's
                 self.endpoints[guid] = Endpoint(guid, participant, is_writer, topic, type_name, qos)
         return len(news)

@@ -12,7 +12,7 @@ import itertools
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from ...qos import QoSProfile
@@ -31,6 +31,8 @@ from .watched import Watched
 # Attack: a node in each of the 233 domains. Each costs five threads and six descriptors, and is
 # not left before the end; 1024 descriptors are what a process has mostly.
 MAX_DOMAINS: Final = 32
+# Attack: a board that makes one service after the other.
+_MAX_NOTICES: Final = 1000
 
 
 class DdsNode(Node):
@@ -130,7 +132,8 @@ class DdsMiddleware(Middleware):
         # Our readers by domain and topic, each a list kept up to date, and those
         # just written to: Cyclone has their samples ready when the write returns.
         self.local = Shared[tuple[int, str], list[DdsReader]](lambda _key: [], lambda _list: None)
-        self._written: dict[int, list[DdsReader]] = {}
+        self._written: dict[int, Sequence[Watched]] = {}
+        self._noticed: set[str] = set()
         self.own_writers: set[int] = set()  # their instance handles
         self.unsent: set[int] = set()  # writers that hold samples back
         self._keys = itertools.count(1)
@@ -243,6 +246,20 @@ class DdsMiddleware(Middleware):
         while unsent:
             cyclone.flush(unsent.pop())
 
+    def again(self, reader: Watched) -> None:
+        """Announce a reader once more, after others: it has enough for this turn, and something is
+        left."""
+        if not self._written:
+            self.wake.set()
+        self._written[-reader.key] = [reader]
+
+    def notice(self, text: str) -> None:
+        """Tell the user, once for each text."""
+        if self.on_notice is not None and text not in self._noticed:
+            if len(self._noticed) < _MAX_NOTICES:
+                self._noticed.add(text)
+                self.on_notice(text)
+
     def dispatch_local(self) -> None:
         if not self._written:
             return
@@ -255,8 +272,9 @@ class DdsMiddleware(Middleware):
 
     def _announce_written(self) -> Exception | None:
         failed: Exception | None = None
-        while self._written:
-            for reader in self._written.popitem()[1].copy():
+        written, self._written = self._written, {}  # what these have written again has a turn too
+        for readers in written.values():
+            for reader in list(readers):
                 if reader.key in self._readers:
                     failed = self._announce(reader) or failed
         return failed

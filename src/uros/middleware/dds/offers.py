@@ -11,7 +11,7 @@ A new reader is met at once, and what its heartbeat says counts for all readers 
 whenever a Fast DDS writer is discovered that one of our readers hears, a second reader of the same
 kind is there for a moment. No node has it, and nothing is taken from it. Other readers than
 reliable ones wait for no heartbeat, and a reader of ours that comes later than the writer makes
-it send one itself.
+it send one itself. Readers of services take nothing from Fast DDS (:mod:`.forms`).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from cyclonedds import _clayer
 from ...qos import QoSProfile
 from ..base import MiddlewareError
 from . import builtin, cyclone
+from .forms import FAST_DDS, OFFER
 from .watched import Watched
 
 if TYPE_CHECKING:
@@ -32,10 +33,6 @@ if TYPE_CHECKING:
     from .middleware import DdsMiddleware
     from .participant import SharedParticipant
 
-# USER_DATA of these readers, for those who list endpoints.
-MARK: Final = b"uros_offer=1;"
-
-_EPROSIMA: Final = b"\x01\x0f"  # the first octets of a GUID tell the vendor
 _BATCH: Final = 256
 # A program makes its writers within a few milliseconds: one reader a topic for all. Cyclone tells
 # of a writer just before it connects it with readers, so who is not heard is looked at once more.
@@ -124,9 +121,9 @@ class Offers:
                 if topic is None:
                     self._writers.pop(handle, None)
                 elif (
-                    guid.startswith(_EPROSIMA)
+                    guid.startswith(FAST_DDS)
                     and len(self._writers) < MAX_WRITERS
-                    and any(reader.qos.reliable for reader in self._readers(topic))
+                    and any(reader.waits_for_offers for reader in self._readers(topic))
                 ):
                     self._writers[handle] = _Writer(topic, now, now + _SETTLE)
             if len(news) < _BATCH:
@@ -178,7 +175,7 @@ class Offers:
             writer.due = min(second.until for second in self._seconds.values())
             return False
         try:
-            entity = reader.participant.create_reader(*key, MARK)
+            entity = reader.participant.create_reader(*key, OFFER)
         except MiddlewareError:
             return True  # it comes with the next heartbeat then
         self._seconds[key] = _Second(entity, reader.participant, *key, now)
@@ -190,7 +187,7 @@ class Offers:
         One that wants what was written before it came, where there is one: the heartbeat for
         another reader would not name these samples, and all readers would give them up.
         """
-        reliable = [reader for reader in self._readers(topic) if reader.qos.reliable]
+        reliable = [reader for reader in self._readers(topic) if reader.waits_for_offers]
         reliable.sort(key=lambda reader: not reader.qos.transient_local)
         for reader in reliable[:_ASKED]:
             if handle in cyclone.heard_writers(reader.entity):

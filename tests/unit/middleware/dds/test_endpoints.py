@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -31,6 +32,9 @@ REQUEST_BIG = bytes.fromhex(
 )  # fmt: skip
 REPLY = bytes.fromhex("00010000" "1122334455667788" "0500000000000000" "01020304")  # fmt: skip
 CLIENT = bytes.fromhex("1122334455667788")
+# What rmw_cyclonedds announces with a client's endpoints, and with a server's.
+A_CLIENT = QoSProfile(user_data=b"clientid=1.10.c3.db.e8.19.d2.40.b9.0.6b.2c.0.0.0.1;")
+A_SERVER = QoSProfile(user_data=b"serviceid=1.10.c3.db.e8.19.d2.40.b9.0.6b.2c.0.0.0.2;")
 
 
 @pytest.fixture
@@ -65,8 +69,8 @@ def nothing():
 
 def test_a_request_of_a_foreign_client_is_understood_and_answered(middleware, node):
     replier = node.create_replier(SERVICE, QoSProfile(), nothing)
-    replies = node.create_reader(SERVICE.reply_topic, SERVICE.reply_type, QoSProfile(), nothing)
-    foreign = node.create_writer(SERVICE.request_topic, SERVICE.request_type, QoSProfile())
+    replies = node.create_reader(SERVICE.reply_topic, SERVICE.reply_type, A_CLIENT, nothing)
+    foreign = node.create_writer(SERVICE.request_topic, SERVICE.request_type, A_CLIENT)
     foreign.write(REQUEST)
     guid, sequence, body = take(middleware, replier)
     assert (guid[:8], guid[8:], sequence) == (CLIENT, bytes(8), 5)
@@ -78,7 +82,9 @@ def test_a_request_of_a_foreign_client_is_understood_and_answered(middleware, no
 def test_a_big_endian_request_is_the_same_request(middleware, node, monkeypatch):
     """Cyclone's binding cannot write one, so it is handed to the replier from below."""
     replier = node.create_replier(SERVICE, QoSProfile(), nothing)
-    monkeypatch.setattr(cyclone, "take", lambda entity, limit: [(REQUEST_BIG, None)])
+    foreign = node.create_writer(SERVICE.request_topic, SERVICE.request_type, A_CLIENT)
+    info = SimpleNamespace(publication_handle=cyclone.instance_handle(foreign.entity))
+    monkeypatch.setattr(cyclone, "take", lambda entity, limit: [(REQUEST_BIG, info)])
     guid, sequence, body = replier.take(1)[0]
     assert (guid[:8], sequence) == (CLIENT, 5)
     assert body == bytes.fromhex("00000000" "0d0c0b0a")  # fmt: skip
@@ -87,7 +93,7 @@ def test_a_big_endian_request_is_the_same_request(middleware, node, monkeypatch)
 def test_a_request_of_ours_is_as_defined_and_its_reply_understood(middleware, node):
     requester = node.create_requester(SERVICE, QoSProfile(), nothing)
     requests = node.create_reader(
-        SERVICE.request_topic, SERVICE.request_type, QoSProfile(), nothing
+        SERVICE.request_topic, SERVICE.request_type, A_SERVER, nothing
     )
     assert requester.request(bytes.fromhex("000100000a0b0c0d")) == 1
     assert requester.request(bytes.fromhex("000100000a0b0c0d")) == 2
@@ -103,7 +109,7 @@ def test_a_request_of_ours_is_as_defined_and_its_reply_understood(middleware, no
                 bytes.fromhex("0a0b0c0d"),
             )
         )
-    foreign = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, QoSProfile())
+    foreign = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, A_SERVER)
     foreign.write(REPLY)  # to another
     foreign.write(second[:4] + client + second[12:20] + bytes.fromhex("01020304"))
     assert take(middleware, requester) == (2, bytes.fromhex("0001000001020304"))

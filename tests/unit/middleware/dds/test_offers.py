@@ -11,7 +11,7 @@ import time
 import pytest
 
 from uros.middleware.base import MiddlewareError
-from uros.middleware.dds import cyclone, discovery, offers, participant
+from uros.middleware.dds import cyclone, discovery, forms, offers, participant
 from uros.middleware.dds import middleware as module
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -31,7 +31,7 @@ class World:
         self.now = 1000.0
         for where in (module, participant, offers):
             monkeypatch.setattr(where, "time", self)
-        monkeypatch.setattr(offers, "_EPROSIMA", b"\x01\x10")
+        monkeypatch.setattr(offers, "FAST_DDS", b"\x01\x10")
         self.seconds = {}  # entity: (topic, type, QoS)
         self.made = 0
         self._count_readers(monkeypatch)
@@ -45,7 +45,7 @@ class World:
 
         def created(one, topic, type_name, qos, data):
             entity = create(one, topic, type_name, qos, data)
-            if data == offers.MARK:
+            if data == forms.OFFER:
                 self.seconds[entity] = topic, type_name, qos
                 self.made += 1
             return entity
@@ -181,7 +181,7 @@ def test_news_may_come_in_any_number(world, monkeypatch):
 
 
 def test_writers_of_others_than_fast_dds_get_none(world, monkeypatch):
-    monkeypatch.setattr(offers, "_EPROSIMA", b"\x01\x0f")
+    monkeypatch.setattr(offers, "FAST_DDS", b"\x01\x0f")
     world.reader()
     world.writer()
     world.settled()
@@ -386,7 +386,7 @@ def test_looking_leaves_the_status_that_the_waiting_thread_wakes_by(world):
 def test_who_lists_the_network_does_not_see_them(own_domain_id):
     one = DdsMiddleware()
     node = one.create_node(own_domain_id, "/", "looking")
-    for data in (offers.MARK, b""):
+    for data in (forms.OFFER, b""):
         node.participant.create_reader("rt/b", TYPE, QoSProfile(), data)
     seen = discovery.Discovery(one, node.participant, lambda: None)
     deadline = time.monotonic() + SECONDS

@@ -1,0 +1,164 @@
+"""Services in rmw_cyclonedds's form beside real nodes with rmw_fastrtps: nothing is executed with
+wrong arguments, in either direction, and who calls is told."""
+
+import re
+import select
+import struct
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from support.client import XrceClient
+from support.peer import RosPeer
+
+import uros
+from uros.interfaces import load
+from uros.middleware.base import MiddlewareError, Service
+from uros.middleware.dds import cyclone, forms
+from uros.middleware.dds.middleware import DdsMiddleware
+from uros.qos import services_profile
+from uros.wire import ids
+
+TRIGGER = "std_srvs/srv/Trigger"
+BASIC = "test_msgs/srv/BasicTypes"
+REFUSED = "another form of services"
+# Fixed fields, then a string. rmw_fastrtps would take the header of 16 octets for the first fields,
+# and the 1 for the length of the string, so that the whole makes sense to it.
+REQUEST = b"\0\1\0\0" + struct.pack(
+    "<BBBxfdbBhHxxiIqQI", 1, 2, 3, 4.0, 5.0, 6, 7, 8, 9, 10, 11, 1, 0, 1
+) + b"\0"  # fmt: skip
+# Fast DDS has a request in no time; so long nothing may come.
+QUIET = 1.0
+SECONDS = 20.0
+
+pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.fixture(scope="module")
+def peer(ros_python, domain):
+    with RosPeer(ros_python, domain, Path(__file__).parent / "service_peer.py") as running:
+        yield running
+
+
+@pytest.fixture
+def node(domain):
+    middleware = DdsMiddleware()
+    yield middleware.create_node(domain, "/", "form")
+    middleware.close()
+
+
+def service(name, type_name):
+    package, kind, plain = type_name.split("/")
+    base = f"{package}::{kind}::dds_::{plain}"
+    return Service(f"rq{name}Request", f"{base}_Request_", f"rr{name}Reply", f"{base}_Response_")
+
+
+def until(middleware, done, seconds=SECONDS):
+    deadline = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < deadline, "it does not come"
+        if select.select([middleware.fileno()], [], [], 0.05)[0]:
+            middleware.dispatch()
+        middleware.dispatch_local()
+        middleware.tick()
+
+
+def test_a_request_is_refused_while_a_real_server_is_there(peer, node):
+    peer.do("count", name="/refused", type=BASIC)
+    requester = node.create_requester(service("/refused", BASIC), services_profile(), print)
+    until(node.middleware, requester.refusal)
+    with pytest.raises(MiddlewareError, match=REFUSED):
+        requester.request(REQUEST)
+    assert peer.do("counted", name="/refused", seconds=QUIET)["requests"] == []
+
+
+@pytest.mark.parametrize("write", ["plain", "disposed"])
+def test_a_request_that_discovery_was_too_late_for_is_not_executed(peer, node, monkeypatch, write):
+    """Written as plain data it is: that is what the way it is written is for."""
+    name = f"/late_{write}"
+    peer.do("count", name=name, type=BASIC)
+    if write == "plain":
+        monkeypatch.setattr(cyclone, "write_disposed", cyclone.write)
+    requester = node.create_requester(service(name, BASIC), services_profile(), print)
+    until(node.middleware, requester.refusal)
+    monkeypatch.setattr(forms.Servers, "foreign", lambda self: False)
+    for _ in range(5):
+        requester.request(REQUEST)
+    got = peer.do("counted", name=name, seconds=SECONDS if write == "plain" else QUIET)["requests"]
+    if write == "plain":
+        assert got and not re.search(r"bool_value=True, byte_value=b'\\x02'", got[0]), got
+    else:
+        assert got == []
+
+
+def test_a_real_clients_request_does_not_reach_our_server(peer, node):
+    told = []
+    node.middleware.on_notice = told.append
+    replier = node.create_replier(service("/ours", TRIGGER), services_profile(), print)
+    taken, answers = [], []
+
+    def heard():
+        taken.extend(replier.take(10))
+        return told
+
+    call = {"name": "/ours", "type": TRIGGER, "cdr": "0001000000"}
+    calling = threading.Thread(target=lambda: answers.append(peer.do("call", **call, seconds=4)))
+    calling.start()
+    until(node.middleware, heard)
+    calling.join()
+    assert taken == []
+    assert "a client of /ours gets no answer" in told[0]
+    assert answers[0]["replies"] == []
+
+
+def test_a_hosts_call_fails_with_the_reason(peer, domain):
+    """Whether the server is known when it is called, or is discovered afterwards."""
+    trigger = load(TRIGGER)
+    connection = uros.Node("caller", domain_id=domain)
+    client = connection.create_client(trigger, "/failing")
+    early = client.call_async(trigger.Request())
+    assert not early.done()
+    peer.do("count", name="/failing", type=TRIGGER)
+    deadline = time.monotonic() + SECONDS
+    while not early.done() and time.monotonic() < deadline:
+        connection.spin_once(0.05)
+    late = client.call_async(trigger.Request())
+    while not late.done() and time.monotonic() < deadline:
+        connection.spin_once(0.05)
+    for future in (early, late):
+        assert REFUSED in str(future.exception())
+    connection.destroy_node()
+    assert peer.do("counted", name="/failing", seconds=QUIET)["requests"] == []
+
+
+def test_uros_service_call_says_why(peer, domain):
+    peer.do("count", name="/tool", type=TRIGGER)
+    code = "import sys; from uros.tools.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "service", "call", "/tool", "-m", "dds"]
+    done = subprocess.run(
+        [*command, "--domain", str(domain)], capture_output=True, text=True, timeout=SECONDS
+    )
+    assert done.returncode == 1 and REFUSED in done.stderr, done.stderr
+    assert peer.do("counted", name="/tool", seconds=QUIET)["requests"] == []
+
+
+def test_a_boards_call_gets_a_status_and_the_log_says_why(peer, agent):
+    peer.do("count", name="/board", type=BASIC)
+    board = XrceClient(agent.line(0), key=0x62000001)
+    assert board.open() == ids.STATUS_OK
+    one = service("/board", BASIC)
+    thing = board.service(
+        ids.KIND_REQUESTER, "caller", "/board", one.request_type, one.reply_type
+    )
+    board.read(thing)
+    # The first may be too early to know that server; then its status comes when it is known.
+    for _ in range(2):
+        request = board.write(thing, REQUEST[4:])
+        board.until(lambda key=(request, thing): key in board.statuses, "no STATUS", SECONDS)
+        assert board.statuses[request, thing] == ids.STATUS_ERR_DDS_ERROR
+    assert REFUSED in agent.said.getvalue()
+    assert peer.do("counted", name="/board", seconds=QUIET)["requests"] == []
+    board.close()
