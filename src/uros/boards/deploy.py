@@ -18,13 +18,13 @@ with the next time. Files that it does not name are left alone.
 
 from __future__ import annotations
 
-import ast
 import base64
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
+from . import literal
 from .rawrepl import Raised, RawRepl
 
 NOTE: Final = ".uros-files"
@@ -35,7 +35,8 @@ _CHUNK: Final = 768
 # littlefs has two blocks for each folder; a file system that copies when it writes wants some more.
 _FOLDER_BLOCKS: Final = 2
 _SPARE_BLOCKS: Final = 4
-_LONG_SECONDS: Final = 120.0
+# Attack: a name of 8 MB.
+_LONGEST_WORD: Final = 100
 
 Progress = Callable[[str, int, int], object]
 """Told a path, how many octets of all are on the board, and how many that will be."""
@@ -173,8 +174,24 @@ def look(repl: RawRepl) -> Device:
         " getattr(_i, '_machine', ''), getattr(_i, '_mpy', None), _r,"
         " _v and (_v[0], _v[3]), _s is not None)))",
     )
-    name, version, platform, machine, mpy, root, space, hashes = answer
-    block, free = (space[0], space[0] * space[1]) if space else (4096, None)
+    match answer:
+        case (
+            str(name), str(version), str(platform), str(machine), mpy, str(root), space,
+            bool(hashes),
+        ) if all(len(it) <= _LONGEST_WORD for it in (name, version, platform, machine, root)):
+            pass
+        case _:
+            raise _nonsense(answer)
+    block, free = 4096, None
+    match space:
+        case (int(block), int(blocks)) if block > 0 and blocks >= 0:
+            free = block * blocks
+        case None:
+            pass
+        case _:
+            raise _nonsense(answer)
+    if not isinstance(mpy, int | None):
+        raise _nonsense(answer)
     return Device(
         name, version, platform, machine, None if mpy is None else mpy & 0xFF, root,
         block, free, hashes,
@@ -204,14 +221,13 @@ def make_plan(
     Raises DeployError where a file that is not ours would be imported in the place of one of
     ``files``.
     """
-    has = _ask(repl, f"print(repr([(p, _hash(_r + p)) for p in {sorted(files)!r}]))", _LONG_SECONDS)
     plan = Plan()
-    for path, digest in has:
+    for path, digest in _digests(repl, files).items():
         same = digest == device.digest(files[path])
         (plan.keep if same else plan.write).append(path)
     note = _text(repl, NOTE)
     old = [path for path in note.split("\n") if path and path not in files]
-    there = set(_ask(repl, "print(repr([p for p in _tree(_r[:-1] or '/')]))", _LONG_SECONDS))
+    there = _tree(repl)
     ours = {NOTE, STAGE + "/", *files}
     ours.update(path for path in there if path.startswith(STAGE + "/"))
     plan.remove = sorted(
@@ -289,7 +305,7 @@ def carry_out(
         )
         if in_place:
             gone = [MAIN, *plan.write, *plan.remove]
-            repl.run(f"for p in {gone!r}:\n _rm(_r + p)", _LONG_SECONDS)
+            repl.run(f"for p in {gone!r}:\n _rm(_r + p)", repl.seconds.long)
             if MAIN in plan.keep:
                 plan.keep.remove(MAIN)
                 plan.write.append(MAIN)
@@ -308,13 +324,11 @@ def carry_out(
         hold = bool(order or plan.remove) and MAIN not in plan.remove
         repl.run(
             f"_put({new!r}, {plan.remove!r}, {plan.folders!r}, {hold!r}, {_note(files)!r})",
-            _LONG_SECONDS,
+            repl.seconds.long,
         )
     except Raised as error:
         raise DeployError(_trouble(error)) from error
-    for path, digest in _ask(
-        repl, f"print(repr([(p, _hash(_r + p)) for p in {sorted(files)!r}]))", _LONG_SECONDS
-    ):
+    for path, digest in _digests(repl, files).items():
         if digest != device.digest(files[path]):
             raise DeployError(f"{path} on the board is not what was sent: {_WORN}")
 
@@ -333,7 +347,7 @@ def _write(repl: RawRepl, path: str, data: bytes, done: Callable[[int], object])
 
 
 def _compare(repl: RawRepl, device: Device, path: str, name: str, data: bytes) -> None:
-    digest = _ask(repl, f"print(repr(_hash(_r + {path!r})))", _LONG_SECONDS)
+    digest = _ask(repl, f"print(repr(_hash(_r + {path!r})))", repl.seconds.long)
     if digest != device.digest(data):
         raise DeployError(
             f"{name} arrived damaged, and nothing was changed: use a shorter cable or a lower baud"
@@ -362,23 +376,56 @@ def _note(files: Mapping[str, bytes]) -> str:
     return "\n".join(sorted(files))
 
 
+def _digests(repl: RawRepl, files: Mapping[str, bytes]) -> dict[str, str]:
+    """What the board says of each file, in the order of their paths."""
+    paths = sorted(files)
+    code = f"print(repr([_hash(_r + p) for p in {paths!r}]))"
+    answer = _texts(_ask(repl, code, repl.seconds.long))
+    if len(answer) != len(paths):
+        raise _nonsense(answer)
+    return dict(zip(paths, answer, strict=True))
+
+
+def _tree(repl: RawRepl) -> set[str]:
+    """All paths below the board's root; those of folders end with a slash."""
+    code = "print(repr([p for p in _tree(_r[:-1] or '/')]))"
+    return set(_texts(_ask(repl, code, repl.seconds.long)))
+
+
 def _text(repl: RawRepl, path: str) -> str:
-    text: str = _ask(
+    answer = _ask(
         repl,
         f"if _kind(_r + {path!r}) == 0:\n _f = open(_r + {path!r})\n print(repr(_f.read()))\n"
         " _f.close()\nelse:\n print(\"''\")",
     )
-    return text
+    if isinstance(answer, str):
+        return answer
+    raise _nonsense(answer)
 
 
-def _ask(repl: RawRepl, code: str, seconds: float = 30.0) -> Any:
-    """Run code that prints the repr of one value; the value."""
+def _texts(answer: object) -> list[str]:
+    """The answer, where it is a list of texts; else DeployError."""
+    if isinstance(answer, list):
+        texts = [it for it in answer if isinstance(it, str)]
+        if len(texts) == len(answer):
+            return texts
+    raise _nonsense(answer)
+
+
+def _ask(repl: RawRepl, code: str, seconds: float | None = None) -> literal.Literal:
+    """Run code that prints the repr of one value; the value, of whatever kind."""
     output = repl.run(code, seconds).strip()
     # A timer or an interrupt of boot.py may print as well: before, as ours is the last.
+    last = output[output.rfind("\n") + 1 :]
     try:
-        return ast.literal_eval(output.splitlines()[-1])
-    except (ValueError, SyntaxError, IndexError) as error:
-        raise DeployError(
-            f"the board said {output[-80:]!r} where it was to answer: press its reset button, and"
-            " try again"
-        ) from error
+        return literal.parse(last)
+    except ValueError:
+        raise _nonsense(last, False) from None
+
+
+def _nonsense(answer: object, quote: bool = True) -> DeployError:
+    said = repr(answer) if quote else str(answer)
+    return DeployError(
+        f"the board said {said[-80:]!r} where it was to answer: press its reset button, and try"
+        " again; if it stays so, it runs no MicroPython: docs/ports.md"
+    )

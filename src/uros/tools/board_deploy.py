@@ -238,8 +238,14 @@ def _silence(args: argparse.Namespace, error: NoRepl) -> str:
 
 
 def _remedied(error: Exception) -> str:
-    from ..boards.rawrepl import LineLost, Raised
+    from ..boards.rawrepl import LineLost, Raised, WrongAnswer
 
+    if isinstance(error, WrongAnswer):
+        return (
+            f"{error}: this is not how MicroPython answers. What the board had is as it was. Press"
+            " its reset button and repeat the command; if it stays so, see docs/ports.md for"
+            " firmware, or give --baudrate"
+        )
     if isinstance(error, LineLost):
         return (
             f"{error}. What the board had is as it was, unless it was about to start: plug it in"

@@ -386,7 +386,8 @@ def board_console(output):
 def board_deploy(output, tmp_path, monkeypatch):
     from uros.boards import rawrepl
 
-    monkeypatch.setattr(rawrepl, "ENTER_SECONDS", 1.0)
+    short = rawrepl.Seconds(enter=0.5, attempt=0.1, answer=0.2, run=0.3, long=0.3)
+    monkeypatch.setattr(rawrepl, "SECONDS", short)
     (tmp_path / "main.py").write_text("print()\n")
     answers = (
         HOSTILE.encode(),
