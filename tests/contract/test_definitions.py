@@ -125,7 +125,7 @@ def test_what_another_definition_sends_is_counted_and_told_once(boards, own_doma
     assert isinstance(report, ValueError)
     said = str(report)
     assert said.startswith("/reading: what came is no differ_msgs/msg/Reading (")
-    assert "give its sender and this program the same definition" in said
+    assert "give both ends the same definition" in said
     right = end_of(own_domain_id, Same, DataWriter)
     right.write(Same(7, "seven", 7.5))
     boards.until(lambda: heard)

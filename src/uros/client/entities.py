@@ -216,11 +216,11 @@ class _Receiver(Entity):
             fault = error
         self.malformed += 1
         if self.malformed == 1:
-            # Also where the sender has a wrong definition for ever: once.
+            # Also where the sender has a wrong definition for ever: once. The rest is counted.
             self.node.executor.report(
                 ValueError(
-                    "%s: what came is no %s (%s): give its sender and this program the same"
-                    " definition; attribute malformed counts more" % (self.name, type._TYPE, fault)
+                    "%s: what came is no %s (%s): give both ends the same definition"
+                    % (self.name, type._TYPE, fault)
                 )
             )
         return None
