@@ -269,7 +269,7 @@ class FakeAgent:
                 self.post(it)
         elif kind == ids.HEARTBEAT:
             first, last, _ = session.pull_heartbeat(r)
-            self.into.heartbeat(first, last)
+            self.into.heartbeat(first, last, self.clock.ms())
             self.acknowledge()
         elif kind == ids.GET_INFO:
             self.pings.append((self.clock.ms(), True))

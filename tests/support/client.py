@@ -161,8 +161,7 @@ class XrceClient:
                 self.line.send(it)
         elif kind == ids.HEARTBEAT:
             first, last, _ = session.pull_heartbeat(r)
-            self._in.heartbeat(first, last)
-            self._catch_up()
+            self._in.heartbeat(first, last, now_ms())
             self._acknowledge()
 
     # --- what a client does --------------------------------------------------------

@@ -218,9 +218,7 @@ class RecordedBoard:
         elif kind == ids.HEARTBEAT:
             first, last, stream = pull_heartbeat(r)
             incoming = self._in.setdefault(stream, ReliableIn())
-            incoming.heartbeat(first, last)
-            while incoming.pop() is not None:
-                pass
+            incoming.heartbeat(first, last, now)
             self._acks.add(stream)
 
     # --- sending -----------------------------------------------------------------

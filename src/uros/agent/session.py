@@ -215,11 +215,11 @@ class Session:
                 if self._resumed:
                     stream.last = (sequence - 1) & 0xFFFF
             gap = (sequence - stream.last) & 0xFFFF
-            if gap == 1:
+            if gap == 1 and not stream.doubts:
                 stream.last = sequence  # what accept() does, without two calls
-            elif not stream.accept(sequence):
+            elif not stream.accept(sequence, now):
                 return False
-            else:
+            elif gap < 0x8000:
                 self.lost += gap - 1
         try:
             self._submessages(buf, view, start, length, stream_id, now)
@@ -327,7 +327,7 @@ class Session:
                 self._acknack(Reader(view, start, stop, bool(flags & 1)), now)
                 done = True
             elif kind == ids.HEARTBEAT:
-                self._heartbeat(Reader(view, start, stop, bool(flags & 1)), stream_id, now)
+                self._heartbeat(Reader(view, start, stop, bool(flags & 1)), now)
                 done = True
             elif kind == ids.FRAGMENT and not self._budget.keep(stop - start):
                 done = False
@@ -406,8 +406,7 @@ class Session:
         if not had_room and stream.room() > 0:
             self._handler.room(stream_id)
 
-    def _heartbeat(self, reader: Reader, carrier: int, now: int) -> None:
-        """``carrier`` is the stream it came on."""
+    def _heartbeat(self, reader: Reader, now: int) -> None:
         first, last, stream_id = pull_heartbeat(reader)
         if stream_id < ids.STREAM_RELIABLE:
             return
@@ -419,11 +418,15 @@ class Session:
         incoming.ack_due = True
         if incoming.stalled:
             return
-        if incoming.stream.heartbeat(first, last):
-            incoming.fragments.lost()
-        # Not from within a message of a reliable stream: its rest comes first.
-        if carrier < ids.STREAM_RELIABLE:
-            self._catch_up(incoming, stream_id, now)
+        stream = incoming.stream
+        expected = stream.next
+        if stream.heartbeat(first, last, now):
+            stream.restart(first, last)
+            incoming.fragments.interrupt()
+            self._handler.fault(
+                "stream out of step",
+                f"stream: {stream_id}, expected: {expected}, the client holds: {first} to {last}",
+            )
 
     def _catch_up(self, incoming: _In, stream_id: int, now: int) -> None:
         """Handle the messages that have become the next ones."""

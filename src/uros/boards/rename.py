@@ -184,7 +184,7 @@ def _rename_attributes(tree: ast.Module, fixed: set[str], idle: list[str]) -> No
     for name in wanted:
         if len(homes[name]) == 1 and "" not in homes[name]:
             private.setdefault(next(iter(homes[name])), set()).add(name)
-    taken = (used | defined | kept) - set(idle)
+    taken = ((used | defined | kept) - set(idle)) | _loaded_by_bodies(classes)
     pool = [*_ATTRIBUTES, *_IN_ROM, *idle, *_IN_FIRMWARE]
     new: dict[tuple[str, str], str] = {}  # (family, "" for all; name): the new name
     for family, names in sorted(private.items()):
@@ -229,6 +229,21 @@ class _Attributes(ast.NodeTransformer):
         general = self.new.get(("", node.attr), node.attr)
         node.attr = self.new.get((family, node.attr), general)
         return self.generic_visit(node)
+
+
+def _loaded_by_bodies(classes: list[ast.ClassDef]) -> set[str]:
+    """The names that class bodies load themselves, as decorators are: a method of such a name
+    would hide what is meant."""
+    parts: list[ast.AST] = []
+    for node in classes:
+        for it in node.body:
+            if isinstance(it, FUNCTIONS):
+                parts += [*it.decorator_list, *it.args.defaults]
+                parts += [default for default in it.args.kw_defaults if default is not None]
+            else:
+                parts.append(it)
+    names = (n for part in parts for n in ast.walk(part) if isinstance(n, ast.Name))
+    return {n.id for n in names if isinstance(n.ctx, ast.Load)}
 
 
 def _homes(tree: ast.Module, families: dict[str, str]) -> dict[str, set[str]]:

@@ -79,6 +79,8 @@ class Connection(Session):
     why the last agent was lost.
     """
 
+    _best_us: "int"
+
     def __init__(
         self,
         transport: "Transport",
@@ -110,13 +112,8 @@ class Connection(Session):
         self._open = False  # the transport
         self._known = False  # the session, to the agent
         self._lost = ""
-        self._delivered = False  # whether a sample has come in this pump
-        self._next = self._answered = self._next_time = self.clock.ms()
+        self._next = self.clock.ms()
         self._asked_at = -1  # when the first ping or hello since the agent spoke went out
-        self._times = 0  # answers about the time that the first one still needs
-        self._time_retry = _TIME_RETRY_MS
-        self._asked_us = -1
-        self._best_us = 0
 
     # --- entities -------------------------------------------------------------------------
 
@@ -194,7 +191,7 @@ class Connection(Session):
         if self._known and (self.acked or self._in.next):
             # A second answer, and not to a hello from before the first: the agent's end of the
             # streams starts from nothing.
-            self._lost = "the agent has begun the session anew"
+            self._lost = "the agent began anew"
         if self.state != AGENT_AVAILABLE or self._known:
             return
         if status != ids.STATUS_OK:
@@ -203,7 +200,7 @@ class Connection(Session):
         self._known = True
         self._todo = list(self._entities)
         self._step_of = 0
-        self._times = _FIRST_TIMES
+        self._times = _FIRST_TIMES  # answers that the first time still needs
         self._time_retry = _TIME_RETRY_MS
         self._next_time = self._answered = self.clock.ms()
 
@@ -214,7 +211,7 @@ class Connection(Session):
             self._enter(AGENT_AVAILABLE)
 
     def on_unknown(self) -> None:
-        self._lost = "the agent does not know this session any more"
+        self._lost = "the agent does not know this session"
 
     def on_status(self, request_id: int, status: int) -> None:
         if request_id == GOODBYE:
@@ -232,11 +229,7 @@ class Connection(Session):
             self._refused(entity.name if known else "request %d" % request_id, status)
 
     def on_time(self, transmit: "tuple[int, ...]", receive: "tuple[int, ...]") -> None:
-        if self._asked_us < 0:
-            return
-        now = self.clock.us()
-        away = (now - self._asked_us) & TIME_MASK
-        self._asked_us = -1
+        away = (self.clock.us() - self._asked_us) & TIME_MASK
         inside = (transmit[0] - receive[0]) * 1000000 + (transmit[1] - receive[1]) // 1000
         trip = max(0, away - inside)
         first = self._times == _FIRST_TIMES
@@ -282,7 +275,7 @@ class Connection(Session):
             if wait > 0:
                 self.clock.sleep(wait)
             return
-        self._delivered = False
+        self._delivered = False  # whether a sample has come in this pump
         try:
             message = self.transport.receive(max(0, wait))
             count = 0
@@ -307,7 +300,7 @@ class Connection(Session):
                     and self._known
                     and ticks_diff(now, self._answered) >= self.silence_ms
                 ):
-                    self._lost = self._lost or "the agent leaves requests unanswered"
+                    self._lost = self._lost or "requests stay unanswered"
         except OSError as error:
             self.on_line(error)
         self._step(self.clock.ms())

@@ -16,9 +16,9 @@ from ..wire.streams import (
     RESEND_HOLD_MS,
     SEQUENCE_MASK,
     WINDOW,
+    BestEffortIn,
     Fragments,
     ReliableIn,
-    sequence_after,
     ticks_add,
     ticks_diff,
 )
@@ -42,9 +42,6 @@ _SAMPLE: Final = 12
 # The longest request but where the MTU is more: one of an object with long names does not fit
 # into the 63 bytes of a CAN frame, and goes out in fragments.
 MAX_REQUEST: Final = 512
-# So many heartbeats, one after the other and for so long, are not late.
-_BEHIND: Final = 8
-_BEHIND_MS: Final = 2000
 # The slots are a ring of this size, and buffers in it a multiple of 32 long: samples that change
 # their length a little find room where the one before was.
 _RING: Final = WINDOW - 1
@@ -86,14 +83,13 @@ class Session:
         self.ready = False  # whether samples may be written; set it by make_ready
         self.starved = 0  # how often memory ended while a datagram was sent or read
         self.dropped = 0  # datagrams that made no sense, or were for another session
-        self.request_id = FIRST_REQUEST
         self._fragments = Fragments(limit)
         self._part = (mtu - _IDS) & ~3  # octets in a fragment
         self._nothing = (None,) * (WINDOW + 1)
         self._reset()
-        self.trim()
 
     def _reset(self) -> None:
+        self.request_id = FIRST_REQUEST
         self.next = 0  # number of the next message to go out
         self.acked = 0  # first number not acknowledged
         self.deadline: "int | None" = None  # when tick() has something to send
@@ -101,20 +97,18 @@ class Session:
         self._queued = 0  # bytes of those that are here
         self._split_at = 0  # this much of the first has gone out in fragments
         self._in = ReliableIn()
-        self._best_in = self._best_out = SEQUENCE_MASK  # the last numbers
+        self._best_in = BestEffortIn()
+        self._best_out = SEQUENCE_MASK  # the last number
         self._fragments.drop()
         self._acknowledge = False
         self._asked: "tuple[int, int] | None" = None  # the time that the last TIMESTAMP told
-        self._behind = 0  # heartbeats one after the other that told of less than has come
-        self._behind_since = 0
+        self.trim()
 
     def renew(self) -> None:
         """Forget all of the session; the next one has another id, so that no late datagram of
         this one is taken for its own."""
         self.id = FIRST_SESSION_ID if self.id >= LAST_SESSION_ID else self.id + 1
-        self.request_id = FIRST_REQUEST
         self._reset()
-        self.trim()
 
     def trim(self) -> None:
         """Keep no more buffers than there are messages in flight."""
@@ -456,8 +450,7 @@ class Session:
                 self._catch_up()
         elif stream == ids.STREAM_NONE:
             self._read(message, _SUBHEADER)
-        elif stream == ids.STREAM_BEST_EFFORT and sequence_after(number, self._best_in):
-            self._best_in = number
+        elif stream == ids.STREAM_BEST_EFFORT and self._best_in.accept(number, now):
             self._read(message, _SUBHEADER)
         return True
 
@@ -519,31 +512,13 @@ class Session:
                 self.on_time(it[:2], it[2:4])
         elif kind == ids.ACKNACK or kind == ids.HEARTBEAT:
             if buf[at + 4] == ids.STREAM_RELIABLE:
-                first = self._u16(buf, at, little)
+                big = 1 - little
+                first = buf[at + big] | buf[at + 1 - big] << 8
                 if kind == ids.ACKNACK:
-                    self._acknowledged(first, self._u16(buf, at + 2, False))
+                    self._acknowledged(first, buf[at + 2] << 8 | buf[at + 3])
                 else:
-                    self._heartbeat(first, self._u16(buf, at + 2, little))
-
-    def _u16(self, buf: "Buffer", at: int, little: bool) -> int:
-        if little:
-            return buf[at] | buf[at + 1] << 8
-        return buf[at] << 8 | buf[at + 1]
-
-    def _heartbeat(self, first: int, last: int) -> None:
-        self._acknowledge = True
-        # A late heartbeat does so too; but that many are an agent which has begun anew.
-        if not sequence_after(self._in.next, last + 1):
-            self._behind = 0
-        else:
-            if not self._behind:
-                self._behind_since = self.now
-            self._behind += 1
-            if (
-                self._behind >= _BEHIND
-                and ticks_diff(self.now, self._behind_since) >= _BEHIND_MS
-            ):
-                self.on_unknown()
-        if self._in.heartbeat(first, last):
-            self._fragments.lost()
-        self._catch_up()
+                    self._acknowledge = True
+                    # An agent that gave messages up, or has begun anew, knows another session.
+                    last = buf[at + 2 + big] | buf[at + 3 - big] << 8
+                    if self._in.heartbeat(first, last, self.now):
+                        self.on_unknown()

@@ -326,11 +326,9 @@ class Player:
         first, last, stream = messages.pull_heartbeat(r)
         if stream < ids.STREAM_RELIABLE:
             return
-        board.hearing.reliable.setdefault(stream, ReliableIn()).heartbeat(first, last)
-        answers: list[Answer] = []
-        board.hearing.catch_up(stream, answers)
-        for it in answers:
-            self._take(it)
+        board.hearing.reliable.setdefault(stream, ReliableIn()).heartbeat(
+            first, last, _now()
+        )
         self._acknowledge(board, stream)
 
     def _acknowledge(self, board: _Board, stream: int) -> None:

@@ -111,7 +111,7 @@ class Hearing:
             return out
         incoming = self.reliable.setdefault(stream, ReliableIn())
         if 0x8000 > (number - incoming.next) & 0xFFFF >= incoming.depth:
-            incoming.heartbeat(number, number)  # what is between was not captured
+            incoming.restart(number, number)  # what is between was not captured
         if incoming.receive(number, message[at:]):
             self._take(stream, submessages(message, at), out)
             self.catch_up(stream, out)
@@ -172,7 +172,7 @@ class _Speaking:
             return [(stream, message)]
         incoming = self._reliable.setdefault(stream, ReliableIn())
         if 0x8000 > (number - incoming.next) & 0xFFFF >= incoming.depth:
-            incoming.heartbeat(number, number)
+            incoming.restart(number, number)
         if not incoming.receive(number, message):
             return []
         out = [(stream, message)]

@@ -4,7 +4,8 @@ The rules (XRCE 8.4), as state:
 
 * Numbers are 16 bits and wrap; the first of a stream is 0. ``a`` comes before
   ``b`` where ``b - a`` modulo 2^16 is below 2^15.
-* Best effort: a message is accepted when its number is after the last accepted.
+* Best effort: a message is accepted when its number is after the last accepted,
+  or when the stream is elsewhere (see below).
 * Reliable in: messages are handed on in order, each once; up to ``depth`` ahead
   of the next expected are kept, the others dropped (they come again). An
   acknack tells the next expected number and which of the 16 from there on are
@@ -13,6 +14,9 @@ The rules (XRCE 8.4), as state:
   flight, the rest wait. A heartbeat goes out while something is in flight and
   unacknowledged; an acknack's missing messages are sent again, the same one at
   most once in ``RESEND_HOLD_MS``.
+* A message that contradicts all before is of an earlier session with the same
+  id, and late: nothing is changed by it. ``DOUBTS`` of them in a row, over
+  ``DOUBT_MS`` and with nothing right between them, are true.
 * Fragments carry one submessage, header included, in consecutive messages.
 
 Times are integer milliseconds modulo 2^30 and come from the caller.
@@ -36,6 +40,10 @@ WINDOW: Final = 16
 # As the C++ agent's and the C client's default.
 HEARTBEAT_MS: Final = 200
 RESEND_HOLD_MS: Final = 10
+
+# So many messages, one after the other and for so long, are not late.
+DOUBTS: Final = 8
+DOUBT_MS: Final = 2000
 
 # Numbers in use at once must be fewer than half of all, or before and after are lost.
 MAX_HELD: Final = 0x7FFF
@@ -62,20 +70,38 @@ def sequence_after(a: int, b: int) -> bool:
     return 0 < (a - b) & SEQUENCE_MASK < 0x8000
 
 
-class BestEffortIn:
-    """Receiving end of a best-effort stream: drops what is old or doubled."""
+def _doubted(stream: "BestEffortIn | ReliableIn", now: int) -> bool:
+    """Count a message that cannot be true: whether there were enough of them in a row."""
+    if not stream.doubts:
+        stream.since = now
+    stream.doubts += 1
+    return stream.doubts >= DOUBTS and ticks_diff(now, stream.since) >= DOUBT_MS
 
-    __slots__ = ("last",)
+
+class BestEffortIn:
+    """Receiving end of a best-effort stream: drops what is old or doubled.
+
+    Where nothing but old messages keeps coming, the sender is elsewhere: more
+    than half of all numbers were lost, or ``last`` is from an earlier session.
+    The stream then goes on from there. What is doubled or was overtaken by less
+    than ``WINDOW`` says nothing.
+    """
+
+    __slots__ = ("doubts", "last", "since")
+    since: "int"  # the first of the doubts
 
     def __init__(self) -> None:
         self.last = SEQUENCE_MASK
+        self.doubts = 0
 
-    def accept(self, sequence: int) -> bool:
+    def accept(self, sequence: int, now: int) -> bool:
         """Whether the message is news."""
-        if sequence_after(sequence, self.last):
-            self.last = sequence
-            return True
-        return False
+        back = (self.last - sequence) & SEQUENCE_MASK
+        if back <= 0x8000 and (back < WINDOW or not _doubted(self, now)):
+            return False
+        self.last = sequence
+        self.doubts = 0
+        return True
 
 
 class ReliableIn:
@@ -87,12 +113,14 @@ class ReliableIn:
     ``depth`` datagrams.
     """
 
-    __slots__ = ("announced", "depth", "next", "waiting")
+    __slots__ = ("announced", "depth", "doubts", "next", "since", "waiting")
+    since: "int"  # the first of the doubts
 
     def __init__(self, depth: int = WINDOW) -> None:
         self.depth = depth
         self.next = 0
         self.announced = SEQUENCE_MASK
+        self.doubts = 0
         self.waiting: "dict[int, bytes]" = {}
 
     def receive(self, sequence: int, body: "Buffer") -> bool:
@@ -111,6 +139,7 @@ class ReliableIn:
                 self.waiting[sequence] = bytes(body)
             return False
         self.next = (sequence + 1) & SEQUENCE_MASK
+        self.doubts = 0
         # A copy that was kept while an earlier delivery stalled is done with.
         self.waiting.pop(sequence, None)
         return True
@@ -122,27 +151,27 @@ class ReliableIn:
             self.next = (self.next + 1) & SEQUENCE_MASK
         return body
 
-    def heartbeat(self, first: int, last: int) -> bool:
-        """The sender holds ``first`` to ``last``: earlier ones never come again.
+    def heartbeat(self, first: int, last: int, now: int) -> bool:
+        """The sender holds ``first`` to ``last``, and the others are acknowledged.
 
-        Whether messages are lost by that; a fragmented one may be among them.
-        A heartbeat that cannot be true is ignored.
+        True: many heartbeats have said what cannot be true here, so the sender
+        has given messages up or counts anew. Before that nothing is changed: a C
+        client believes an acknack of any number, and loses what it has not sent.
         """
-        if (last + 1 - first) & SEQUENCE_MASK > MAX_HELD:
-            return False
-        skip = (first - self.next) & SEQUENCE_MASK
-        lost = 0 < skip < MAX_HELD
-        if lost:
-            # Not a step for each number: one heartbeat can skip 32767 of them.
-            for number in range(self.next, self.next + min(skip, self.depth)):
-                self.waiting.pop(number & SEQUENCE_MASK, None)
-            self.next = first
-            if sequence_after(first, self.announced):
-                self.announced = (first - 1) & SEQUENCE_MASK
-        ahead = (last - self.next) & SEQUENCE_MASK
-        if ahead < MAX_HELD and sequence_after(last, self.announced):
-            self.announced = last
-        return lost
+        held = (last + 1 - first) & SEQUENCE_MASK
+        if held <= MAX_HELD:
+            if (self.next - first) & SEQUENCE_MASK > held:
+                return _doubted(self, now)
+            self.doubts = 0
+            if sequence_after(last, self.announced):
+                self.announced = last
+        return False
+
+    def restart(self, first: int, last: int) -> None:
+        """Expect ``first`` to ``last`` next. What of them came early comes again."""
+        self.next = first
+        self.announced = last
+        self.waiting.clear()
 
     def acknack(self) -> "tuple[int, int]":
         """``(first unacknowledged, missing)`` to send back."""
@@ -294,7 +323,7 @@ class Fragments:
         self._skip = not last
         self._whole = _NOTHING
 
-    def lost(self) -> None:
+    def interrupt(self) -> None:
         """Messages were lost: drop an unfinished submessage and what still comes of it."""
         self.drop(not (self._skip or self._whole))
 

@@ -259,11 +259,61 @@ def test_a_heartbeat_is_answered_and_asks_for_what_is_missing(talk):
     assert acks(talk.out()) == [(0, 0b111, ids.STREAM_RELIABLE)]
 
 
-def test_a_heartbeat_that_passes_over_lost_messages_frees_those_that_wait(talk):
+def out_of_step(talk, first, last):
+    """Heartbeats that contradict the stream, until they are believed."""
+    for _ in range(10):
+        talk.hear(heartbeat(first, last), stream=0)
+        talk.now += 200
+    assert not talk.handler.faults
+    talk.hear(heartbeat(first, last), stream=0)
+    (fault,) = talk.handler.faults
+    assert fault[0] == "stream out of step"
+    talk.handler.faults.clear()
+
+
+@pytest.mark.parametrize("ends", [(500, 503), (2, 2), (40000, 40000), (30000, 30015)])
+def test_a_late_heartbeat_of_an_earlier_session_changes_nothing(talk, ends):
+    # A board that was reset has the same key and session id, and begins with number 0.
+    for _ in range(50):
+        talk.hear(heartbeat(*ends), stream=0)
+    for number in (0, 2, 3):
+        talk.hear(write_data(WRITER, b"%d" % number), sequence=number)
+        talk.hear(heartbeat(*ends), stream=0)
+        # C clients believe any acknack: one of 500 would end their stream.
+        assert [it[0] for it in acks(talk.out())] == [1]
+        talk.now += 5000
+    talk.hear(write_data(WRITER, b"1"), sequence=1)
+    assert talk.samples() == [b"0", b"1", b"2", b"3"]
+    assert acks(talk.out()) == [(4, 0, ids.STREAM_RELIABLE)] and not talk.handler.faults
+
+
+def test_messages_that_a_client_has_given_up_are_not_waited_for_for_ever(talk):
     talk.hear(write_data(WRITER, b"2"), sequence=2)
-    talk.hear(heartbeat(2, 2), stream=0)
+    out_of_step(talk, 2, 2)
+    assert acks(talk.out()) == [(2, 1, ids.STREAM_RELIABLE)]
+    talk.hear(write_data(WRITER, b"2"), sequence=2)
     assert talk.samples() == [b"2"]
     assert acks(talk.out()) == [(3, 0, ids.STREAM_RELIABLE)]
+
+
+def test_a_client_whose_numbers_stay_behind_is_heard_again(talk):
+    for number in range(20):
+        talk.hear(write_data(WRITER, b"x"), sequence=number)
+    talk.out()
+    out_of_step(talk, 0, 2)
+    assert acks(talk.out()) == [(0, 0b111, ids.STREAM_RELIABLE)]
+    for number in range(3):
+        talk.hear(write_data(WRITER, b"%d" % number), sequence=number)
+    assert talk.samples()[20:] == [b"0", b"1", b"2"]
+
+
+def test_a_best_effort_stream_is_heard_again_after_a_jump(talk):
+    for number in (0, 1, *range(40002, 40032)):
+        talk.hear(write_data(WRITER, b"%d" % number), stream=1, sequence=number)
+        talk.hear(write_data(WRITER, b"doubled"), stream=1, sequence=number)
+        talk.now += 100
+    assert talk.samples() == [b"0", b"1"] + [b"%d" % it for it in range(40022, 40032)]
+    assert talk.session.lost < 100
 
 
 def test_a_heartbeat_within_a_reliable_message_does_not_overtake_its_rest(talk):
@@ -377,7 +427,8 @@ def test_lost_fragments_take_their_message_along_and_no_other(talk):
     talk.hear(first[0], sequence=0)
     talk.hear(first[3], sequence=3)
     # 1 and 2 are gone for good
-    talk.hear(heartbeat(3, 3), stream=0)
+    out_of_step(talk, 3, 3)
+    talk.hear(first[3], sequence=3)
     number = 4
     for part in parts_of(write_data(WRITER, b"B" * 350)):
         talk.hear(part, sequence=number)
@@ -392,7 +443,7 @@ def test_a_message_whose_end_is_lost_is_not_mixed_with_the_next(talk):
         talk.hear(part, sequence=number)
         number += 1
     number += 2
-    talk.hear(heartbeat(number, number), stream=0)
+    out_of_step(talk, number, number)
     for letter in (b"B", b"C"):
         for part in parts_of(write_data(WRITER, letter * 350)):
             talk.hear(part, sequence=number)

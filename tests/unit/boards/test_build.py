@@ -731,6 +731,22 @@ def test_names_that_others_may_see_stay(text: str, other: str) -> None:
     assert renamed(text, other) == code(text)
 
 
+def test_no_method_takes_a_name_that_class_bodies_load() -> None:
+    """Of builtins that the bundle has anyway, ``property`` was one that methods could be given."""
+    methods = "".join(f"    def method_{i}(self): return {i}\n" for i in range(400))
+    calls = ", ".join(f"self.method_{i}()" for i in range(400))
+    text = renamed(
+        f"class A:\n{methods}"
+        "    made = staticmethod(len)\n"
+        "    @property\n    def first(self): return 1\n"
+        "    @property\n    def whole(self, it=enumerate):\n"
+        f"        return self.first + self.made('ab') + sum([{calls}])\n"
+    )
+    scope: dict = {}
+    exec(text + "\na = A()\nvalues = [getattr(a, n) for n in dir(a)]", scope)
+    assert 3 + sum(range(400)) in scope["values"]
+
+
 def test_what_only_the_bundle_knows_takes_other_names() -> None:
     text = renamed("""
 class Base:

@@ -391,9 +391,11 @@ def test_a_fragment_that_never_comes_takes_only_its_sample_along() -> None:
     bench.hear(ids.FRAGMENT, whole[:4], 0x80, 0)
     bench.hear(ids.FRAGMENT, whole[8:], 0x80, 2, flags=3)
     bench.sample(3, b"after")
-    assert bench.owner.told == []
     bench.heartbeat(2, 3)
-    assert bench.owner.samples() == [b"after"] and bench.session.dropped == 0
+    # What is lost comes again; no heartbeat says otherwise.
+    assert bench.owner.told == []
+    bench.hear(ids.FRAGMENT, whole[4:8], 0x80, 1)
+    assert bench.owner.samples() == [b"abcd", b"after"] and bench.session.dropped == 0
 
 
 # --- receiving --------------------------------------------------------------------------------
@@ -424,19 +426,42 @@ def test_what_came_is_acknowledged_once_a_tick() -> None:
     assert bench.take() == [bytes.fromhex("81000000 0a010500 0200 0003 80")]
 
 
-def test_heartbeats_are_answered_and_tell_what_never_comes() -> None:
+def test_heartbeats_are_answered_and_late_ones_change_nothing() -> None:
     bench = Bench()
     bench.heartbeat(0, 2)
     bench.session.tick(0)
     assert bench.take() == [bytes.fromhex("81000000 0a010500 0000 0007 80")]
     bench.sample(6, b"6")
     bench.sample(4, b"4")
-    bench.heartbeat(4, 6)  # 0 to 3 are lost for good
-    assert bench.owner.samples() == [b"4"]
+    bench.heartbeat(4, 6)  # of an earlier session: 0 to 3 were acknowledged there
+    bench.heartbeat(500, 503)
+    assert bench.owner.told == []
     bench.session.tick(0)
-    assert bench.take() == [bytes.fromhex("81000000 0a010500 0500 0001 80")]
-    bench.sample(5, b"5")
-    assert bench.owner.samples() == [b"4", b"5", b"6"]
+    assert bench.take() == [bytes.fromhex("81000000 0a010500 0000 002f 80")]
+    for sequence in range(6):
+        bench.sample(sequence, b"%d" % sequence)
+    assert bench.owner.samples() == [b"0", b"1", b"2", b"3", b"4", b"5", b"6"]
+    assert len(bench.owner.told) == 7
+
+
+def test_an_agent_that_gives_messages_up_again_and_again_has_another_session() -> None:
+    bench = Bench()
+    bench.sample(0, b"0")
+    for now in range(0, 2000, 200):
+        bench.heartbeat(3, 4, now)
+        assert len(bench.owner.told) == 1
+    bench.heartbeat(3, 4, 2000)
+    assert bench.owner.told[1:] == [("unknown",)]
+
+
+def test_a_heartbeat_in_either_order_of_octets() -> None:
+    bench = Bench()
+    bench.hear(ids.HEARTBEAT, b"\0\0\0\2\x80", flags=0)
+    bench.session.tick(0)
+    assert bench.take() == [bytes.fromhex("81000000 0a010500 0000 0007 80")]
+    for now in range(0, 2001, 200):
+        bench.hear(ids.HEARTBEAT, b"\1\2\1\3\x80", now=now, flags=0)
+    assert bench.owner.told == [("unknown",)]
 
 
 def test_best_effort_samples_come_in_order_and_gaps_are_gaps() -> None:
@@ -446,6 +471,16 @@ def test_best_effort_samples_come_in_order_and_gaps_are_gaps() -> None:
     assert bench.owner.samples() == [b"\0", b"\1", b"\5", b"\6"]
     bench.session.tick(0)
     assert bench.take() == []
+
+
+def test_best_effort_samples_come_again_after_a_late_one_of_an_earlier_session() -> None:
+    bench = Bench()
+    bench.sample(20000, b"late", ids.STREAM_BEST_EFFORT)
+    for sequence in range(30):
+        bench.sample(sequence, bytes((sequence,)), ids.STREAM_BEST_EFFORT, sequence * 200)
+        bench.sample(sequence, b"doubled", ids.STREAM_BEST_EFFORT, sequence * 200)
+    # Two seconds late, and each once.
+    assert bench.owner.samples() == [b"late"] + [bytes((i,)) for i in range(10, 30)]
 
 
 def test_several_submessages_in_a_message() -> None:

@@ -7,6 +7,7 @@ from uros.interfaces.std_srvs.srv import Trigger
 
 from uros.client import AGENT_CONNECTED
 from uros.qos import HistoryPolicy, QoSProfile
+from uros.wire import ids
 
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 BAD = {"loss": 0.3, "twice": 0.2, "late_ms": 30.0}
@@ -152,3 +153,60 @@ def test_the_time_on_a_bad_network():
                 last = now
             off = now[0] * 10**9 + now[1] - wire.epoch_ns()
             assert abs(off) < 15_000_000, off  # at most half of what a way can take
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_late_messages_of_earlier_sessions_make_no_stream_deaf(seed):
+    """A board that was reset has the key and session id of before. What is under way of its
+    earlier sessions comes any time later, in any order, to both ends."""
+    profile = QoSProfile(depth=100, reliability=2)
+    with Wire(seed, **BAD) as wire:
+        random = wire.random
+        old = []  # (whether to the agent, datagram)
+        carry = wire.carry
+        board = None
+
+        def recorded(datagram, arrive):
+            # An acknowledgement or sample cannot be told from one of today, but these can.
+            late = datagram[4] == ids.HEARTBEAT or datagram[1] == ids.STREAM_BEST_EFFORT
+            if late and datagram[0] == 0x81:
+                old.append((arrive.__name__ != "hear", datagram))
+            carry(datagram, arrive)
+
+        wire.carry = recorded
+        for turn in range(3):
+            wire.nodes.clear()
+            wire.boards.clear()
+            board = wire.node("board")
+            counted, heard, loosely = [], [], []
+            talker = board.create_publisher(Int32, "up", 10)
+            board.create_subscription(
+                Int32, "up", lambda it, to=heard: to.append(it.data), KEEP_ALL
+            )
+            loose = board.create_publisher(Int32, "loose", profile)
+            board.create_subscription(
+                Int32, "loose", lambda it, to=loosely: to.append(it.data), profile
+            )
+            before = list(old)
+            wire.connect()
+            sessions = board.connection.connections
+            count = 40 if turn < 2 else 120
+            while len(counted) < count:
+                if talker.publish(Int32(data=len(counted))):
+                    counted.append(len(counted))
+                loose.publish(Int32(data=10000 * turn + len(counted)))
+                for to_agent, datagram in random.sample(before, min(len(before), 2)):
+                    if to_agent:
+                        wire.agent_hears(1, datagram)
+                    else:
+                        wire.boards[1].hear(datagram)
+                wire.run(50)
+            wire.until(lambda to=heard, n=count: len(to) >= n, what=heard)
+            assert heard == list(range(count))
+            assert board.connection.connections == sessions
+            # What comes late of best effort may be heard, but what is new is heard again.
+            del loosely[:]
+            for n in range(150):
+                loose.publish(Int32(data=77000 + n))
+                wire.run(100)
+            assert len([it for it in loosely if it >= 77000]) > 20, loosely

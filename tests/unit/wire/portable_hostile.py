@@ -76,7 +76,7 @@ def test_any_numbers_into_the_streams() -> None:
     for now in range(3000):
         into.receive((into.next + generator.below(20)) & 0xFFFF, b"x")
         into.pop()
-        into.heartbeat(generator.below(65536), generator.below(65536))
+        into.heartbeat(generator.below(65536), generator.below(65536), now)
         assert len(into.waiting) < into.depth
         first, missing = into.acknack()
         assert first == into.next and 0 <= missing <= 0xFFFF

@@ -5,6 +5,8 @@ from support.portable import refused
 from uros.wire import streams
 from uros.wire.errors import LimitError
 from uros.wire.streams import (
+    DOUBT_MS,
+    DOUBTS,
     HEARTBEAT_MS,
     MAX_HELD,
     RESEND_HOLD_MS,
@@ -70,20 +72,59 @@ def test_numbers_wrap() -> None:
 
 def test_best_effort_takes_what_is_news() -> None:
     stream = BestEffortIn()
-    assert stream.accept(0)
-    assert not stream.accept(0)
-    assert stream.accept(5)
-    assert not stream.accept(4)
-    assert stream.accept(32000)
-    assert stream.accept(64000)
-    assert stream.accept(65535)
-    assert not stream.accept(65534)
-    assert stream.accept(0)
-    assert not stream.accept(65535)
+    assert stream.accept(0, 0)
+    assert not stream.accept(0, 0)
+    assert stream.accept(5, 0)
+    assert not stream.accept(4, 0)
+    assert stream.accept(32000, 0)
+    assert stream.accept(64000, 0)
+    assert stream.accept(65535, 0)
+    assert not stream.accept(65534, 0)
+    assert stream.accept(0, 0)
+    assert not stream.accept(65535, 0)
 
 
 def test_best_effort_may_begin_late() -> None:
-    assert BestEffortIn().accept(1000)
+    assert BestEffortIn().accept(1000, 0)
+
+
+def accepted(stream, numbers, now, every_ms):
+    """Which of these are news, where one comes every so many milliseconds."""
+    out = []
+    for n in numbers:
+        if stream.accept(number(n), now):
+            out.append(n)
+        now = ticks_add(now, every_ms)
+    return out
+
+
+def test_best_effort_goes_on_after_a_jump_of_more_than_half_of_all_numbers() -> None:
+    for last in STARTS:
+        for jump in (0x8000, 0x8001, 40000, 65000):
+            for every_ms, lost in ((300, DOUBTS - 1), (10, DOUBT_MS // 10), (1000, DOUBTS - 1)):
+                stream = BestEffortIn()
+                stream.last = last
+                numbers = range(last + jump, last + jump + 300)
+                took = accepted(stream, numbers, (1 << 30) - 5, every_ms)
+                assert took == list(numbers)[lost:], (last, jump, every_ms)
+
+
+def test_best_effort_is_not_moved_by_what_is_late_or_doubled() -> None:
+    for last in STARTS:
+        stream = BestEffortIn()
+        stream.last = last
+        # Behind the last by less than a window, for hours.
+        for n in range(WINDOW):
+            assert accepted(stream, [last - n] * 20, 0, 60000) == []
+        # Many of an earlier session at once; few of them for long; and with news between.
+        assert accepted(stream, range(last - 500, last - 100), 5, 1) == []
+        assert accepted(stream, [last + 1], 0, 0) == [last + 1]
+        assert accepted(stream, range(last - 500, last - 501 + DOUBTS), 5, 10000) == []
+        assert accepted(stream, [last + 2], 0, 0) == [last + 2]
+        for n in range(100):
+            late = range(last - 500, last - 501 + DOUBTS)
+            assert accepted(stream, late, n * 10000, 1000) == []
+            assert stream.accept(number(last + 3 + n), n * 10000)
 
 
 def test_messages_in_order_are_handed_on_at_once() -> None:
@@ -155,11 +196,11 @@ def test_messages_too_far_ahead_are_dropped() -> None:
 def test_a_heartbeat_tells_what_is_missing() -> None:
     for first in STARTS:
         stream = incoming(first)
-        assert not stream.heartbeat(first, number(first + 2))
+        assert not stream.heartbeat(first, number(first + 2), 0)
         assert stream.acknack() == (first, 0b111)
         stream.receive(number(first + 1), b"")
         assert stream.acknack() == (first, 0b101)
-        assert not stream.heartbeat(first, number(first + 30))
+        assert not stream.heartbeat(first, number(first + 30), 0)
         assert stream.acknack() == (first, 0b1111111111111101)
 
 
@@ -168,29 +209,51 @@ def test_a_heartbeat_that_all_is_acknowledged() -> None:
     for first in STARTS:
         stream = incoming(first)
         for ends in ((first, first - 1), (first - 1, first - 1), (first - 3, first - 1)):
-            assert not stream.heartbeat(number(ends[0]), number(ends[1]))
+            assert not stream.heartbeat(number(ends[0]), number(ends[1]), 0)
+            assert stream.doubts == 0
             assert stream.acknack() == (first, 0)
 
 
-def test_a_heartbeat_can_give_up_messages() -> None:
+def test_heartbeats_that_contradict_change_nothing_until_there_are_many() -> None:
+    # Of messages that would have been given up, and of fewer than have come.
+    for ends in ((3, 4), (1, 1), (30000, 30001), (-3, -2), (-30000, -29000), (-1, -2)):
+        for first in STARTS:
+            stream = incoming(first)
+            stream.receive(number(first + 2), b"early")
+            false = (number(first + ends[0]), number(first + ends[1]))
+            before = stream.acknack()
+            now = (1 << 30) - 100
+            # Many at once, and few for long.
+            for _ in range(100):
+                assert not stream.heartbeat(false[0], false[1], now)
+            assert not stream.heartbeat(first, number(first + 2), ticks_add(now, 5))
+            before = stream.acknack()
+            for n in range(DOUBTS - 1):
+                assert not stream.heartbeat(false[0], false[1], ticks_add(now, n * DOUBT_MS))
+            assert stream.acknack() == before
+            # A message that was due says that the stream is where it was.
+            assert stream.receive(first, b"")
+            for n in range(DOUBTS - 1):
+                assert not stream.heartbeat(false[0], false[1], ticks_add(now, n * DOUBT_MS))
+            assert not stream.heartbeat(number(first + 1), number(first + 2), now)
+            stream = incoming(first)
+            told = [
+                stream.heartbeat(false[0], false[1], ticks_add(now, n * HEARTBEAT_MS))
+                for n in range(11)
+            ]
+            assert told == [False] * 10 + [True], (first, ends, told)
+
+
+def test_a_stream_that_is_begun_anew_elsewhere() -> None:
     for first in STARTS:
         stream = incoming(first)
         stream.receive(number(first + 1), b"given up")
-        stream.receive(number(first + 4), b"kept")
-        assert stream.heartbeat(number(first + 3), number(first + 4))
-        assert stream.acknack() == (number(first + 3), 1)
+        stream.receive(number(first + 4), b"comes again")
+        stream.restart(number(first + 3), number(first + 4))
+        assert stream.waiting == {}
+        assert stream.acknack() == (number(first + 3), 0b11)
         assert stream.receive(number(first + 3), b"")
-        assert stream.pop() == b"kept"
-        assert stream.waiting == {}
-
-
-def test_a_heartbeat_can_give_up_far_more_than_the_window() -> None:
-    for first in STARTS:
-        stream = incoming(first)
-        stream.receive(number(first + 15), b"")
-        assert stream.heartbeat(number(first + 30000), number(first + 30001))
-        assert stream.waiting == {}
-        assert stream.acknack() == (number(first + 30000), 0b11)
+        assert stream.acknack() == (number(first + 4), 1)
 
 
 def test_a_heartbeat_that_cannot_be_true_is_ignored() -> None:
@@ -202,7 +265,7 @@ def test_a_heartbeat_that_cannot_be_true_is_ignored() -> None:
             (first + 0x8000, first + 0x8000),
             (first, first + 0x8000),
         ):
-            assert not stream.heartbeat(number(ends[0]), number(ends[1]))
+            assert not stream.heartbeat(number(ends[0]), number(ends[1]), 0)
             assert stream.acknack() == (first, 0)
         assert stream.receive(first, b"")
 
@@ -365,12 +428,12 @@ def test_fragments_without_end() -> None:
 def test_fragments_with_messages_lost_between() -> None:
     fragments = Fragments()
     fragments.add(b"abc", False)
-    fragments.lost()
-    fragments.lost()
+    fragments.interrupt()
+    fragments.interrupt()
     assert fragments.add(b"def", False) is None
     assert fragments.add(b"g", True) is None
     assert fragments.add(b"sound", True) == b"sound"
-    fragments.lost()
+    fragments.interrupt()
     assert fragments.add(b"sound", True) == b"sound"
 
 
@@ -380,7 +443,7 @@ def test_fragments_of_a_reset_stream() -> None:
     fragments.drop()
     assert fragments.add(b"new", True) == b"new"
     fragments.add(b"abc", False)
-    fragments.lost()
+    fragments.interrupt()
     fragments.drop()
     assert fragments.add(b"new", True) == b"new"
 

@@ -119,7 +119,7 @@ def test_streams_hand_on_what_the_real_ends_acknowledged(file: Path) -> None:
             assert stream.receive(sequence, message) or sequence != stream.next
             assert stream.pop() is None  # nothing was reordered on the way
         elif stream_id:
-            assert best_effort.setdefault(key, BestEffortIn()).accept(sequence)
+            assert best_effort.setdefault(key, BestEffortIn()).accept(sequence, 0)
         for kind, _, values in submessages:
             other = ("agent" if sender == "client" else "client", client)
             if kind == ids.ACKNACK:
@@ -127,7 +127,7 @@ def test_streams_hand_on_what_the_real_ends_acknowledged(file: Path) -> None:
                 acknowledged[(*other, acked_stream)] = first
                 assert missing == 0
             elif kind == ids.HEARTBEAT and (sender, client, values[2]) in streams:
-                assert not streams[(sender, client, values[2])].heartbeat(*values[:2])
+                assert not streams[(sender, client, values[2])].heartbeat(*values[:2], 0)
     for key, first in acknowledged.items():
         assert streams[key].acknack()[1] == 0
         # The last message may have crossed the last acknowledgement.
