@@ -63,6 +63,9 @@ _TIME_PERIOD_MS: Final = 30000
 _QUICK_US: Final = 3000
 _LESS_CHOOSY_US: Final = 300
 _CREATE_FLAGS: Final = ids.FLAG_LITTLE_ENDIAN | ids.FLAG_REUSE | ids.FLAG_REPLACE
+# An agent that knows our key at another address probes that one for half a second before it
+# answers: whoever gives up earlier comes back from a third address, and is never answered.
+_TAKEOVER_MS: Final = 1000
 # Until all is created, so many requests are unanswered at a time. eProsima's agent drops a STATUS
 # where 15 messages are not acknowledged, and it reads our ACKNACK only behind the requests that
 # came before: half of 15. Later a busy topic's samples may take its STATUS; nothing waits then.
@@ -293,7 +296,9 @@ class Connection(Session):
             if message is None and self.state != WAITING_AGENT:
                 now = self.clock.ms()
                 asked = self._asked_at
-                if asked >= 0 and ticks_diff(now, asked) >= self.silence_ms:
+                if asked >= 0 and ticks_diff(now, asked) >= (
+                    self.silence_ms if self._known else max(self.silence_ms, _TAKEOVER_MS)
+                ):
                     self._lost = self._lost or "the agent is silent"
                 elif (
                     self.state == AGENT_AVAILABLE

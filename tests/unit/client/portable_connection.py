@@ -418,6 +418,27 @@ def test_answers_that_are_lost_one_by_one_end_no_session() -> None:
     assert 2500 <= bench.now() - start <= 3500
 
 
+def test_a_short_silence_leaves_the_agent_time_to_probe_another_address() -> None:
+    bench = Bench(ping_ms=20, silence_ms=300, wait_ms=20)
+    post, begun = bench.agent.post, []
+
+    def probing(datagram):
+        """The agent answers CREATE_CLIENT when it has probed another address for 0.5 s."""
+        if datagram[4] == ids.STATUS_AGENT:
+            begun.append(bench.now())
+            if begun[-1] - begun[0] < 500:
+                return
+        post(datagram)
+
+    bench.agent.post = probing
+    bench.until(AGENT_CONNECTED, 1500)
+    assert bench.agent.opened == 1, "it must still be at the address that the answer goes to"
+    bench.agent.silent = True
+    start = bench.now()
+    bench.until(WAITING_AGENT)
+    assert bench.now() - start <= 340
+
+
 def test_an_agent_that_is_back_within_two_seconds_is_never_missed() -> None:
     # Whatever came last before: an answer to a ping, a sample, an answer about the time.
     for after in range(0, 460, 7):
