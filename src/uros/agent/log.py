@@ -9,7 +9,10 @@ length), 6 trace (its bytes).
 
 from __future__ import annotations
 
+import errno
+import os
 import queue
+import select
 import sys
 import threading
 import time
@@ -39,13 +42,17 @@ _INFO_BURST: Final = 5000
 _INFO_RATE: Final = 500
 # Attack: names of 64 kB, one line after the other. Messages as they are (-v 6) stay whole.
 _MAX_ABOUT: Final = 2000
+# What a file does not take now and may take later: no room, over its quota or size.
+_PASSING: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_BLOCKED_SECONDS: Final = 0.1
 
 
 class Log:
     """Writes lines up to ``level`` to ``stream`` (standard output).
 
     A stream that can block (a file, a pipe, a terminal that was stopped with
-    Ctrl-S) is written to by a thread: boards must not wait for readers of logs.
+    Ctrl-S) is written to by a thread: boards must not wait for readers of logs. Lines that it does
+    not take, because the disk is full, are lost; the next one that it takes says how many.
     """
 
     def __init__(self, level: int = INFO, stream: TextIO | None = None) -> None:
@@ -60,8 +67,13 @@ class Log:
         self._left_out = 0
         self._put = 0  # characters, by the one thread
         self._taken = 0  # and by the other
+        self._fd = -1
+        self._torn = False  # the last line is not whole
+        self._untaken = 0  # lines that the stream has not taken since the last one
+        self._why = ""
         try:
-            self._stream.fileno()
+            self._stream.flush()
+            self._fd = self._stream.fileno()
         except (OSError, ValueError):
             return
         self._thread = threading.Thread(target=self._drain, name="uros-log", daemon=True)
@@ -120,10 +132,34 @@ class Log:
 
     def _write(self, line: str) -> None:
         try:
-            self._stream.write(line)
-            self._stream.flush()
-        except (OSError, ValueError):
-            self.level = 0  # nobody reads us any more; boards still need us
+            if self._fd < 0:
+                self._stream.write(line)
+                self._stream.flush()
+                return
+            head = "\n" if self._torn else ""
+            if self._untaken:
+                head += f"({self._untaken} lines of the log were lost: {self._why})\n"
+            self._put_out((head + line).encode("ascii", "backslashreplace"))
+            self._untaken = 0
+        except (OSError, ValueError) as error:
+            number = getattr(error, "errno", None)
+            if isinstance(error, OSError) and number in _PASSING:
+                self._untaken += 1
+                self._why = error.strerror or str(error)
+            else:
+                self.level = 0  # nobody reads us any more; boards still need us
+
+    def _put_out(self, data: bytes) -> None:
+        """Not by the stream, whose buffer would keep what the disk did not take."""
+        view = memoryview(data)
+        while view:
+            try:
+                done = os.write(self._fd, view)
+            except BlockingIOError:  # somebody who shares it has made it so
+                select.select([], [self._fd], [], _BLOCKED_SECONDS)
+                continue
+            view = view[done:]
+            self._torn = bool(view)
 
     def close(self) -> None:
         """Write what is waiting, for at most a second; nothing is written after."""

@@ -1,10 +1,12 @@
 """Log lines in the columns of the C++ agent, and the brake on floods of them."""
 
+import errno
 import io
 import os
 import re
 
 import pytest
+from support.waiting import eventually as wait_until
 
 from uros.agent import log as module
 from uros.agent.log import Log, RateLimit
@@ -69,6 +71,64 @@ def test_nobody_reads():
     log = Log(6, Closed())
     log.info("p", "f", "w")
     assert log.level == 0
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_a_full_disk_costs_lines_and_not_the_log(number, tmp_path, monkeypatch):
+    """The disk takes half of a line, then nothing, then all again."""
+    room, real = [1000], os.write
+
+    def write(fd, data):
+        if fd != stream.fileno():
+            return real(fd, data)
+        if not room[0]:
+            raise OSError(number, os.strerror(number))
+        done = real(fd, data[: room[0]])
+        room[0] -= done
+        return done
+
+    path = tmp_path / "log"
+    monkeypatch.setattr(module.os, "write", write)
+    with open(path, "w") as stream:
+        log = Log(4, stream)
+        for i in range(40):
+            log.info("p", "f", "w", f"first {i}")
+        wait_until(lambda: log._untaken)
+        wait_until(log._waiting.empty)
+        wait_until(lambda: log._put == log._taken)
+        lost = log._untaken
+        room[0] = 100_000
+        for i in range(3):
+            log.info("p", "f", "w", f"then {i}")
+        log.close()
+        assert log._untaken == 0
+    *first, torn, said, a, b, c = path.read_text().splitlines()
+    assert [LINE.fullmatch(it)[6] for it in first] == [f"first {i}" for i in range(40 - lost)]
+    assert not LINE.fullmatch(torn)
+    assert said == f"({lost} lines of the log were lost: {os.strerror(number)})"
+    assert [LINE.fullmatch(it)[6] for it in (a, b, c)] == ["then 0", "then 1", "then 2"]
+
+
+def test_a_reader_that_has_gone_ends_the_log(tmp_path):
+    reading, writing = os.pipe()
+    with open(writing, "w") as stream:
+        log = Log(4, stream)
+        os.close(reading)
+        log.info("p", "f", "w")
+        wait_until(lambda: log.level == 0)
+        log.close()
+
+
+def test_a_stream_that_does_not_block_has_all_lines():
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with open(writing, "w") as stream, open(reading) as reader:
+        log = Log(4, stream)
+        for i in range(3000):  # more than a pipe holds
+            log.info("p", "f", "w", str(i))
+        found = [LINE.fullmatch(reader.readline().rstrip("\n"))[6] for _ in range(3000)]
+        assert found == [str(i) for i in range(3000)]
+        log.close()
 
 
 def test_colours_on_a_terminal_only():
