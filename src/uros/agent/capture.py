@@ -37,6 +37,8 @@ _STILL: Final = 1.0
 _NEW: Final = (
     os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
 )
+# What boards and nodes say to each other is nobody else's, whatever the umask.
+_MODE: Final = 0o600
 
 
 class CaptureError(Exception):
@@ -193,7 +195,7 @@ class Capture:
         file, self._file = self._file, -1
         os.close(file)  # Windows renames none that is open
         os.replace(self.path, f"{self.path}.1")
-        self._file = os.open(self.path, _NEW, 0o666)
+        self._file = os.open(self.path, _NEW, _MODE)
         _lock(self._file)
         self._size = 0
         self._form.reset()
@@ -216,7 +218,7 @@ def _open(path: str) -> tuple[int, bool]:
             # Not where the file alone is mounted in a container: that one cannot be renamed.
             with contextlib.suppress(OSError):
                 os.replace(path, f"{path}.1")
-        file = os.open(path, os.O_RDWR if piped else _NEW, 0o666)
+        file = os.open(path, os.O_RDWR if piped else _NEW, _MODE)
         regular = stat.S_ISREG(os.fstat(file).st_mode)
         if regular:
             _lock(file)

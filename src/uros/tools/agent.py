@@ -125,7 +125,7 @@ def _verbosity(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until Ctrl-C or SIGTERM; the exit status. Raises ToolError saying what is wrong."""
+    """Serve until a signal ends it; the exit status. Raises ToolError saying what is wrong."""
     from ..agent.control import ControlError
     from ..agent.profiles import ProfileError
     from ..transport.base import TransportError
@@ -233,5 +233,11 @@ def _stop_at_eof(server: Server) -> None:
 
 
 def _stop_on_signals(server: Server) -> None:
+    """Also where the terminal is closed, or the connection to it lost, unless nohup has said that
+    this is to be ignored. Nothing is read again: control files and certificates are looked at
+    as they change, and a log on standard output is turned by what stands behind it."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
+    hangup = getattr(signal, "SIGHUP", None)  # not on Windows
+    if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:
+        signal.signal(hangup, lambda *_: server.stop())

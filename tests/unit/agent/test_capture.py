@@ -92,6 +92,22 @@ def test_text_has_the_lines_of_recordings_and_says_more(tmp_path):
     assert [it.data for it in load_recorded(path)] == [PING, b"answer", PING]
 
 
+@pytest.mark.parametrize("name", ["it.jsonl", "it.pcapng"])
+def test_it_is_for_its_owner_alone(name, tmp_path):
+    """Whatever the umask says; both files of two."""
+    before = os.umask(0)
+    try:
+        desk = Desk(tmp_path / name, limit=1)
+        for _ in range(3):
+            desk.say()
+        desk.close()
+        Desk(tmp_path / name).close()
+    finally:
+        os.umask(before)
+    modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+    assert modes == {name: 0o600, f"{name}.1": 0o600}
+
+
 def test_pcapng_by_an_independent_reader(tmp_path):
     path = tmp_path / "one.pcapng"
     desk = Desk(path)

@@ -1082,6 +1082,25 @@ def test_killed_between_any_two_writes(tmp_path_factory, steps, deaths):
         world.close()
 
 
+def test_killed_before_it_writes_down_a_burst_a_window_of_samples_comes_twice(world, monkeypatch):
+    """Delivered, not written down, not acknowledged: the client still has them, and sends them."""
+    heard = far_reader(world)
+    client = publisher(world)
+    client.write(0x15, number(0))
+    settled(client)
+    monkeypatch.setattr(world.desk, "settle", lambda: [])  # all that follows is one burst
+    for value in range(1, 17):
+        assert client.room > 0
+        client.write(0x15, number(value))
+    assert client.room == 0  # nor would a client send more
+    world.restart()
+    settled(client)
+    for value in range(17, 20):
+        client.write(0x15, number(value))
+    settled(client)
+    assert sorted(heard()) == sorted([*range(20), *range(1, 17)])
+
+
 def last(client):
     return struct.unpack_from("<I", client.samples[-1])[0]
 

@@ -109,7 +109,7 @@ def test_a_second_agent_on_the_port_says_so_and_ends(transport):
         assert first.end() == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_a_signal_ends_it_cleanly_and_frees_the_port(transport, number):
     make_line, address, kind, family = TRANSPORTS[transport]
@@ -126,6 +126,20 @@ def test_a_signal_ends_it_cleanly_and_frees_the_port(transport, number):
     with socket.socket(family, kind) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind((address, port))
+
+
+def test_a_hangup_that_nohup_ignores_ends_nothing():
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup; a process that is started has it too
+    try:
+        with agent("udp4", "-p", 0, "-m", "memory") as process:
+            port = int(process.until(r"port: (\d+)")[1])
+            process.popen.send_signal(signal.SIGHUP)
+            line = UdpLine(port)
+            assert XrceClient(line, 1).open() == ids.STATUS_OK
+            line.close()
+            assert process.end() == 0
+    finally:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def test_one_agent_serves_several_transports_and_their_options_are_one_agents(tmp_path):
