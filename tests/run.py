@@ -14,9 +14,11 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import xml.etree.ElementTree as ET
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
@@ -27,15 +29,16 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import env  # noqa: E402  (scripts/env.py, found by the line above)
 
 GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak")
-# They take their time and little of the machine, one after the other in this order: they run beside
-# the others, which have the screen. What measures real ROS comes last there, and has the machine
-# alone.
-BESIDE = ("boards", "soak", "mpy")
+# Lanes run side by side, the groups of a lane one after the other. Most groups wait more than they
+# compute, so that four lanes keep two cores busy. The first lane has the screen; the output of
+# the others follows when all have ended.
+LANES = (("unit", "replay"), ("mpy", "contract"), ("interop",), ("boards", "soak"))
 PREPARE = {
     "interop": (env.micropython, env.ros),
     "boards": (env.micropython, env.ros),
     "mpy": (env.micropython,),
 }
+PREPARING = threading.Lock()  # groups of several lanes need the same environment
 NEED_ROS = ("interop", "boards")
 EXCUSE = "not on this platform:"
 
@@ -105,8 +108,9 @@ def run_group(group: str, full: bool, output: TextIO | None = None) -> Result:
         result.trouble = f"no tests: there is no folder tests/{group}"
         return result
     try:
-        for prepare in PREPARE.get(group, ()):
-            prepare()
+        with PREPARING:
+            for prepare in PREPARE.get(group, ()):
+                prepare()
     except env.Unavailable as error:
         print(f"{group}: {error}", flush=True)
         result.not_run = str(error)
@@ -143,18 +147,26 @@ def main() -> int:
     chosen = [group for group in GROUPS if group in (options.group or GROUPS)]
     in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
-    with ThreadPoolExecutor() as pool, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
-        front = [group for group in chosen if group not in BESIDE]
-        beside = pool.submit(
-            lambda: [
-                run_group(group, options.full, said if front else None)
-                for group in BESIDE
-                if group in chosen
-            ]
-        )
-        results = [run_group(group, options.full) for group in front] + beside.result()
-        said.seek(0)
-        print(said.read())
+    lanes = [[group for group in lane if group in chosen] for lane in LANES]
+    lanes = [lane for lane in lanes if lane]
+    by_group: dict[str, Result] = {}
+
+    def run_lane(lane: list[str], output: TextIO | None) -> None:
+        for group in lane:
+            by_group[group] = run_group(group, options.full, output)
+            if output:
+                print(f"\n--- {by_group[group].line()}", flush=True)
+
+    with ExitStack() as stack:
+        outputs = [
+            stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8")) for _ in lanes[1:]
+        ]
+        with ThreadPoolExecutor() as pool:
+            list(pool.map(run_lane, lanes, [None, *outputs]))
+        for output in outputs:
+            output.seek(0)
+            print(output.read())
+    results = [by_group[group] for group in chosen]
 
     print()
     for result in results:

