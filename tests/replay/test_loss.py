@@ -117,6 +117,24 @@ def test_ours_says_the_same_octets_for_the_same_loss(name, by):
     assert same >= 20
 
 
+def test_our_client_says_what_the_c_client_says_of_the_same_loss():
+    same = 0
+    for row, meanings, _ in acknowledgements("subscribe", "client"):
+        octets = set()
+        for first, missing in meanings:
+            last = max(missing, default=first - 1)
+            bench = Bench()
+            for number in range(last + 1):
+                if number not in missing:
+                    bench.sample(number, b"1234")
+            bench.heartbeat(0, last & 0xFFFF)
+            bench.session.tick(0)
+            octets.add(bench.take()[-1][4:])
+        assert row.raw[row.at :] in octets
+        same += any(row.payload[2:4])
+    assert same >= 100
+
+
 def test_our_agent_sends_again_what_a_c_client_asks_for():
     resent = 0
     for row, meanings, _ in acknowledgements("subscribe", "client"):

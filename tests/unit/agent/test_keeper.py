@@ -323,6 +323,69 @@ def test_messages_to_a_client_are_sent_again_as_they_were(world):
     client.until(lambda: len(client.samples) == 7, "it does not go on")
 
 
+def subscriber(world, topic="rt/down"):
+    """A client that reads a topic, and the writer of it far away."""
+    client = Client(world)
+    client.topic(topic, TYPE)
+    client.reader()
+    client.turns()
+    return client, world.node.create_writer(topic, TYPE, QoSProfile(depth=100))
+
+
+@pytest.mark.parametrize("acknowledged", [0, 3])
+@pytest.mark.parametrize("flying", [1, 2, 5])
+@pytest.mark.parametrize("rewritten", [False, True], ids=["journal", "rewritten"])
+def test_all_that_is_on_its_way_at_the_kill_is_sent_again(world, acknowledged, flying, rewritten):
+    """The first message that is not acknowledged too, and if nothing else is lost."""
+    client, writer = subscriber(world)
+    for value in range(acknowledged):
+        writer.write(b"\0\1\0\0" + number(value))
+    world.desk.settle()
+    client.turns(5)
+    assert len(client.samples) == acknowledged
+    for value in range(acknowledged, acknowledged + flying):
+        writer.write(b"\0\1\0\0" + number(value))
+    world.desk.settle()
+    assert len(client.inbox) == flying
+    client.inbox.clear()
+    if rewritten:
+        assert world.desk.keeper._rewrite()
+    world.restart()
+    client.turns()
+    assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(
+        range(acknowledged + flying)
+    )
+
+
+def test_what_is_held_for_a_client_counts_after_a_restart_as_before(world):
+    """Else what it does not acknowledge would be nobody's, in the account of all clients' memory
+    and in the limit of its answers; and what it acknowledges then would be owed to it."""
+    client, writer = subscriber(world)
+    settled(client)
+    for value in range(4):
+        writer.write(b"\0\1\0\0" + number(value, 300))
+    world.desk.settle()
+    sent = []
+    client._send = sent.append
+    client.write(0x15, number(1, 1400))
+    del client._send
+    world.send(client.peer, sent[0])
+    client.inbox.clear()
+
+    def held():
+        (session,) = [it.session for it in world.desk.agent.clients.values()]
+        return session.held(), session._out[0x80].size, session.queues()
+
+    before = held()
+    assert before[1] > 4 * 300 and before[2][0] == 4 and before[2][3] > 400
+    world.restart()
+    assert held() == before
+    assert world.desk.agent.budget.count()[0][0] >= before[0]
+    client.turns()
+    assert len(client.samples) == 4
+    assert held()[1] == 0
+
+
 def test_best_effort_streams_go_on_both_ways(world):
     heard = far_reader(world)
     client = publisher(world)

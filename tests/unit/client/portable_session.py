@@ -7,7 +7,7 @@ from support.recorder import Recorder
 from uros.client.session import FIRST_REQUEST, GOODBYE
 from uros.wire import ids, session
 from uros.wire.errors import EncodeError
-from uros.wire.streams import HEARTBEAT_MS, Fragments
+from uros.wire.streams import HEARTBEAT_MS, RESEND_HOLD_MS, Fragments
 
 WRITER = 0x15
 
@@ -245,6 +245,38 @@ def test_what_is_missing_is_sent_again_and_heartbeats_ask() -> None:
     assert bench.take() == []
     bench.acknack(1, 0b1000, now=400)
     assert bench.take() == [first[4]]
+
+
+def test_an_agent_whose_acknacks_bring_no_news_does_not_put_the_heartbeat_off() -> None:
+    """It says the same more often than each 200 ms, and the one message there is was lost."""
+    bench = Bench()
+    bench.request(now=100)
+    bench.session.tick(100)
+    bench.take()
+    for now in range(150, 100 + HEARTBEAT_MS, 50):
+        bench.acknack(0, now=now)
+        bench.session.tick(now)
+        assert bench.take() == []
+    assert bench.session.deadline == 100 + HEARTBEAT_MS
+    bench.session.tick(100 + HEARTBEAT_MS)
+    assert bench.take() == [bytes.fromhex("81000000 0b010500 0000 0000 80")]
+
+
+def test_what_was_asked_for_too_early_is_asked_about_soon() -> None:
+    """The second question was of the same loss, or of another: a heartbeat finds out."""
+    bench = Bench()
+    for _ in range(2):
+        bench.request(now=100)
+    first = bench.take()
+    bench.acknack(0, 0b1, now=150)
+    assert bench.take() == first[:1]
+    bench.acknack(0, 0b1, now=150 + RESEND_HOLD_MS - 1)
+    assert bench.take() == []
+    assert bench.session.deadline == 150 + 2 * RESEND_HOLD_MS - 1
+    bench.session.tick(150 + 2 * RESEND_HOLD_MS - 1)
+    assert bench.take() == [bytes.fromhex("81000000 0b010500 0000 0100 80")]
+    bench.acknack(0, 0b1, now=150 + 2 * RESEND_HOLD_MS)
+    assert bench.take() == first[:1]
 
 
 def test_publishing_never_waits_and_stops_at_the_limit() -> None:
