@@ -47,9 +47,9 @@ class Thing:
 class Bench:
     """A connection to a scripted agent; ``states`` are (milliseconds, state)."""
 
-    def __init__(self, start_ms=1000, **options):
+    def __init__(self, start_ms=1000, agent=FakeAgent, **options):
         self.clock = FakeClock(start_ms)
-        self.agent = FakeAgent(self.clock)
+        self.agent = agent(self.clock)
         self.connection = Connection(self.agent, KEY, self.clock, **options)
         self.states = []
         self.said = []
@@ -842,6 +842,41 @@ def test_the_agents_time_is_ours_to_a_microsecond() -> None:
         for _ in range(20):
             bench.run(777)
             assert abs(bench.off()) <= 1, (delay, bench.off())
+
+
+class Slow(FakeAgent):
+    """Hears the first question about the time so long before a second ends, and answers it so
+    much later. Others it does not hear."""
+
+    def plan(self, left_us, inside_us):
+        self.delay = (300, 300)
+        self.left_us = left_us
+        self.inside_us = inside_us
+
+    def submessage(self, kind, flags, payload):
+        if kind != ids.TIMESTAMP:
+            return super().submessage(kind, flags, payload)
+        self.times += 1
+        if self.times == 1:
+            heard = 1700000001 * 1000000 - self.left_us
+            self.epoch_us = heard - self.clock.t - 300
+            self.delay = (300, 300 + self.inside_us)
+            asked = session.pull_timestamp(Reader(payload, 0, len(payload), True))
+            self.timestamp(heard + self.inside_us, heard, asked)
+            self.delay = (300, 300)
+        return None
+
+
+def test_an_agent_that_takes_its_time_over_a_second_tells_the_right_time() -> None:
+    for inside_us in (3, 1200, 60000):
+        for left_us in (1, 700, 50000, 999999):
+            bench = Bench(agent=Slow)
+            bench.agent.plan(left_us, inside_us)
+            while not bench.clock.synchronized:
+                assert bench.now() < 1000
+                bench.connection.pump(1)
+            # 300 there and 300 back: what the agent takes is not on the way.
+            assert abs(bench.off()) <= 1, (inside_us, left_us, bench.off())
 
 
 def test_the_best_of_the_first_answers_counts() -> None:

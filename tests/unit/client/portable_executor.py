@@ -87,6 +87,25 @@ def test_triggers() -> None:
             assert executor.execute(0) == count, (trigger, names)
 
 
+def test_trigger_all_waits_for_timers_too_and_is_not_run_by_them_alone() -> None:
+    clock = FakeClock(1000)
+    executor, handles, log = bench("sub")
+    executor.add(Timer(0.1, lambda: log.append("timer"), clock))
+    executor.trigger = trigger_all
+    for sample, at, ran in (
+        (True, 1050, []),  # the timer is not due
+        (False, 1100, []),  # it is, and no sample is there
+        (True, 1130, ["sub", "timer"]),
+        (True, 1150, []),
+        (True, 1200, ["sub", "timer"]),
+    ):
+        handles[0].ready = sample
+        clock.t = at * 1000
+        del log[:]
+        assert executor.execute(clock.ms()) == len(ran)
+        assert log == ran, (at, log)
+
+
 def test_trigger_one_begins_with_its_handle_alone() -> None:
     executor, handles, log = bench("a", "b")
     executor.trigger = trigger_one(handles[1])

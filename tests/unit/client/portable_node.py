@@ -243,6 +243,64 @@ def test_publishing_without_room_is_counted() -> None:
     assert not publisher.publish(Blob())
 
 
+def test_a_publisher_goes_on_where_numbers_and_request_ids_come_round() -> None:
+    for start in (65490, 65520, 65535):
+        bench = Bench(connect=False)
+        publishers = [bench.node.create_publisher(Number, "topic%d" % i, 10) for i in range(2)]
+        bench.until(AGENT_CONNECTED)
+        bench.run(300)
+        session = bench.node.connection
+        assert session.next == session.acked == bench.agent.into.next
+        # As after so many messages, which take ten minutes at 100 Hz.
+        session.next = session.acked = bench.agent.into.next = start
+        bench.agent.into.announced = start - 1
+        session.request_id = start
+        before = len(bench.agent.sent)
+        for i in range(200):
+            # A window is never full, and it is when five do not hear of what has come.
+            assert publishers[i % 2].publish(Number(i))
+            if i % 5 == 4:
+                bench.run(10)
+        sent = [it for it in bench.agent.sent[before:] if it[1] == ids.STREAM_RELIABLE]
+        assert bench.agent.samples == [(5 + 16 * (i % 2), number_bytes(i)) for i in range(200)]
+        assert [it[2] | it[3] << 8 for it in sent] == [start + i & 0xFFFF for i in range(200)]
+        # Ids below 10 have a meaning of their own.
+        due = list(range(start, 65536)) + list(range(10, 1000))
+        assert [it[8] << 8 | it[9] for it in sent] == due[:200]
+        assert session.held() == 0 and bench.node.connection.connections == 1
+
+
+def test_the_short_way_of_a_sample_sends_what_the_long_way_does() -> None:
+    for start in (0, 9, 10, 255, 256, 32767, 32768, 65519, 65534, 65535):
+        sent = []
+        for short in (False, True):
+            bench = Bench(connect=False)
+            publisher = bench.node.create_publisher(Number, "topic", 10)
+            bench.until(AGENT_CONNECTED)
+            bench.run(300)
+            session = bench.node.connection
+            session.next = session.acked = bench.agent.into.next = start
+            bench.agent.into.announced = start - 1 & 0xFFFF
+            session.request_id = start or 10
+            publisher.publish(Number(-1))
+            bench.run(10)
+            before = len(bench.agent.sent)
+            for i in range(12):
+                assert (session.stack[session.free] is not None) == (i < 1)
+                if short and i:
+                    session.stack = session._idle
+                    session.free = 1
+                    session._idle[1] = bytearray(64)
+                elif not short:
+                    publisher._direct = None
+                assert publisher.publish(Number(1000000007 * i))
+            sent.append(bench.agent.sent[before:])
+            assert session.next == start + 13 & 0xFFFF and publisher.published == 13
+            bench.run(10)
+            assert session.held() == 0 and len(bench.agent.samples) == 13
+        assert sent[0] == sent[1], start
+
+
 def test_what_cannot_be_published_is_an_error() -> None:
     bench = Bench(connect=False)
     publisher = bench.node.create_publisher(Blob, "topic")
@@ -534,6 +592,24 @@ def test_a_call_and_its_answer() -> None:
     assert told == [10, 0, 20] and [it.done() for it in futures] == [True] * 3
     futures[0].add_done_callback(lambda it: told.append("at once"))
     assert told[-1] == "at once" and futures[0].exception() is None
+
+
+def test_calls_answered_in_another_order_have_their_own_answers() -> None:
+    for order in ((1, 0), (2, 1, 0), (2, 0, 1), (3, 1, 2, 0)):
+        bench = calling()
+        bench.until(AGENT_CONNECTED)
+        futures, requests, done = [], [], []
+        for i in range(len(order)):
+            futures.append(bench.client.call_async(Ask.Request(i)))
+            futures[i].add_done_callback(lambda it, i=i, done=done: done.append(i))
+            requests.append(last_request(bench))
+        for i in order:
+            answer(bench, requests[i], 10 * i)
+            answer(bench, requests[i], 999)  # doubled: nobody asks any more
+            bench.run()
+            assert [it.done() for it in futures] == [k in done for k in range(len(futures))]
+        assert done == list(order)
+        assert [it.result().value for it in futures] == [10 * i for i in range(len(order))]
 
 
 def test_a_call_without_an_agent_fails_at_once() -> None:

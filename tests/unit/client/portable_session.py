@@ -279,6 +279,17 @@ def test_what_was_asked_for_too_early_is_asked_about_soon() -> None:
     assert bench.take() == first[:1]
 
 
+def test_a_message_in_the_place_of_one_that_was_sent_again_is_not_held_back() -> None:
+    bench = Bench()
+    for number in range(17):
+        bench.request(now=100)
+        sent = bench.take()
+        if number in (0, 16):
+            bench.acknack(number, 1, now=100)
+            assert bench.take() == sent
+        bench.acknack(number + 1, now=100)
+
+
 def test_publishing_never_waits_and_stops_at_the_limit() -> None:
     bench = Bench(limit=1000)
     sent = 0
