@@ -435,6 +435,76 @@ def test_a_reader_that_does_not_take_costs_nothing_and_goes_on_when_it_takes(net
     assert stuck.calls > calls
 
 
+def test_sizes_of_what_waits_are_told_once_and_what_comes_next_is_announced(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", limit=0)
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
+    sent = [cdr("x" * (4 * count - 1)) for count in range(1, 7)]
+    sizes = [len(it) for it in sent]
+    for sample in sent[:5]:
+        writer.write(sample)
+    seen = []
+
+    def look(count):
+        network.until(lambda: inbox.calls)
+        inbox.calls = 0
+        seen.extend(inbox.reader.arrived(100))
+        return len(seen) >= count
+
+    network.until(lambda: look(5))
+    assert seen == sizes[:5] and inbox.reader.arrived(100) == []
+    while network.turn(0):  # it may be announced once more, as it came while we looked
+        assert inbox.reader.arrived(100) == []
+    inbox.calls = 0
+    writer.write(sent[5])
+    network.until(lambda: look(6))  # announced, though nobody has taken
+    assert seen == sizes
+    assert inbox.reader.take(2) == sent[:2]
+    assert inbox.reader.take(100) == sent[2:]
+    assert inbox.reader.arrived(100) == [] and inbox.reader.take(100) == []
+    inbox.reader.close()
+    assert inbox.reader.arrived(100) == []
+
+
+def test_sizes_are_told_some_at_a_time_and_depth_holds(network):
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", qos=QoSProfile(depth=5), limit=0)
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
+    network.until(lambda: writer.matched() == 1)
+    sent = [cdr("x" * (4 * count - 1)) for count in range(1, 30)]
+    told = []
+    for sample in sent:
+        writer.write(sample)
+        network.until(lambda: inbox.calls)
+        inbox.calls = 0
+        told += inbox.reader.arrived(2)
+        while network.turn(0):
+            told += inbox.reader.arrived(2)
+            inbox.calls = 0
+    assert told == [len(it) for it in sent]
+    assert inbox.reader.take(100) == sent[-5:]
+
+
+def test_sizes_of_requests_that_wait(network):
+    node = network.node()
+    calls = []
+    replier = node.create_replier(SERVICE, QoSProfile(), lambda: calls.append(1))
+    requester = network.peer.create_requester(SERVICE, QoSProfile(), lambda: None)
+    sequence = None
+
+    def told():
+        nonlocal sequence
+        sequence = sequence or requester.request(request("abcdefg"))
+        return calls and replier.arrived(10)
+
+    sizes = []
+    network.until(lambda: sizes or sizes.extend(told() or ()) or sizes)
+    assert len(sizes) == 1 and sizes[0] >= len(request("abcdefg"))
+    ((_, number, sample),) = replier.take(10)
+    assert number == sequence and text_of(sample) == "abcdefg"
+    assert replier.arrived(10) == [] and replier.take(10) == []
+
+
 def test_an_on_ready_that_raises_hurts_nobody_else(network):
     node = network.node()
     inbox = Inbox(node, "rt/b")

@@ -29,6 +29,7 @@ All of them:
 ``rivals``            two who say that they are the same client
 ``liveliness``        who is still there
 ``limits``            what one may have, and all together
+``backlog``           what waits in a reader of the middleware, in octets
 ``budget``            the account of memory; ``pace``: that of time
 ``heap``              memory goes back to the system
 ``server``            the one thread: sockets, timers, middleware

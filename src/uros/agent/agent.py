@@ -118,6 +118,8 @@ class Agent:
         pause = LOOK_MS / 1000
         try:
             pause = self.liveliness.look()
+            if self.budget.freed:
+                self.budget.freed, self.heap.somebody_left = False, True
             self.heap.look(time.monotonic())
         finally:
             self.wake_at(pause, self._look)

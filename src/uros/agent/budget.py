@@ -42,7 +42,7 @@ class Budget:
     """See the module. ``holders`` gives all clients, ``dismiss`` sends one away, and is told how
     much it held."""
 
-    __slots__ = ("_dismiss", "_holders", "full", "limit", "room", "since", "total")
+    __slots__ = ("_dismiss", "_holders", "freed", "full", "limit", "room", "since", "total")
 
     def __init__(
         self,
@@ -57,6 +57,7 @@ class Budget:
         self.room = limit  # what was left then
         self.since = 0  # charged since; more than `room` asks for a count
         self.full = False  # at the last count: nobody new
+        self.freed = False  # much was given back at once: the system may have it
 
     def keep(self, size: int) -> bool:
         """Whether so much more may be kept; it is charged. False: not before the next count."""

@@ -38,7 +38,13 @@ from .budget import CLIENT_BYTES, OBJECT_BYTES, Budget
 from .clock import wall_clock
 from .control import Control, NameRefused
 from .delivery import Delivery
-from .endpoint import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
+from .endpoint import (
+    ReaderEndpoint,
+    ReadingEndpoint,
+    ReplierEndpoint,
+    RequesterEndpoint,
+    WriterEndpoint,
+)
 from .graph import GraphEndpoint, Graphs
 from .info import send_info
 from .kinds import KIND_NAMES, key_label, object_label, parent_id
@@ -71,6 +77,7 @@ class Surroundings(Protocol):
     keeper: Keeper | None
     domain_of_agent: int
     domain_override: int | None
+    wake_at: Callable[[float, Callable[[], None]], None]
 
     def address(self, key: int) -> str:
         """Where a client talks from, as a person reads it."""
@@ -162,7 +169,10 @@ class Client:
     def held(self) -> int:
         """Bytes that the agent holds for it; see :mod:`~uros.agent.budget`."""
         own = CLIENT_BYTES + self._kept + OBJECT_BYTES * len(self.objects)
-        return own + self.session.held()
+        unread = sum(
+            thing.endpoint.unread for thing in self.objects.values() if thing.endpoint is not None
+        )
+        return own + unread + self.session.held()
 
     def heard(self) -> int:
         """When it was heard last."""
@@ -286,9 +296,15 @@ class Client:
     def on_ready(self, thing: XrceObject) -> Callable[[], None]:
         """What its endpoint calls when it has something to read."""
         def ready() -> None:
+            endpoint = thing.endpoint
+            backlog = endpoint.backlog if isinstance(endpoint, ReadingEndpoint) else None
+            if backlog is not None:
+                backlog.empty = False
             if thing.delivery is not None:
                 self._pump(thing, self._agent.now())
                 self._agent.attend(self.session)
+            if backlog is not None and not backlog.empty and backlog.look():
+                self._agent.wake_at(0.0, ready)  # others have their turn first
 
         return ready
 
@@ -304,6 +320,10 @@ class Client:
             self._agent.attend(self.session)
 
         return refused
+
+    def on_dropped(self, thing: XrceObject) -> Callable[[str], None]:
+        """What its endpoint calls when samples that wait for the client are too many."""
+        return lambda why: self.fault("samples dropped", f"{object_label(thing.object_id)}, {why}")
 
     def _delete(self, r: Reader, stream: int) -> None:
         request_id, object_id = messages.pull_request(r)
@@ -349,6 +369,8 @@ class Client:
         thing.delivery = None
         self.session.writers.pop(thing.object_id, None)
         if thing.endpoint is not None:
+            if thing.endpoint.unread:
+                self._agent.budget.freed = True
             self._agent.closing.add(thing.endpoint.close)
             thing.endpoint = None
         node, thing.node = thing.node, None

@@ -211,6 +211,8 @@ def cut(nodes: list[GraphNode], room: int) -> tuple[bytes, str]:
 class GraphEndpoint:
     """A board's datareader of the topic: always the graph of now, and each only once."""
 
+    unread = 0  # octets that wait: it is made when it is taken
+
     def __init__(
         self, domain: _Domain, mtu: Callable[[], int], on_ready: Callable[[], None], key: int
     ) -> None:

@@ -89,13 +89,15 @@ class Maker:
         else:
             service = thing.settings.service(spec.service())
             thing.named = service.request_topic, service.request_type
-            ready = client.on_ready(thing)
+            ready, budget = client.on_ready(thing), self._agent.budget
+            dropped = client.on_dropped(thing)
             if thing.kind == ids.KIND_REQUESTER:
                 thing.endpoint = RequesterEndpoint(
-                    node, service, thing.object_id, ready, client.on_refusal(thing)
+                    node, service, thing.object_id, ready, client.on_refusal(thing), budget,
+                    dropped,
                 )
             else:
-                thing.endpoint = ReplierEndpoint(node, service, ready)
+                thing.endpoint = ReplierEndpoint(node, service, ready, budget, dropped)
         thing.node = node
         return about
 
@@ -177,8 +179,13 @@ class Maker:
                 )
                 if graph is not None:
                     return graph
-            return ReaderEndpoint(node, name, topic.type_name, qos, client.on_ready(thing))
-        writer = WriterEndpoint(node.create_writer(name, topic.type_name, qos))
+            return ReaderEndpoint(
+                node, name, topic.type_name, qos, client.on_ready(thing), self._agent.budget,
+                client.on_dropped(thing),
+            )  # fmt: skip
+        writer = WriterEndpoint(
+            node.create_writer(name, topic.type_name, qos), qos, self._agent.budget
+        )
         client.session.writers[thing.object_id] = settings.limited(
             writer.write, lambda why: client.limited(thing, why)
         )

@@ -77,6 +77,12 @@ class Reader(ABC):
     def take(self, limit: int) -> list[bytes]:
         """At most ``limit`` samples, oldest first; they are gone from here then."""
 
+    def arrived(self, limit: int) -> list[int]:
+        """The octets of samples that have come and wait here, at most ``limit`` of them, each told
+        once; what comes next is announced as after :meth:`take`. An end that cannot tell says
+        nothing."""
+        return []
+
     @abstractmethod
     def close(self) -> None:
         """Leave the topic. Twice is once."""
@@ -110,6 +116,10 @@ class Requester(ABC):
         Others' replies are passed over. None: there are none, or so many of others that
         ``on_ready`` comes again for the rest."""
 
+    def arrived(self, limit: int) -> list[int]:
+        """See :meth:`Reader.arrived`."""
+        return []
+
     @abstractmethod
     def close(self) -> None:
         """Leave the service. Twice is once."""
@@ -129,6 +139,10 @@ class Replier(ABC):
     @abstractmethod
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
         """Answer the request of that identity. False: no room now."""
+
+    def arrived(self, limit: int) -> list[int]:
+        """See :meth:`Reader.arrived`."""
+        return []
 
     @abstractmethod
     def close(self) -> None:

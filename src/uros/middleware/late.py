@@ -84,6 +84,9 @@ class LateRequester(Late[Requester], Requester):
         if self._end is not None:
             self._end.again()
 
+    def arrived(self, limit: int) -> list[int]:
+        return [] if self._end is None else self._end.arrived(limit)
+
 
 class LateReplier(Late[Replier], Replier):
     __slots__ = ()
@@ -93,6 +96,9 @@ class LateReplier(Late[Replier], Replier):
 
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
         return [] if self._end is None else self._end.take(limit)
+
+    def arrived(self, limit: int) -> list[int]:
+        return [] if self._end is None else self._end.arrived(limit)
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
         end = self._there()

@@ -11,6 +11,7 @@ import itertools
 import threading
 from collections import deque
 from collections.abc import Callable
+from itertools import islice
 from typing import TypeVar
 
 from ..qos import HistoryPolicy, QoSProfile
@@ -96,6 +97,7 @@ class MemoryReader(Reader):
         self._key = key
         depth = None if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
         self._samples: deque[bytes] = deque(maxlen=depth)
+        self._untold = 0  # the last of them, whose sizes nobody has asked for
         bus = self._middleware.bus
         with bus.lock:
             bus.readers.setdefault(key, []).append(self)
@@ -114,13 +116,26 @@ class MemoryReader(Reader):
 
     def put(self, sample: bytes) -> None:
         self._samples.append(sample)
+        self._untold += 1
         if not self.announced:
             self._middleware.mark(self)
 
     def take(self, limit: int) -> list[bytes]:
         with self._middleware.bus.lock:
             self.announced = False
-            return [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
+            taken = [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
+            self._untold = min(self._untold, len(self._samples))
+            return taken
+
+    def arrived(self, limit: int) -> list[int]:
+        with self._middleware.bus.lock:
+            self.announced = False
+            there = len(self._samples)
+            untold = min(self._untold, there)
+            told = min(untold, limit)
+            self._untold = untold - told
+            first = there - untold
+            return [len(it) for it in islice(self._samples, first, first + told)]
 
     def again(self) -> None:
         """Call ``on_ready`` once more."""
@@ -173,6 +188,9 @@ class MemoryRequester(Requester):
             if own or not replies:
                 return own
 
+    def arrived(self, limit: int) -> list[int]:
+        return self._reader.arrived(limit)
+
     def close(self) -> None:
         self._writer.close()
         self._reader.close()
@@ -192,6 +210,9 @@ class MemoryReplier(Replier):
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
         return self._writer.write(guid[:8] + sequence.to_bytes(8, "little") + bytes(cdr))
+
+    def arrived(self, limit: int) -> list[int]:
+        return self._reader.arrived(limit)
 
     def close(self) -> None:
         self._writer.close()

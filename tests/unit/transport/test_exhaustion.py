@@ -281,3 +281,25 @@ def test_a_serial_line_that_comes_back_when_no_descriptor_is_left(tmp_path):
         assert "internal error" not in it.text
     os.close(master)
     os.close(slave)
+
+
+@pytest.mark.parametrize("middleware", ["memory", "dds"])
+def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
+    middleware, own_domain_id
+):
+    """316 samples of 1 MB: they made 355 MB, and stayed."""
+    options = "-m", middleware, "--domain", str(own_domain_id), "--max-memory", "64"
+    with attacked(*options) as agent:
+        bad = agent.client(0xBAD)
+        reader = bad.reader("bad", "rt/much", TYPE, qos=ids.QOS_RELIABLE)
+        writer = agent.client(0x5E4D, mtu=60_000)
+        topic = writer.writer("much", "rt/much", TYPE)
+        writer.write(topic, bytes(MB))
+        before = agent.rss()
+        for _ in range(315):
+            writer.write(topic, bytes(MB))
+        assert agent.rss() - before < 64 * MB
+        agent.served()
+        assert bad.delete(reader) == ids.STATUS_OK
+        agent.it.read()
+        assert "samples dropped" in agent.it.text

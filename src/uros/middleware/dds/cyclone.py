@@ -39,6 +39,7 @@ STATUS_PUBLICATION_MATCHED: Final = 1 << 11
 STATUS_SUBSCRIPTION_MATCHED: Final = 1 << 12
 # sample, view and instance states of dds_take: all of them
 ANY_STATE: Final = 0x7F
+NOT_READ: Final = 0x7E  # the same, of samples that were not read yet
 _SERTYPE_OPS_SIZE: Final = 14
 _SERTYPE_OPS_TYPES: Final = (8, 9, 10)  # type_id, type_map, type_info
 _SERTYPE_OPS_EMPTY: Final = (1, 12, 13)  # arg, get_serialized_size, serialize_into
@@ -461,6 +462,11 @@ def _is_ops_table(address: int) -> bool:
 _ddspy_write = _clayer.ddspy_write
 _ddspy_writedispose = _clayer.ddspy_writedispose
 _ddspy_take = _clayer.ddspy_take
+_ddspy_read = _clayer.ddspy_read
+# Reading copies samples: of large ones no more than a few at a time.
+_READ: Final = 16
+_READ_LARGE: Final = 1
+_LARGE: Final = 64 * 1024
 
 
 def write(writer: int, cdr: Bytes) -> bool:
@@ -503,6 +509,19 @@ def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:
         for item in got
         if item[1].valid_data
     ]
+
+
+def unread(reader: int, limit: int) -> list[int]:
+    """The octets of samples that were not read yet, at most ``limit`` of them; they stay, and count
+    as read from now on."""
+    sizes: list[int] = []
+    while len(sizes) < limit:
+        at_once = _READ_LARGE if sizes and sizes[-1] > _LARGE else _READ
+        got = _ddspy_read(reader, NOT_READ, min(at_once, limit - len(sizes)))
+        if isinstance(got, int) or not got:
+            break
+        sizes += [len(cdr) for cdr, _ in got]
+    return sizes
 
 
 def _unfilled(cdr: bytes) -> bytes:

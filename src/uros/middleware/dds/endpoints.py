@@ -164,6 +164,15 @@ class DdsReader(Watched, Reader):
             self.middleware.resume(self)
         return samples
 
+    def arrived(self, limit: int) -> list[int]:
+        self.taken = True
+        if self._close is None:
+            return []
+        sizes = cyclone.unread(self.entity, limit)
+        if self.paused:
+            self.middleware.resume(self)
+        return sizes
+
     def close(self) -> None:
         if self._close:
             self._close()
@@ -280,6 +289,9 @@ class DdsRequester(Requester):
     def again(self) -> None:
         self._middleware.again(self._reader)
 
+    def arrived(self, limit: int) -> list[int]:
+        return self._reader.arrived(limit)
+
     def close(self) -> None:
         if self._matching is not None:
             self._middleware.unwatch(self._matching)
@@ -323,6 +335,9 @@ class DdsReplier(Replier):
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
         return self._writer.write(_join(cdr, guid[:8] + struct.pack("<q", sequence)))
+
+    def arrived(self, limit: int) -> list[int]:
+        return self._reader.arrived(limit)
 
     def close(self) -> None:
         self._writer.close()

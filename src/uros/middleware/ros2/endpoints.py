@@ -9,11 +9,22 @@ from __future__ import annotations
 import itertools
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 from ...qos import HistoryPolicy, QoSProfile
-from ..base import Bytes, MiddlewareError, OnReady, Reader, Replier, Requester, Service, Writer
+from ..base import (
+    MAX_PAST,
+    Bytes,
+    MiddlewareError,
+    OnReady,
+    Reader,
+    Replier,
+    Requester,
+    Service,
+    Writer,
+)
 from . import names, profiles, rcl, types
 from .domain import Watched
 
@@ -67,12 +78,19 @@ class Ros2Writer(Writer):
 
 
 class _Taking:
-    """An endpoint that is waited for."""
+    """An endpoint that is waited for.
 
-    __slots__ = ("_node", "_watched", "entity")
+    rclpy tells nothing of a sample but by taking it. So what was looked at (:meth:`_look`) waits
+    here, under the same depth, and goes out first.
+    """
 
-    def __init__(self, node: Ros2Node, entity: Any, kind: str, on_ready: OnReady) -> None:
+    __slots__ = ("_node", "_waiting", "_watched", "entity")
+
+    def __init__(
+        self, node: Ros2Node, entity: Any, kind: str, depth: int, on_ready: OnReady
+    ) -> None:
         self.entity = entity
+        self._waiting: deque[Any] = deque(maxlen=depth)
         self._node = node
         self._watched = Watched(entity, kind, on_ready)
         node.endpoints[self] = None
@@ -83,6 +101,8 @@ class _Taking:
         watched = self._watched
         watched.taken = True
         taken: list[Any] = []
+        while self._waiting and len(taken) < limit:
+            taken.append(self._waiting.popleft())
         while self.entity is not None and len(taken) < limit:
             try:
                 got = one()
@@ -98,7 +118,20 @@ class _Taking:
             self._node.domain.resume(watched)
         return taken
 
+    def _look(
+        self, one: Callable[[], Any], size: Callable[[Any], int], limit: int
+    ) -> list[int]:
+        """What ``one`` gives goes to those that wait; their sizes."""
+        waiting, self._waiting = self._waiting, deque()
+        try:
+            came = self._take(one, limit)
+        finally:
+            self._waiting = waiting
+        waiting.extend(came)
+        return [size(it) for it in came]
+
     def close(self) -> None:
+        self._waiting.clear()
         if self.entity is not None:
             self.entity = None
             self._node.domain.destroy(self._watched)
@@ -116,7 +149,8 @@ class Ros2Reader(_Taking, Reader):
         profile = profiles.to_rclpy(qos)
         with rcl.refused(f"topic {name}"), node.handle:
             entity = rcl.load().Subscription(node.handle, self._kind, name, profile)
-        super().__init__(node, entity, "subscription", on_ready)
+        depth = MAX_PAST if qos.history == HistoryPolicy.KEEP_ALL else max(1, qos.depth)
+        super().__init__(node, entity, "subscription", depth, on_ready)
 
     def _one(self) -> bytes | None:
         taken = self.entity.take_message(self._kind, True)
@@ -124,6 +158,9 @@ class Ros2Reader(_Taking, Reader):
 
     def take(self, limit: int) -> list[bytes]:
         return self._take(self._one, limit)
+
+    def arrived(self, limit: int) -> list[int]:
+        return self._look(self._one, len, limit)
 
 
 class _ServiceEnd(_Taking):
@@ -149,7 +186,7 @@ class _ServiceEnd(_Taking):
         self.readers, self.writers = (
             sorted(node.guids(*topic) - old) for topic, old in zip(topics, before, strict=True)
         )
-        super().__init__(node, entity, kind, on_ready)
+        super().__init__(node, entity, kind, max(1, qos.depth), on_ready)
 
     def close(self) -> None:
         super().close()
@@ -182,6 +219,9 @@ class Ros2Requester(_ServiceEnd, Requester):
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         return self._take(self._one, limit, _MAX_MISSES)
 
+    def arrived(self, limit: int) -> list[int]:
+        return self._look(self._one, lambda it: len(it[1]), limit)
+
 
 class Ros2Replier(_ServiceEnd, Replier):
     """rclpy hands out the identity of a request as an object that tells nothing but its number, so
@@ -208,6 +248,9 @@ class Ros2Replier(_ServiceEnd, Replier):
 
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
         return self._take(self._one, limit)
+
+    def arrived(self, limit: int) -> list[int]:
+        return self._look(self._one, lambda it: len(it[2]), limit)
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
         what = f"a reply of {self._name}"
