@@ -3,13 +3,13 @@
 import config
 import machine
 from camera import Camera, FrameSize, GrabMode, PixelFormat
+from cores import start_sub_core
 from geometry_msgs.msg import Twist
 from machine import SPI, Pin
-from mail import COMMAND, NOTE, ODOMETRY, POWER, Mailbox
+from mail import COMMAND, NOTE, ODOMETRY, POWER
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Bool, Empty
-from sub import PERIOD_S, SubCore
 
 from uros.client import AGENT_CONNECTED, Node
 from uros.client.status import StatusLed
@@ -25,7 +25,6 @@ except ImportError:
     pass
 
 NAME = "my_node_serial"
-STOP = (0.0, 0.0)
 JPEG_END = b"\xff\xd9"
 
 led0 = Pin(config.LED0, Pin.OUT)
@@ -44,10 +43,13 @@ class MainCore:
             spi, Pin(config.DATA_READY, Pin.IN), config.SSID, config.PASSWORD, config.AGENT,
             config.PORT, cs=Pin(config.CS, Pin.OUT, value=1),
         )  # fmt: skip
-        self.to_sub = Mailbox()
-        self.from_sub = Mailbox()
         self.camera: "Any" = None
         self.shooting = False
+        self.powered = False
+        # The driver of a camera holds up all of MicroPython while it starts, a second core's thread
+        # too: so it starts while nothing can move.
+        self.camera_fault = self.start_camera()
+        self.to_sub, self.from_sub = start_sub_core()
 
         self.image = CompressedImage(format="jpeg")
         self.image.header.frame_id = "myframe"
@@ -62,15 +64,14 @@ class MainCore:
         node.create_subscription(Empty, "reset", self.on_reset)
         node.create_subscription(Twist, "cmd_vel", self.on_cmd_vel, 1)
         node.create_subscription(Empty, "take_picture", self.on_take_picture)
-        self.sub = SubCore(self.to_sub, self.from_sub)
-        node.create_timer(PERIOD_S, self.sub.step)
         node.create_timer(1.0, self.ask_odometry)
         StatusLed(node, led0)
 
     # The mail: power, commands and questions go to the sub core, answers come back.
 
     def on_motor_power(self, message: "Any") -> None:
-        self.to_sub.send(COMMAND, STOP)  # in place of one that still waits there
+        self.powered = message.data
+        self.to_sub.send(COMMAND, None)  # in place of one that still waits there
         self.to_sub.send(POWER, message.data)
         self.log.info("motors on" if message.data else "motors off")
 
@@ -122,13 +123,24 @@ class MainCore:
             publish_stream(self.images, self.image, len(picture), iter((picture,)))
         self.end_picture()
 
-    def capture(self) -> "Any":
-        """A JPEG picture, in the camera's own buffer. Raises OSError or SensorError."""
-        if self.camera is None:
+    def start_camera(self) -> str:
+        """Start it, while the motors are off; what is wrong, or nothing."""
+        try:
             self.camera = Camera(
                 pixel_format=PixelFormat.JPEG, frame_size=FrameSize.QVGA, jpeg_quality=80,
                 fb_count=2, grab_mode=GrabMode.LATEST, **config.CAMERA,
             )  # fmt: skip
+        except OSError as error:
+            return reason(error)
+        return ""
+
+    def capture(self) -> "Any":
+        """A JPEG picture, in the camera's own buffer. Raises OSError or SensorError."""
+        if self.camera is None and not self.powered:
+            self.camera_fault = self.start_camera()
+        if self.camera is None:
+            hint = "; with the motors off it is tried again" if self.powered else ""
+            raise SensorError("the camera does not start: " + self.camera_fault + hint)
         picture = self.camera.capture()
         if not picture or bytes(picture[-2:]) != JPEG_END:
             raise SensorError("the camera gave %s" % ("half of one" if picture else "none"))

@@ -1,6 +1,5 @@
-"""The sub core: motors, encoders, speeds and odometry. It talks to the main core by mailboxes only.
-
-On a board with a second core it can run there: make a SubCore, and call its ``step`` every 20 ms.
+"""The sub core: motors, encoders, speeds and odometry. It talks to the main core by mailboxes only,
+and runs apart from it (see cores.py): `start` once and then `step` for ever, or `run`.
 """
 
 import time
@@ -18,7 +17,7 @@ try:
 except ImportError:
     pass
 
-PERIOD_S = 0.02
+PERIOD_MS = 20
 PWM_HZ = 20000
 
 
@@ -27,7 +26,8 @@ def _motor(inputs: "tuple[int, int]") -> DRV8835:
 
 
 class SubCore:
-    """``inbox`` brings POWER (bool), COMMAND (v in m/s, w in rad/s) and ODOMETRY (asked for);
+    """``inbox`` brings POWER (bool), COMMAND (v in m/s, w in rad/s; None in place of one that does
+    not count any more) and ODOMETRY (asked for);
     ``outbox`` takes ODOMETRY (see `_answer`) and NOTE, a text for the log."""
 
     def __init__(self, inbox: Mailbox, outbox: Mailbox) -> None:
@@ -58,7 +58,7 @@ class SubCore:
             if number == POWER:
                 if inbox.value != self.chassis.drive.powered:
                     self.chassis.power(inbox.value)
-            elif number == COMMAND:
+            elif number == COMMAND and inbox.value is not None:
                 self._command(inbox.value[0], inbox.value[1])
             elif number == ODOMETRY:
                 asked = True
@@ -89,3 +89,36 @@ class SubCore:
         it.pose_covariance(pose)
         it.twist_covariance(twist)
         return (it.x, it.y, it.qz, it.qw, it.v, it.w, pose, twist)
+
+
+_core: "Any" = None
+_due = 0
+
+
+def start(inbox: "Any", outbox: "Any") -> None:
+    """Begin, with these mailboxes."""
+    global _core, _due
+    _core = SubCore(inbox, outbox)
+    _due = time.ticks_ms()
+
+
+def step() -> None:
+    """Wait for the next turn, and do it. What goes wrong switches the motors off."""
+    global _due
+    wait = time.ticks_diff(_due, time.ticks_ms())
+    if wait > 0:
+        time.sleep_ms(wait)
+    # A turn that comes too late is not made up for.
+    _due = time.ticks_add(_due if wait > -PERIOD_MS else time.ticks_ms(), PERIOD_MS)
+    try:
+        _core.step()
+    except BaseException:
+        _core.chassis.power(False)
+        raise
+
+
+def run(inbox: "Any", outbox: "Any") -> None:
+    """All of it, in a thread."""
+    start(inbox, outbox)
+    while True:
+        step()

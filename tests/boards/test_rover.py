@@ -49,6 +49,7 @@ class Rover:
     def __init__(self, board, peer):
         self.board = board
         self.peer = peer
+        self.begin = (0.0, 0.0, 0.0)  # where it was at the last command
 
     def publish(self, topic, *messages):
         cdr = [to_cdr(it).hex() for it in messages]
@@ -63,6 +64,7 @@ class Rover:
         self.board.wait("motors on" if on else "motors off")
 
     def drive(self, v=0.0, w=0.0):
+        self.begin = self.pose()
         twist = load_type("geometry_msgs/msg/Twist")()
         twist.linear.x, twist.angular.z = v, w
         self.publish("/cmd_vel", twist)
@@ -74,15 +76,18 @@ class Rover:
         return from_cdr(load_type(PUBLISHED["/odom"]), cdr), now
 
     def standing(self):
-        """Odometry from now on until the rover stands again, after it has moved."""
+        """Odometry from now on until the rover stands again, after it has moved since the last
+        command; two messages say that it stands, since its pose is told five times a second."""
         end = time.monotonic() + 15
         messages = []
-        begin = self.pose()
+        stood = False
         while time.monotonic() < end:
             messages.append(self.odometry()[0])
             speeds = messages[-1].twist.twist
-            if not (speeds.linear.x or speeds.angular.z) and self.pose() != begin:
+            stands = not (speeds.linear.x or speeds.angular.z) and self.pose() != self.begin
+            if stands and stood:
                 return messages
+            stood = stands
         raise AssertionError("it does not move, or does not stand")
 
     def pose(self):

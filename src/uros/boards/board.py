@@ -105,6 +105,33 @@ class _Cable(Part):
         self._usb.close()
 
 
+class Interrupts:
+    """Those of one core: what is ``due``, by time, pin and level, and whether its firmware asked
+    for any (``wanted``)."""
+
+    def __init__(self) -> None:
+        self.due: deque[tuple[int, Pin, int]] = deque()
+        self._pins: set[str] = set()
+
+    @property
+    def wanted(self) -> bool:
+        return bool(self._pins)
+
+    def watch(self, pin: Pin, edges: int) -> None:
+        """The firmware wants an interrupt at these edges; 0: none any more."""
+        pin.edges = edges
+        pin.on_edge = lambda t_us, it, level: self.due.append((t_us, it, level))
+        if edges:
+            self._pins.add(pin.name)
+        else:
+            self._pins.discard(pin.name)
+
+    def clear(self) -> None:
+        """The core was reset."""
+        self.due.clear()
+        self._pins.clear()
+
+
 class Bridge:
     """A chip that makes a UART of the USB socket, as most boards have one: the board's end. What
     is sent while no program on the host listens is lost, as with a real one."""
@@ -161,8 +188,6 @@ class VirtualBoard:
         self.capture: Callable[[int, int, int], bytes] | None = None
         self.unique_id = b""
         self.usb_inside = False
-        self.interrupts: deque[tuple[int, Pin, int]] = deque()
-        self.interruptible = False  # whether the firmware asked for any
         self.changed = changed
         self.address = address
         self.routes: dict[str, tuple[str, int]] = {}
@@ -209,8 +234,12 @@ class VirtualBoard:
         camera."""
         self.parts.add(camera)
         self.capture = lambda width, height, quality: (
-            camera.capture(width, height, quality) if width else b""
+            camera.capture(width, height, quality) if width else self._start(camera)
         )
+
+    def _start(self, camera: Camera) -> bytes:
+        self.clock.sleep_world_us(camera.start_us)
+        return b""
 
     def add_bus(self, channel: int, bus: I2CBus) -> None:
         self.i2c[channel] = bus
@@ -223,12 +252,6 @@ class VirtualBoard:
             with self.lock:
                 if not self.clock.held:
                     self.parts.advance(self.clock.world_us())
-
-    def watch(self, pin: Pin, edges: int) -> None:
-        """The firmware wants an interrupt at these edges; 0: none any more."""
-        pin.edges = edges
-        pin.on_edge = lambda t_us, it, level: self.interrupts.append((t_us, it, level))
-        self.interruptible = any(it.edges for it in self.pins.values())
 
     # --- what happens to it -----------------------------------------------------------
 
@@ -298,8 +321,6 @@ class VirtualBoard:
                 pin.reset()
             for part in self.parts:
                 part.reset()
-            self.interrupts.clear()
-            self.interruptible = False
             self.clock.hold(None)
             self.clock.restart()
 

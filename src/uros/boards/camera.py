@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 # What a picture of the documents may have.
 LARGE: Final = 20_000
 _WIDEST: Final = 1600  # of an OV2640
+_SLOW_START_US: Final = 700_000
 _NOISE: Final = 5.0  # the deviation of a pixel's brightness, of 255
 
 
@@ -31,6 +32,7 @@ class Camera(Part):
         "large": "its pictures are over 20,000 octets",
         "torn": "its pictures end in the middle",
         "dark": "hardly any light falls in",
+        "slow": "its start takes 0.7 s",
     }
 
     def __init__(
@@ -48,6 +50,11 @@ class Camera(Part):
         self._seed = seed
         self._t_us = 0
         self._grain: Image | None = None
+
+    @property
+    def start_us(self) -> int:
+        """How long its driver takes to start it."""
+        return _SLOW_START_US if "slow" in self.faults else 0
 
     def advance(self, t_us: int) -> None:
         self._t_us = t_us

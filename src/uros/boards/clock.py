@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import select
+import threading
 import time
 from collections.abc import Callable, Iterable
 from typing import Final
@@ -36,7 +37,7 @@ class BoardClock:
         self._host_ns = host_ns
         self._host_sleep = host_sleep
         self._speed = speed
-        self._held: int | None = None
+        self._holding = threading.local()  # each core of a board carries out its own interrupts
         self._rate = _BILLION + round(drift_ppm * 1000)
         self._power_on = host_ns()
         self._restarted = 0
@@ -51,22 +52,23 @@ class BoardClock:
         return self._world_ns() // 1000
 
     def hold(self, world_us: int | None) -> None:
-        """It is this moment of the world until told otherwise: what a program sees in an interrupt
-        that is carried out later than it was due. None: time goes on."""
-        self._held = None if world_us is None else world_us * 1000
+        """It is this moment of the world until told otherwise, for this thread: what a program
+        sees in an interrupt that is carried out later than it was due. None: time goes on."""
+        self._holding.ns = None if world_us is None else world_us * 1000
 
     @property
     def held(self) -> bool:
         """Whether :meth:`hold` holds it."""
-        return self._held is not None
+        return getattr(self._holding, "ns", None) is not None
 
     def host_seconds(self, us: int) -> float:
         """How long the host waits for so many true microseconds."""
         return us / 1e6 / self._speed
 
     def _world_ns(self) -> int:
-        if self._held is not None:
-            return self._held
+        held: int | None = getattr(self._holding, "ns", None)
+        if held is not None:
+            return held
         since = self._host_ns() - self._power_on
         return since if self._speed == 1.0 else int(since * self._speed)
 

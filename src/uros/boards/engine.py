@@ -28,9 +28,9 @@ nothing behind.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
-import re
 import signal
 import sys
 import tempfile
@@ -47,6 +47,8 @@ from .board import FaultError, VirtualBoard
 from .build import BuildError, build
 from .catalog import BoardError
 from .clock import BoardClock
+from .engine_console import Console
+from .engine_cores import Mail
 from .engine_host import BoardHost, Reset
 from .engine_micropython import MicroPythonEngine, NoMicroPython, find
 from .parts import Part
@@ -54,8 +56,8 @@ from .plugs import PlugError
 from .usb import ATTACHED
 
 _MOST_READS: Final = 64
-_TRACEBACK_LINES: Final = 200  # held back until its last one comes
 _LOOK_SECONDS: Final = 0.2
+_STOP_SECONDS: Final = 2.0
 
 
 @dataclass(frozen=True)
@@ -83,52 +85,88 @@ class Options:
     address: str = ""
 
 
-class Once:
-    """Lets the traceback of a fault of one field through once: a program that goes on meets it at
-    each turn of its timer."""
+class _SecondCore:
+    """The second core: an interpreter of its own, in a thread, once the program starts it."""
 
-    _FAULT: Final = re.compile(r"\w+Error: \w+/(?:msg|srv|action)/\w+(?:[.\w]*:| has no field \w+)")
+    def __init__(self, process: BoardProcess) -> None:
+        self.mail = Mail()
+        self._process = process
+        self._lock = threading.Lock()  # of the engine
+        self._host: BoardHost | None = None
+        self._engine: MicroPythonEngine | None = None
+        self._thread: threading.Thread | None = None
 
-    def __init__(self) -> None:
-        self._held: list[str] = []  # of a traceback whose last line is to come
-        self._seen: set[str] = set()
+    def start(self, root: Path, name: str) -> None:
+        """Raises OSError where it runs."""
+        if self._thread is not None:
+            raise OSError(errno.EBUSY, "the second core runs already")
+        console = Console(lambda line: self._process.send("console", line=line))
 
-    def pass_on(self, line: str) -> list[str]:
-        """The lines to show, now that this one is there."""
-        inside = line.startswith("  ") and self._held
-        if line.startswith("Traceback (most") or inside:
-            return [] if self._hold(line) else self.flush()
-        fault = self._FAULT.match(line)
-        if fault and self._held:
-            if fault[0] in self._seen:
-                self._held.clear()
-                return []
-            self._seen.add(fault[0])
-        return [*self.flush(), line]
+        def ended(traceback: str) -> None:
+            console.flush()
+            console.print(traceback)
 
-    def _hold(self, line: str) -> bool:
-        self._held.append(line)
-        return len(self._held) < _TRACEBACK_LINES
+        host = self._host = BoardHost(
+            self._process.board, console.print, ended, lambda *_: None, lambda _: None,
+            mail=self.mail,
+        )  # fmt: skip
 
-    def flush(self) -> list[str]:
-        """What is held back."""
-        held, self._held = self._held, []
-        return held
+        def run() -> None:
+            try:
+                if self._process.options.engine == "cpython":
+                    engine_cpython.run_core(root, host, name)
+                else:
+                    self._run_micropython(root, host, name)
+            except Reset:
+                pass
+
+        self._thread = threading.Thread(target=run, name="second core", daemon=True)
+        self._thread.start()
+
+    def _run_micropython(self, root: Path, host: BoardHost, name: str) -> None:
+        with self._lock:
+            if self._host is not host:
+                return  # stopped before it began
+            engine = self._engine = MicroPythonEngine(root, host, core=name)
+        try:
+            engine.run()
+        finally:
+            with self._lock:
+                self._engine = None
+                engine.close()
+
+    def stop(self) -> None:
+        """End its program, as a reset does."""
+        thread, self._thread = self._thread, None
+        if thread is None or self._host is None:
+            return
+        self._host.stop()
+        with self._lock:
+            self._host = None
+        self.kill()
+        # One that computes for ever without an operation touches nothing of the board any more.
+        thread.join(_STOP_SECONDS)
+
+    def kill(self) -> None:
+        """End its process, where it has one."""
+        with self._lock:
+            if self._engine is not None:
+                self._engine.stop()
 
 
 class BoardProcess:
     """The process, without its beginning: see the module."""
 
     def __init__(self, options: Options, commands: int, events: int) -> None:
-        self._options = options
+        self.options = options
         self._commands = commands
         self._events = events
         self._lock = threading.Lock()  # of the events
         self._ending = threading.Lock()  # of _micropython, and of the end
         self._ended_by: int | None = None  # the exit status
         self._folder = tempfile.TemporaryDirectory(prefix="uros-board-")
-        self._unfinished = ""  # a line being printed
-        self._once = Once()
+        self._console = Console(lambda line: self.send("console", line=line))
+        self._second = _SecondCore(self)
         self._reads: list[tuple[int, int]] = []  # not told yet
         self._micropython: MicroPythonEngine | None = None
         self._base: int | None = None  # the heap before the program
@@ -136,7 +174,7 @@ class BoardProcess:
         self._shown: dict[str, str] = {}  # of parts, as it was told
         try:
             link = None if options.link is None else Path(options.link)
-            self._board = VirtualBoard(
+            self.board = VirtualBoard(
                 options.board, BoardClock(speed=options.speed), link, options.seed,
                 plugs=options.plugs, agent=(options.agent[0], options.agent[1]),
                 address=options.address, changed=self._tell_part,
@@ -147,7 +185,7 @@ class BoardProcess:
 
     def run(self) -> None:
         """Until the end of the commands. Raises what keeps a board from starting."""
-        options, board = self._options, self._board
+        options, board = self.options, self.board
         for spec in options.happen:
             board.happen(spec)
         if options.engine == "micropython":
@@ -157,22 +195,25 @@ class BoardProcess:
         root = Path(self._folder.name) / "flash"
         # As a board has it where that is what is looked at: as bytecode, or for its memory.
         checked = options.form == "py" and not options.measure
-        build(Path(options.program), root, options.form, checked=checked)
+        build(
+            Path(options.program), root, options.form, checked=checked, provided=["second_core"]
+        )
         if options.reads:
             for bus in board.i2c.values():
                 bus.on_read = self._read
         host = self._host = BoardHost(
-            board, self._print, self._ended, self._heap, self._usb, self._tell_reads
-        )
+            board, self._console.print, self._ended, self._heap, self._usb, self._tell_reads,
+            self._second.mail, lambda name: self._second.start(root, name),
+        )  # fmt: skip
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset())
         while not board.usb_inside and board.usb.state == ATTACHED:
             board.usb.wait(1.0)  # its bridge has power already
         happenings = [it.spec for it in (*board.acts(), *board.faults())]
-        self._send("ready", path=str(board.usb.path), happenings=happenings)
+        self._tell_parts()  # before it is ready, so that who waits for that can look
+        self.send("ready", path=str(board.usb.path), happenings=happenings)
         host.usb_state()
-        self._tell_parts()
         threading.Thread(target=self._obey, name="commands", daemon=True).start()
         threading.Thread(target=self._look, name="parts", daemon=True).start()
         while True:
@@ -181,18 +222,19 @@ class BoardProcess:
                 while True:
                     signal.pause()
             except Reset:
-                self._flush()
+                self._console.forget()
+                self._second.stop()
                 host.reset()
-                self._send("reset")
+                self.send("reset")
 
     def _run_program(self, root: Path, host: BoardHost) -> None:
-        if self._options.engine == "cpython":
+        if self.options.engine == "cpython":
             os.chdir(root)
             engine_cpython.run(root, host)
             return
         with self._ending:
             self._base = None
-            engine = self._micropython = MicroPythonEngine(root, host, self._options.measure)
+            engine = self._micropython = MicroPythonEngine(root, host, self.options.measure)
             if self._heap_asked:
                 self._heap_asked = False
                 engine.ask_heap()
@@ -206,7 +248,7 @@ class BoardProcess:
 
     # --- events -----------------------------------------------------------------------
 
-    def _send(self, event: str, **fields: Any) -> None:
+    def send(self, event: str, **fields: Any) -> None:
         data = json.dumps({"event": event, **fields}).encode() + b"\n"
         with self._lock:
             if self._ended_by is not None:
@@ -217,25 +259,13 @@ class BoardProcess:
             except BrokenPipeError:
                 pass  # the commands end, too
 
-    def _print(self, text: str) -> None:
-        *lines, self._unfinished = (self._unfinished + text).split("\n")
-        for line in lines:
-            for told in self._once.pass_on(line.rstrip("\r")):
-                self._send("console", line=told)
-
-    def _flush(self) -> None:
-        if self._unfinished:
-            self._print("\n")
-        for line in self._once.flush():
-            self._send("console", line=line)
-
     def _ended(self, traceback: str) -> None:
         self._tell_reads()
         if traceback:
-            self._flush()
-            self._print(traceback)
-        self._flush()
-        self._send("ended", traceback=traceback)
+            self._console.flush()
+            self._console.print(traceback)
+        self._console.flush()
+        self.send("ended", traceback=traceback)
 
     def _read(self, address: int, ns: int) -> None:
         # Told later: whoever measures the way of a reading must not lie in that way.
@@ -247,33 +277,33 @@ class BoardProcess:
         """Tell what is to be seen, also while the program computes, sleeps or is over."""
         while True:
             time.sleep(_LOOK_SECONDS)
-            self._board.advance()
+            self.board.advance()
             self._tell_parts()
 
     def _tell_parts(self) -> None:
-        with self._board.lock:
-            for part in self._board.parts:
+        with self.board.lock:
+            for part in self.board.parts:
                 self._tell_part(part)
 
     def _tell_part(self, part: Part) -> None:
         shows = part.shows()
         if shows != self._shown.get(part.name, ""):
             self._shown[part.name] = shows
-            self._send("part", name=part.name, shows=shows)
+            self.send("part", name=part.name, shows=shows)
 
     def _tell_reads(self) -> None:
         for address, ns in self._reads:
-            self._send("read", address=address, ns=ns)
+            self.send("read", address=address, ns=ns)
         self._reads.clear()
 
     def _usb(self, state: str) -> None:
-        self._send("usb", state=state, error=self._board.usb.error)
+        self.send("usb", state=state, error=self.board.usb.error)
 
     def _heap(self, used: int, peak: int) -> None:
         if self._base is None:
             self._base = used
             return
-        self._send("heap", used=used, peak=peak, base=self._base)
+        self.send("heap", used=used, peak=peak, base=self._base)
 
     # --- commands ---------------------------------------------------------------------
 
@@ -300,17 +330,17 @@ class BoardProcess:
     def _happen(self, spec: str) -> None:
         error = ""
         try:
-            self._board.happen(spec)
+            self.board.happen(spec)
         except FaultError as refused:
             error = str(refused)
         part = spec.partition(":")[0]
         still = [
             it.spec
-            for it in self._board.faults()
+            for it in self.board.faults()
             if it.active and it.spec != spec and it.spec.partition(":")[0] == part
         ]
-        self._send("happened", spec=spec, error=error, still=still)
-        self._tell_parts()
+        self._tell_parts()  # as they were when it happened, for who waits for that
+        self.send("happened", spec=spec, error=error, still=still)
         self._host.usb_state()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -319,7 +349,7 @@ class BoardProcess:
 
     def close(self) -> None:
         """Take a board apart that did not start."""
-        self._board.close()
+        self.board.close()
         self._folder.cleanup()
 
     def end(self, status: int) -> None:
@@ -331,7 +361,8 @@ class BoardProcess:
         with self._ending:
             if self._micropython is not None:
                 self._micropython.stop()
-        self._board.close()
+        self._second.kill()
+        self.board.close()
         self._folder.cleanup()
         os._exit(status)
 

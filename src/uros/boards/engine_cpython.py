@@ -54,6 +54,18 @@ def run(root: Path, host: BoardHost) -> None:
     host.ended(traceback)
 
 
+def run_core(root: Path, host: BoardHost, name: str) -> None:
+    """Run a module of a board's file system on its second core, until Reset ends it, which is
+    raised, or an error, which is reported to the host."""
+    board = _Modules(root, host)
+    try:
+        board.run_core(name)
+    except Reset:
+        raise
+    except BaseException as error:
+        host.ended(board.format_exception(error))
+
+
 class _Modules:
     """The modules of one run of a program, and what is built in for them."""
 
@@ -74,6 +86,13 @@ class _Modules:
         module = ModuleType("__main__")
         self.modules["__main__"] = module
         self._execute(module, file, "main.py")
+
+    def run_core(self, name: str) -> None:
+        core: Any = self._load(name)
+        mail: Any = self._load("second_core")
+        core.start(mail.Mailbox(mail.TO_SECOND), mail.Mailbox(mail.TO_FIRST))
+        while True:
+            core.step()
 
     # --- import ----------------------------------------------------------------------
 

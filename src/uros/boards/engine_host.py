@@ -7,6 +7,8 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
+from .board import Interrupts
+from .engine_cores import CoreHost, Mail
 from .engine_pins import PinHost
 from .engine_plugs import INTERRUPT_US, PlugHost
 from .shims import _ops as ops
@@ -30,12 +32,13 @@ class Reset(BaseException):
 
 
 class BoardHost:
-    """Carries out operations, from one thread.
+    """Carries out operations of one core, from one thread.
 
     ``console`` takes what the firmware prints, ``ended`` the traceback (or "") of a program that
     is over, ``heap`` the octets in use and their peak, ``usb`` the state of the line when it has
     changed. ``idle`` is called when the firmware is about to wait: the time for what need not be
-    done at once.
+    done at once. ``mail`` are the mailboxes between the cores, ``start_core`` starts the second
+    one, where this is the first.
     """
 
     def __init__(
@@ -46,8 +49,12 @@ class BoardHost:
         heap: Callable[[int, int], None],
         usb: Callable[[str], None],
         idle: Callable[[], None] = lambda: None,
+        mail: Mail | None = None,
+        start_core: Callable[[str], None] | None = None,
     ) -> None:
         self._board = board
+        self._mail = mail if mail is not None else Mail()
+        interrupts = self._interrupts = Interrupts()
         self._idle = idle
         self._heap = heap
         self._usb = usb
@@ -78,8 +85,9 @@ class BoardHost:
             ops.FREQUENCY: lambda _: _CORE_HZ,
             ops.ENDED: self._end,
             ops.HEAP: self._measured,
-            **PinHost(board).operations,
-            **PlugHost(board, self._waits).operations,
+            **PinHost(board, interrupts).operations,
+            **PlugHost(board, self._waits, interrupts).operations,
+            **CoreHost(self._mail, start_core).operations,
         }
 
     def call(self, op: int, data: bytes = b"") -> bytes | int:
@@ -106,10 +114,16 @@ class BoardHost:
         if not self._within:
             raise Reset
 
+    def stop(self) -> None:
+        """End the program of this core: its next operation raises Reset. From another thread."""
+        self._reset_asked = True
+
     def reset(self) -> None:
         """What a reset does to the board around the processor: the host loses its USB device."""
         self._reset_asked = False
         self._board.reset()
+        self._interrupts.clear()
+        self._mail.clear()
         self.usb_state()
 
     def usb_state(self) -> str:
@@ -136,11 +150,12 @@ class BoardHost:
         us = int.from_bytes(data, "little")
         self._waits()
         board = self._board
-        if not board.interruptible:
+        interrupts = self._interrupts
+        if not interrupts.wanted:
             board.clock.sleep_us(us)
             return 0
         end = board.clock.ticks_us() + us
-        while not board.interrupts:
+        while not interrupts.due:
             left = end - board.clock.ticks_us()
             if left <= 0:
                 return 0
@@ -212,9 +227,9 @@ class BoardHost:
             if flags & wanted or left <= 0:
                 return flags
             self._idle()
-            if board.interruptible:
+            if self._interrupts.wanted:
                 board.advance()
-                if board.interrupts:
+                if self._interrupts.due:
                     return flags
                 left = min(left, INTERRUPT_US * 1000)
             # What there is to read, and what happens to the cable, ends a wait. A program that

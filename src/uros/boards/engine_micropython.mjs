@@ -1,12 +1,13 @@
 // Runs a board's program on MicroPython (WebAssembly) for engine_micropython.py.
 //
-//   node engine_micropython.mjs MODULE ROOT SHIMS REQUESTS ANSWERS MEASURE
+//   node engine_micropython.mjs MODULE ROOT SHIMS REQUESTS ANSWERS MEASURE CORE
 //
 // MODULE is micropython.mjs, ROOT the board's file system, SHIMS what is built in. The program runs
 // in a worker thread and blocks there, as on a board: each call goes to the descriptor REQUESTS and
 // waits for its answer from ANSWERS. The main thread reads stdin, so that it is free to end a
 // program that is stuck: at its end, or that of the process that holds it. The line "heap" asks for
-// the heap in use. With MEASURE 1 the heap is looked at after each slice.
+// the heap in use. With MEASURE 1 the heap is looked at after each slice. CORE is the module that a
+// second core runs, or nothing for the program itself.
 //
 // A request is u32 length, operation, data. An answer is u32 length, error number or 0, u32 number
 // or length of data, data; see shims/_host.py. CONSOLE and HEAP have no answer.
@@ -27,10 +28,10 @@ const THRESHOLD = 16384;
 
 function supervise() {
   const asked = new Int32Array(new SharedArrayBuffer(4));
-  const [module, root, shims, requests, answers, measure] = process.argv.slice(2);
+  const [module, root, shims, requests, answers, measure, core] = process.argv.slice(2);
   const worker = new Worker(new URL(import.meta.url), {
     workerData: {
-      module, root, shims, asked,
+      module, root, shims, asked, core,
       requests: Number(requests), answers: Number(answers), measure: measure === "1",
     },
   });
@@ -119,7 +120,7 @@ function copy(FS, from, to) {
   }
 }
 
-async function run({ module, root, shims, asked, requests, answers, measure }) {
+async function run({ module, root, shims, asked, core, requests, answers, measure }) {
   const line = new Line(requests, answers);
   const print = (data) => line.print(data);
   const { loadMicroPython } = await import(pathToFileURL(module));
@@ -155,11 +156,11 @@ gc.threshold(${THRESHOLD})
     collect();
     report();
   };
-  answerHeap(); // before the program: what the shims and MicroPython itself take
+  if (!core) answerHeap(); // before the program: what the shims and MicroPython itself take
   if (measure && sliced) {
     for (const line of source.match(/^(import|from) .*$/gm) ?? []) boot.imported(line);
   }
-  let more = begin(sliced, measure);
+  let more = core ? boot.run_core(core) : begin(sliced, measure);
   while (more) {
     more = step();
     if (Atomics.compareExchange(asked, 0, 1, 0) === 1) answerHeap();

@@ -90,9 +90,12 @@ def _remedy(named: str | None, clones: list[Path]) -> str:
 
 
 class MicroPythonEngine:
-    """One run of a program. :meth:`stop` and :meth:`ask_heap` may come from another thread."""
+    """One run of a program, or where ``core`` is the name of a module, of that on the board's
+    second core. :meth:`stop` and :meth:`ask_heap` may come from another thread."""
 
-    def __init__(self, root: Path, host: BoardHost, measure: bool = False) -> None:
+    def __init__(
+        self, root: Path, host: BoardHost, measure: bool = False, core: str = ""
+    ) -> None:
         node, module = find()
         self._host = host
         requests, theirs = os.pipe()
@@ -103,7 +106,7 @@ class MicroPythonEngine:
         try:
             self._process = subprocess.Popen(
                 [node, "--no-warnings", RUNNER, module, root, shims, str(theirs), str(answers),
-                 str(int(measure))],
+                 str(int(measure)), core],
                 stdin=subprocess.PIPE, stdout=2, pass_fds=(theirs, answers),
             )  # fmt: skip
         finally:

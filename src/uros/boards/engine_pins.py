@@ -11,7 +11,7 @@ from .pins import DOWN, FALLING, IN, OUT, RISING, UP
 from .shims import _ops as ops
 
 if TYPE_CHECKING:
-    from .board import VirtualBoard
+    from .board import Interrupts, VirtualBoard
     from .pins import Pin
 
 # machine.Pin's IN, OUT and OPEN_DRAIN; none, PULL_UP and PULL_DOWN.
@@ -25,8 +25,9 @@ _HZ: Final = range(1, 40_000_001)
 class PinHost:
     """The operations."""
 
-    def __init__(self, board: VirtualBoard) -> None:
+    def __init__(self, board: VirtualBoard, interrupts: Interrupts) -> None:
         self._board = board
+        self._interrupts = interrupts
         self._due: tuple[Pin, int] | None = None  # the interrupt that is carried out
         self.operations: dict[int, Callable[[bytes], bytes | int]] = {
             ops.PIN_MODE: self._mode,
@@ -66,17 +67,19 @@ class PinHost:
         if data[0] & ~(RISING | FALLING):
             raise ValueError("there are rising and falling edges")
         pin = self._pin(data[1:])
-        self._board.watch(pin, data[0])
+        with self._board.lock:
+            self._interrupts.watch(pin, data[0])
         return 1 + list(self._board.pins).index(pin.name)
 
     def _next(self, data: bytes) -> int:
         board = self._board
+        due = self._interrupts.due
         board.clock.hold(None)
-        if not board.interrupts:
+        if not due:
             board.advance()
-            if not board.interrupts:
+            if not due:
                 return 0
-        t_us, pin, level = board.interrupts.popleft()
+        t_us, pin, level = due.popleft()
         with board.lock:
             board.clock.hold(t_us)
         self._due = (pin, level)
@@ -106,5 +109,5 @@ class PinHost:
         capture = self._board.capture
         if capture is None:
             raise OSError(errno.ENODEV, "this board has no camera")
-        with self._board.lock:
-            return capture(*_CAMERA.unpack(data))
+        # Without the lock: it takes its time, and a second core goes on meanwhile.
+        return capture(*_CAMERA.unpack(data))

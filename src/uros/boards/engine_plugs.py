@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from .shims import _ops as ops
 
 if TYPE_CHECKING:
-    from .board import VirtualBoard
+    from .board import Interrupts, VirtualBoard
     from .plugs import Radio, Spi, Uart
 
 _UART: Final = struct.Struct("<BII")
@@ -29,8 +29,11 @@ INTERRUPT_US: Final = 2_000
 class PlugHost:
     """The operations; ``wait`` is called when the firmware is about to wait for a socket."""
 
-    def __init__(self, board: VirtualBoard, wait: Callable[[], None]) -> None:
+    def __init__(
+        self, board: VirtualBoard, wait: Callable[[], None], interrupts: Interrupts
+    ) -> None:
         self._board = board
+        self._interrupts = interrupts
         self._wait = wait
         self.operations: dict[int, Callable[[bytes], bytes | int]] = {
             ops.UART_INIT: self._uart_init,
@@ -130,7 +133,7 @@ class PlugHost:
             self._wait()
         poll = select.poll()
         poll.register(fd, events)
-        if self._board.interruptible:
+        if self._interrupts.wanted:
             us = min(us, INTERRUPT_US)
         ready = poll.poll(self._board.clock.host_seconds(min(us, _LONGEST_WAIT_US)) * 1000)
         return ready[0][1] & 0x1F if ready else 0

@@ -34,7 +34,12 @@ def wire(board: VirtualBoard) -> None:
     for encoder, (name, number) in zip(rover.encoders, _ENCODERS, strict=True):
         encoder.on_edge = board.add_pin(Pin(number, name, partial(_level, encoder))).edge
     scene = Scene(rover.arena)
-    camera = Camera("camera", scene, lambda: (rover.x, rover.y, rover.theta), board.seed)
+
+    def where() -> tuple[float, float, float]:
+        with board.lock:
+            return rover.x, rover.y, rover.theta
+
+    camera = Camera("camera", scene, where, board.seed)
     board.add_camera(camera)
 
 

@@ -15,7 +15,7 @@ from uros.boards.clock import ManualClock
 
 TICKS = (1 << 30) - 1
 # Imported anew for each program: they hold on to the board's modules, or are the program's own.
-OWN = ("config", "mail", "sub", "main", "line", "machine", "time")
+OWN = ("config", "cores", "mail", "sub", "main", "line", "machine", "time")
 
 
 class RoverBoard:

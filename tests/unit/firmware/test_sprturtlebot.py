@@ -1,9 +1,11 @@
 """firmware/sprturtlebot: its sub core drives the virtual rover, in virtual time and by nothing but
 the mailboxes."""
 
+import _thread
 import contextlib
 import math
 import random
+import threading
 
 import pytest
 from unit.firmware.rover_board import TICKS, rover_board
@@ -237,3 +239,51 @@ def test_of_a_flood_of_mail_the_newest_of_each_kind_counts_in_the_order_of_the_k
     while number := box.receive():
         found.append((number, box.value))
     assert found == sorted(newest.items())
+
+
+def test_a_command_that_does_not_count_any_more_is_not_told_as_ignored(sub):
+    """The main core leaves it in place of one that waits, when it switches the power."""
+    sub.power(False)
+    sub.command(0.3, 0.0)
+    sub.inbox.send(sub.mail.COMMAND, None)
+    sub.run(0.1)
+    assert sub.notes == [] and sub.rover.way == 0
+
+
+def test_where_there_are_threads_it_runs_in_one_and_stops_the_wheels_by_itself(monkeypatch):
+    """Nobody calls it but its thread; the main core sends two messages and does nothing more."""
+    monkeypatch.setattr(_thread, "stack_size", lambda size: None)
+    begin, over = threading.Event(), threading.Event()
+    with rover_board("sprturtlebot", "config", "mail", "sub", "cores") as it:
+
+        def sleep_ms(ms):
+            begin.wait(30)
+            it.to(it.t_us + 1000 * ms)
+            if it.t_us > 4e6:
+                over.set()
+                raise SystemExit
+
+        it.sub.time.sleep_ms = sleep_ms
+        to_sub, from_sub = it.cores.start_sub_core()
+        assert it.cores.start_sub_core() == (to_sub, from_sub)  # once, however often it is tried
+        to_sub.send(it.mail.POWER, True)
+        to_sub.send(it.mail.COMMAND, (0.25, 0.0))
+        begin.set()
+        assert over.wait(30)
+        assert 0.15 < it.rover.way < 0.3 and it.rover.speeds == (0.0, 0.0)
+
+
+def test_what_goes_wrong_there_switches_the_motors_off():
+    with rover_board("sprturtlebot", "config", "mail", "sub") as it:
+        it.sub.time.sleep_ms = lambda ms: it.to(it.t_us + 1000 * ms)
+        inbox = it.mail.Mailbox()
+        it.sub.start(inbox, it.mail.Mailbox())
+        inbox.send(it.mail.POWER, True)
+        inbox.send(it.mail.COMMAND, (0.25, 0.0))
+        for _ in range(10):
+            it.sub.step()
+        assert it.rover.driver.powered and it.rover.v > 0
+        inbox.send(it.mail.COMMAND, (None, None))
+        with pytest.raises(TypeError):
+            it.sub.step()
+        assert not it.rover.driver.powered

@@ -37,6 +37,25 @@ def run(sliced: bool, measured: bool) -> bool:
     return False
 
 
+def run_core(name: str) -> bool:
+    """Start a module of the program on the second core. True: there are steps to do."""
+    global _step
+    try:
+        from second_core import (  # type: ignore[import-not-found]
+            TO_FIRST,
+            TO_SECOND,
+            Mailbox,
+        )
+
+        core = __import__(name)
+        core.start(Mailbox(TO_SECOND), Mailbox(TO_FIRST))
+        _step = core.step
+        return True
+    except BaseException as error:
+        _ended(error)
+        return False
+
+
 def imported(line: str) -> None:
     """Run one import of the program, when the heap is measured: a board collects meanwhile."""
     try:

@@ -57,6 +57,9 @@ PWM_OFF = 46  #     name                                        nothing
 ADC_READ = 47  #    name                                        number: 0 to 65535
 CAMERA = 48  #      u16 width, u16 height, u8 quality           a JPEG, or nothing: it failed
 EPOCH_SET = 49  #   i64 nanoseconds since 2000                  nothing
+CORE_START = 50  #  name of a module                            nothing
+MAIL_SEND = 51  #   u8 mailbox, u8 number, octets               nothing
+MAIL_RECEIVE = 52  # u8 mailbox                                 u8 number, octets; nothing: no mail
 
 # States of USB, added up.
 USB_OPEN = 1  # configured by the host
