@@ -205,6 +205,7 @@ class Session:
         self._acknowledged = -1
         self._heartbeat_at = None
         self._best_effort = 0
+        self._best_effort_in = 0xFFFF
         self._next_in = 0
         self._early = {}
         self._announced = -1
@@ -370,6 +371,11 @@ class Session:
         if session != SESSION_ID:
             return
         if stream < RELIABLE_STREAM:
+            # Only what is after the last one: uxr_receive_best_effort_message.
+            if stream and not 0 < (number - self._best_effort_in) & 0xFFFF < 0x8000:
+                return
+            if stream:
+                self._best_effort_in = number
             self._submessages(message[at:])
             return
         ahead = (number - self._next_in) & 0xFFFF
