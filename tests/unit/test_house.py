@@ -26,7 +26,7 @@ ALLOWED = {
     "middleware": {"interfaces", "qos", "names"},
     "agent": {"wire", "transport", "middleware", "qos", "names", "printable"},
     "host": {"client", "middleware", "interfaces", "qos", "names", "printable"},
-    "dashboard": {"drivers"},
+    "dashboard": {"drivers", "transport"},
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "dashboard", "qos", "ticks", "names", "printable",

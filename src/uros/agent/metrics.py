@@ -1,9 +1,9 @@
 """``--metrics``: what an agent counts, for Prometheus, over HTTP.
 
-A thread serves HTTP. For each scrape it asks the server's thread for a snapshot, which is made
-between what boards want, and makes the metrics of it. Boards have the label ``key``; those beyond
-the first :data:`MAX_SERIES` are one, ``key="other"``, because each label is a series that
-Prometheus keeps for weeks.
+Threads serve HTTP (:mod:`uros.transport.http`). For each scrape one asks the server's thread for a
+snapshot, which is made between what boards want, and makes the metrics of it. Boards have the label
+``key``; those beyond the first :data:`MAX_SERIES` are one, ``key="other"``, because each label is a
+series that Prometheus keeps for weeks.
 """
 
 from __future__ import annotations
@@ -11,17 +11,15 @@ from __future__ import annotations
 import errno
 import json
 import socket
-import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from socketserver import TCPServer
 from typing import TYPE_CHECKING, Any, Final
 
 from .. import __version__
 from ..transport.base import ERROR, INFO, TransportError
-from ..transport.ip import address_trouble, bind_trouble, family_of, text_of
+from ..transport.http import Handler, HttpServer
+from ..transport.ip import address_trouble, bind_trouble, text_of
 from .log import unexpected
 from .snapshot import gather
 
@@ -33,17 +31,17 @@ if TYPE_CHECKING:
 # Attack: a fleet of boards that change their keys.
 MAX_SERIES: Final = 200
 OTHER: Final = "other"
-# Attack: scrapes without end. Answered at a time; the others are told to come later.
+# Attack: scrapes without end. Answered at a time; the others wait.
 MAX_SCRAPES: Final = 4
-# Attack: a request in single bytes. A whole scrape takes no longer, in seconds.
-MAX_SECONDS: Final = 10.0
 # How long a snapshot is waited for, in seconds: the agent may hang in its middleware.
 PATIENCE: Final = 2.0
-# How often slow ones are looked for. An agent that nobody asks should sleep.
-_POLL: Final = 1.0
 # Between metrics, so that the server's thread need not fight for the GIL: two hundred boards are
 # some ten milliseconds of work.
 _BREATH: Final = 0.0005
+_STRANGER: Final = (
+    "ask by this machine's address, such as http://127.0.0.1, or by the name that the agent was"
+    " given: --metrics NAME:PORT\n"
+)
 _NOT_INSTALLED: Final = (
     "--metrics needs prometheus_client, which is not installed: python -m pip install"
     " prometheus_client"
@@ -180,7 +178,6 @@ class Metrics:
         self.host = host
         self.port = port
         self._http: _Http | None = None
-        self._thread: threading.Thread | None = None
 
     def open(self, server: Server) -> None:
         """See :class:`~uros.agent.server.Attachment`."""
@@ -203,95 +200,26 @@ class Metrics:
                     " another, or 0 for any that is free"
                 )
             raise TransportError(error.errno, said) from error
-        address = self._http.server_address[:2]
-        self.host, self.port = str(address[0]), int(address[1])
-        self._thread = threading.Thread(
-            target=self._http.serve_forever, args=(_POLL,), name="uros-metrics", daemon=True
-        )
-        self._thread.start()
-        url = f"http://{text_of(address)}/metrics"
+        self.host, self.port = self._http.host, self._http.port
+        self._http.start()
+        url = f"http://{text_of((self.host, self.port))}/metrics"
         server.note(INFO, "Metrics", "init", "running...", f"port: {self.port}, {url}")
 
     def close(self) -> None:
         """See :class:`~uros.agent.server.Attachment`."""
         http, self._http = self._http, None
-        if http is not None and self._thread is not None:
-            try:
-                http.socket.shutdown(socket.SHUT_RDWR)  # its thread wakes up, except on macOS
-            except OSError:
-                pass
-            http.shutdown()
-            self._thread.join()
-            http.server_close()
+        if http is not None:
+            http.close()
 
 
-class _Http(ThreadingHTTPServer):
-    daemon_threads = True
-    block_on_close = False
-    allow_reuse_port = False
-
+class _Http(HttpServer):
     def __init__(self, host: str, port: int, server: Server) -> None:
         self.agent_server = server
-        self.address_family = family_of(host)
-        self._free = threading.BoundedSemaphore(MAX_SCRAPES)
-        self._lock = threading.Lock()
-        self._since: dict[Any, float] = {}
-        super().__init__((host, port), _Handler)
+        super().__init__(host, port, _Handler, MAX_SCRAPES, _STRANGER, self._tell)
 
-    def server_bind(self) -> None:
-        TCPServer.server_bind(self)  # HTTPServer's asks the network for our name
-        self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        if not self._free.acquire(blocking=False):
-            try:
-                request.setblocking(False)
-                request.send(b"HTTP/1.0 503 Busy\r\nRetry-After: 5\r\n\r\n")
-            except OSError:
-                pass
-            self.shutdown_request(request)
-            return
-        with self._lock:
-            self._since[request] = time.monotonic()
-        try:
-            super().process_request(request, client_address)
-        except BaseException:  # no thread could be had
-            self._done(request)
-            raise
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._done(request)
-
-    def _done(self, request: Any) -> None:
-        with self._lock:
-            self._since.pop(request, None)
-        self._free.release()
-
-    def service_actions(self) -> None:
-        self._cut_off(time.monotonic() - MAX_SECONDS)
-
-    def server_close(self) -> None:
-        super().server_close()
-        self._cut_off(time.monotonic() + 1)
-
-    def _cut_off(self, before: float) -> None:
-        with self._lock:
-            late = [request for request, since in self._since.items() if since < before]
-        for request in late:
-            try:
-                request.shutdown(socket.SHUT_RDWR)
-            except OSError:
-                pass
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Askers come and go, which is none of the agent's trouble; anything else is a fault."""
-        error, server = sys.exc_info()[1], self.agent_server
-        if isinstance(error, Exception) and not isinstance(error, OSError):
-            about = unexpected(error)
-            server.soon(lambda: server.note(ERROR, "Metrics", "run", "internal error", about))
+    def _tell(self, error: Exception) -> None:
+        server, about = self.agent_server, unexpected(error)
+        server.soon(lambda: server.note(ERROR, "Metrics", "run", "internal error", about))
 
     def snapshot(self) -> dict[str, Any] | None:
         """Asked for in a thread of ours; None: the agent has not made it in time."""
@@ -312,29 +240,18 @@ class _Http(ThreadingHTTPServer):
         return snapshot
 
 
-class _Handler(BaseHTTPRequestHandler):
-    timeout = MAX_SECONDS / 2
+class _Handler(Handler):
     server: _Http
 
     def do_GET(self) -> None:
         if self.path.partition("?")[0] not in ("/", "/metrics"):
-            self._answer(404, b"the metrics are at /metrics\n")
+            self._reply(404, b"the metrics are at /metrics\n")
             return
         snapshot = self.server.snapshot()
         if snapshot is None:
-            self._answer(503, b"the agent is busy: its log may say with what\n")
+            self._reply(503, b"the agent is busy: its log may say with what\n")
             return
-        self._answer(200, *_page(snapshot, self.headers.get("Accept") or ""))
+        self._reply(200, *_page(snapshot, self.headers.get("Accept") or ""))
 
-    def _answer(self, status: int, body: bytes, form: str = "text/plain; charset=utf-8") -> None:
-        self.send_response(status)
-        self.send_header("Content-Type", form)
-        self.send_header("Content-Length", str(len(body)))
-        self.end_headers()
-        self.wfile.write(body)
-
-    def version_string(self) -> str:
-        return "uros"
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """A scrape every few seconds is no news."""
+    def _reply(self, status: int, body: bytes, kind: str = "text/plain; charset=utf-8") -> None:
+        self.reply(status, body, kind)

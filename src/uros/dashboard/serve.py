@@ -1,41 +1,41 @@
 """HTTP for a few pages on this machine, and for what they ask for again and again.
 
 A page's question may be left unanswered until there is news, for a second or so: that is how a page
-is live. Each connection has a thread.
-
-Who may ask: a browser shows pages of strangers too, and those could ask here, by a name that leads
-to this machine. So a question must name this machine by its address, ``localhost`` or a name that
-was given, and what changes something must be JSON, which pages of other origins may not send.
+is live. Who may ask is said in :mod:`uros.transport.http`; besides, what changes something must be
+JSON, which pages of other origins may not send.
 """
 
 from __future__ import annotations
 
-import ipaddress
 import json
 import os
-import socket
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Mapping
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
-from socketserver import TCPServer
 from typing import Any, Final, NamedTuple
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
-# Attack: connections without end, and ones that say nothing.
-MAX_CONNECTIONS: Final = 32
-IDLE_SECONDS: Final = 15.0
-# Attack: a body without end.
-MAX_BODY: Final = 4096
-_POLL: Final = 0.2
+from ..transport.http import MAX_BODY, Handler, HttpServer
+
+# Attack: questions without end. Answered at a time; the others wait.
+MAX_ANSWERS: Final = 32
+# Attack: a query of many fields.
+_MAX_FIELDS: Final = 8
+_STRANGER: Final = "open this page by this machine's address, such as http://127.0.0.1\n"
 
 _MIME: Final = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 # Nothing from elsewhere, and nobody's frame.
 _POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:;"
     " connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+_HEADERS: Final = (
+    ("Cache-Control", "no-store"),
+    ("Content-Security-Policy", _POLICY),
+    ("Referrer-Policy", "no-referrer"),
 )
 
 
@@ -74,131 +74,59 @@ class Pages:
     ) -> None:
         files = resources.files(__package__).joinpath("pages")
         self._http = _Http(host, port)
-        self._http.named = host
         self._http.get = dict(get)
         self._http.post = dict(post or {})
         for name in names:
             body = files.joinpath(name).read_bytes()
             self._http.files[f"/{name}"] = body, _MIME[os.path.splitext(name)[1]]
         self._http.files["/"] = self._http.files[f"/{names[0]}"]
-        self.port: int = self._http.server_address[1]
+        self.port = self._http.port
         shown = "127.0.0.1" if host in ("0.0.0.0", "") else host
         shown = "[::1]" if host == "::" else f"[{shown}]" if ":" in shown else shown
         self.url = f"http://{shown}:{self.port}/"
-        self._thread = threading.Thread(
-            target=self._http.serve_forever, args=(_POLL,), name="uros-pages", daemon=True
-        )
-        self._thread.start()
+        self._http.start()
 
     def close(self) -> None:
         """No more answers. Those who wait for one are cut off."""
-        self._http.shutdown()
-        self._thread.join()
-        self._http.server_close()
+        self._http.close()
 
 
-class _Http(ThreadingHTTPServer):
-    daemon_threads = True
-    block_on_close = False
-    allow_reuse_port = False
-    request_queue_size = MAX_CONNECTIONS
-
+class _Http(HttpServer):
     def __init__(self, host: str, port: int) -> None:
         self.files: dict[str, tuple[bytes, str]] = {}
         self.get: dict[str, Get] = {}
         self.post: dict[str, Post] = {}
-        self.named = ""
-        self._free = threading.BoundedSemaphore(MAX_CONNECTIONS)
-        self._lock = threading.Lock()
-        self._open: set[Any] = set()
-        if ":" in host:
-            self.address_family = socket.AF_INET6
-        super().__init__((host, port), _Handler)
-
-    def server_bind(self) -> None:
-        TCPServer.server_bind(self)  # HTTPServer's asks the network for our name
-        self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        if not self._free.acquire(blocking=False):
-            try:
-                request.setblocking(False)
-                request.send(b"HTTP/1.0 503 Busy\r\nRetry-After: 2\r\n\r\n")
-            except OSError:
-                pass
-            self.shutdown_request(request)
-            return
-        with self._lock:
-            self._open.add(request)
-        try:
-            super().process_request(request, client_address)
-        except BaseException:  # no thread could be had
-            self._done(request)
-            raise
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._done(request)
-
-    def _done(self, request: Any) -> None:
-        with self._lock:
-            self._open.discard(request)
-        self._free.release()
-
-    def server_close(self) -> None:
-        super().server_close()
-        with self._lock:
-            for request in self._open:
-                try:
-                    request.shutdown(socket.SHUT_RDWR)
-                except OSError:
-                    pass
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Browsers come and go; anything else is a fault of ours."""
-        if not isinstance(sys.exc_info()[1], OSError):
-            super().handle_error(request, client_address)
-
-    def knows(self, host: str) -> bool:
-        """Whether a question that is for ``host``, with a port or without, is for us."""
-        name = urlsplit(f"//{host}").hostname or ""
-        if name in ("localhost", self.named.lower(), socket.gethostname().lower()):
-            return True
-        try:
-            ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return True
+        super().__init__(host, port, _Handler, MAX_ANSWERS, _STRANGER, _tell)
 
 
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    timeout = IDLE_SECONDS
+def _tell(error: Exception) -> None:
+    traceback.print_exception(error)
+
+
+class _Handler(Handler):
     server: _Http
 
     def do_GET(self) -> None:
-        if not self._may_ask():
-            return
         path, _, query = self.path.partition("?")
         known = self.server.files.get(path)
         if known is not None:
             self._send(Answer(200, *known))
         elif path in self.server.get:
-            asked = {name: values[-1] for name, values in parse_qs(query, max_num_fields=8).items()}
+            try:
+                fields = parse_qs(query, max_num_fields=_MAX_FIELDS)
+            except ValueError:
+                self._refuse(400, f"ask with at most {_MAX_FIELDS} fields")
+                return
+            asked = {name: values[-1] for name, values in fields.items()}
             self._send(self.server.get[path](asked))
         else:
             self._refuse(404, "there is no such page; go to /")
 
     def do_POST(self) -> None:
         length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or int(length) > MAX_BODY:
+        if not length.isdecimal() or len(length) > 9 or int(length) > MAX_BODY:
             self.close_connection = True
             self._refuse(413, f"send at most {MAX_BODY} octets, and say how many")
-            return
-        body = self.rfile.read(int(length))
-        if not self._may_ask():
             return
         if self.headers.get_content_type() != "application/json":
             self._refuse(415, "send JSON, as application/json")
@@ -208,47 +136,22 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(404, "there is nothing to send to here")
             return
         try:
-            value = json.loads(body)
+            value = json.loads(self.rfile.read())
         except (ValueError, RecursionError):
             self._refuse(400, "this is no JSON")
             return
         self._send(call(value))
 
-    def _may_ask(self) -> bool:
-        host = self.headers.get("Host", "")
-        origin = self.headers.get("Origin", "")
-        try:
-            if self.server.knows(host) and origin in ("", f"http://{host}"):
-                return True
-        except ValueError:  # no address at all
-            pass
-        self.close_connection = True
-        self._refuse(403, "open this page by this machine's address, such as http://127.0.0.1")
-        return False
-
     def _refuse(self, status: int, text: str) -> None:
         self._send(Answer(status, f"{text}\n".encode(), "text/plain"))
 
     def _send(self, answer: Answer) -> None:
-        self.send_response(answer.status)
-        if answer.body or answer.status != 204:
-            text = answer.mime.startswith("text/")
-            self.send_header("Content-Type", f"{answer.mime}{'; charset=utf-8' if text else ''}")
-            self.send_header("Content-Length", str(len(answer.body)))
+        text = answer.mime.startswith("text/")
+        headers: tuple[tuple[str, str], ...] = _HEADERS
         if answer.about is not None:
-            self.send_header("X-About", json.dumps(answer.about))  # ASCII
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("Content-Security-Policy", _POLICY)
-        self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("Referrer-Policy", "no-referrer")
-        self.end_headers()
-        self.wfile.write(answer.body)
-
-    def version_string(self) -> str:
-        return "uros"
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """A page that asks ten times a second is no news."""
+            headers += (("X-About", json.dumps(answer.about)),)  # ASCII
+        kind = f"{answer.mime}{'; charset=utf-8' if text else ''}"
+        self.reply(answer.status, answer.body, kind, headers)
 
 
 class Newest:

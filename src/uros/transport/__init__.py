@@ -19,6 +19,7 @@ The agent's ends:
 ``tally``            faults are counted, and told seldom
 ``remedies``         what the errno of a line means, and what to do
 ``memory``           boards and agent in one process
+``http``             metrics and pages: who may ask, how many, how long
 ===================  ============================================================
 
 A board's ends, which run on MicroPython: ``stream`` for lines, ``datagram`` for UDP,

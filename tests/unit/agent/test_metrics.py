@@ -4,7 +4,6 @@ import json
 import socket
 import sys
 import threading
-import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from unit.transport.test_process import agent as process
 from uros.agent import metrics as module
 from uros.agent.metrics import Metrics, families
 from uros.agent.snapshot import pieces
+from uros.transport import http
 from uros.transport.base import TransportError
 from uros.wire import ids
 
@@ -168,7 +168,7 @@ def test_other_paths_and_methods():
         assert status(running, "/secret")[0] == 404
         with socket.create_connection(("127.0.0.1", running.metrics.port)) as sock:
             sock.settimeout(SECONDS)
-            sock.sendall(b"DELETE /metrics HTTP/1.0\r\n\r\n")
+            sock.sendall(b"DELETE /metrics HTTP/1.0\r\nHost: localhost\r\n\r\n")
             assert b" 501 " in sock.recv(100)
         for junk in (b"\0" * 1000, b"GET\r\n\r\n", b"\xff" * 70_000, b"GET / HTTP/9.9\r\n\r\n"):
             with socket.create_connection(("127.0.0.1", running.metrics.port)) as sock:
@@ -199,41 +199,72 @@ def test_an_agent_that_hangs_is_503_and_then_well_again(monkeypatch):
         assert "uros_clients 0.0" in get(running)[0]
 
 
-def ended(sock):
-    """Whether it is cut off; one byte more of a request goes out before."""
-    try:
-        sock.sendall(b"x")
-        return not sock.recv(100)
-    except TimeoutError:
-        return False
-    except ConnectionError:
-        return True
-
-
-def test_scrapes_at_a_time_are_bounded_and_slow_ones_cut_off(monkeypatch):
-    monkeypatch.setattr(module, "MAX_SECONDS", 0.5)
+@pytest.mark.parametrize("said", [b"", b"GET /met"])
+def test_connections_that_ask_nothing_hold_up_nobody(said):
+    """As many as there are threads, and as many as there are places, and more."""
     with measured() as running:
         held = []
-        for _ in range(module.MAX_SCRAPES):
-            held.append(socket.create_connection(("127.0.0.1", running.metrics.port)))
-            held[-1].settimeout(SECONDS)
-            held[-1].sendall(b"GET /met")  # and nothing more
-        eventually(lambda: len(running.metrics._http._since) == module.MAX_SCRAPES)
-        deadline = time.monotonic() + SECONDS
-        assert status(running)[0] == 503
+        for count in (module.MAX_SCRAPES, 2 * http.MAX_CONNECTIONS):
+            while len(held) < count:
+                held.append(socket.create_connection(("127.0.0.1", running.metrics.port)))
+                held[-1].sendall(said)
+            assert "uros_clients 0.0" in get(running)[0]
+        assert running.metrics._http.connections <= http.MAX_CONNECTIONS
         assert board(running).ping() == 1
         for sock in held:
-            sock.settimeout(0.02)
-            while not ended(sock):  # a byte now and then does not help it
-                assert time.monotonic() < deadline
             sock.close()
-        while True:  # their places are free in a moment
-            try:
-                assert "uros_clients 1.0" in get(running)[0]
-                return
-            except urllib.error.HTTPError as error:
-                error.close()
-                assert time.monotonic() < deadline + SECONDS
+
+
+def test_scrapes_of_an_agent_that_hangs_wait_for_threads_and_are_all_answered(monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE", SECONDS)
+    with measured() as running:
+        go_on, hangs = threading.Event(), threading.Event()
+        running.server.soon(lambda: hangs.set() or go_on.wait(SECONDS))
+        assert hangs.wait(SECONDS)
+        held = [
+            socket.create_connection(("127.0.0.1", running.metrics.port))
+            for _ in range(3 * module.MAX_SCRAPES)
+        ]
+        for sock in held:
+            sock.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+        server = running.metrics._http
+        eventually(lambda: len(server._queue) == 2 * module.MAX_SCRAPES)
+        assert len(server._answering) == module.MAX_SCRAPES
+        go_on.set()
+        for sock in held:
+            sock.settimeout(SECONDS)
+            assert sock.recv(65536).startswith(b"HTTP/1.1 200 ")
+            sock.close()
+
+
+@pytest.mark.parametrize(
+    ("host", "code"),
+    [
+        ("127.0.0.1:9100", 200), ("[::1]", 200), ("localhost", 200), (socket.gethostname(), 200),
+        (f"{socket.gethostname()}.local:9100", 200), ("evil.example", 403), ("", 403),
+        ("127.0.0.1.evil.example", 403), ("[x", 403),
+    ],
+)  # fmt: skip
+def test_a_page_of_a_stranger_whose_name_leads_here_reads_nothing(host, code):
+    with measured() as running:
+        if code == 200:
+            assert "uros_clients 0.0" in get(running, Host=host)[0]
+        else:
+            with pytest.raises(urllib.error.HTTPError) as caught:
+                get(running, Host=host)
+            with caught.value as error:
+                assert error.code == code and b"--metrics NAME:PORT" in error.read()
+
+
+def test_the_name_that_it_was_given_is_its_own(monkeypatch):
+    """As in a container, where the service's name leads to it."""
+    real = http._listen
+    monkeypatch.setattr(http, "_listen", lambda host, port: real("127.0.0.1", port))
+    with measured(host="Agent.Hall") as running:
+        assert "uros_clients 0.0" in get(running, Host="agent.hall:9100")[0]
+        with pytest.raises(urllib.error.HTTPError) as caught:
+            get(running, Host="evil.hall")
+        caught.value.close()
 
 
 def test_a_fault_of_ours_in_a_scrape_is_told(monkeypatch):
@@ -286,12 +317,6 @@ def test_without_the_library_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
     with pytest.raises(TransportError, match="python -m pip install prometheus_client"):
         Metrics("127.0.0.1", 0).open(None)
-
-
-def test_its_thread_sleeps_until_the_end_and_holds_it_up_by_nothing(monkeypatch):
-    monkeypatch.setattr(module, "_POLL", 3600.0)
-    with measured() as running:
-        assert "uros_clients 0.0" in get(running)[0]
 
 
 def test_nothing_is_left_in_the_library_s_own_registry():

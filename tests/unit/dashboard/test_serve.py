@@ -8,10 +8,13 @@ import threading
 from importlib import resources
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from support.waiting import eventually
 
 from uros.dashboard import serve
 from uros.dashboard.serve import Answer, Newest, Pages, as_json, number
+from uros.transport import http as http_server
 
 PAGES = resources.files("uros.dashboard").joinpath("pages")
 
@@ -117,25 +120,99 @@ def test_only_json_changes_anything(pages):
     assert ask(pages, "/post", "POST", None, Content_Length="x", **json_type)[0] == 413
 
 
-def test_connections_without_end(pages):
+@pytest.mark.parametrize(
+    "said", [b"", b"GET /ech", b"POST /post HTTP/1.1\r\nContent-Length: 9\r\n\r\n{"]
+)
+def test_connections_without_end(pages, said):
+    """Those that ask nothing make room for those that do."""
     held = []
-    for _ in range(serve.MAX_CONNECTIONS):
-        one = socket.create_connection(("127.0.0.1", pages.port))
-        held.append(one)
-    eventually(lambda: len(pages._http._open) == serve.MAX_CONNECTIONS)
-    with socket.create_connection(("127.0.0.1", pages.port)) as late:
-        assert late.recv(100).startswith(b"HTTP/1.0 503 Busy")
+    for _ in range(2 * http_server.MAX_CONNECTIONS):
+        held.append(socket.create_connection(("127.0.0.1", pages.port)))
+        held[-1].sendall(said)
+    assert ask(pages, "/")[0] == 200
+    assert pages._http.connections <= http_server.MAX_CONNECTIONS
     for one in held:
         one.close()
-    eventually(lambda: not pages._http._open)
-    assert ask(pages, "/")[0] == 200
+    eventually(lambda: not pages._http.connections)
 
 
-def test_who_says_nothing_is_dropped(pages, monkeypatch):
-    monkeypatch.setattr(serve._Handler, "timeout", 0.05)
+def test_where_all_are_being_answered_others_are_told_to_come_again(monkeypatch):
+    monkeypatch.setattr(http_server, "MAX_CONNECTIONS", 4)
+    go_on = threading.Event()
+    pages = Pages("127.0.0.1", 0, ("image.html",), {"/w": lambda _: go_on.wait(10) and as_json(1)})
+    asking = []
+    for _ in range(4):
+        asking.append(socket.create_connection(("127.0.0.1", pages.port)))
+        asking[-1].sendall(b"GET /w HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    eventually(lambda: len(pages._http._answering) == 4)
+    with socket.create_connection(("127.0.0.1", pages.port)) as late:
+        assert late.recv(100).startswith(b"HTTP/1.1 503 Busy")
+    go_on.set()
+    for one in asking:
+        assert one.recv(100).startswith(b"HTTP/1.1 200 ")
+        one.close()
+    eventually(lambda: not pages._http.connections)
+    pages.close()
+
+
+@pytest.mark.parametrize("said", [b"", b"GET /ech"])
+def test_who_says_nothing_is_dropped(said, monkeypatch):
+    monkeypatch.setattr(http_server, "ASK_SECONDS", 0.05)
+    pages = Pages("127.0.0.1", 0, ("image.html",), {})
     with socket.create_connection(("127.0.0.1", pages.port)) as silent:
+        silent.sendall(said)
         silent.settimeout(10)
         assert silent.recv(100) == b""
+    pages.close()
+
+
+def test_who_reads_nothing_is_cut_off(monkeypatch):
+    monkeypatch.setattr(http_server, "ANSWER_SECONDS", 0.05)
+    large = Answer(200, bytes(32 * 1024 * 1024), "text/plain")
+    pages = Pages("127.0.0.1", 0, ("image.html",), {"/large": lambda _: large})
+    with socket.create_connection(("127.0.0.1", pages.port)) as deaf:
+        deaf.sendall(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        eventually(lambda: pages._http._answering)
+        eventually(lambda: not pages._http._answering)
+    assert ask(pages, "/")[0] == 200
+    pages.close()
+
+
+def test_several_questions_on_one_connection_in_any_pieces(pages):
+    question = b"GET /echo?a=%d HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    whole = b"".join(question % it for it in range(5))
+    for size in (1, 7, len(whole)):
+        with socket.create_connection(("127.0.0.1", pages.port)) as one:
+            for at in range(0, len(whole), size):
+                one.sendall(whole[at : at + size])
+            one.settimeout(10)
+            got = b""
+            while got.count(b'{"a": ') < 5:
+                got += one.recv(4096)
+            assert [got.index(b'{"a": "%d"}' % it) for it in range(5)] == sorted(
+                got.index(b'{"a": "%d"}' % it) for it in range(5)
+            )
+
+
+def test_a_query_of_many_fields_is_refused(pages, capfd):
+    query = "&".join(f"f{it}=1" for it in range(1000))
+    status, said, _ = ask(pages, f"/echo?{query}")
+    assert status == 400 and b"at most 8 fields" in said
+    assert ask(pages, "/echo?" + "=&;%ff" * 100)[0] in (200, 400)
+    assert ask(pages, "/post", "POST", None, Content_Length="9" * 5000)[0] == 413
+    assert capfd.readouterr().err == ""
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.binary(max_size=200), st.booleans())
+def test_any_octets_are_answered_or_dropped(pages, octets, headed):
+    with socket.create_connection(("127.0.0.1", pages.port)) as one:
+        head = b"GET /echo HTTP/1.1\r\nHost: localhost\r\n" if headed else b""
+        one.sendall(head + octets + b"\r\n\r\n")
+        one.shutdown(socket.SHUT_WR)
+        one.settimeout(10)
+        while one.recv(4096):
+            pass
 
 
 def test_any_request_line(pages):
@@ -160,7 +237,7 @@ def test_its_end_does_not_wait_for_those_who_do():
     pages = Pages("127.0.0.1", 0, ("image.html",), {"/wait": wait})
     with socket.create_connection(("127.0.0.1", pages.port)) as one:
         one.sendall(b"GET /wait HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-        eventually(lambda: pages._http._open)
+        eventually(lambda: pages._http._answering)
         pages.close()
         one.settimeout(4)
         try:
