@@ -32,7 +32,8 @@ _NUMBERS: Final = 0xFFFF
 # How soon an answer that found no room is tried again.
 _RETRY_MS: Final = 5
 _GUID: Final = 16
-# Attack: replies nobody asked for, as fast as they can be sent. Takes of them in a row.
+# Attack: malformed samples, or replies nobody asked for, as fast as they can be sent. Takes of them
+# in a row.
 _MAX_MISSES: Final = 4
 
 
@@ -91,14 +92,16 @@ class _Receiving:
         """Take, where there is room; whether the entity has got something to do by that."""
         if self._entity._queue:
             return False
-        while not self._entity._queue:
+        for _ in range(_MAX_MISSES):
             samples = self.take(self._most)
             if not samples:
                 self._waiting.discard(self)
                 return False
             for prefix, sample in samples:
                 self._deliver(prefix, sample)
-        return True
+            if self._entity._queue:
+                break
+        return True  # or there is more: without waiting, and after others
 
     def _deliver(self, prefix: bytes, sample: bytes) -> None:
         if sample[0] or sample[1] > 1:  # no plain CDR

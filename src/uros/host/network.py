@@ -86,14 +86,13 @@ class Network:
         ended = False
 
         def on_ready() -> None:
-            while True:
-                reader.taken = True
-                samples = cyclone.take(reader.entity, _BATCH)
-                for cdr, info in samples:
-                    received = Received(cdr, info.source_timestamp, time.time_ns())
-                    self._taken.append((tell, received))
-                if len(samples) < _BATCH:
-                    return
+            reader.taken = True
+            samples = cyclone.take(reader.entity, _BATCH)
+            for cdr, info in samples:
+                received = Received(cdr, info.source_timestamp, time.time_ns())
+                self._taken.append((tell, received))
+            if len(samples) == _BATCH:  # what has come has its turn first
+                self._middleware.again(reader)
 
         def tell(received: Received) -> None:
             if not ended:

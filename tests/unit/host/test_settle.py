@@ -47,7 +47,7 @@ def test_a_silent_ros_participant_is_waited_for(network, other):
 def test_asking_again_brings_what_was_told_before(network, other):
     tell(other, announcer(other), [])
     assert network.spin(lambda: "/other" in network.graph.nodes(), 10)
-    network._discovery.announced.clear()
+    network._discovery.announcements.forget(cyclone.guid(other))
     network._discovery.ask_again()
     assert network.spin(lambda: "/other" in network.graph.nodes(), 10)
 

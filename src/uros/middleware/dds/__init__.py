@@ -7,8 +7,10 @@
 ``participant``     DDS participants shared by many nodes
 ``shared``          things made for their first user, unmade after their last
 ``announce``        ``ros_discovery_info``: which endpoint belongs to which node
+``announced``       the same of others, within limits
 ``gids``            how long the Gids in it are
 ``endpoints``       writers, readers, and services in rmw_cyclonedds's format
+``forms``           who else has that format, and keeping requests from all others
 ``watched``         a reader in the waitset, whatever it reads
 ``discovery``       reading the graph, for tools
 ``graph``           the same for boards, told at a pace

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from .participant import SharedParticipant
 
 _BATCH: Final = 256
+# Attack: endpoints that come and go without end. Batches in one turn; others come between.
+_BATCHES: Final = 4
 
 
 class TypeWatch:
@@ -35,12 +37,14 @@ class TypeWatch:
 
         def on_ready() -> None:
             watched.taken = True
-            self._take(entity)
+            if self._take(entity):
+                self._middleware.again(watched)
 
         watched = Watched(self._middleware, entity, on_ready)
 
-    def _take(self, reader: int) -> None:
-        while True:
+    def _take(self, reader: int) -> bool:
+        """Whether there may be more."""
+        for _ in range(_BATCHES):
             news = builtin.take_types(reader, _BATCH)
             for guid, about in news:
                 if about is None:
@@ -48,7 +52,8 @@ class TypeWatch:
                 elif guid not in self._endpoints:
                     self._came(guid, *about[:3])
             if len(news) < _BATCH:
-                return
+                return False
+        return True
 
     def _left(self, guid: bytes) -> None:
         gone = self._endpoints.pop(guid, None)

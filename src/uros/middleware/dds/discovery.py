@@ -7,14 +7,14 @@ its ``dispatch``, in the data plane's thread.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from ...qos import HistoryPolicy, QoSProfile
-from . import announce, builtin, config, cyclone
+from ...qos import QoSProfile
+from . import announce, builtin, cyclone
+from .announced import Announced
 from .forms import OFFER
 from .watched import Watched
 
@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from .participant import SharedParticipant
 
 _BATCH: Final = 256
-_GUID_SIZE: Final = 16
-# Attack: a peer that announces the nodes of one participant after the other that does not exist.
-MAX_ANNOUNCED: Final = 4096
+# Attack: endpoints that come and go without end. Batches in one turn; others come between.
+_BATCHES: Final = 4
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,9 @@ class Endpoint:
 class Peers:
     """The participants that one of ours has discovered, itself included, and their nodes.
 
-    ``participants`` maps a GUID to its USER_DATA, ``announced`` a participant's GUID to the nodes
-    that it says it has, and ``gid_sizes`` to the bytes of a Gid in what it says; both may come
-    before the participant itself is known. ``on_change`` is called after each batch of news.
+    ``participants`` maps a GUID to its USER_DATA, ``announced`` and ``gid_sizes`` are what
+    :class:`.announced.Announced` has; these may come before the participant itself is known.
+    ``on_change`` is called after each batch of news.
     """
 
     def __init__(
@@ -55,8 +54,6 @@ class Peers:
         on_change: Callable[[], None],
     ) -> None:
         self.participants: dict[bytes, bytes] = {}
-        self.announced: dict[bytes, list[announce.NodeEntities]] = {}
-        self.gid_sizes: dict[bytes, int] = {}
         self._on_change = on_change
         self._middleware = middleware
         self._participant = participant
@@ -65,33 +62,26 @@ class Peers:
             for topic, take in self._builtin_topics():
                 reader = builtin.create_reader(participant.entity, topic)
                 self._watch(reader, take, partial(cyclone.delete, reader))
-            self._listen()
+            self.announcements = Announced(middleware, participant, on_change)
+            self._closers.append(self.announcements.close)
         except BaseException:
             self.close()
             raise
 
-    def _builtin_topics(self) -> list[tuple[int, Callable[[int], int]]]:
-        return [(builtin.TOPIC_PARTICIPANT, self._take_participants)]
+    @property
+    def announced(self) -> dict[bytes, list[announce.NodeEntities]]:
+        return self.announcements.nodes
+
+    @property
+    def gid_sizes(self) -> dict[bytes, int]:
+        return self.announcements.gid_sizes
 
     def ask_again(self) -> None:
-        """Read ``ros_discovery_info`` anew.
+        """Read ``ros_discovery_info`` anew."""
+        self.announcements.ask_again()
 
-        A Fast DDS writer offers what it has when it meets a reader. Where the reader does not know
-        the writer by then, the offer is lost and comes again with the next heartbeat, after up to
-        three seconds; a new reader gets it at once.
-        """
-        self._closers.pop()()
-        self._listen()
-
-    def _listen(self) -> None:
-        participant = self._participant
-        qos = announce.qos()
-        qos.history = HistoryPolicy.KEEP_ALL  # the topic has no key: one must not displace another
-        about = announce.TOPIC, announce.TYPE, qos
-        entity = participant.create_reader(*about, b"")
-        self._watch(
-            entity, self._take_announcements, lambda: participant.delete_reader(entity, *about)
-        )
+    def _builtin_topics(self) -> list[tuple[int, Callable[[int], int]]]:
+        return [(builtin.TOPIC_PARTICIPANT, self._take_participants)]
 
     def _watch(
         self,
@@ -101,8 +91,11 @@ class Peers:
     ) -> None:
         def on_ready() -> None:
             reader.taken = True
-            while take(entity) == _BATCH:
-                pass
+            for _ in range(_BATCHES):
+                if take(entity) < _BATCH:
+                    break
+            else:
+                self._middleware.again(reader)
             self._on_change()
 
         reader = Watched(self._middleware, entity, on_ready)
@@ -118,20 +111,9 @@ class Peers:
         for guid, qos in news:
             if qos is None:
                 self.participants.pop(guid, None)
-                self.announced.pop(guid, None)
-                self.gid_sizes.pop(guid, None)
+                self.announcements.forget(guid)
             else:
                 self.participants[guid] = qos.user_data
-        return len(news)
-
-    def _take_announcements(self, entity: int) -> int:
-        news = cyclone.take(entity, _BATCH)
-        for sample, _info in news:
-            decoded = decode(sample)
-            if decoded is None:
-                continue
-            if decoded[0] in self.announced or len(self.announced) < MAX_ANNOUNCED:
-                guid, self.announced[guid], self.gid_sizes[guid] = decoded
         return len(news)
 
     def close(self) -> None:
@@ -209,72 +191,3 @@ class Discovery(Peers):
                     continue  # there for a moment, and nobody's
                 self.endpoints[guid] = Endpoint(guid, participant, is_writer, topic, type_name, qos)
         return len(news)
-
-
-# --- ros_discovery_info -----------------------------------------------------------
-
-
-def decode(sample: bytes) -> tuple[bytes, list[announce.NodeEntities], int] | None:
-    """The participant's GUID, its nodes and the bytes of a Gid; None for what is no such message.
-
-    Nothing in a sample tells whether its Gids have 16 bytes (from Iron on) or 24: the size with
-    which the message ends where the sample ends, and strings are strings, is the right one.
-    """
-    if len(sample) < 4 or sample[0] != 0 or sample[1] > 1:
-        return None
-    for gid_size in (config.SHORT_GID, config.LONG_GID):
-        try:
-            return *_Decoder(sample, gid_size).message(), gid_size
-        except (ValueError, struct.error):
-            pass
-    return None
-
-
-class _Decoder:
-    """CDR of one ``ParticipantEntitiesInfo``; ValueError or struct.error where it does not fit."""
-
-    def __init__(self, sample: bytes, gid_size: int) -> None:
-        self._data = memoryview(sample)[4:]
-        self._count = struct.Struct("<I" if sample[1] else ">I")
-        self._gid_size = gid_size
-        self._offset = 0
-
-    def message(self) -> tuple[bytes, list[announce.NodeEntities]]:
-        guid = self._gid()
-        nodes = [
-            announce.NodeEntities(self._text(), self._text(), self._gids(), self._gids())
-            for _ in range(self._number())
-        ]
-        rest = bytes(self._data[self._offset :])
-        if len(rest) > 3 or any(rest):
-            raise ValueError("octets are left")
-        return guid, nodes
-
-    def _number(self) -> int:
-        self._offset += -self._offset % 4
-        number: int = self._count.unpack_from(self._data, self._offset)[0]
-        self._offset += 4
-        if number > len(self._data) - self._offset:  # everything counted has an octet or more
-            raise ValueError("more than the sample holds")
-        return number
-
-    def _bytes(self, size: int) -> bytes:
-        start, self._offset = self._offset, self._offset + size
-        if self._offset > len(self._data):
-            raise ValueError("the sample ends early")
-        return bytes(self._data[start : self._offset])
-
-    def _text(self) -> str:
-        raw = self._bytes(self._number())
-        if raw[-1:] != b"\0":
-            raise ValueError("a string without its end")
-        return raw[:-1].decode()
-
-    def _gids(self) -> list[bytes]:
-        return [self._gid() for _ in range(self._number())]
-
-    def _gid(self) -> bytes:
-        raw = self._bytes(self._gid_size)
-        if any(raw[_GUID_SIZE:]):
-            raise ValueError("a padding that is none")
-        return raw[:_GUID_SIZE]

@@ -2,8 +2,9 @@
 
 A ROS up to Humble and one from Iron on cannot read each other's ``ros_discovery_info``. Without
 ROS_DISTRO the agent begins with 16 bytes, and where more of the ROS participants in a domain use
-24 it does as they do, until more use 16 again. Participants of ours do not count: they follow the
-others, and two agents would hold each other where they are.
+24 it does as they do, until as many use 16. Participants of ours do not count: they follow the
+others, and two agents would hold each other where they are. Each participant has one voice, by what
+it writes itself: nobody speaks for others.
 """
 
 from __future__ import annotations
@@ -47,13 +48,13 @@ class GidWatch:
                 f" {other}: they do not see the boards' nodes; set ROS_DISTRO to the peers' ROS,"
                 " or unset it"
             )
-        elif count[other] > count[self.size]:
+        elif count[other] >= count[self.size] + (other == LONG_GID) and count[other]:
             self._noticed = False
             self.size = other
             self._middleware.resize_gids(self._domain, other)
-            self._notice(
-                f"ros_discovery_info with {other}-byte Gids from now on, as the ROS nodes in the"
-                " domain have; set ROS_DISTRO to decide it"
+            self._middleware.notice(
+                f"domain {self._domain}: ros_discovery_info with {other}-byte Gids from now on, as"
+                " the ROS nodes in the domain have; set ROS_DISTRO to decide it"
             )
         elif count[other]:
             self._notice_once(
@@ -64,8 +65,5 @@ class GidWatch:
     def _notice_once(self, text: str) -> None:
         if not self._noticed:
             self._noticed = True
-            self._notice(text)
+            self._middleware.notice(f"domain {self._domain}: {text}")
 
-    def _notice(self, text: str) -> None:
-        if self._middleware.on_notice is not None:
-            self._middleware.on_notice(f"domain {self._domain}: {text}")

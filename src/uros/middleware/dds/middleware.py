@@ -19,6 +19,7 @@ from ...qos import QoSProfile
 from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
 from ..wake import Wake
 from . import announce, config, cyclone
+from .announced import Announced
 from .conflicts import TypeWatch
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 from .gids import GidWatch
@@ -49,6 +50,7 @@ class DdsNode(Node):
         participant.changed()
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> DdsWriter:
+        _check_open(topic)
         return DdsWriter(self, topic, type_name, qos, b"")
 
     def create_reader(
@@ -59,9 +61,11 @@ class DdsNode(Node):
     def create_requester(
         self, service: Service, qos: QoSProfile, on_ready: OnReady
     ) -> DdsRequester:
+        _check_open(service.request_topic)
         return DdsRequester(self, service, qos, on_ready)
 
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> DdsReplier:
+        _check_open(service.reply_topic)
         return DdsReplier(self, service, qos, on_ready)
 
     def unique_id(self) -> str:
@@ -114,6 +118,16 @@ class DdsNode(Node):
             self.participant.changed()
 
 
+def _check_open(topic: str) -> None:
+    """Whether nodes may write on a topic. Raises MiddlewareError.
+
+    Attack: a board that writes what only middlewares write, such as nodes that do not exist.
+    Cyclone itself refuses the names of its builtin topics (DCPS…).
+    """
+    if topic == announce.TOPIC:
+        raise MiddlewareError(f"nodes do not write on {topic}: it belongs to the middleware")
+
+
 class DdsMiddleware(Middleware):
     """See the module. Domains are started by their first node."""
 
@@ -128,6 +142,7 @@ class DdsMiddleware(Middleware):
         self._gids: dict[int, GidWatch] = {}
         self._offers: dict[int, Offers] = {}
         self.graphs: list[PacedDiscovery] = []
+        self.announced: list[Announced] = []
         self._readers: dict[int, Watched] = {}
         # Our readers by domain and topic, each a list kept up to date, and those
         # just written to: Cyclone has their samples ready when the write returns.
@@ -349,6 +364,9 @@ class DdsMiddleware(Middleware):
         for offers in self._offers.values():
             if offers.due is not None and (soonest is None or offers.due < soonest):
                 soonest = offers.due
+        for announced in self.announced:
+            if announced.due is not None and (soonest is None or announced.due < soonest):
+                soonest = announced.due
         for graph in self.graphs:
             if graph.due is not None and (soonest is None or graph.due < soonest):
                 soonest = graph.due
@@ -362,6 +380,9 @@ class DdsMiddleware(Middleware):
         for offers in self._offers.values():
             if offers.due is not None and offers.due <= now:
                 offers.tick(now)
+        for announced in self.announced:
+            if announced.due is not None and announced.due <= now:
+                announced.tick()
         for graph in self.graphs.copy():
             if graph.due is not None and graph.due <= now:
                 graph.tell()

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from .participant import SharedParticipant
 
 _BATCH: Final = 256
+# Attack: writers that come and go without end. Batches in one turn; others come between.
+_BATCHES: Final = 4
 # A program makes its writers within a few milliseconds: one reader a topic for all. Cyclone tells
 # of a writer just before it connects it with readers, so who is not heard is looked at once more.
 _SETTLE: Final = 0.02
@@ -115,7 +117,7 @@ class Offers:
     def _on_ready(self) -> None:
         self._watched.taken = True
         now = time.monotonic()
-        while True:
+        for _ in range(_BATCHES):
             news = self._take()
             for guid, topic, handle in news:
                 if topic is None:
@@ -128,6 +130,8 @@ class Offers:
                     self._writers[handle] = _Writer(topic, now, now + _SETTLE)
             if len(news) < _BATCH:
                 break
+        else:
+            self._middleware.again(self._watched)
         self._plan()
 
     def _readers(self, topic: str) -> list[DdsReader]:

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr
 from uros.middleware.dds import announce
-from uros.middleware.dds.discovery import decode
+from uros.middleware.dds.announced import decode
 
 PARTICIPANT = bytes.fromhex("0110aabbccddeeff00112233000001c1")
 READER = bytes.fromhex("0110aabbccddeeff0011223300000104")

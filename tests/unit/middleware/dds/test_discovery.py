@@ -2,7 +2,7 @@
 
 import pytest
 
-from uros.middleware.dds.discovery import decode
+from uros.middleware.dds.announced import decode
 
 GUID = bytes(range(1, 17))
 READER, WRITER = b"r" * 16, b"w" * 16

@@ -6,7 +6,8 @@ import time
 import pytest
 
 from uros.middleware.dds import announce, cyclone
-from uros.middleware.dds.discovery import MAX_ANNOUNCED, Peers, decode
+from uros.middleware.dds.announced import decode
+from uros.middleware.dds.discovery import Peers
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.qos import HistoryPolicy
 
@@ -200,16 +201,34 @@ def test_announcements_do_not_displace_each_other_before_they_are_taken(ours, ow
     heard.close()
 
 
-def test_nonsense_is_passed_over_and_made_up_participants_are_limited(ours, own_domain_id):
+def test_nonsense_is_passed_over(ours, own_domain_id):
     heard = Peers(ours.middleware, ours.node.participant, lambda: None)
     stranger = Stranger(own_domain_id, 16)
     for bad in (b"\xff", b"\xff" * 40, stranger.guid + b"\1\0\0\0"):
         stranger.say(b"\0\1\0\0" + bad)
-    for number in range(MAX_ANNOUNCED + 100):
-        stranger.say(announce.encode(number.to_bytes(16, "big"), [], 16))
-        ours.turn(0.0)
     last = Stranger(own_domain_id, 16)
-    ours.until(lambda: last.guid in heard.participants)
-    assert len(heard.announced) <= MAX_ANNOUNCED
-    assert decode(announce.encode(last.guid, [NODE], 24))[0] == last.guid
+    ours.until(lambda: last.guid in heard.announced)
     heard.close()
+
+
+def test_nobody_speaks_for_others(ours, own_domain_id):
+    """Attack: a writer says of others that their Gids have 24 bytes."""
+    honest = Stranger(own_domain_id, 16)
+    ours.settle(honest)
+    plain = Stranger(own_domain_id, 16, b"")  # no ROS
+    ours.settle(plain)
+    for guid in (honest.guid, bytes(range(16)), ours.node.participant.guid):
+        plain.say(announce.encode(guid, [NODE], 24))
+    plain.say(announce.encode(plain.guid, [], 24))
+    peers = ours.middleware._gids[own_domain_id]._peers
+    ours.until(lambda: peers.gid_sizes[plain.guid] == 24)
+    assert peers.gid_sizes[honest.guid] == 16 and bytes(range(16)) not in peers.gid_sizes
+    assert ours.node.participant.gid_size == 16 and ours.said == []
+
+
+def test_one_voice_against_one_is_for_sixteen(ours, own_domain_id):
+    """Attack: one participant of a ROS of before Iron, in whose time nobody else is there."""
+    Stranger(own_domain_id, 24)
+    ours.announces(24)
+    Stranger(own_domain_id, 16)
+    ours.announces(16)

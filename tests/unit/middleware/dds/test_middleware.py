@@ -6,7 +6,7 @@ from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError
 from uros.middleware.dds import announce, cyclone, participant
 from uros.middleware.dds import middleware as module
-from uros.middleware.dds.discovery import decode
+from uros.middleware.dds.announced import decode
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.qos import HistoryPolicy, QoSProfile
 
