@@ -350,3 +350,18 @@ def test_an_object_takes_about_what_it_is_charged():
         tracemalloc.stop()
     assert each < module.OBJECT_BYTES
     desk.close()
+
+
+@pytest.mark.parametrize(
+    ("fair", "count", "full"), [(50, 19, True), (49, 19, False), (30, 19, False)]
+)
+def test_what_is_left_when_the_worst_have_gone(fair, count, full):
+    """None of the others holds more than its share, and still they may leave no room."""
+    clients = Clients(1000, *[fair] * count, 1000)
+    clients.budget.since = 1001
+    clients.budget.settle(0)
+    assert len(clients.gone) == 1
+    assert clients.budget.total == fair * count
+    assert clients.budget.room == 1000 - fair * count
+    assert clients.budget.full is full
+    assert clients.budget.admit(1) is not full

@@ -196,3 +196,14 @@ def test_times_wrap():
     assert len(talk.pump()) == 5
     assert not talk.delivery.finished(1000)
     assert talk.delivery.finished(1499)
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+def test_without_limits_one_sample_is_waited_for_without_end(stream):
+    talk = Talk([], None, stream)
+    assert talk.pump() == []
+    talk.now += 3_600_000
+    assert not talk.delivery.finished(talk.now)
+    talk.source.samples += [b"late", b"later"]
+    assert talk.pump() == [b"late"]
+    assert talk.delivery.finished(talk.now)

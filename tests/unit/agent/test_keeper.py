@@ -26,7 +26,8 @@ from uros.agent.state import StateFile, open_state
 from uros.middleware.base import MiddlewareError
 from uros.middleware.memory import Bus, MemoryMiddleware, MemoryWriter
 from uros.qos import DurabilityPolicy, QoSProfile
-from uros.wire import data, ids
+from uros.wire import data, entities, ids
+from uros.wire.cdr import Reader, Writer
 
 TYPE = helpers.INT32
 
@@ -523,6 +524,68 @@ def test_read_data_of_some_samples_is_not_begun_anew(world):
     assert len(client.samples) == 5
 
 
+def test_read_data_of_some_samples_goes_down_in_each_agents_time(world):
+    """What is left of it is written down by an agent that was started with it, too."""
+    client = Client(world)
+    client.topic("rt/down", TYPE)
+    client.reader()
+    client.request(
+        ids.READ_DATA, data.push_read_data, 0x16, ids.STREAM_RELIABLE, 0, None, (7, 0, 0, 0),
+        wait=False,
+    )  # fmt: skip
+    client.turns()
+    writer = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=100))
+    for value in range(12):
+        if value in (2, 4, 6):
+            world.restart()
+        writer.write(b"\0\1\0\0" + number(value))
+        world.desk.settle()
+        client.turns(10)
+    assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(range(7))
+
+
+def test_the_first_message_to_a_client_may_be_the_one_on_its_way(world):
+    client = Client(world)
+    w = Writer(bytearray(64))
+    entities.push_binary_participant(w, "first", None)
+    client.request(
+        ids.CREATE, entities.push_create, 0x11, ids.IN_BINARY, bytes(w.buf[: w.offset]), 0,
+        wait=False,
+    )  # fmt: skip
+    client.inbox.clear()
+    world.restart()
+    client.turns()
+    assert client.statuses == {1: ids.STATUS_OK}
+
+
+def test_each_stream_to_a_client_has_its_own_place(world):
+    """Two reliable ones, with other numbers, and a message on its way on each."""
+    client, writer = subscriber(world)
+    other = 0x83
+    (session,) = [it.session for it in world.desk.agent.clients.values()]
+    for count in range(3):
+        writer.write(b"\0\1\0\0" + number(count))
+    world.desk.settle()
+    client.turns(5)
+    for count in range(7):
+        session.send(ids.DATA, 1, other, b"\0\1\0\x16" + number(count), world.desk.clock)
+    session._acknack(Reader(struct.pack("<HHB", 5, 0, other), 0, 5, True), world.desk.clock)
+    world.desk.agent.attend(session)
+    world.desk.settle()
+    before = {stream: (it.sent, it.next, it._held) for stream, it in session._out.items()}
+    assert [it[:2] for it in before.values()] == [(7, 7), (7, 7)]
+    assert list(before[other][2]) == [5, 6]
+    for _ in range(2):  # by its journal, and by what that was made into
+        world.restart()
+        (session,) = [it.session for it in world.desk.agent.clients.values()]
+        assert session._out.keys() == before.keys()
+        for stream, (sent, after, held) in before.items():
+            it = session._out[stream]
+            assert (it.sent, it.next) == (sent, after)
+            # That something arrived since the last message went out, is not in the file.
+            assert list(it._held) == list(range(it.acked, sent)) and held.items() <= it._held.items()
+
+
 def test_replies_find_their_way_after_a_restart(world):
     """A board that serves: the request came before, its answer goes out after."""
     from uros.middleware.base import Service
@@ -594,6 +657,26 @@ def test_the_last_sample_of_a_transient_local_writer_is_there_again(world):
     profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
     assert late.take(5) == [b"\0\1\0\0" + number(9)]
+    late.close()
+    # And one that came after the restart, after another.
+    client.write(0x15, number(10))
+    settled(client)
+    world.restart()
+    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert late.take(5) == [b"\0\1\0\0" + number(10)]
+
+
+@pytest.mark.parametrize(("size", "there"), [(0, 1), (4, 0)])
+def test_a_last_sample_is_kept_up_to_its_limit_and_no_longer(world, monkeypatch, size, there):
+    monkeypatch.setattr(module_of_entries, "MAX_LATCHED", 4 + 100)  # and the encapsulation header
+    qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
+    client = publisher(world, qos=qos, depth=1)
+    client.write(0x15, number(1, 100 + size))
+    settled(client)
+    world.restart()
+    profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert len(late.take(5)) == there
 
 
 # --- transports ----------------------------------------------------------------------------------
