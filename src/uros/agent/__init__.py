@@ -26,6 +26,7 @@ All of them:
 ====================  ==========================================================
 ``agent``             who is who, who comes and goes
 ``admission``         who may come in, and who was refused
+``shares``            who leaves where no places are left
 ``rivals``            two who say that they are the same client
 ``liveliness``        who is still there
 ``limits``            what one may have, and all together

@@ -20,8 +20,7 @@ from typing import Any, Final, NamedTuple
 
 from .owners_values import ControlError, key_of, listed, only, shown, typed, whole
 
-# Attack: CREATE_CLIENT with one key after the other. Those that made nothing and were silent
-# the longest go first, a sixteenth of all at a time.
+# Attack: CREATE_CLIENT with one key after the other. See .shares for who leaves then.
 MAX_CLIENTS: Final = 4096
 # Attack: the same with keys that are refused. So many are remembered, the latest.
 MAX_REFUSALS: Final = 256

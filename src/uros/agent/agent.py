@@ -21,7 +21,6 @@ from ..wire import session as messages
 from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.header import MessageWriter, pull_header, pull_subheader
-from ..wire.streams import ticks_diff
 from .admission import (
     ADDRESS_NOT_ALLOWED,
     KEY_NOT_ALLOWED,
@@ -43,6 +42,7 @@ from .pace import Closing, Pace
 from .profiles import References
 from .rivals import Request, Rivals
 from .session import MIN_MTU, Session
+from .shares import Shares
 from .taps import AGENT, Taps
 
 if TYPE_CHECKING:
@@ -90,6 +90,7 @@ class Agent:
         self._clock = Clock()
         # Where each client talks from: its transport and address there.
         self._places: dict[int, tuple[ServerTransport, Any]] = {}
+        self.shares = Shares()
         self.attended: set[Session] = set()
         self._scratch = bytearray(128)
         # Sessions that have ended since the last flush, which takes them out: what they still
@@ -237,7 +238,7 @@ class Agent:
         elif not self.admission.admits_key(key):
             status, what = ids.STATUS_ERR_DENIED, KEY_NOT_ALLOWED
             remedy = f" (to let it in: --allow-key {key_label(key)})"
-        elif not self._has_room(key):
+        elif not self._has_room(key, transport, peer):
             over = self.admission.max_clients
             status, what = ids.STATUS_ERR_RESOURCES, f"over {over} clients"
             remedy = f" (see --max-clients, which can be {MAX_CLIENTS})" * (over < MAX_CLIENTS)
@@ -271,7 +272,7 @@ class Agent:
                 self.keeper.placed(self.clients[key], transport, peer, None)
             return
         status = ids.STATUS_ERR_RESOURCES
-        if self._has_room(key):  # who waited may have lost it meanwhile
+        if self._has_room(key, transport, peer):  # who waited may have lost it meanwhile
             status = ids.STATUS_OK
             self._admit(transport, peer, key, request)
         self._answer_create(key, transport, peer, request.session_id, status)
@@ -307,17 +308,23 @@ class Agent:
             )  # fmt: skip
         return True
 
-    def _has_room(self, key: int) -> bool:
-        """Whether the client may come in; those of no use leave for it."""
+    def _has_room(self, key: int, transport: ServerTransport, peer: Any) -> bool:
+        """Whether the client may come in; see :mod:`.shares` for who leaves for it."""
         most = self.admission.max_clients
-        if key in self.clients or len(self.clients) < most:
+        if key in self.clients:
             return True
-        now = self.now()
-        bare = [client for client in self.clients.values() if not client.objects]
-        bare.sort(key=lambda client: ticks_diff(client.session.heard, now))
-        for client in bare[: max(1, most // 16)]:
+        if len(self.clients) < most and not self.shares.is_over(transport, peer, most):
+            return True
+        leaving, why = self.shares.leaving(transport, peer, most, self.now())
+        for client in leaving:
             self.delete_client(client.key)
-        return len(self.clients) < most
+        if leaving and (times := self.faults.times("no places left")) is not None:
+            self.log.warning(
+                "Root", "create_client", "no places left",
+                f"{len(leaving)} clients are forgotten for newcomers, {why}; one of them:"
+                f" client_key: {key_label(leaving[0].key)}{times}",
+            )  # fmt: skip
+        return bool(leaving)
 
     def _admit(self, transport: ServerTransport, peer: Any, key: int, request: Request) -> None:
         session_id, mtu, properties = request
@@ -381,8 +388,10 @@ class Agent:
         if place == (transport, peer):
             return
         if place is not None:
+            self.shares.remove(client, *place)
             place[0].sessions.pop(place[1], None)
         self._places[client.key] = transport, peer
+        self.shares.add(client, transport, peer)
         if client.session.session_id & 0x80:
             transport.sessions[peer] = client.session
         self.log.info(
@@ -458,6 +467,7 @@ class Agent:
         self.heap.somebody_left = True
         place = self._places.pop(key, None)
         if place is not None:
+            self.shares.remove(client, *place)
             place[0].sessions.pop(place[1], None)
             self._left[client.session] = place
             self.attend(client.session)  # so that it is flushed, whoever has deleted it

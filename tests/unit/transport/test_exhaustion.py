@@ -303,3 +303,34 @@ def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
         assert bad.delete(reader) == ids.STATUS_OK
         agent.it.read()
         assert "samples dropped" in agent.it.text
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_all_sessions_there_are_from_one_socket(kind):
+    """4,096 sessions with an object each: no board came in for five minutes after."""
+    with attacked("-m", "memory") as agent:
+        def datagrams():
+            for key in range(1, 4201):
+                yield create_client(key, session_id=0x01)
+                yield message([participant(name=f"n{key}")], 0x80, 0, 0x01, key)
+
+        if kind == "udp":
+            flood(agent, datagrams(), 100)
+            late(agent)
+        else:
+            with socket.create_connection(("127.0.0.1", agent.tcp)) as sock:
+                for number, datagram in enumerate(datagrams()):
+                    sock.send(framed(datagram))
+                    if number % 100 == 0:
+                        assert agent.good.ping() == 1
+                        sock.recv(65536)
+                late(agent)
+
+
+def late(agent):
+    """Boards come from other sockets of the same address, and stay."""
+    clients = [agent.client(key) for key in range(0x1A7E, 0x1A7E + 20)]
+    for one in clients:
+        assert one.writer("late", "rt/late", TYPE)
+    assert all(one.ping() == 1 for one in clients)
+    agent.served()
