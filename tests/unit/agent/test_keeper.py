@@ -583,7 +583,8 @@ def test_each_stream_to_a_client_has_its_own_place(world):
             it = session._out[stream]
             assert (it.sent, it.next) == (sent, after)
             # That something arrived since the last message went out, is not in the file.
-            assert list(it._held) == list(range(it.acked, sent)) and held.items() <= it._held.items()
+            assert list(it._held) == list(range(it.acked, sent))
+            assert held.items() <= it._held.items()
 
 
 def test_replies_find_their_way_after_a_restart(world):
