@@ -256,7 +256,9 @@ class Client:
     ) -> int:
         if kind not in KIND_NAMES:
             raise DecodeError(f"objects of kind {kind} cannot be created")
-        spec = representation.parse(kind, form, content, parent, little, self._known)
+        spec = representation.parse(
+            kind, form, content, parent, little, self._known, self._agent.middleware.any_name
+        )
         thing = XrceObject(
             object_id, parent_id(kind, parent), spec, representation=(form, content, parent)
         )

@@ -126,6 +126,7 @@ class Settings:
     """What the rules come to for one node of one client."""
 
     def __init__(self, rules: list[Rule], clock: Callable[[], float] = time.monotonic) -> None:
+        self.any_name = False  # see Middleware.any_name; in a namespace they are ROS's all the same
         self.domain: int | None = None
         self.namespace = ""
         self._remap: dict[str, str] = {}
@@ -156,7 +157,7 @@ class Settings:
         why = "" if whole == "/" else names.fault(whole, names.MAX_NAMESPACE)
         if not why and len(name) > names.MAX_NODE_NAME:
             why = f"the name has {len(name)} characters, and {names.MAX_NODE_NAME} are the most"
-        if why:
+        if why and (self.namespace or not self.any_name):
             raise NameRefused(f"node {_cut(names.join(whole, name))!a}: {why}")
         return whole, name
 
@@ -175,6 +176,9 @@ class Settings:
         of ROS where the board is in a namespace.
         """
         found = names.split_dds(dds_name)
+        free = self.any_name and not self.namespace
+        if free and (found is None or names.fault(found[1])):
+            return self._remap.get(dds_name, dds_name)
         if found is None:
             if self.namespace:
                 raise NameRefused(

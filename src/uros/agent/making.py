@@ -74,7 +74,7 @@ class Maker:
         about = f", {KIND_NAMES[parent.kind]}_id: {object_label(parent.object_id)}"
         if isinstance(spec, TopicSpec):
             parent.settings.topic(spec.name)  # refused here, and not only with its first endpoint
-            if names.split_dds(spec.name) is None:
+            if names.split_dds(spec.name) is None and not self._agent.middleware.any_name:
                 client.log(
                     INFO, "ProxyClient", "create_topic", "not a ROS topic",
                     f"topic: {spec.name}, ROS 2 nodes see names that begin with rt/ only",
@@ -136,6 +136,7 @@ class Maker:
         agent, key = self._agent, client.key
         given = node_name(spec.name)
         settings = agent.control.settings(key, agent.address(key), names.join(*given))
+        settings.any_name = agent.middleware.any_name
         domain = self._domain(spec, settings)
         use(self._domains, domain, agent.limits.domains, "domains")
         namespace, name = settings.node(*given)
@@ -200,7 +201,10 @@ class Maker:
             return found.spec
         assert spec.topic is not None
         for thing in self._objects.values():
-            if isinstance(thing.spec, TopicSpec) and thing.spec.name == spec.topic.name:
+            if isinstance(thing.spec, TopicSpec) and spec.topic.name in (
+                thing.spec.name,
+                thing.representation and thing.representation[1],  # any_name: its text is its name
+            ):
                 return thing.spec
         if not spec.topic.type_name:
             raise UnknownReference(f"the type of topic {spec.topic.name!r} is not known")

@@ -123,12 +123,21 @@ def parse(
     parent: int,
     little: bool,
     references: Lookup,
+    any_name: bool = False,
 ) -> Spec:
-    """The specification of one object.
+    """The specification of one object. ``any_name``: text that means nothing else is a name, as
+    with :mod:`uros.middleware.ced`.
 
     Raises DecodeError for content that means nothing, ProfileError for XML
     that cannot be used, UnknownReference for a reference nobody defines.
     """
+    if any_name and isinstance(content, str):
+        try:
+            return parse(kind, form, content, parent, little, references)
+        except (DecodeError, profiles.ProfileError, UnknownReference):
+            if kind not in _NAMED:
+                raise
+        return _from_name(kind, content, parent)
     if form == ids.IN_BINARY:
         assert isinstance(content, bytes)
         r = Reader(content, 0, len(content), little)
@@ -169,6 +178,25 @@ _TAGS = {
     ids.KIND_QOS_PROFILE: "qos_profile",
     ids.KIND_APPLICATION: "application",
 }
+
+
+_NAMED = (
+    ids.KIND_PARTICIPANT, ids.KIND_TOPIC, ids.KIND_PUBLISHER, ids.KIND_SUBSCRIBER,
+    ids.KIND_DATAWRITER, ids.KIND_DATAREADER,
+)  # fmt: skip
+# Of the C++ CED's topics, each has so many samples for those that read it.
+_CED_DEPTH = 16
+
+
+def _from_name(kind: int, name: str, parent: int) -> Spec:
+    """What the C++ agent's CED makes of a text."""
+    if kind == ids.KIND_PARTICIPANT:
+        return ParticipantSpec(parent & 0xFFFF, None)
+    if kind == ids.KIND_TOPIC:
+        return TopicSpec(name, "")
+    if kind in (ids.KIND_PUBLISHER, ids.KIND_SUBSCRIBER):
+        return GroupSpec()
+    return EndpointSpec(None, TopicSpec(name, ""), QoSProfile(depth=_CED_DEPTH))
 
 
 def _from_binary(kind: int, r: Reader, parent: int, references: Lookup) -> Spec:

@@ -7,6 +7,7 @@ each lives in a module or package of its own that is imported only when asked fo
 ``base``      the contract
 ``graph``     what a middleware can tell of the ROS graph
 ``memory``    a network inside this process
+``ced``       the same, with names that are any text
 ``dds``       Cyclone DDS, in the ROS 2 network
 ``ros2``      rclpy, on whatever RMW it uses
 ``auto``      topics over ``dds``, services over ``ros2``
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 # name → (module, what to say when it cannot be imported)
 NAMES = {
     "memory": ("uros.middleware.memory", ""),
+    "ced": ("uros.middleware.ced", ""),
     "dds": ("uros.middleware.dds", "python -m pip install cyclonedds"),
     "ros2": (
         "uros.middleware.ros2",

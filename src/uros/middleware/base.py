@@ -196,6 +196,8 @@ class Middleware(ABC):
     """One network to join."""
 
     name = ""
+    # Whether any text may name a topic or a node, as nobody of ROS sees it.
+    any_name = False
     on_type_conflict: OnTypeConflict | None = None
     on_notice: OnNotice | None = None
     # Set before the first node: what is written may then stay here until :meth:`flush`.

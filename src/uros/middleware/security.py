@@ -20,11 +20,12 @@ def check(middleware: str) -> None:
     """Whether a middleware may be joined as the environment wants security.
 
     Raises MiddlewareError where ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce;
-    warns where only the first is. ``memory`` sends nothing to anybody.
+    warns where only the first is. ``memory`` and ``ced`` send nothing to
+    anybody.
     """
     # ROS 2 wants "true" and "Enforce" to the letter; who has written TRUE meant no less.
     enabled = os.environ.get("ROS_SECURITY_ENABLE", "").strip().lower()
-    if enabled not in ("true", "1", "yes", "on") or middleware == "memory":
+    if enabled not in ("true", "1", "yes", "on") or middleware in ("memory", "ced"):
         return
     if os.environ.get("ROS_SECURITY_STRATEGY", "").strip().lower() == "enforce":
         raise MiddlewareError(

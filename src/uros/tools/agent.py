@@ -38,7 +38,7 @@ _MIDDLEWARES: Final = {
     "dds": "dds",
     "ros2": "ros2",
     "memory": "memory",
-    "ced": "memory",
+    "ced": "ced",
     "rtps": "dds",
 }
 # Groups of options: each module has DEFAULTS and add_options(), and makes what they ask for.
@@ -95,8 +95,8 @@ def _common_options() -> argparse.ArgumentParser:
     common.add_argument(
         "-m", "--middleware", choices=tuple(_MIDDLEWARES), metavar="NAME",
         help="network to join: auto (default: dds, and ros2 for services where rclpy is"
-        " installed), dds (rtps is its other name), ros2, or memory, which stays inside the"
-        " agent (ced)",
+        " installed), dds (rtps is its other name), ros2, memory, which stays inside the agent, or"
+        " ced, the same with any text as a name",
     )  # fmt: skip
     common.add_argument(
         "-r", "--refs", metavar="FILE", action="append",

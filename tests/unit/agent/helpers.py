@@ -298,9 +298,9 @@ class Place(ServerTransport):
 class Desk:
     """An agent on memory, its one thread played by hand. ``clock`` is in milliseconds."""
 
-    def __init__(self, bus=None, refs=None, **more):
+    def __init__(self, bus=None, refs=None, middleware=None, **more):
         self.said = io.StringIO()
-        self.middleware = MemoryMiddleware(bus or Bus())
+        self.middleware = middleware or MemoryMiddleware(bus or Bus())
         self.references = References()
         if refs:
             self.references.load(refs)

@@ -11,7 +11,7 @@ from uros.host.network import Network
 from uros.middleware import NAMES, open_middleware
 from uros.middleware.base import MiddlewareError
 
-NETWORKS = sorted(NAMES.keys() - {"memory"})
+NETWORKS = sorted(NAMES.keys() - {"memory", "ced"})
 
 
 def demand(monkeypatch, enable, strategy=None):

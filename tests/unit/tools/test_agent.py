@@ -135,7 +135,7 @@ def test_every_middleware_has_its_name_and_those_of_the_cpp_agent():
     assert set(agent._MIDDLEWARES.values()) <= set(NAMES)
     for name, opened in agent._MIDDLEWARES.items():
         assert agent._MIDDLEWARES[options(f"udp4 -m {name}").middleware] == opened
-    assert agent._MIDDLEWARES["rtps"] == "dds" and agent._MIDDLEWARES["ced"] == "memory"
+    assert agent._MIDDLEWARES["rtps"] == "dds" and agent._MIDDLEWARES["ced"] == "ced"
 
 
 def test_discovery_and_its_port():
