@@ -4,7 +4,7 @@ Ticks count modulo 2^30, as everywhere in uros.
 """
 
 import sys
-import time as _time
+import time
 
 try:
     from typing import Any, Final
@@ -12,31 +12,31 @@ except ImportError:  # MicroPython
     pass
 
 _MASK: Final = 0x3FFFFFFF
-time: "Any" = _time
+_time: "Any" = time
 
 if sys.implementation.name == "micropython":
 
     def ticks_ms() -> int:
-        ms: int = time.ticks_ms() & _MASK
+        ms: int = _time.ticks_ms() & _MASK
         return ms
 
     def ticks_us() -> int:
-        us: int = time.ticks_us() & _MASK
+        us: int = _time.ticks_us() & _MASK
         return us
 
-    sleep_ms = time.sleep_ms
+    sleep_ms = _time.sleep_ms
 else:
 
     def ticks_ms() -> int:
         """Milliseconds modulo 2^30."""
-        ms: int = time.monotonic_ns() // 1000000 & _MASK
+        ms: int = _time.monotonic_ns() // 1000000 & _MASK
         return ms
 
     def ticks_us() -> int:
         """Microseconds modulo 2^30."""
-        us: int = time.monotonic_ns() // 1000 & _MASK
+        us: int = _time.monotonic_ns() // 1000 & _MASK
         return us
 
     def sleep_ms(ms: int) -> None:
         """Do nothing for so long."""
-        time.sleep(ms / 1000)
+        _time.sleep(ms / 1000)

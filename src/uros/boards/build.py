@@ -4,8 +4,14 @@
 
     build(Path("firmware/greenhouse"), Path("build/greenhouse"))
 
-uros's own modules go there shrunk (see `shrink` and `shake`), as text or as bytecode. That saves
-memory and changes nothing else; the program's own files are left as they are.
+uros's own modules go there shrunk (see `passes`), as text or as bytecode. That saves memory and
+changes nothing else.
+
+The program's own modules are not rewritten, only compiled: what they mean hangs on more than their
+text. Their globals are seen and set by whoever imports them, their names by ``getattr``, their
+classes are derived from and printed, they run when they are first imported, and know their own
+name. MicroPython's compiler takes annotations and docstrings off by itself, and keeps asserts and
+line numbers.
 """
 
 from __future__ import annotations
@@ -20,13 +26,10 @@ from typing import Final
 import uros
 from uros.interfaces import InterfaceError, package, registry
 
-from .bare import bare
 from .bundle import NotBundled
-from .bundle import bundle as bundle_modules
 from .fields import check_fields
-from .lean import make_lean
-from .shake import shake as shake_modules
-from .shrink import ABSENT, Module, Wanted, bound, imports, inline, strip
+from .passes import PASSES, STARTED, Program, run_passes
+from .shrink import ABSENT, Module, Wanted, bound, imports, strip
 
 PORTABLE: Final = (
     "wire",
@@ -72,8 +75,6 @@ _PROVIDED: Final = {
     "ure", "urequests", "uselect", "usb", "usocket", "ussl", "ustruct", "usys", "utime",
     "uzlib", "vfs", "webrepl", "websocket", "wipy", "zephyr", "zlib", "zsensor",
 }  # fmt: skip
-_STARTED: Final = {"boot", "main"}
-"""MicroPython starts these by their text, so they are never compiled."""
 _SOURCE: Final = Path(uros.__file__).parent
 _DEFINING: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
 
@@ -115,9 +116,7 @@ def build(
     out: Path,
     form: str = "py",
     *,
-    lean: bool = True,
-    shake: bool = True,
-    bundle: bool | None = None,
+    without: Iterable[str] = (),
     roots: Iterable[str] = (),
     provided: Iterable[str] = (),
     checked: bool = False,
@@ -129,88 +128,45 @@ def build(
     the search path of ROS have them, and imported as ``from sensor_msgs.msg import Temperature``.
 
     ``form`` is ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
-    ``lean`` leaves out words: an error of packing names the type and not the field, errors of
-    ``uros.wire`` and of received bytes have no text, `InterfaceError` is ValueError itself,
-    messages have no text and no field types; a received text that is no UTF-8, and data flagged as
-    big-endian (no agent sends such to a board), make their message malformed; classes of messages
-    that the program does not import, but others nest, are made without arguments; QoS profiles and
-    messages are equal only to themselves.
-    ``shake`` drops what the program does not reach; ``roots`` keeps more: modules
+    ``without`` names passes to leave out (`PASSES`). ``terse-errors`` leaves out words: an error of
+    packing names the type and not the field, errors of ``uros.wire`` and of received bytes have no
+    text, `InterfaceError` is ValueError itself, messages have no text and no field types; a
+    received text that is no UTF-8, and data flagged as big-endian (no agent sends such to a board),
+    make their message malformed; classes of messages that the program does not import, but others
+    nest, are made without arguments; QoS profiles and messages are equal only to themselves.
+    ``tree-shake`` drops what the program does not reach; ``roots`` keeps more: modules
     (``uros.wire.session``), names in them (``uros.wire.session:push_info``) and types
-    (``std_msgs.msg:Int32``). ``bundle`` puts all modules but the program's into one and shortens
-    names there; by default only as bytecode, since a board needs more memory to compile one big
-    text than that saves. ``provided`` are further modules that the board has by itself.
-    ``checked`` is for virtual boards: messages refuse attributes that are no fields, and an error
-    of packing names the field, its value and its range, in a lean build too.
+    (``std_msgs.msg:Int32``). ``bundle`` and what follows it are for bytecode alone, since a board
+    needs more memory to compile one big text than that saves. ``provided`` are further modules that
+    the board has by itself. ``checked`` is for virtual boards: messages refuse attributes that are
+    no fields, and an error of packing names the field, its value and its range, in a lean build
+    too.
 
     ``out`` is replaced as a whole, once all is made; a folder that holds anything but an earlier
     build is refused. What is wrong with the program raises `BuildError`, what the disk refuses
     OSError; either leaves ``out`` as it was.
     """
-    program, out = Path(program), Path(out)
+    program, out, without = Path(program), Path(out), set(without)
     if form not in ("py", "mpy"):
         raise BuildError(f"no form {form!r}; give 'py' or 'mpy'")
+    known = [it.name for it in PASSES]
+    for name in sorted(without.difference(known)):
+        raise BuildError(f"no pass {name!r} to leave out; there are {', '.join(known)}")
     if out.resolve().is_relative_to(program.resolve()):
         raise BuildError(f"{out} is inside of the program; give a folder beside it")
-    search = _Search(program, set(provided), lean, checked)
-    modules = search.run(tuple(roots))
-    if faults := check_fields(modules.values()):
+    search = _Search(program, set(provided), "terse-errors" not in without, checked)
+    work = Program(search.run(tuple(roots)), set(roots), checked)
+    if faults := check_fields(work.modules.values()):
         raise FieldError("\n".join(faults))
-    if bundle is None:
-        bundle = form == "mpy"
-    kept = set(roots)
-    if bundle:
-        kept.update(_adopt(modules))
-    if lean:
-        make_lean(modules, "uros.interfaces." if checked else "-")
-    inline(modules)
-    if shake:
-        modules = shake_modules(modules, kept)
-    if bundle:
-        try:
-            modules = bundle_modules(modules)
-        except NotBundled as error:
-            raise BuildError(f"{error}; build it with bundle=False (--no-bundle)") from error
+    try:
+        run_passes(work, form, without)
+    except NotBundled as error:
+        raise BuildError(f"{error}; build it without the pass bundle (--without bundle)") from error
     files = dict(search.other)
-    for module in modules.values():
+    for module in work.modules.values():
         path, data = _file(module, form)
         files[path] = data
     return _replace(out, files)
-
-
-def _adopt(modules: dict[str, Module]) -> list[str]:
-    """Treat files of the program as uros's, where nobody can tell; their names.
-
-    Those are modules from which others only take names, and that do not ask for their own.
-    """
-    wanted = [(module, it) for module in modules.values() for it in imports(module)]
-    adopted = []
-    for name, module in modules.items():
-        if not module.own or module.package or name in _STARTED or "." in name:
-            continue
-        by = [(m, it) for m, it in wanted if it.module == name]
-        if (
-            by
-            and all(it.names and not it.late and not it.optional for _, it in by)
-            and not any(
-                isinstance(node, ast.Name) and node.id.startswith("__")
-                for node in ast.walk(module.tree)
-            )
-        ):
-            module.tree = _Asserts().visit(module.tree)
-            strip(module)
-            module.own = False
-            adopted.append(name)
-    return adopted
-
-
-class _Asserts(ast.NodeTransformer):
-    """Bytecode of uros has none, but the program's own count."""
-
-    def visit_Assert(self, node: ast.Assert) -> ast.AST:
-        error = ast.Call(ast.Name("AssertionError", ast.Load()), [node.msg] if node.msg else [], [])
-        test = ast.UnaryOp(ast.Not(), node.test)
-        return ast.copy_location(ast.If(test, [ast.Raise(error)], []), node)
 
 
 class _Search:
@@ -417,10 +373,7 @@ class _Search:
 
     def interfaces(self) -> None:
         try:
-            bare_types = bare(self.modules.values(), self.types)
-            sources = package.modules(
-                sorted(self.types), self.lean, self.reuses(), bare_types, self.checked
-            )
+            sources = package.modules(sorted(self.types), self.lean, self.reuses(), self.checked)
         except InterfaceError as error:
             raise BuildError(str(error)) from error
         for name, text in sources.items():
@@ -504,7 +457,7 @@ def _parse(name: str, is_package: bool, source: str, text: str, own: bool = Fals
 
 def _file(module: Module, form: str) -> tuple[str, bytes]:
     text = module.text if module.own else ast.unparse(module.tree) + "\n"
-    if form == "py" or (module.own and module.name in _STARTED):
+    if form == "py" or (module.own and module.name in STARTED):
         return module.path + ".py", text.encode()
     return module.path + ".mpy", _compile(module, text)
 

@@ -2,21 +2,24 @@
 
 A module by itself costs a board some 300 bytes: its object, its table of names, and one entry more
 for each name that another module imports. The modules that the program itself imports stay, each
-as a line that takes its names from the one; so do those that only a function of the program
-imports.
+as a line that takes its names from the one (a front); so do those that only a function of the
+program imports.
+
+The program's own modules are no part of it: put elsewhere, one would have another ``__name__``,
+other globals, and another time at which it runs, and what others set in it (``app.x = 1``) would be
+lost. For the same reason a bundle is refused where the program sets a name of one of uros's
+modules, or does with such a module anything else than to take a name from it.
 """
 
 from __future__ import annotations
 
 import ast
-import builtins
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from .flatten import flatten
-from .rename import Renaming, fixed_names, rename
+from .foreign import BUILTINS
+from .rename import Renaming
 from .shrink import FUNCTIONS, Module, absolute, bound, imports, parameters
-from .unfold import unfold
 
 BUNDLE: Final = "uros._all"
 """The module that holds all others."""
@@ -35,6 +38,9 @@ def bundle(modules: dict[str, Module]) -> dict[str, Module]:
     parts = {module.name: module for module in ordered if not module.own}
     if not parts:
         return modules
+    for module in modules.values():
+        if module.own:
+            _only_takes_names(module, modules, parts)
     names = _Names(modules, parts)
     fronts = _fronts([m for m in modules.values() if m.name not in parts], parts, names)
     body: list[ast.stmt] = []
@@ -43,13 +49,46 @@ def bundle(modules: dict[str, Module]) -> dict[str, Module]:
     whole = Module(BUNDLE, False, "uros", "", ast.Module(_without_doubles(body), []))
     ast.fix_missing_locations(whole.tree)
     left = {name: module for name, module in modules.items() if name not in parts}
-    others = [*left.values(), *fronts.values()]
-    fixed = fixed_names(whole.tree, others)
-    flatten(whole.tree, fixed)
-    unfold(whole.tree, fixed)
-    ast.fix_missing_locations(whole.tree)
-    rename(whole, others)
     return {**left, BUNDLE: whole, **fronts}
+
+
+def _only_takes_names(
+    module: Module, modules: dict[str, Module], parts: dict[str, Module]
+) -> None:
+    """Raises `NotBundled` where a module of the program does more with uros's than take names."""
+    held: dict[str, str] = {}  # by the name here, the module that it is
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                top = alias.name.partition(".")[0]
+                held[alias.asname or top] = alias.name if alias.asname else top
+        elif isinstance(node, ast.ImportFrom):
+            base = absolute(node, module)
+            for alias in node.names:
+                if f"{base}.{alias.name}" in modules:
+                    held[alias.asname or alias.name] = f"{base}.{alias.name}"
+    packages = {name.rsplit(".", up)[0] for name in parts for up in range(name.count(".") + 1)}
+    held = {here: name for here, name in held.items() if name in packages}
+    above = {
+        id(child): node
+        for node in ast.walk(module.tree)
+        for child in ast.iter_child_nodes(node)
+    }
+    for node in ast.walk(module.tree):
+        if not isinstance(node, ast.Name) or node.id not in held:
+            continue
+        what, place = held[node.id], f"{module.source}:{node.lineno}"
+        asked = above[id(node)]
+        while isinstance(asked, ast.Attribute) and f"{what}.{asked.attr}" in packages:
+            what += f".{asked.attr}"
+            asked = above[id(asked)]
+        if not isinstance(asked, ast.Attribute):
+            if isinstance(node.ctx, ast.Load):
+                raise NotBundled(f"{place}: the module {what} is used as a value")
+        elif not isinstance(asked.ctx, ast.Load) and what in parts:
+            raise NotBundled(f"{place}: sets {what}.{asked.attr}, which uros would not see")
+
+
 
 
 def _in_order(modules: dict[str, Module]) -> list[Module]:
@@ -96,7 +135,7 @@ class _Names:
         self.brought: dict[tuple[str, str], tuple[str, str]] = {}  # the same -> whence imported
         # Name in the bundle -> what it stands for. What one module calls like a builtin must not
         # hide that from the others.
-        owners: dict[str, object] = {name: "a builtin" for name in dir(builtins)}
+        owners: dict[str, object] = {name: "a builtin" for name in sorted(BUILTINS)}
         # A module that has another spelling for a name may have a local variable of its real one.
         for name in _respelled(parts.values()) & _locals(parts.values()):
             owners[name] = "a local variable"
@@ -173,6 +212,16 @@ def _locals(modules: Iterable[Module]) -> set[str]:
 
 def _identifiers(modules: Iterable[Module]) -> set[str]:
     return {n.id for m in modules for n in ast.walk(m.tree) if isinstance(n, ast.Name)}
+
+
+def _rebound(module: Module) -> set[str]:
+    """The names of a module that its functions bind anew."""
+    return {
+        name
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.Global)
+        for name in node.names
+    }
 
 
 def _top_level(module: Module) -> Iterator[str]:
@@ -274,10 +323,16 @@ def _fronts(others: list[Module], parts: dict[str, Module], names: _Names) -> di
                     hold(base)
                 elif base in parts:
                     wanted.setdefault(base, {})[there] = None
-            if want.names is None and base in parts:
-                hold(base)
+            while want.names is None and base:  # import a.b.c makes all three reachable
+                if base in parts:
+                    hold(base)
+                base = base.rpartition(".")[0]
     fronts: dict[str, Module] = {}
     for name, taken in wanted.items():
+        changing = _rebound(parts[name]) & taken.keys()
+        if changing:
+            what = f"{name}.{min(changing)}"
+            raise NotBundled(f"{parts[name].source}: {what} is asked from outside, and changes")
         pairs = [(names.find(name, n), n) for n in taken]
         aliases = [ast.alias(new, n if n != new else None) for new, n in pairs if new]
         body: list[ast.stmt] = [ast.ImportFrom(BUNDLE, aliases, 0)] if aliases else []

@@ -56,5 +56,5 @@ class _Untold(ast.NodeTransformer):
         error = node.exc
         if isinstance(error, ast.Call) and isinstance(error.func, ast.Name):
             if error.func.id in self.untold:
-                error.args = []
+                node.exc = error.func  # the class itself: raising it makes one without words
         return node

@@ -8,19 +8,12 @@ new names. As with `shake`, a name that is put together at run time is not seen.
 
 from __future__ import annotations
 
-import array
 import ast
-import asyncio
-import builtins
-import io
-import select
-import socket
-import ssl
-import types
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from .shrink import FUNCTIONS, Module, Scopes, bound, parameters, receiver
+from .foreign import ATTRIBUTES, BUILTINS, CLASSES
+from .shrink import FUNCTIONS, Module, Scopes, bound, parameters, receiver, times_bound
 
 # MicroPython numbers these in every build (py/makeqstrdata.py); files of bytecode rely on it.
 _IN_ROM: Final = (
@@ -29,7 +22,7 @@ _IN_ROM: Final = (
     " rsplit rstrip send sep setdefault sort split start startswith step stop strip sum throw"
     " update upper value values write"
 ).split()
-_ATTRIBUTES: Final = (
+_IN_MPY: Final = (
     "ArithmeticError AssertionError AttributeError BaseException EOFError Ellipsis Exception"
     " GeneratorExit ImportError IndentationError IndexError KeyError KeyboardInterrupt LookupError"
     " MemoryError NameError NoneType NotImplementedError OSError OverflowError RuntimeError"
@@ -53,36 +46,12 @@ _IN_FIRMWARE: Final = (
     " argv byteorder implementation maxsize modules path platform stderr stdin stdout version"
 ).split()
 
-# Attributes of what a board's firmware brings, which CPython's own types do not show.
-_HARDWARE: Final = set(
-    "active any base_mac bitstream calibration cancel config connect datetime deepsleep deinit"
-    " desc_cfg desc_dev desc_strs disable_irq disconnect drive duty duty_ns duty_u16 enable_irq"
-    " feed flush freq get high idle ifconfig info init interface ioctl ipconfig irq isconnected"
-    " is_open lightsleep low mode off on open_itf_cb pull put read_u16 read_uv readblocks readfrom"
-    " readfrom_into readfrom_mem readfrom_mem_into recv reset reset_cause scan sendbreak"
-    " setfilter settimeout sleep start state status stop submit_xfer time_pulse_us toggle txdone"
-    " unique_id value wait wait_usb width write_readinto writeblocks writeto writeto_mem writevto"
-    " xfer_pending".split()
-)
-_FOREIGN: Final = _HARDWARE.union(
-    *map(
-        dir,
-        (
-            str, bytes, bytearray, memoryview, list, dict, set, tuple, int, float, range, property,
-            type, OSError, StopIteration, UnicodeError, array.array, io.BytesIO, io.FileIO,
-            io.TextIOWrapper, socket.socket, select, ssl.SSLContext, ssl.SSLSocket,
-            asyncio.StreamReader, asyncio.StreamWriter, asyncio.Event, asyncio.Lock, asyncio.Task,
-            types.GeneratorType, types.FunctionType,
-        ),
-    ),
-    ("modify", "poll", "ipoll", "register", "unregister"),
-)  # fmt: skip
-
 
 def rename(whole: Module, others: Iterable[Module]) -> None:
     """Rename in the bundle ``whole``; ``others`` are all modules that run beside it."""
     others = list(others)
     fixed = fixed_names(whole.tree, others)
+    _drop_aliases(whole.tree, fixed)
     trees = [whole.tree, *(other.tree for other in others)]
     _rename_attributes(whole.tree, fixed, _idle(trees))
     _rename_globals(whole.tree, fixed)
@@ -123,7 +92,7 @@ def _idle(trees: list[ast.Module]) -> list[str]:
     there: set[str] = set()
     taken: set[str] = set()
     for node in ast.walk(trees[0]):
-        if isinstance(node, ast.Name) and hasattr(builtins, node.id):
+        if isinstance(node, ast.Name) and node.id in BUILTINS:
             there.add(node.id)
         elif isinstance(node, (ast.Import, ast.ImportFrom)):
             there.update(bound([node]))
@@ -135,7 +104,7 @@ def _idle(trees: list[ast.Module]) -> list[str]:
                 taken.update(bound(node.body))
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                 taken.add(node.value)
-    return sorted(there - taken - _FOREIGN - set(_ATTRIBUTES) - set(_IN_ROM))
+    return sorted(there - taken - ATTRIBUTES - set(_IN_MPY) - set(_IN_ROM))
 
 
 def _short() -> Iterator[str]:
@@ -160,7 +129,7 @@ def _rename_attributes(tree: ast.Module, fixed: set[str], idle: list[str]) -> No
     used = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
     classes = [n for n in ast.walk(tree) if isinstance(n, ast.ClassDef)]
     ours = {node.name for node in classes}
-    kept = fixed | _FOREIGN | _of_modules(tree)
+    kept = fixed | ATTRIBUTES | _of_modules(tree)
     defined: set[str] = set()
     for node in classes:
         own = set(bound(node.body))
@@ -185,7 +154,7 @@ def _rename_attributes(tree: ast.Module, fixed: set[str], idle: list[str]) -> No
         if len(homes[name]) == 1 and "" not in homes[name]:
             private.setdefault(next(iter(homes[name])), set()).add(name)
     taken = ((used | defined | kept) - set(idle)) | _loaded_by_bodies(classes)
-    pool = [*_ATTRIBUTES, *_IN_ROM, *idle, *_IN_FIRMWARE]
+    pool = [*_IN_MPY, *_IN_ROM, *idle, *_IN_FIRMWARE]
     new: dict[tuple[str, str], str] = {}  # (family, "" for all; name): the new name
     for family, names in sorted(private.items()):
         chosen = _take(sorted(names), taken, pool)
@@ -284,7 +253,7 @@ def _of_modules(tree: ast.Module) -> set[str]:
 def _is_ours(base: ast.expr, ours: set[str]) -> bool:
     """Whether a base class is of the bundle; those of Python itself have names that are known."""
     return isinstance(base, ast.Name) and (
-        base.id in ours or isinstance(getattr(builtins, base.id, None), type)
+        base.id in ours or base.id in CLASSES
     )
 
 
@@ -342,13 +311,13 @@ def _rename_globals(tree: ast.Module, fixed: set[str]) -> None:
     names |= {n.arg for n in ast.walk(tree) if isinstance(n, ast.arg)}
     names |= {n.name for n in ast.walk(tree) if isinstance(n, (*FUNCTIONS, ast.ClassDef))}
     there = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
-    there = {it for it in there if not it.startswith("__") and not hasattr(builtins, it)}
+    there = {it for it in there if not it.startswith("__") and it not in BUILTINS}
     final = sorted(
         it for it in wanted - fixed - imported if not (it.startswith("__") and it.endswith("__"))
     )
     pool = [*_IN_ROM, *sorted(there - set(_IN_ROM))]
     # MicroPython's compiler takes a call of const for its own.
-    new = _take(final, names | fixed | {"const"} | set(dir(builtins)), pool)
+    new = _take(final, names | fixed | {"const"} | BUILTINS, pool)
     _Globals(new).visit(tree)
 
 
@@ -378,6 +347,42 @@ class Renaming(Scopes):
         if node.name:
             node.name = self.name(node.name)
         return self.generic_visit(node)
+
+
+def _drop_aliases(tree: ast.Module, fixed: set[str]) -> None:
+    """Where the module has two names for one object (``Error = ValueError``), use one alone."""
+    times = times_bound(tree)
+    for node in list(tree.body):
+        if not (isinstance(node, ast.Assign) and isinstance(node.value, ast.Name)):
+            continue
+        target, real = node.targets[0], node.value.id
+        if len(node.targets) > 1 or not isinstance(target, ast.Name) or target.id in fixed:
+            continue
+        once = times.get(real) == 1 or (real in BUILTINS and real not in times)
+        if times[target.id] == 1 and once:
+            others = [it for it in tree.body if it is not node]
+            asking = [it for it in others if target.id in _names(it)]
+            if not any(real in _inner_names(it) for it in asking):
+                tree.body = others
+                _Globals({target.id: real}).visit(tree)
+
+
+def _names(node: ast.AST) -> set[str]:
+    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+
+
+def _inner_names(statement: ast.stmt) -> set[str]:
+    """All that functions, classes and comprehensions in a statement bind for themselves."""
+    names: set[str] = set()
+    for node in ast.walk(statement):
+        if isinstance(node, ast.ClassDef):
+            names.update(bound(node.body))
+        elif isinstance(node, (*FUNCTIONS, ast.Lambda)):
+            names.update(parameters(node.args))
+            names.update(bound([node.body] if isinstance(node, ast.Lambda) else node.body))
+        elif isinstance(node, ast.comprehension):
+            names.update(bound([node.target]))
+    return names
 
 
 class _Globals(Renaming):

@@ -12,10 +12,10 @@ that by ``roots``. Imports and plain assignments are taken to do nothing but bin
 from __future__ import annotations
 
 import ast
-import builtins
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from .foreign import CLASSES
 from .shrink import Module, absolute, bound, receiver
 
 _DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
@@ -122,7 +122,7 @@ class _Shaker:
         while attribute:
             units = [unit for unit in self.units.get(name, ()) if attribute in unit.names]
             if not units:
-                return not isinstance(getattr(builtins, attribute, None), type)
+                return attribute not in CLASSES
             node, alias = units[0].node, units[0].alias
             if isinstance(node, ast.ClassDef):
                 return any(self.is_foreign(self.modules[name], b) for b in node.bases)
@@ -262,7 +262,7 @@ def _families(trees: Iterable[ast.Module]) -> dict[str, str]:
         for base in its:
             if base in family:
                 join(name, base)
-            elif not isinstance(getattr(builtins, base, None), type):
+            elif base not in CLASSES:
                 open_.add(name)
     unknown = {family[name] for name in open_}
     return {name: its for name, its in family.items() if its not in unknown}

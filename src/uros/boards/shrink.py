@@ -290,7 +290,7 @@ def inline(modules: dict[str, Module]) -> None:
     ours = [module for module in modules.values() if not module.own]
     for module in ours:
         module.tree = _Fold().visit(module.tree)
-    times = {module.name: _times_bound(module.tree) for module in ours}
+    times = {module.name: times_bound(module.tree) for module in ours}
     again = True
     while again:
         again = False
@@ -339,7 +339,7 @@ def _visible(
     return seen
 
 
-def _times_bound(tree: ast.Module) -> dict[str, int]:
+def times_bound(tree: ast.Module) -> dict[str, int]:
     """How often each name is bound at the top level, anywhere in a statement of it."""
     times: dict[str, int] = {}
     for name in bound(tree.body):
@@ -632,6 +632,12 @@ class _Fold(ast.NodeTransformer):
         if len(values) == 1:
             return values[0]
         node.values = values
+        return node
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        self.generic_visit(node)
+        if [ast.unparse(base) for base in node.bases] == ["object"]:
+            node.bases = []  # it is one without saying so, and a base takes memory
         return node
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.AST:

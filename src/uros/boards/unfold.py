@@ -3,6 +3,19 @@
 A method costs a board some 50 bytes besides its body. One that the class itself calls in one place,
 for what it does and not for a value, and that nobody else can name, is taken apart: its parameters
 and variables become variables of the caller.
+
+A call stays a call unless the result can be seen to be the same:
+
+- Both are plain methods: no other scope in them, no generator, no coroutine, no ``global``, no
+  ``del``, no import, no ``raise`` without an error. In both, the first parameter is ``self``, and
+  stays what it is.
+- Arguments are evaluated where the call stands, in their order, into variables of their own. Only
+  a constant, or a parameter of the caller, stands for the method's parameter itself: the method
+  cannot change it, and it is always bound. A module's name may mean something else a line later.
+- Each variable of the method is bound before it is read, on every path (`_is_bound_first`). What
+  one turn of a loop left in it, the next could read.
+- The method returns nothing, and not out of a loop, a ``try`` or a ``with``.
+- A name of the module that either reads is no variable of the other.
 """
 
 from __future__ import annotations
@@ -10,11 +23,14 @@ from __future__ import annotations
 import ast
 import copy
 from collections.abc import Iterable
+from typing import Final
 
 from .shrink import COMPREHENSIONS, FUNCTIONS, bound, parameters
 
-_INNER = (*FUNCTIONS, *COMPREHENSIONS, ast.Lambda, ast.Yield, ast.YieldFrom, ast.Await, ast.Global,
-          ast.Nonlocal, ast.ClassDef)  # fmt: skip
+_INNER: Final = (
+    *FUNCTIONS, *COMPREHENSIONS, ast.Lambda, ast.Yield, ast.YieldFrom, ast.Await, ast.Global,
+    ast.Nonlocal, ast.ClassDef, ast.Delete, ast.Import, ast.ImportFrom, ast.NamedExpr,
+)  # fmt: skip
 
 
 def unfold(tree: ast.Module, named: Iterable[str]) -> None:
@@ -55,17 +71,29 @@ def _once(tree: ast.Module, kept: set[str]) -> bool:
 
 
 def _is_plain(method: ast.FunctionDef) -> bool:
+    """Whether the method may be taken apart, wherever it is called."""
     args = method.args
     if method.decorator_list or method.name.startswith("__") or args.defaults:
         return False
-    if args.vararg or args.kwarg or args.kwonlyargs or not args.args or args.args[0].arg != "self":
+    if args.vararg or args.kwarg or args.kwonlyargs or args.posonlyargs:
         return False
+    if not _has_self(method) or not _returns_nothing(method.body):
+        return False
+    if any(isinstance(n, ast.Raise) and n.exc is None for n in ast.walk(method)):
+        return False  # it raises again what the caller handles
+    own = set(bound(method.body)) - set(parameters(args))
+    return all(_is_bound_first(name, method.body) for name in own)
+
+
+def _has_self(method: ast.FunctionDef) -> bool:
+    """Whether it is one scope, in which self is what the method was called on."""
     if any(isinstance(n, _INNER) for n in ast.walk(method) if n is not method):
         return False
-    return _returns(method.body)
+    first = [arg.arg for arg in method.args.args[:1]]
+    return first == ["self"] and "self" not in bound(method.body)
 
 
-def _returns(body: list[ast.stmt]) -> bool:
+def _returns_nothing(body: list[ast.stmt]) -> bool:
     """Whether the body returns nothing, and not out of a loop or a try."""
     for node in ast.walk(ast.Module(body, [])):
         if isinstance(node, ast.Return) and node.value is not None:
@@ -76,20 +104,70 @@ def _returns(body: list[ast.stmt]) -> bool:
     return True
 
 
+def _is_bound_first(name: str, body: list[ast.stmt]) -> bool:
+    """Whether a block binds the name before it reads it, on every path.
+
+    Each statement with the name does so by itself, up to one that assigns to it.
+    """
+    for node in body:
+        if isinstance(node, ast.Assign) and not _count(name, [node.value]):
+            if len(node.targets) == 1 and name in _plain_names(node.targets[0]):
+                return True
+        if _count(name, [node]) and not _binds_itself(name, node):
+            return False
+    return True
+
+
+def _binds_itself(name: str, node: ast.stmt) -> bool:
+    """Whether each block in a statement binds the name first. A loop over the name has bound it in
+    its body, and so has a handler that gives it to an error."""
+    if isinstance(node, ast.For) and name in _plain_names(node.target):
+        return not _count(name, [node.iter, *node.orelse])
+    blocks = [block for field in _BLOCKS if (block := getattr(node, field, None))]
+    outside = _count(name, [node]) - sum(_count(name, block) for block in blocks)
+    for handler in getattr(node, "handlers", ()):
+        outside -= _count(name, handler.body) + (handler.name == name)
+        if handler.name != name:
+            blocks.append(handler.body)
+    return not outside and all(_is_bound_first(name, block) for block in blocks)
+
+
+_BLOCKS: Final = ("body", "orelse", "finalbody")
+
+
+def _plain_names(target: ast.expr) -> list[str]:
+    """The names that an assignment binds, if it binds names alone."""
+    targets = target.elts if isinstance(target, ast.Tuple) else [target]
+    names = [it.id for it in targets if isinstance(it, ast.Name)]
+    return names if len(names) == len(targets) else []
+
+
+def _count(name: str, nodes: Iterable[ast.AST]) -> int:
+    """How often the name is bound or read in some pieces of code."""
+    return sum(
+        (isinstance(inner, ast.Name) and inner.id == name)
+        or (isinstance(inner, ast.ExceptHandler) and inner.name == name)
+        for node in nodes
+        for inner in ast.walk(node)
+    )
+
+
 class _Put(ast.NodeTransformer):
+    """Puts the method's body where the caller calls it; ``done`` says whether it could."""
+
     def __init__(self, method: ast.FunctionDef, caller: ast.FunctionDef) -> None:
         self.method = method
         self.done = False
-        inner = any(isinstance(n, _INNER) for n in ast.walk(caller) if n is not caller)
-        if inner or caller.args.args[:1] == [] or caller.args.args[0].arg != "self":
+        if not _has_self(caller) or not _is_undecorated(caller):
             return
-        self.taken = set(parameters(caller.args)) | set(bound(caller.body))
+        self.parameters = set(parameters(caller.args))
+        self.taken = self.parameters | set(bound(caller.body))
+        names = {n.id for n in ast.walk(method) if isinstance(n, ast.Name)}
         own = set(parameters(method.args)) | set(bound(method.body))
-        if ({n.id for n in ast.walk(method) if isinstance(n, ast.Name)} - own) & self.taken:
+        if (names - own) & self.taken:
             return  # what is the module's there is the caller's own here
-        # A name that the caller reads from the module must not become a variable of it.
-        self.taken |= {n.id for n in ast.walk(caller) if isinstance(n, ast.Name)}
-        self.caller = caller
+        # A name that either reads from the module must not become a variable of the caller.
+        self.taken |= names | own | {n.id for n in ast.walk(caller) if isinstance(n, ast.Name)}
         caller.body = [self.visit(it) for it in caller.body]
         caller.body = _flat(caller.body)
 
@@ -112,7 +190,10 @@ class _Put(ast.NodeTransformer):
         names: dict[str, ast.expr] = {}
         first: list[ast.stmt] = []
         for param, value in zip(self.method.args.args[1:], call.args, strict=True):
-            if isinstance(value, (ast.Constant, ast.Name)) and param.arg not in own:
+            kept = isinstance(value, ast.Constant) or (
+                isinstance(value, ast.Name) and value.id in self.parameters
+            )
+            if kept and param.arg not in own:
                 names[param.arg] = value
             else:
                 own.add(param.arg)
@@ -138,6 +219,15 @@ class _Put(ast.NodeTransformer):
             new = f"{name}_{count}"
         self.taken.add(new)
         return new
+
+
+def _is_undecorated(caller: ast.FunctionDef) -> bool:
+    """Whether what it is called on is its self: properties are, static methods are not."""
+    return all(
+        (isinstance(it, ast.Name) and it.id == "property")
+        or (isinstance(it, ast.Attribute) and it.attr == "setter")
+        for it in caller.decorator_list
+    )
 
 
 def _flat(body: list[ast.stmt]) -> list[ast.stmt]:

@@ -49,9 +49,9 @@ else:
 
 
 class Row(array):  # type: ignore[type-arg]
-    """A fixed array of float64. What is one is known to hold ``n`` of them, whoever assigned it."""
+    """A fixed array of float64. `row` makes it, and notes how many it holds: it stays so many."""
 
-    n = 0
+    n: int
     append = extend = None  # type: ignore[assignment]  # its length stays
 
 
@@ -90,11 +90,11 @@ class Doubles(Message if NAMES_FIELDS else object):  # type: ignore[misc]
 def row(values: "Any", n: int) -> "Any":
     """The values as they are, where they are a `Row` of n; else a new one of the same values, or
     of zeros where there are none."""
-    if values.__class__ is not Row or values.n != n:
+    if values.__class__ is not Row:
         values = Row("d", bytes(8 * n) if values is None else values)
         values.n = len(values)
-        if values.n != n:
-            raise InterfaceError("%d elements, only %d are allowed" % (values.n, n))
+    if values.n != n:
+        raise InterfaceError("%d elements, only %d are allowed" % (values.n, n))
     return values
 
 

@@ -80,8 +80,6 @@ class Parts(NamedTuple):
     """Without a base class that has the public methods and puts words to errors."""
     reused: bool = False
     """The program reads into messages that it has."""
-    bare: frozenset[str] = frozenset()
-    """Types whose messages are made without arguments, as those of ``unnamed`` are anyway."""
     alike: str = ""
     """A type that needs nothing which its base, `compact.Doubles`, has not."""
     checked: bool = False
@@ -267,7 +265,7 @@ def _message_class(message: Message, aliases: Aliases, board: Parts | None) -> s
         what = f'"{message.type_name}", {_tuple(map(repr, names))}, "{kept}"'
         lines.append(f"    __setattr__ = _checked({what})")
     blocks = ["\n".join(lines)]
-    part = board is not None and board.lean and message.type_name in board.unnamed | board.bare
+    part = board is not None and board.lean and message.type_name in board.unnamed
     if board is not None and message.type_name == board.alike:
         return f"{message.name} = _Doubles"
     if doubles:

@@ -63,14 +63,13 @@ def modules(
     names: Iterable[str],
     lean: bool = False,
     reused: bool = True,
-    bare: frozenset[str] = frozenset(),
     checked: bool = False,
 ) -> dict[str, str]:
     """The sources of one module for each ``package.msg`` (srv, action), by its full name.
 
     They hold the named types and all that these nest, and nothing else. A board's file system gets
     them this way (`uros.boards.build`): all types that its program needs are known there. ``lean``,
-    ``reused``, ``bare`` and ``checked`` are those of `generate.Parts`.
+    ``reused`` and ``checked`` are those of `generate.Parts`.
     """
     together: dict[str, dict[str, Definition]] = {}
     names = list(names)
@@ -79,9 +78,7 @@ def modules(
         package, kind, _ = definition.type_name.split("/")
         together.setdefault(f"{package}.{kind}", {})[definition.type_name] = definition
     named = {registry.file_type(registry.normalize(name)) for name in names}
-    parts = _parts(wanted, named, lean)._replace(
-        reused=reused, bare=bare, checked=checked
-    )  # fmt: skip
+    parts = _parts(wanted, named, lean)._replace(reused=reused, checked=checked)
     return {
         name: generate_together(_inner_first(types), parts) for name, types in together.items()
     }

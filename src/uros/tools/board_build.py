@@ -27,7 +27,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = _EPILOG
+    parser.epilog = _EPILOG + passes_help()
     parser.add_argument(
         "program", metavar="NAME", help="see 'uros board list'; or a folder with a main.py"
     )
@@ -55,13 +55,27 @@ def add_build(parser: argparse.ArgumentParser) -> None:
         " repeated",
     )  # fmt: skip
     parser.add_argument(
-        "--no-lean", dest="lean", action="store_false",
-        help="keep the words of errors, which take memory",
+        "--without", metavar="PASS", action="append", default=[],
+        help="leave out one of the passes below; may be repeated",
     )  # fmt: skip
     parser.add_argument(
-        "--no-bundle", dest="bundle", action="store_false",
-        help="with --mpy: a file for each module, not one for all of uros",
+        "--no-lean", dest="without", action="append_const", const="terse-errors",
+        help="keep the words of errors, which take memory: --without terse-errors",
     )  # fmt: skip
+    parser.add_argument(
+        "--no-bundle", dest="without", action="append_const", const="bundle",
+        help="with --mpy, a file for each module, not one for all of uros: --without bundle",
+    )  # fmt: skip
+
+
+def passes_help() -> str:
+    """What ``--without`` can leave out, for an epilog."""
+    from ..boards.passes import PASSES
+
+    lines = [
+        f"  {it.name:<15} {it.purpose}{' (--mpy)' if it.bytecode else ''}" for it in PASSES
+    ]
+    return "\n".join(["", "passes over uros's modules, in this order:", "", *lines, ""])
 
 
 def run(args: argparse.Namespace) -> int:
@@ -93,10 +107,7 @@ def build_files(args: argparse.Namespace, program: Path, out: Path) -> list[Path
     know_interfaces(args)
     form = "mpy" if args.mpy else "py"
     try:
-        return build(
-            program, out, form, lean=args.lean, bundle=args.mpy and args.bundle,
-            provided=args.provided,
-        )  # fmt: skip
+        return build(program, out, form, without=args.without, provided=args.provided)
     except BuildError as error:
         raise ToolError(str(error)) from error
     except OSError as error:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from uros.boards import build as build_module
+from uros.boards import passes as passes_module
 from uros.boards.build import (
     BuildError,
     CompilerError,
@@ -18,8 +19,9 @@ from uros.boards.build import (
     SourceError,
     build,
 )
-from uros.boards.bundle import BUNDLE, NotBundled, bundle
+from uros.boards.bundle import BUNDLE, NotBundled
 from uros.boards.flatten import flatten
+from uros.boards.passes import PASSES, Program, run_passes
 from uros.boards.rename import rename
 from uros.boards.shake import shake
 from uros.boards.shrink import Module, inline, strip
@@ -87,9 +89,12 @@ def shaken(*roots: str, **modules: str) -> dict[str, str]:
     return texts(shake(made, roots))
 
 
-def bundled(**modules: str) -> dict[str, str]:
-    made = {n: module(n, text, n == "main") for n, text in modules.items()}
-    return texts(bundle(made))
+def bundled(*without: str, **modules: str) -> dict[str, str]:
+    """Texts of modules after the passes for bytecode alone; main is the program's."""
+    parts = [module(n, text, n == "main") for n, text in modules.items()]
+    work = Program({part.name: part for part in parts}, set())
+    run_passes(work, "mpy", [it.name for it in PASSES if not it.bytecode])
+    return texts(work.modules)
 
 
 def code(text: str) -> str:
@@ -693,6 +698,90 @@ def test_a_program_alone_needs_no_bundle() -> None:
     assert bundled(main="pass") == {"main": "pass"}
 
 
+@pytest.mark.parametrize(
+    ("main", "message"),
+    [
+        ("import a\na.x = 1", "main:2: sets a.x"),
+        ("import a\na.x += 1", "main:2: sets a.x"),
+        ("import a\ndel a.x", "main:2: sets a.x"),
+        ("import p.b as b\nb.x = 1", "main:2: sets p.b.x"),
+        ("import p.b\np.b.x = 1", "main:2: sets p.b.x"),
+        ("from p import b as it\nfor it.x in (): pass", "main:2: sets p.b.x"),
+        ("import a\nsetattr(a, 'x', 1)", "main:2: the module a is used as a value"),
+        ("import p.b\nprint(p)", "main:2: the module p is used as a value"),
+        ("import p.b\nsee = p.b", "main:2: the module p.b is used as a value"),
+        ("from a import changing", "a: a.changing is asked from outside, and changes"),
+        ("from a import *", "a: a.changing is asked from outside, and changes"),
+        ("import a, p.b\nprint(a.x, p.b.TABLE)\np.b.TABLE[1] = 2\np.b.A.y = 3", None),
+        ("from p.b import TABLE as a\na[1] = 2\na.x = 3", None),
+    ],
+)
+def test_a_program_that_reaches_into_a_module_gets_no_bundle(
+    main: str, message: str | None
+) -> None:
+    parts = {
+        "a": "x = 1\nchanging = 2\ndef f():\n    global changing\n    changing = 3",
+        "p.b": "x = 1\nTABLE = {}\nclass A: pass",
+    }
+    if "import a" in main and not message:
+        parts["a"] = "x = 1"
+    if message is None:
+        bundled(main=main, **parts)
+        return
+    with pytest.raises(NotBundled, match=message):
+        bundled(main=main, **parts)
+
+
+def test_a_package_above_an_imported_module_is_there_too() -> None:
+    made = bundled(main="import p.b\nprint(p.x)", **{"p.__init__": "x = 1", "p.b": "y = 2"})
+    assert made["p"] == f"from {BUNDLE} import x" and made["p.b"] == f"from {BUNDLE} import y"
+
+
+# --- link ----------------------------------------------------------------------------------------
+
+
+def test_modules_of_the_program_import_from_the_bundle() -> None:
+    text = """\
+import m
+from m import (  # what it needs
+    f,
+    g as here,
+); é = f; from m import f
+from m import *
+from .m import f as again
+if True:
+    from p import n
+    from p.n import y, z; from q import w
+    def late(): from p.n import y as late; return late
+"""
+    made = {
+        "main": module("main", "import app\nfrom m import f", own=True),
+        "app": module("app", text, own=True),
+        "m": module("m", "def f(): pass\ndef g(): pass"),
+        "p.n": module("p.n", "y = 1\nz = 2"),
+        "q": module("q", "w = 1"),
+    }
+    made["app"].text = text
+    work = Program(made, set())
+    run_passes(work, "mpy", ["terse-errors", "constants", "tree-shake", "mangle"])
+    assert made["app"].text == f"""\
+import m
+from {BUNDLE} import (f, g as here
+
+
+); é = f; from {BUNDLE} import f
+from m import *
+from {BUNDLE} import f as again
+if True:
+    from p import n
+    from {BUNDLE} import y, z; from {BUNDLE} import w
+    def late(): from {BUNDLE} import y as late; return late
+"""
+    assert ast.unparse(ast.parse(made["app"].text)) == ast.unparse(made["app"].tree)
+    assert ast.unparse(made["main"].tree).endswith("from m import f")
+    assert set(work.modules) == {"main", "app", BUNDLE, "m", "p.n"}
+
+
 # --- rename --------------------------------------------------------------------------------------
 
 
@@ -841,6 +930,70 @@ f = lambda it: isinstance(it, Asked)
     assert scope["Heir"].__mro__[1:] == (object,)
 
 
+BASE = "class A:\n    def f(self): return 1\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "class A:\n    X = 1\n    Y = X * 2\nclass B(A):\n    X = 3",
+        "class A:\n    X = Y = 1\nclass B(A):\n    X = 3",
+        "class A:\n    X, Y = 1, 2\nclass B(A):\n    X = 3",
+        "class A:\n    X = said()\nclass B(A): pass",
+        "class A:\n    print('A')\nclass B(A): pass",
+        "class A:\n    def f(self, n=said()): pass\nclass B(A): pass",
+        "class A:\n    X = {[]: 1}\nclass B(A): pass",
+        "class A:\n    @known\n    def f(self): pass\nclass B(A): pass",
+        "class A:\n    if known: X = 1\nclass B(A): pass",
+        "@known\n" + BASE + "class B(A): pass",
+        BASE + "@known\nclass B(A): pass",
+        BASE + "class B(A, known=1): pass",
+        "class A(One, Two): pass\nclass B(A): pass",
+        "class A(known()): pass\nclass B(A): pass",
+        BASE + "def g():\n    global A\nclass B(A): pass",
+        BASE + "class B(A): pass\nclass B: pass",
+        # A property that the heir replaces by half, or a method that becomes one.
+        "class A:\n    @property\n    def f(self): pass\nclass B(A):\n    def f(self): pass",
+        BASE + "class B(A):\n    @property\n    def f(self): pass",
+        BASE + "    def f(self): return 2\nclass B(A): pass",
+        # What super() is asked for must be found.
+        BASE + "class B(A):\n    def g(self): return super().f()",
+        BASE + "class B(A):\n    def f(self): return super().f",
+        BASE + "class B(A):\n    def f(self): return [super().f() for _ in x]",
+        BASE + "class B(A):\n    def f(self): return lambda: super().f()",
+        BASE + "class B(A):\n    def f(self): return super(B, self).f()",
+        BASE + "class B(A):\n    def f(self):\n        self = 1\n        return super().f()",
+        BASE + "class B(A):\n    def f(this): return super().f()",
+        BASE + "class B(A):\n    def f(self):\n        it = super()\n        return it.f()",
+        "class A:\n    X = 1\nclass B(A):\n    X = 2\n    def f(self): return super().X",
+        BASE + "class B(A):\n    def f(self): return super().f() + self._f_of_A",
+    ],
+)
+def test_classes_that_stay_apart(text: str) -> None:
+    tree = ast.parse(text)
+    flatten(tree, [])
+    assert ast.unparse(tree) == ast.unparse(ast.parse(text))
+
+
+def test_a_property_and_its_setter_go_to_the_heir() -> None:
+    tree = ast.parse("""
+class A:
+    KINDS = {"a": [1, -2]}
+    @property
+    def level(self): return self._level
+    @level.setter
+    def level(self, level): self._level = level + 1
+    @staticmethod
+    def twice(n): return 2 * n
+class B(A):
+    def __init__(self): self.level = self.twice(3)
+""")
+    flatten(tree, [])
+    scope: dict = {}
+    exec(ast.unparse(tree), scope)
+    assert "A" not in scope and (scope["B"]().level, scope["B"].KINDS) == (7, {"a": [1, -2]})
+
+
 # --- unfold --------------------------------------------------------------------------------------
 
 
@@ -895,6 +1048,130 @@ def outside(a): return a._asked
     assert a.told == [(2, 12), "small", "no 10", (9, 12), "no 10", 3]
 
 
+@pytest.mark.parametrize(
+    ("call", "body"),
+    [
+        # The argument means something else a line later.
+        ("self.m(count)", "more()\n        self.told.append(n)"),
+        ("x = 1\n        self.m(x)", "more()\n        self.told.append(n)"),
+    ],
+)
+def test_arguments_are_evaluated_where_the_call_stood(call: str, body: str) -> None:
+    text = f"""
+count = 0
+def more():
+    global count
+    count += 1
+class A:
+    def __init__(self): self.told = []
+    def run(self):
+        {call}
+    def m(self, n):
+        {body}
+"""
+    tree = ast.parse(text)
+    unfold(tree, [])
+    done = ast.unparse(ast.fix_missing_locations(tree))
+    assert "def m(" not in done
+    told = []
+    for it in (text, done):
+        scope: dict = {}
+        exec(it, scope)
+        a = scope["A"]()
+        a.run()
+        told.append(a.told)
+    assert told[0] == told[1] and len(told[0]) == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "is_put"),
+    [
+        ("x = n\nsee(x)", True),
+        ("if n:\n    x = 1\n    see(x)\nwhile n:\n    x = 2\n    see(x)", True),
+        ("for x in n:\n    see(x)", True),
+        ("for x, y in n:\n    see(x, y)", True),
+        ("try:\n    see(n)\nexcept ValueError as x:\n    see(x)", True),
+        ("x, y = n\nsee(x, y)", True),
+        ("if n:\n    x = 1\nsee(x)", False),
+        ("if n:\n    see(1)\nelse:\n    x = 1\nsee(x)", False),
+        ("while n:\n    x = 1\nsee(x)", False),
+        ("while x:\n    x = 1", False),
+        ("for x in n: pass\nsee(x)", False),
+        ("for x in n: pass\nelse: see(x)", False),
+        ("for x in x: pass", False),
+        ("for x[0] in n: pass\nx = 1", False),
+        ("try:\n    x = n\nexcept ValueError:\n    see(x)", False),
+        ("try:\n    see(n)\nexcept ValueError as x: pass\nsee(x)", False),
+        ("try:\n    see(n)\nexcept x as x: pass", False),
+        ("x += 1", False),
+        ("x = x + 1", False),
+        ("x[0] = 1\nx = 2", False),
+        ("x = y = n\nsee(x, y)", False),
+        ("with n as x:\n    see(x)", False),
+        ("see((x := n))", False),
+        ("import x\nsee(x)", False),
+        ("del n", False),
+        ("self = n\nself.f()", False),
+        ("raise", False),
+        ("see(lambda: n)", False),
+        ("global see\nsee = n", False),
+        ("while True:\n    return", False),
+        ("return n", False),
+    ],
+)
+def test_only_what_is_bound_before_it_is_read(body: str, is_put: bool) -> None:
+    inside = textwrap.indent(body, "        ")
+    text = f"class A:\n    def run(self, k):\n        self.m(k)\n    def m(self, n):\n{inside}"
+    tree = ast.parse(text)
+    unfold(tree, [])
+    assert ("def m" not in ast.unparse(ast.fix_missing_locations(tree))) == is_put
+
+
+@pytest.mark.parametrize(
+    "caller",
+    [
+        "def run(self):\n        self.m(*k)",
+        "def run(self):\n        self.m(n=1)",
+        "def run(self):\n        self.m()",
+        "def run(self):\n        self.m((k := 1))",
+        "def run(self, k):\n        del k\n        self.m(1)",
+        "def run(self, k):\n        k = lambda: k\n        self.m(1)",
+        "def run(self):\n        yield self.m(1)",
+        "def run(self):\n        return self.m(1)",
+        "def run(self):\n        self = k\n        self.m(1)",
+        "def run(it):\n        it.m(1)",
+        "@staticmethod\n    def run(self):\n        self.m(1)",
+        "@known\n    def run(self):\n        self.m(1)",
+        "def run(self):\n        see = 1\n        self.m(see)",
+        "def run(self):\n        self.m(1)\n        self.m(2)",
+        "def run(self):\n        self.m(1)\n        self.m = 2",
+    ],
+)
+def test_calls_that_stay(caller: str) -> None:
+    text = f"class A:\n    {caller}\n    def m(self, n):\n        see(n)"
+    tree = ast.parse(text)
+    unfold(tree, [])
+    assert "def m" in ast.unparse(ast.fix_missing_locations(tree))
+
+
+def test_a_new_variable_is_no_name_of_the_module() -> None:
+    tree = ast.parse("""
+i_2 = 40
+class A:
+    def run(self):
+        i = 1
+        self.m(2)
+        return i + self.n
+    def m(self, n):
+        i = n
+        self.n = i + i_2
+""")
+    unfold(tree, [])
+    scope: dict = {}
+    exec(ast.unparse(ast.fix_missing_locations(tree)), scope)
+    assert not hasattr(scope["A"], "m") and scope["A"]().run() == 43
+
+
 def test_inner_functions_see_the_new_name() -> None:
     text = renamed("def f(number):\n def g(): return number\n return g() + (lambda: number)()")
     assert "number" not in text
@@ -938,7 +1215,7 @@ def test_a_program_brings_what_it_imports(built: Callable[..., dict[str, str]]) 
 
 
 def test_nothing_is_dropped_without_shaking(built: Callable[..., dict[str, str]]) -> None:
-    files = built("from uros.wire.cdr import Writer", shake=False)
+    files = built("from uros.wire.cdr import Writer", without=["tree-shake"])
     assert "class Reader" in files["uros/wire/cdr.py"]
     assert "MAX_STRING = 65536" in files["uros/wire/cdr.py"]
     assert "limit=65536" in files["uros/wire/cdr.py"]
@@ -1213,10 +1490,14 @@ def test_bytecode(program: Make, tmp_path: Path) -> None:
     folder = program(main="import app", app="from uros.wire.cdr import Writer\nWriter.u8")
     paths = build(folder, tmp_path / "out", "mpy")
     assert [p.relative_to(tmp_path / "out").as_posix() for p in paths] == [
-        "app.mpy", "main.py", "uros/_all.mpy", "uros/wire/cdr.mpy",
+        "app.mpy", "main.py", "uros/_all.mpy",
     ]  # fmt: skip
     assert all(p.read_bytes()[:2] == b"M\x06" for p in paths if p.suffix == ".mpy")
-    single = build(folder, tmp_path / "out", "mpy", bundle=False)
+    fronts = build(folder, tmp_path / "out", "mpy", without=["link-imports"])
+    assert {p.relative_to(tmp_path / "out").as_posix() for p in fronts} == {
+        "app.mpy", "main.py", "uros/_all.mpy", "uros/wire/cdr.mpy",
+    }  # fmt: skip
+    single = build(folder, tmp_path / "out", "mpy", without=["bundle"])
     assert "uros/wire/errors.mpy" in [p.relative_to(tmp_path / "out").as_posix() for p in single]
 
 
@@ -1239,8 +1520,8 @@ def test_a_cycle_of_values_names_the_way_out(
     def refuse(modules: object) -> None:
         raise NotBundled("x.py: the module y is used as a value")
 
-    monkeypatch.setattr(build_module, "bundle_modules", refuse)
-    with pytest.raises(BuildError, match="build it with bundle=False"):
+    monkeypatch.setattr(passes_module, "bundle_modules", refuse)
+    with pytest.raises(BuildError, match="build it without the pass bundle"):
         build(program(main="x = 1"), tmp_path / "out", "mpy")
 
 

@@ -11,7 +11,6 @@ from unit.interfaces import samples
 
 from uros.interfaces import InterfaceError, load, registry, write_package
 from uros.interfaces.codec import from_cdr, to_cdr
-from uros.interfaces.compact import Row
 from uros.interfaces.runtime import Message
 
 NAMES = [n for n in samples.messages() if "/msg/" in n and "WString" not in n]
@@ -154,7 +153,7 @@ def test_fixed_arrays_of_doubles_come_in_many_forms():
     want = to_cdr(imu(orientation_covariance=values))
     for given_ in (
         values, tuple(values), array("d", values), array("f", values), array("q", range(9)),
-        Row("d", values), range(9),
+        imu(orientation_covariance=values).orientation_covariance, range(9),
     ):  # fmt: skip
         msg = imu()
         msg.orientation_covariance = given_

@@ -1,5 +1,6 @@
 """uros board build: what it writes, what it says, and what it refuses."""
 
+import re
 import subprocess
 import sys
 
@@ -7,6 +8,7 @@ import pytest
 
 from uros.boards.build import build
 from uros.boards.catalog import BOARDS
+from uros.boards.passes import PASSES
 from uros.boards.running import firmware_folder
 from uros.interfaces import InterfaceError, load
 from uros.tools import cli
@@ -44,7 +46,8 @@ def test_help_is_cheap():
     probe = (
         "import sys\nfrom uros.tools import cli\n"
         "assert cli.main(['board', 'build', '--help']) == 0\n"
-        "print({'uros.boards', 'uros.interfaces', 'uros.middleware', 'ctypes'} & set(sys.modules))"
+        "heavy = {'uros.boards.build', 'uros.interfaces', 'uros.middleware', 'ctypes', 'asyncio'}\n"
+        "print(heavy & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True)
     *text, heavy = done.stdout.splitlines()
@@ -85,6 +88,39 @@ def test_a_folder_and_what_the_options_change(program, tmp_path, monkeypatch, ca
         assert {path for path in made[name] if not path.endswith(".mpy")} == {"main.py"}
     assert len(made["mpy"]) < len(made["apart"])
     assert made["text"]["main.py"] == (folder / "main.py").read_bytes()
+
+
+@pytest.mark.parametrize("name", [it.name for it in PASSES])
+def test_each_pass_can_be_left_out(name, program, tmp_path, capsys):
+    text = "from app import node\n"
+    folder = program(text)
+    (folder / "app.py").write_text(
+        "from uros.client import Node\nfrom uros.transport.stream import StreamTransport\n"
+        "def node(port):\n    return Node('n', StreamTransport(port))\n"
+    )
+    made = {}
+    for out, options in {"all": [], "without": ["--without", name]}.items():
+        command = ["board", "build", str(folder), str(tmp_path / out), "--mpy", *options]
+        assert cli.main(command) == 0
+        made[out] = files(tmp_path / out)
+    assert made["all"] != made["without"]
+    assert sum(map(len, made["all"].values())) < sum(map(len, made["without"].values()))
+
+
+@pytest.mark.parametrize("verb", ["build", "deploy"])
+def test_the_passes_are_in_the_help(verb, capsys):
+    assert cli.main(["board", verb, "--help"]) == 0
+    out = capsys.readouterr().out
+    for it in PASSES:
+        assert re.search(rf"^  {it.name} +{re.escape(it.purpose)}", out, re.MULTILINE)
+
+
+def test_a_pass_that_is_not_there(program, tmp_path, capsys):
+    options = ["--without", "bundle", "--without", "bundel"]
+    assert cli.main(["board", "build", str(program("pass")), str(tmp_path / "out"), *options]) == 1
+    error = capsys.readouterr().err
+    assert "no pass 'bundel' to leave out; there are terse-errors, constants, tree-shake" in error
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_name_that_the_shell_would_take_apart_is_quoted(program, tmp_path, capsys):

@@ -1,0 +1,92 @@
+"""Writes src/uros/boards/foreign_names.txt: the names that are MicroPython's own and boards'.
+
+::
+
+    .venv/bin/python scripts/foreign_names.py
+
+Each line is a kind and a name: an ``attribute`` of a type, a ``builtin``, or a builtin ``class``.
+They are those of MicroPython 1.27, asked of the interpreter that the tests run, and attributes of
+what that one lacks and firmware for boards has: these are written down here, as MicroPython's
+documentation lists them. The build of a board gives none of them another meaning. The file is in
+the tree, so that a build is the same on every Python that makes it. Run this again when the version
+of MicroPython changes, or a board brings what is not listed.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+FILE: Final = ROOT / "src/uros/boards/foreign_names.txt"
+FILE.touch()  # what is imported next reads it
+sys.path.insert(0, str(ROOT / "tests"))
+
+from mpy.harness import MicroPython  # noqa: E402
+
+# What uros may ask of machine, network, socket, ssl, pyb, usb.device and streams of asyncio.
+_OF_BOARDS: Final = (
+    "accept active any base_mac bind bitstream calibration cancel config connect datetime deepsleep"
+    " deinit desc_cfg desc_dev desc_strs disable_irq disconnect done drain drive duty duty_ns"
+    " duty_u16 enable_irq feed fileno flush freq get_ciphers get_extra_info getpeercert high idle"
+    " ifconfig info init interface ioctl ipconfig ipoll irq is_open isconnected lightsleep listen"
+    " load_cert_chain load_verify_locations low makefile mode modify off on open_itf_cb poll pull"
+    " put read_u16 read_uv readblocks readexactly readfrom readfrom_into readfrom_mem"
+    " readfrom_mem_into recv recvfrom register reset reset_cause scan sendall sendbreak sendto"
+    " set_ciphers setblocking setfilter setsockopt settimeout sleep start state status stop"
+    " submit_xfer time_pulse_us toggle txdone unique_id unregister value verify_mode wait_closed"
+    " wait_usb width wrap_socket write_readinto writeblocks writeto writeto_mem writevto"
+    " xfer_pending"
+).split()
+# Objects of MicroPython have these, and dir() does not show them.
+_HIDDEN: Final = (
+    "args coro data errno imag itemsize machine nodename real release start step stop sysname value"
+    " version"
+).split()
+
+_ASK: Final = """
+import builtins
+import re
+
+MODULES = (
+    "_asyncio array asyncio asyncio.core asyncio.event asyncio.lock binascii builtins collections"
+    " deflate hashlib io json math os random re select struct sys time uctypes vfs"
+)
+names = set()
+
+def visit(it):
+    for name in dir(it):
+        names.add("attribute " + name)
+
+def generator():
+    yield
+
+for full in MODULES.split():
+    module = __import__(full)
+    for part in full.split(".")[1:]:
+        module = getattr(module, part)
+    for name in dir(module):
+        it = getattr(module, name)
+        visit(it if isinstance(it, type) else type(it))
+found = re.compile("a")
+for it in (generator(), iter([]), iter({}), {}.items(), print, visit, found, found.match("a")):
+    visit(type(it))
+for name in dir(builtins):
+    names.add(("class " if isinstance(getattr(builtins, name), type) else "builtin ") + name)
+for name in names:
+    print(name)
+"""
+
+
+def made() -> str:
+    """The file's text."""
+    with MicroPython() as board:
+        asked = board.run(_ASK).splitlines()
+    names = {*asked, *("attribute " + name for name in (*_OF_BOARDS, *_HIDDEN))}
+    kept = sorted(name for name in names if not name.partition(" ")[2].startswith("_"))
+    return "\n".join(["# Made by scripts/foreign_names.py", *kept, ""])
+
+
+if __name__ == "__main__":
+    FILE.write_text(made(), encoding="utf-8")

@@ -1,0 +1,20 @@
+"""The list of names that a build leaves alone is what MicroPython has."""
+
+import runpy
+
+from mpy.harness import ROOT
+
+from uros.boards.foreign import ATTRIBUTES, BUILTINS, CLASSES
+
+
+def test_the_list_is_what_its_script_makes() -> None:
+    script = runpy.run_path(str(ROOT / "scripts" / "foreign_names.py"))
+    assert script["FILE"].read_text(encoding="utf-8") == script["made"](), (
+        "run scripts/foreign_names.py"
+    )
+
+
+def test_the_list_has_what_is_asked_of_others() -> None:
+    assert {"append", "errno", "args", "recv", "readinto", "any", "read_u16"} <= ATTRIBUTES
+    assert {"print", "len", "ValueError", "memoryview"} <= BUILTINS
+    assert {"ValueError", "object", "bytes"} <= CLASSES and "print" not in CLASSES
