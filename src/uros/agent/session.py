@@ -359,14 +359,15 @@ class Session:
                 incoming.fragments.drop()
                 self._given_up(stream_id)
             incoming.fragment_at = number
-        if not incoming.fragments.pending:
+        last = bool(flags & ids.FLAG_LAST_FRAGMENT)
+        if not incoming.fragments.pending or not (incoming.first_fragment or last):
             incoming.first_fragment = len(part)
         if len(self._in) > 1:  # all streams together hold no more than one may
             kept = sum(
                 it.fragments.pending + sum(map(len, it.stalled)) for it in self._in.values()
             )
             incoming.fragments.limit = self._limit - kept + incoming.fragments.pending
-        whole = incoming.fragments.add(part, bool(flags & ids.FLAG_LAST_FRAGMENT))
+        whole = incoming.fragments.add(part, last)
         if whole is None:
             return True
         if len(whole) < 4 or whole[0] == ids.FRAGMENT:
@@ -376,7 +377,7 @@ class Session:
             self._given_up(stream_id)
             if start == NONE:
                 return True
-            del whole[:start]
+            whole = whole[start:]  # another one: the keeper knows the first by its bytes
         del whole[len(whole) - surplus(whole) :]  # one submessage; what follows it is nothing
         try:
             self._submessages(whole, memoryview(whole), 0, len(whole), stream_id, now)

@@ -13,8 +13,9 @@ C clients from 1.1 to 3.0 write one of these forms:
 
 What fits none of them is more than one message. In the long form the length tells nothing. There,
 and to find the message behind the one that was given up, the beginning of another WRITE_DATA is
-looked for where a fragment begins: the same flags, a later request, a known datawriter, and a
-length that fits what follows.
+looked for where a fragment begins: the same flags, a later request, a known datawriter (where it
+is sure that there are two messages, a requester or replier too), and a length that fits what
+follows.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ _HEAD: Final = 8
 # Attack: a message of nothing but WRITE_DATA's octet. A picture of 8 MiB in fragments of 512
 # bytes has some sixty such octets where a fragment begins.
 _LOOKS: Final = 4096
+# Kinds of objects, the low four bits of an id, that WRITE_DATA is for besides datawriters.
+_SERVICES: Final = (ids.KIND_REQUESTER, ids.KIND_REPLIER)
 NONE: Final = -1
 
 
@@ -60,22 +63,28 @@ def beginning(whole: bytearray, first: int, last: int, writers: Container[int]) 
     if whole_fits and told:
         return 0
     otherwise = 0 if whole_fits else NONE
-    if not first or len(whole) < _HEAD:
+    if len(whole) < _HEAD or (whole_fits and not first):
         return otherwise
+    # After a restart of the agent nobody knows where a fragment began: anywhere, to the octet.
+    step = first or 1
     request = whole[4] << 8 | whole[5]
-    kinds = whole[first::first]
+    kinds = whole[step::step]
     at = len(kinds)
     for _ in range(_LOOKS):
         at = kinds.rfind(ids.WRITE_DATA, 0, at)
         if at < 0:
             break
-        start = (at + 1) * first
+        start = (at + 1) * step
         if (
             start + _HEAD <= len(whole)
             and whole[start : start + 2] == whole[:2]
-            and (whole[start + 6] << 8 | whole[start + 7]) in writers
+            and (
+                (whole[start + 6] << 8 | whole[start + 7]) in writers
+                # Where it is sure that there are two, what is looked for may be less so.
+                or (not whole_fits and whole[start + 7] & 0x0F in _SERVICES)
+            )
             and sequence_after(whole[start + 4] << 8 | whole[start + 5], request)
-            and fits(whole, start, first, last)
+            and fits(whole, start, first or NONE, last)
         ):
             return start
     return otherwise

@@ -306,6 +306,37 @@ def test_what_came_before_a_stall_does_not_come_twice(world, monkeypatch):
     assert heard() == [7] and held() == [0, 1, 2]
 
 
+@pytest.mark.parametrize("rewritten", [False, True], ids=["journal", "rewritten"])
+def test_a_message_behind_one_that_was_given_up_is_stalled(world, monkeypatch, rewritten):
+    """Its last fragment comes again; those before it, and those of the first, are in the file."""
+    heard = far_reader(world)
+    client = publisher(world)
+
+    def fragments(whole, at_most):
+        parts = [whole[at : at + 400] for at in range(0, len(whole), 400)]
+        for part in parts[:at_most]:
+            client.put(ids.FRAGMENT, part, 3 if part is parts[-1] else 1)
+
+    def whole(value):
+        sample = number(value, 1400)
+        head = struct.pack("<BBHHBB", ids.WRITE_DATA, 1, 4 + len(sample), value, 0, 0x15)
+        return head + sample
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MemoryWriter, "write", lambda self, cdr: False)
+        world.restart()  # endpoints keep what they call
+        fragments(whole(1 << 8), 2)
+        client.turns(5)
+        fragments(whole(2 << 8), 4)
+        client.turns(5)
+        assert len(client._out) == 1 and heard() == []
+        if rewritten:
+            assert world.desk.keeper._rewrite()
+    world.restart()
+    settled(client)
+    assert heard() == [2 << 8]
+
+
 def test_messages_to_a_client_are_sent_again_as_they_were(world):
     client = Client(world)
     client.topic("rt/down", TYPE)

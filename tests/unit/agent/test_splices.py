@@ -154,6 +154,15 @@ def test_the_next_message_is_another_writers(talk):
     assert talk.samples() == [picture(5000, 2)]
 
 
+@pytest.mark.parametrize("thing", [0x0017, 0x0018])
+def test_the_next_message_is_a_services(talk, thing):
+    client = C(talk)
+    client.continuous(picture(20_000, 1), at_most=3)
+    client.buffered(picture(5000, 2), thing)
+    ((kind, _, _, payload),) = talk.handler.seen
+    assert kind == 7 and payload[2:] == struct.pack(">H", thing) + picture(5000, 2)
+
+
 def test_a_client_of_2_0_that_gives_up(talk):
     client = C(talk)
     client.continuous_2_0(picture(20_000, 1), at_most=3)
@@ -204,6 +213,16 @@ def test_a_message_of_headers_alone_costs_a_bounded_look(talk, monkeypatch):
     client = C(talk, OFFSET + HEAD + len(head))
     client.fragments(head * 20_000)
     assert len(talk.written) == 1 and 0 < len(looked) <= splices._LOOKS
+
+
+def test_a_message_that_was_given_up_at_another_agent(talk):
+    """As long as the first fragment was are those that come now, but for the last."""
+    client = C(talk)
+    client.continuous(picture(20_000, 1), at_most=2)
+    talk.session._in[0x80].first_fragment = 0
+    client.continuous(picture(20_000, 2))
+    assert talk.samples() == [picture(20_000, 2)]
+    assert talk.session.given_up == 1
 
 
 def test_a_message_whose_beginning_another_agent_had(talk):
