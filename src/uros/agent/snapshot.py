@@ -53,6 +53,11 @@ class _Mark(NamedTuple):
     heard_at: float  # of time.monotonic, about
 
 
+# A session begins with a burst of CREATE messages; and a rate is over no less.
+_CREATING_SECONDS: Final = 1.0
+_LEAST_SECONDS: Final = 1.0
+
+
 class Rates:
     """Remembers the counters of all clients, every :data:`RATE_SECONDS`."""
 
@@ -76,10 +81,18 @@ class Rates:
 
     def of(self, client: Client, now: float) -> tuple[float, float, float]:
         """Messages a second that came and that went, and over how many seconds."""
-        mark = self._before.get(client.key)  # a client that is not there is younger
         since, received, sent = client.born, 0, 0
-        if mark is not None and mark.born == client.born:
-            since, received, sent = mark.when, mark.received, mark.sent
+        # The longer time first; a client that is in none of them is younger. What it creates when
+        # it comes is no rate.
+        for mark in (self._before.get(client.key), self._last.get(client.key)):
+            if (
+                mark is not None
+                and mark.born == client.born
+                and mark.when - client.born >= _CREATING_SECONDS
+                and now - mark.when >= _LEAST_SECONDS
+            ):
+                since, received, sent = mark.when, mark.received, mark.sent
+                break
         over = max(now - since, 1e-3)
         session = client.session
         return (session.received - received) / over, (session.sent - sent) / over, over

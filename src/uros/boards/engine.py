@@ -279,6 +279,8 @@ class BoardProcess:
             time.sleep(_LOOK_SECONDS)
             self.board.advance()
             self._tell_parts()
+            if self._host is not None:
+                self._host.usb_state()  # the program may never ask for it
 
     def _tell_parts(self) -> None:
         with self.board.lock:

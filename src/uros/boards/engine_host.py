@@ -128,11 +128,12 @@ class BoardHost:
 
     def usb_state(self) -> str:
         """The state of the line, told as a change where it is one."""
-        state = self._board.usb.state
-        if state != self._last_usb:
-            self._last_usb = state
-            self._usb(state)
-        return state
+        with self._board.lock:  # of several threads, one tells a change
+            state = self._board.usb.state
+            if state != self._last_usb:
+                self._last_usb = state
+                self._usb(state)
+            return state
 
     # --- time -------------------------------------------------------------------------
 

@@ -132,7 +132,7 @@ class Button(Part):
     """A push button between its pin and ``pressed_level``'s rail; the pin's pull does the rest.
 
     Its contacts bounce: within 8 ms of each press and release there are some short edges, which
-    come from ``seed``. ``bounce=MS`` makes that time another one.
+    come from ``seed``. ``bounce=MS`` makes that time another one, until it is healed.
     """
 
     FAULTS: ClassVar = {
@@ -143,7 +143,7 @@ class Button(Part):
         "press": "push it and hold it",
         "release": "let it go",
         "tap": "press for 0.1 s; tap=SECONDS for another time",
-        "bounce": f"bounce=MS: for how long its contacts bounce (now {_BOUNCE_US // 1000})",
+        "bounce": f"bounce=MS: for how long its contacts bounce ({_BOUNCE_US // 1000} when off)",
     }
 
     def __init__(self, name: str, seed: int = 0, pressed_level: int = 0) -> None:
@@ -186,6 +186,7 @@ class Button(Part):
         self._told(lambda: self.faults.add(kind))
 
     def heal(self) -> None:
+        self._bounce_us = _BOUNCE_US
         self._told(self.faults.clear)
 
     def _told(self, change: Callable[[], object]) -> None:

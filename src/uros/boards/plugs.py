@@ -179,7 +179,7 @@ class Radio:
 
     def guests(self) -> int:
         """How many have joined the board's access point."""
-        if self._started is None or self.faults & {"lost", "alone"}:
+        if self._started is None or self.faults & {"lost", "alone", "deaf"}:
             return 0
         return int(self._ms() - self._started >= _GUEST_MS)
 
@@ -256,7 +256,7 @@ class Plug(Part):
         },
         "wlan": {
             "lost": "the access point is switched off; the board's own one too",
-            "deaf": "the access point that the board joins does not answer",
+            "deaf": "hears nobody: it joins no access point, and nobody joins its own",
             "alone": "nobody joins the board's own access point",
         },
     }

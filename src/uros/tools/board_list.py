@@ -29,10 +29,12 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.board is None:
         width = max(map(len, BOARDS))
-        mcu = max(len(it.mcu) for it in BOARDS.values())
-        print(f"{'NAME':{width}}  {'MCU':{mcu}}  WHAT IT DOES")
+        mcu = ""
         for spec in BOARDS.values():
-            print(f"{spec.name:{width}}  {spec.mcu:{mcu}}  {spec.text}")
+            if spec.mcu != mcu:
+                print(f"\n{spec.mcu}:" if mcu else f"{spec.mcu}:")
+                mcu = spec.mcu
+            print(f"  {spec.name:{width}}  {spec.text}")
         print("\n'uros board list --ports' has boards to buy.")
         print("'uros board run NAME' runs one; 'uros board list NAME' tells more about it.")
         return 0

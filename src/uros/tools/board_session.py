@@ -267,8 +267,9 @@ class Session:
             node, came, went = "-", "-", "-"
             if client is not None:
                 node = " ".join(node_name(it) for it in client["nodes"]) or "-"
-                came = f"{client['received']['rate']:.1f}"
-                went = f"{client['sent']['rate']:.1f}"
+                if client["rate_over"] < client["age"]:  # else it has the burst of creation
+                    came = f"{client['received']['rate']:.1f}"
+                    went = f"{client['sent']['rate']:.1f}"
             seen = ", ".join(f"{name} {shows}" for name, shows in seat.shows.items() if shows)
             cells = (seat.plan.title, seat.program, seat.board.usb, node, came, went)
             rows.append(Row(cells, seen))

@@ -7,8 +7,16 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any, Final
 
-from .common import add_common, add_topic, discover, join, positive_float, unsigned_int
-from .errors import ToolError
+from .common import (
+    add_common,
+    add_topic,
+    discover,
+    join,
+    positive_float,
+    remedy,
+    unsigned_int,
+)
+from .errors import ToolError, did_you_mean
 from .fill import Filled, constructed
 from .qos_publish import add_qos_arguments, choose
 from .typed_values import add_type_and_values, load_message, type_and_text
@@ -112,6 +120,7 @@ def _wait(
 ) -> None:
     """Wait until so many subscriptions are there."""
     end = None if longest is None else time.monotonic() + longest
+    told = False
     while writer.matched() < wanted:
         _say(f"Waiting for at least {wanted} matching subscription(s)...")
         left = _SAY_AGAIN if end is None else min(_SAY_AGAIN, end - time.monotonic())
@@ -125,7 +134,20 @@ def _wait(
         if not mismatches.tell():
             left = _SAY_AGAIN if end is None else max(0.0, end - time.monotonic())
             network.settle(min(_SAY_AGAIN, left))
+        if not told and not writer.matched():
+            told = True
+            _tell_close_names(network, mismatches.topic, True)
     network.spin(lambda: False, _SETTLE)
+
+
+def _tell_close_names(network: Network, topic: str, waiting: bool) -> None:
+    """Where nobody subscribes: it may be misspelt, or, to one who waits, another domain's."""
+    graph = network.graph
+    if graph.subscriptions(topic):
+        return
+    others = [name for name in graph.topics() if name != topic and graph.subscriptions(name)]
+    if waiting or did_you_mean(topic, others):
+        warn(f"nobody subscribes to {topic}{remedy(network, topic, others)}")
 
 
 def _publish(
@@ -140,6 +162,7 @@ def _publish(
 
     _say("publisher: beginning loop")
     count = 0
+    told = False
     due = time.monotonic()
     while True:
         filled.stamp(time.time_ns())
@@ -157,6 +180,9 @@ def _publish(
         network.spin(lambda: False, max(0.0, due - time.monotonic()))
         if time.monotonic() - mismatches.looked >= _SAY_AGAIN:
             mismatches.tell()
+            if not told:
+                told = True
+                _tell_close_names(network, args.topic, False)
 
 
 class _Mismatches:
@@ -165,7 +191,7 @@ class _Mismatches:
     def __init__(self, network: Network, topic: str, type_name: str, qos: QoSProfile) -> None:
         self.looked = time.monotonic()
         self._graph = network.graph
-        self._topic = topic
+        self.topic = topic
         self._type = type_name
         self._qos = qos
         self._looks: dict[bytes, int] = {}
@@ -179,7 +205,7 @@ class _Mismatches:
 
         self.looked = time.monotonic()
         named = True
-        for end in self._graph.subscriptions(self._topic):
+        for end in self._graph.subscriptions(self.topic):
             if end.gid in self._told:
                 continue
             # Its node may be known some seconds later than itself.
@@ -191,11 +217,11 @@ class _Mismatches:
             self._told.add(end.gid)
             who = "a subscription" if nameless else names.join(end.node_namespace, end.node_name)
             if end.type_name != self._type:
-                warn(f"{who} takes {end.type_name} on {self._topic}: it will hear nothing")
+                warn(f"{who} takes {end.type_name} on {self.topic}: it will hear nothing")
                 continue
             for one in mismatches(self._qos, end.qos):
                 warn(
-                    f"{who} asks for {one.requested} on {self._topic}, and this is {one.offered}:"
+                    f"{who} asks for {one.requested} on {self.topic}, and this is {one.offered}:"
                     " it will hear nothing; see --qos-reliability and --qos-durability"
                 )
         return named

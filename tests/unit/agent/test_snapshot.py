@@ -273,7 +273,8 @@ def test_rates_are_over_a_client_s_life_and_then_over_the_last_marks(owner):
     assert rates.of(client, 110.0) == (5.0, 1.0, 10.0)
     rates.mark(110.0)
     client.session.received += 100
-    assert rates.of(client, 120.0) == (7.5, 0.5, 20.0)
+    assert rates.of(client, 110.5) == (150 / 10.5, 10 / 10.5, 10.5)  # too short a time
+    assert rates.of(client, 120.0) == (10.0, 0.0, 10.0)
     rates.mark(115.0)
     assert rates.of(client, 120.0) == (10.0, 0.0, 10.0)
     rates.mark(120.0)
@@ -282,6 +283,23 @@ def test_rates_are_over_a_client_s_life_and_then_over_the_last_marks(owner):
     # Another board with the key, or the same anew.
     client.born, client.session.received = 124.0, 3
     assert rates.of(client, 125.0) == (3.0, 10.0, 1.0)
+
+
+def test_what_a_client_creates_when_it_comes_is_no_rate(owner):
+    board = Board(owner.desk)
+    board.ask(*publisher_entities())
+    client = of(board)
+    client.born = 100.0
+    client.session.received = 20
+    rates = Rates(owner.agent.clients)
+    rates.mark(100.5)  # in the middle of it
+    client.session.received = 40
+    assert rates.of(client, 105.0) == (40 / 5, client.session.sent / 5, 5.0)
+    rates.mark(105.5)
+    client.session.received = 80
+    assert rates.of(client, 109.5)[::2] == (10.0, 4.0)
+    rates.mark(110.5)
+    assert rates.of(client, 113.5)[2] == 8.0
 
 
 def test_silence_is_told_where_ticks_have_gone_around(owner):

@@ -107,6 +107,17 @@ def test_the_line_is_a_terminal_under_the_name_that_was_asked_for(program, tmp_p
     assert board.ended
 
 
+def test_a_line_that_comes_back_is_told_also_by_a_program_that_never_asks(program):
+    """Of a board whose USB socket has a chip that makes a UART of it."""
+    folder = program("import time\nwhile True:\n    time.sleep_ms(50)\n")
+    with RunningBoard(folder, "esp32_publisher") as board:
+        board.wait_usb("configured")
+        board.happen("usb:unplug")
+        board.wait_usb("detached")
+        board.happen("usb:plug")
+        board.wait_usb("configured")
+
+
 def test_faults_from_the_beginning_and_while_it_runs(program):
     folder = program("""
         import time

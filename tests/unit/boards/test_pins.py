@@ -113,6 +113,24 @@ def test_a_stuck_and_a_broken_button():
     assert button.pin.value() == 1 and len(heard) == 2
 
 
+def test_off_undoes_what_was_said_of_its_contacts():
+    def edges():
+        button = Button("button", seed=7)
+        heard = edges_of(button)
+        button.act("bounce", "0")
+        button.act("press")
+        button.advance(20_000)
+        assert len(heard) == 1
+        button.heal()
+        button.act("release")
+        button.advance(40_000)
+        return heard
+
+    untouched = Button("button", seed=7)
+    assert untouched._bounce_us > 0
+    assert len(edges()) > 2
+
+
 def test_a_knob():
     knob = Knob("knob")
     assert knob.analog() == 0.5

@@ -162,3 +162,16 @@ def test_faults_of_plugs_are_faults_of_the_board():
 def test_what_cannot_be_plugged_in_is_told(spec, said):
     with pytest.raises(PlugError, match=said):
         VirtualBoard(BOARD, ManualClock(), plugs=[spec])
+
+
+@pytest.mark.parametrize("fault", ["alone", "deaf", "lost"])
+def test_nobody_joins_an_access_point_that_fails(fault):
+    now = [0]
+    radio = Radio(Air({}), lambda: now[0])
+    radio.start("board", "secret99")
+    now[0] = 10_000
+    assert radio.guests() == 1
+    radio.faults.add(fault)
+    assert radio.guests() == 0
+    radio.faults.clear()
+    assert radio.guests() == 1

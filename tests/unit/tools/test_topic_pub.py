@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from uros.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy
+from uros.host.network import Network
+from uros.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile
 from uros.tools import cli, qos_publish, topic_pub
 from uros.tools.typed_values import load_service, type_and_text
 
@@ -113,3 +114,35 @@ PROBE = (
 def test_help_loads_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+# --- names that are nearly right ------------------------------------------------------------------
+
+
+@pytest.fixture
+def subscriber(own_domain_id):
+    """Somebody who subscribes to /led_brightness."""
+    with Network(own_domain_id) as network:
+        network.listen("/led_brightness", "std_msgs/msg/Float32", QoSProfile(), print)
+        yield ["--domain", str(own_domain_id)]
+
+
+def test_who_waits_for_subscribers_of_a_misspelt_topic_is_told(subscriber, capsys):
+    wrong = ["topic", "pub", "--once", "--max-wait-time-secs", "3", "/led_brightnes"]
+    assert cli.main([*wrong, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 1
+    said = capsys.readouterr().err
+    assert "nobody subscribes to /led_brightnes in domain" in said
+    assert said.count("did you mean '/led_brightness'?") == 1
+
+
+def test_who_publishes_on_a_misspelt_topic_is_told_once(subscriber, capsys):
+    wrong = ["topic", "pub", "--times", "30", "-w", "0", "-r", "10", "/led_brightnes"]
+    assert cli.main([*wrong, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 0
+    said = capsys.readouterr().err
+    assert said.count("did you mean '/led_brightness'?") == 1
+
+
+def test_who_publishes_to_nobody_hears_nothing_of_it(subscriber, capsys):
+    alone = ["topic", "pub", "--times", "15", "-w", "0", "-r", "10", "/another"]
+    assert cli.main([*alone, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 0
+    assert capsys.readouterr().err == ""
