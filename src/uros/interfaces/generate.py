@@ -25,7 +25,7 @@ from .emit_board import FROM, INTO, methods
 from .emit_load import VIEW
 from .layout import CODES, Aliases, is_octets
 from .parse import Action, Field, Message, Scalar, Service, Type
-from .typehash import type_hash
+from .typehash import hash_of
 
 CANCEL_GOAL: Final = "action_msgs/srv/CancelGoal"
 GOAL_STATUS: Final = "action_msgs/msg/GoalStatusArray"
@@ -212,7 +212,7 @@ def _identity(definition: Message | Service | Action) -> list[str]:
     return [
         f'    _TYPE = "{definition.type_name}"',
         f'    _DDS_TYPE = "{package}::{kind}::dds_::{name}_"',
-        f'    _HASH = "{type_hash(definition)}"',
+        f'    _HASH = "{hash_of(definition)}"',
     ]
 
 

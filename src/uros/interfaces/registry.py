@@ -1,8 +1,8 @@
 """Where definitions come from, and which one a name means. Host only.
 
-The first hit wins: folders given to `add_folder` in their order, the packaged definitions, then
-``share`` of every prefix in AMENT_PREFIX_PATH. A file is parsed when its type is asked for, so a
-broken file hurts nobody else.
+The first hit wins: folders given to `add_folder` in their order, the packaged definitions as the
+chosen distribution has them (see `distro`), then ``share`` of every prefix in AMENT_PREFIX_PATH. A
+file is parsed when its type is asked for, so a broken file hurts nobody else.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Final, Union
 
+from . import distro
 from .errors import InterfaceError
 from .parse import Action, Message, Service, parse_action, parse_msg, parse_srv
 
@@ -69,7 +70,7 @@ def add_folder(path: str | os.PathLike[str]) -> list[str]:
         )
     for name, file in names.items():
         _added.setdefault(name, file)
-    definition.cache_clear()
+    _definition.cache_clear()
     return sorted(names)
 
 
@@ -109,7 +110,7 @@ def packaged_types() -> list[str]:
 
 def has_package(package: str) -> bool:
     """Whether any type of the package is known."""
-    if (_PACKAGED / package).is_dir() or any(name.startswith(package + "/") for name in _added):
+    if any(name.startswith(package + "/") for name in (*_added, *_packaged())):
         return True
     return any((share / package / kind).is_dir() for share in _ament_shares() for kind in KINDS)
 
@@ -123,13 +124,17 @@ def names_in(package: str, kind: str) -> list[str]:
     return sorted(names)
 
 
-@cache
 def definition(name: str) -> Definition:
     """The parsed definition of a type in its normal spelling.
 
     ``pkg/srv/Name_Request`` (and Response) gives that section; ``pkg/action/Name_Goal`` (and
     Result, Feedback, SendGoal, SendGoal_Request, FeedbackMessage …) what the action makes.
     """
+    return _definition(name, distro.chosen())
+
+
+@cache
+def _definition(name: str, _: str) -> Definition:
     owner = file_type(name)
     if owner != name:
         whole = definition(owner)
@@ -203,9 +208,16 @@ def file_type(name: str) -> str:
     return f"{head}/{match[1]}" if match else name
 
 
-@lru_cache(maxsize=1)
 def _packaged() -> dict[str, Path]:
-    return _scan(_PACKAGED)
+    return _packaged_of(distro.chosen())
+
+
+@lru_cache(maxsize=len(distro.DISTROS))
+def _packaged_of(name: str) -> dict[str, Path]:
+    found = {it: file for it, file in _scan(_PACKAGED).items() if not distro.missing(it, name)}
+    for folder in reversed(distro.older(name)):
+        found.update(_scan(folder))
+    return found
 
 
 def _find(name: str) -> Path | None:
@@ -256,6 +268,13 @@ def _package(folder: Path) -> str:
 def _unknown(name: str) -> str:
     import difflib
 
+    first = distro.since(name)
+    if first:
+        return (
+            f"unknown type {name!r}: it came with ROS 2 {first.capitalize()}, and these are the"
+            f" definitions of {distro.chosen().capitalize()}; choose another by ROS_DISTRO or"
+            " --distro, or give the folder of its definition by --interfaces DIR"
+        )
     names = list_types()
     plain = name.rpartition("/")[2]
     close = [known for known in names if plain and known.endswith("/" + plain)]

@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
-from . import registry
+from . import distro, registry
 from .errors import InterfaceError
 from .parse import Action, Field, Message, Service, Type
 
@@ -100,21 +100,42 @@ def event_message(service: Service) -> Message:
 
 
 def known_hash(ros_type_name: str) -> str | None:
-    """The hash of a type by name, or None where no definition of it is at hand.
+    """The hash of a type by name, or None where no definition of it is at hand, or ROS 2 of the
+    chosen distribution has no hashes.
 
     Packaged types cost one look into a table; those of `add_folder` and of AMENT_PREFIX_PATH are
     computed once. Takes every spelling that `uros.interfaces.load` takes.
     """
-    name = ros_type_name.replace("::dds_::", "::").replace("::", "/").rstrip("_")
-    if not registry.is_added(name) and (found := _table().get(name)) is not None:
-        return found
     try:
+        if not distro.has_hashes():
+            return None
+        name = ros_type_name.replace("::dds_::", "::").replace("::", "/").rstrip("_")
+        if not registry.is_added(name) and (found := _table().get(name)) is not None:
+            # No hash of ours has changed since hashes came, but types have come.
+            gone = distro.missing(registry.file_type(name), distro.chosen())
+            return None if gone else found
         name = registry.normalize(ros_type_name)
         if not registry.exists(name):
             return None
         return _hash_once(registry.definition(name))
     except InterfaceError:
         return None
+
+
+def is_known(ros_type_name: str) -> bool:
+    """Whether a definition of a type is at hand, by its name in every spelling."""
+    name = ros_type_name.replace("::dds_::", "::").replace("::", "/").rstrip("_")
+    if name in _table():
+        return True
+    try:
+        return registry.exists(registry.normalize(ros_type_name))
+    except InterfaceError:
+        return False
+
+
+def hash_of(definition: Message | Service | Action) -> str:
+    """The hash that a class has; "" where ROS 2 of the chosen distribution has none."""
+    return type_hash(definition) if distro.has_hashes() else ""
 
 
 @lru_cache(maxsize=4096)
@@ -161,4 +182,5 @@ def _describe_type(type_: Type) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
+    distro.use(distro.NEWEST)
     _TABLE.write_text(table_text(), encoding="ascii")

@@ -26,7 +26,7 @@ from .agent_transports import (
     make_discovery,
     port,
 )
-from .common import domain
+from .common import add_distro, domain, use_distro
 from .errors import ToolError
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ _PARTS: Final = (
 _COMMON: Final[dict[str, Any]] = {
     "middleware": "auto",
     "refs": [],
+    "distro": None,
     "verbose": 4,
     "discovery": None,
     "p2p": None,
@@ -98,6 +99,7 @@ def _common_options() -> argparse.ArgumentParser:
         " installed), dds (rtps is its other name), ros2, memory, which stays inside the agent, or"
         " ced, the same with any text as a name",
     )  # fmt: skip
+    add_distro(common, argparse.SUPPRESS)
     common.add_argument(
         "-r", "--refs", metavar="FILE", action="append",
         help="XML file of profiles that boards refer to by name; may be repeated",
@@ -134,7 +136,9 @@ def run(args: argparse.Namespace) -> int:
         return agent_status.run(args)
     parts = _parts(args)
     try:
-        return _serve(_common(parts), parts)
+        options = _common(parts)
+        use_distro(options.distro)
+        return _serve(options, parts)
     except TransportError as error:
         raise ToolError(error.strerror or str(error)) from error
     except (ProfileError, ControlError) as error:

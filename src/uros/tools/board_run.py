@@ -9,7 +9,7 @@ from typing import Final
 from .agent_transports import port
 from .board_list import check_name
 from .board_session import AGENT_PORT, Plan, Session, titles
-from .common import add_engine, add_interfaces, positive_float
+from .common import add_engine, add_interfaces, know_distro, positive_float
 from .errors import ToolError
 
 _EPILOG: Final = """\
@@ -93,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
     """Run until Ctrl-C or the end of the time; the exit status. Raises ToolError."""
     if sys.platform == "win32":
         raise ToolError("virtual boards need pseudo-terminals: use Linux, macOS or WSL")
+    know_distro(args)
     for name in args.boards:
         check_name(name)
     if len(args.boards) > 1:

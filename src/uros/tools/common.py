@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,8 @@ def add_common(parser: argparse.ArgumentParser) -> None:
 
 
 def add_interfaces(parser: argparse.ArgumentParser) -> None:
-    """``--interfaces``; `know_interfaces` does what it says."""
+    """``--interfaces`` and ``--distro``; `know_interfaces` does what they say."""
+    add_distro(parser)
     parser.add_argument(
         "--interfaces",
         metavar="DIR",
@@ -41,8 +43,47 @@ def add_interfaces(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def distro_name(text: str) -> str:
+    """One of those whose definitions there are."""
+    from ..interfaces.distro import NAMES
+
+    name = text.strip().lower()
+    if name not in NAMES:
+        known = ", ".join(NAMES)
+        raise argparse.ArgumentTypeError(f"no definitions of {text!r}; there are {known}")
+    return name
+
+
+def add_distro(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    """``--distro``; `know_distro` does what it says."""
+    parser.add_argument(
+        "--distro", metavar="NAME", type=distro_name, default=default,
+        help="ROS 2 distribution whose definitions count, such as humble (default: ROS_DISTRO, or"
+        " the newest one that uros knows)",
+    )  # fmt: skip
+
+
+def know_distro(args: argparse.Namespace) -> None:
+    """Take the definitions of ``--distro`` or ROS_DISTRO, here and in processes that are started.
+    Raises InterfaceError."""
+    from ..interfaces.distro import chosen
+
+    use_distro(args.distro)
+    chosen()
+
+
+def use_distro(name: str | None) -> None:
+    """Take a distribution's definitions, and the size of its Gids, where it has a name."""
+    from ..interfaces.distro import use
+
+    if name:
+        use(name)
+        os.environ["ROS_DISTRO"] = name
+
+
 def know_interfaces(args: argparse.Namespace) -> None:
-    """Make the definitions of ``--interfaces`` known. Raises InterfaceError."""
+    """Make the definitions of ``--distro`` and ``--interfaces`` known. Raises InterfaceError."""
+    know_distro(args)
     if args.interfaces:
         from ..interfaces import add_folder
 

@@ -358,3 +358,14 @@ def test_a_field_that_is_not_there_and_a_value_that_does_not_fit_are_told_once(
     good = ["packed 1.0", "packed 1234567890", "packed 7.5"]
     assert [line for line in lines if line.startswith("packed")] == 3 * good
     assert sum(line.startswith("Traceback") for line in lines) == len(told)
+
+
+@pytest.mark.parametrize("engine_name", ["cpython", "micropython"])
+def test_a_virtual_board_has_the_messages_of_ros_distro(program, engine_name, monkeypatch):
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    text = """
+        from sensor_msgs.msg import Range
+        print("octets", Range().cdr_size(), [hasattr(Range(), it) for it in ("variance", "range")])
+    """
+    with RunningBoard(program(text), BOARD, engine_name) as board:
+        board.wait("octets 32 [False, True]")

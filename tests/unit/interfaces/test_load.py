@@ -28,7 +28,7 @@ MISSING_ON_BOARD = {"dataclasses", "enum", "typing", "abc", "collections", "__fu
 def forget_folders(monkeypatch):
     monkeypatch.setattr(registry, "_added", {})
     yield
-    registry.definition.cache_clear()
+    registry._definition.cache_clear()
 
 
 def write(path: Path, text: str) -> Path:

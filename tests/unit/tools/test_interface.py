@@ -26,7 +26,7 @@ COLLECT = "int32 count\n---\nReading[] all\n---\nReading one\n"
 def folder(tmp_path, monkeypatch):
     """A package of interfaces that nobody knows yet."""
     monkeypatch.setattr(registry, "_added", {})
-    registry.definition.cache_clear()
+    registry._definition.cache_clear()
     package = tmp_path / "sense_msgs"
     for path, text in {
         "msg/Reading.msg": READING, "msg/Limits.msg": LIMITS, "srv/Store.srv": STORE,
@@ -35,7 +35,7 @@ def folder(tmp_path, monkeypatch):
         (package / path).parent.mkdir(parents=True, exist_ok=True)
         (package / path).write_text(text)
     yield package
-    registry.definition.cache_clear()
+    registry._definition.cache_clear()
 
 
 def shown(capsys, *arguments):

@@ -370,9 +370,9 @@ MAX_TYPES: Final = 4096
 
 def _is_known(type_name: str) -> bool:
     """Whether uros has the type itself: there are not many."""
-    from ...interfaces.typehash import known_hash
+    from ...interfaces.typehash import is_known
 
-    return known_hash(type_name) is not None
+    return is_known(type_name)
 
 
 def create_topic(participant: int, name: str, type_name: str) -> int:
