@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 from .. import __version__
+from ..printable import printable
 from ..transport.base import ERROR, INFO, TransportError
 from ..transport.http import Handler, HttpServer
 from ..transport.ip import address_trouble, bind_trouble, text_of
@@ -143,8 +144,8 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
 
 
 def _label(text: str) -> str:
-    """A text of a client's that can be written as UTF-8."""
-    return text.encode("utf-8", "replace").decode("utf-8")
+    """A text that may be a client's, for who reads a graph's legend."""
+    return printable(text)
 
 
 class _Families:

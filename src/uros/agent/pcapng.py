@@ -14,6 +14,7 @@ import ipaddress
 import struct
 from typing import Final
 
+from ..printable import printable
 from ..transport.addresses import own_address
 from ..transport.base import DEFAULT_PORT, ServerTransport
 from .kinds import key_label
@@ -68,7 +69,7 @@ class Packets:
         client, agent = self._endpoints(transport, address, number)
         sent = passing.direction == AGENT
         payload = passing.message[:MAX_PAYLOAD]
-        comment = f"{transport.name} {address}"
+        comment = f"{transport.name} {printable(address)}"
         if passing.key:
             comment += f" key {key_label(passing.key)}"
         if len(payload) < len(passing.message):

@@ -108,6 +108,18 @@ def test_it_is_for_its_owner_alone(name, tmp_path):
     assert modes == {name: 0o600, f"{name}.1": 0o600}
 
 
+@pytest.mark.parametrize("name", ["it.jsonl", "it.pcapng"])
+def test_a_peer_that_is_called_by_escapes_is_so_in_plain_letters(name, tmp_path):
+    """As the name in a client's certificate is."""
+    desk = Desk(tmp_path / name)
+    desk.say(peer="192.0.2.7:1 (CN=\x1b[2J\r\n\u202eleft\udc80)")
+    desk.close()
+    content = (tmp_path / name).read_bytes()
+    assert b"\\x1b" in content or b"\\u001b" in content
+    assert b"\x1b[2J" not in content and "\u202e".encode() not in content
+    assert len(list(read(tmp_path / name))) == 1
+
+
 def test_pcapng_by_an_independent_reader(tmp_path):
     path = tmp_path / "one.pcapng"
     desk = Desk(path)

@@ -22,6 +22,7 @@ from unit.transport.test_process import agent as process
 from uros.agent import metrics as module
 from uros.agent.metrics import Metrics, families
 from uros.agent.snapshot import pieces
+from uros.printable import printable
 from uros.transport import http
 from uros.transport.base import TransportError
 from uros.wire import ids
@@ -129,7 +130,7 @@ def test_the_newer_format_where_it_is_asked_for():
 
 
 def test_names_are_prometheus_and_texts_of_boards_cannot_break_the_page():
-    evil = 'a"} 1\nuros_clients 99\n\\ \ud800é'
+    evil = 'a"} 1\nuros_clients 99\n\\ \ud800é\u202e\x1b[2J'
     with measured() as running:
         board(running)
         text = "".join(pieces(running.server))
@@ -140,7 +141,8 @@ def test_names_are_prometheus_and_texts_of_boards_cannot_break_the_page():
     page, _ = module._page(snapshot, "")
     found = samples(page.decode("utf-8"))
     assert value(found, "uros_clients") == 1
-    assert any(dict(it[1:]).get("node") == evil.replace("\ud800", "?") for it in found)
+    assert any(dict(it[1:]).get("node") == printable(evil) for it in found)
+    assert not any("\u202e" in str(it) or "\x1b" in str(it) for it in found)
     for family in families(snapshot):
         assert family.documentation and family.name.startswith("uros_")
 
