@@ -15,6 +15,7 @@ from unit.agent.helpers import (
 )
 
 from uros.agent import session as module
+from uros.agent.budget import MESSAGE_BYTES
 from uros.agent.session import Session
 from uros.middleware.base import MiddlewareError
 from uros.wire import ids
@@ -470,6 +471,41 @@ def test_fragments_that_make_nonsense_take_nothing_else_along(talk):
     talk.hear(fragment(short[200:], True), write_data(WRITER, b"other"))
     assert talk.samples() == [b"other"]
     assert [what for what, _ in talk.handler.faults] == ["message given up"]
+
+
+def test_room_is_told_when_a_full_window_opens_and_at_no_other_acknack(talk):
+    """The samples that waited for it would wait for the next one, which need not come."""
+    for _ in range(15):
+        talk.session.send(ids.DATA, 1, 0x80, b"\0\x0e\0\x16", talk.now)
+    talk.hear(acknack(1), stream=0)
+    assert talk.handler.rooms == []
+    for _ in range(2):
+        talk.session.send(ids.DATA, 1, 0x80, b"\0\x0e\0\x16", talk.now)
+    assert talk.session.room(0x80) == 0
+    talk.hear(acknack(17), stream=0)
+    assert talk.handler.rooms == [0x80]
+    talk.hear(acknack(17), stream=0)
+    assert talk.handler.rooms == [0x80]
+
+
+def test_what_is_held_is_the_bytes_and_what_each_message_takes_besides(talk):
+    """Else empty messages would cost nothing in the account of memory."""
+    assert talk.session.held() == 0
+    for _ in range(3):
+        talk.session.send(ids.DATA, 1, 0x80, b"\0\x0e\0\x16", talk.now)
+    out = 3 * (4 + 4 + 4 + MESSAGE_BYTES)
+    assert talk.session.held() == out
+    talk.hear(fragment(bytes(100)))
+    assert talk.session.held() == out + 100
+    talk.hear(write_data(WRITER, b"early"), sequence=5)
+    early = talk.session.held() - out - 100 - MESSAGE_BYTES
+    assert 4 + 4 + 5 <= early <= 16
+    talk.full = 1
+    talk.hear(write_data(OTHER, b"handled"), write_data(WRITER, b"stalled"), sequence=1)
+    stalled = talk.session.held() - out - 100 - early - 2 * MESSAGE_BYTES
+    assert 4 + 4 + 7 <= stalled <= 16
+    talk.hear(acknack(3), stream=0)
+    assert talk.session.held() == 100 + early + stalled + 2 * MESSAGE_BYTES
 
 
 # --- reset ------------------------------------------------------------------------------

@@ -236,3 +236,22 @@ def test_a_message_whose_beginning_another_agent_had(talk):
         client.send(LAST if at + client.block >= len(whole) else 0, part)
     assert talk.samples() == [picture(20_000)]
     assert not talk.handler.faults
+
+
+@pytest.mark.parametrize(
+    ("extra", "first", "last", "good"),
+    [
+        (0, 500, 100, True), (3, 500, 100, True), (4, 500, 100, False), (99, 500, 100, False),
+        (4, 500, 500, True), (499, 500, 500, True), (500, 500, 500, False),
+        (4, 0, 500, True), (499, 0, 500, True), (500, 0, 500, False), (4, 100, 500, False),
+        (-1, 500, 500, False),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("size", [2000, 70_000])
+def test_what_may_stand_behind_a_message_of_a_c_client(size, extra, first, last, good):
+    """Padding, and behind a last fragment as long as the first what fills it."""
+    if extra < 0 and size > 0xFFFF:
+        extra &= 0xFFFF
+    whole = bytearray(struct.pack("<BBH", 7, 1, (size - extra) & 0xFFFF) + bytes(size))
+    assert splices.fits(whole, 0, first, last) is good
+    assert splices.surplus(whole) == extra & 0xFFFF
