@@ -28,6 +28,7 @@ All of them:
 ``admission``         who may come in, and who was refused
 ``shares``            who leaves where no places are left
 ``rivals``            two who say that they are the same client
+``lines``             clients whose line is gone
 ``liveliness``        who is still there
 ``limits``            what one may have, and all together
 ``backlog``           what waits in a reader of the middleware, in octets

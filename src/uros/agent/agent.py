@@ -36,6 +36,7 @@ from .graph import Graphs
 from .heap import Heap
 from .kinds import key_label
 from .limits import Limits
+from .lines import Lines
 from .liveliness import DEAD_TIME, LOOK_MS, Liveliness
 from .log import WARNING, Log, RateLimit, unexpected
 from .pace import Closing, Pace
@@ -99,6 +100,7 @@ class Agent:
         self._conflicts: set[tuple[str, str, str]] = set()
         self.liveliness = Liveliness(self, DEAD_TIME if dead_time is None else dead_time)
         self.rivals = Rivals(self)
+        self.lines = Lines(self)
         # Call something in so many seconds; nothing is called before :meth:`start`.
         self.wake_at: Callable[[float, Callable[[], None]], None] = lambda seconds, call: None
         self.graphs = Graphs(middleware, self.log)
@@ -380,7 +382,9 @@ class Agent:
         """A client of before our start, which goes on without a word. Whether it may come in is
         asked before."""
         self._admit(transport, peer, key, request)
-        return self.clients[key]
+        client = self.clients[key]
+        self.lines.watch(client)  # its board may have been unplugged meanwhile
+        return client
 
     def _move(self, client: Client, transport: ServerTransport, peer: Any) -> None:
         """The client talks from here now."""

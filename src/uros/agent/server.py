@@ -106,6 +106,9 @@ class Server:
     def gone(self, transport: ServerTransport, peer: Any) -> None:
         self.agent.gone(transport, peer)
 
+    def lost(self, transport: ServerTransport) -> None:
+        self.agent.lines.lost(transport)
+
     def resident(self, transport: ServerTransport, peer: Any) -> bool:
         return self.agent.resident(transport, peer)
 

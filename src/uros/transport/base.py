@@ -58,6 +58,9 @@ class Host(Protocol):
     def gone(self, transport: ServerTransport, peer: Any) -> None:
         """The peer's connection is closed for good."""
 
+    def lost(self, transport: ServerTransport) -> None:
+        """A line of the transport is gone, and with it some peers; see is_away()."""
+
     def resident(self, transport: ServerTransport, peer: Any) -> bool:
         """Whether a client talks from there; seldom asked, as all are looked at."""
 
@@ -114,6 +117,10 @@ class ServerTransport(ABC):
     def host_of(self, peer: Any) -> str | None:
         """The IP address that the peer talks from, in numbers; None: it does not talk over IP."""
         return None
+
+    def is_away(self, peer: Any) -> bool:
+        """Whether the line that the peer is on is not there now, as far as that can be known."""
+        return False
 
     def certificate_of(self, peer: Any) -> str | None:
         """What tells the certificate that the peer has shown from all others (its SHA-256, in hex);

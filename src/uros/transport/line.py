@@ -333,6 +333,7 @@ class LineServer(ServerTransport):
             f"device: {self.device}, {why}; waiting for it to come back",
         )  # fmt: skip
         host.wake_at(RETRY, self._try)
+        host.lost(self)
 
     def send(self, peer: int, datagram: bytes) -> None:
         self.line.send(peer, datagram)
@@ -345,6 +346,9 @@ class LineServer(ServerTransport):
 
     def address(self, peer: int) -> str:
         return f"{self.device} ({peer})"
+
+    def is_away(self, peer: int) -> bool:
+        return self.line.stream is None
 
     def close(self) -> None:
         self._closed = True

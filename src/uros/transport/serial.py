@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -140,8 +141,41 @@ class SerialServer(DeviceServer):
         self._opened(FileStream(fd), f"{about}, {lines}" if lines else about)
 
 
+class _Master(FileStream):
+    """Our end of a pseudo-terminal, which outlives the programs at the other end.
+
+    ``opened`` is called when something comes, ``closed`` when no program has it open any more.
+    """
+
+    __slots__ = ("_closed", "_opened")
+
+    def __init__(self, fd: int, opened: Callable[[], None], closed: Callable[[], None]) -> None:
+        super().__init__(fd)
+        self._opened = opened
+        self._closed = closed
+
+    def read(self, size: int) -> bytes:
+        try:
+            chunk = super().read(size)
+        except BlockingIOError:
+            raise
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            chunk = b""  # Linux says so, others say that it has ended
+        if not chunk:
+            self._closed()
+            raise BlockingIOError
+        self._opened()
+        return chunk
+
+
 class PseudoTerminalServer(LineServer):
-    """A pseudo-terminal: a program opens the device whose name the log tells."""
+    """A pseudo-terminal: a program opens the device whose name the log tells.
+
+    While nobody has it open we hold it open ourselves, so that it stays the same device. When
+    something comes we let go, as only then the system tells when the program closes it.
+    """
 
     name = "PseudoTtyAgent"
     lasting = False  # another device each time
@@ -156,6 +190,7 @@ class PseudoTerminalServer(LineServer):
             )
         check_baud_rate(baud)
         self._slave = -1
+        self._left = False  # a program had it open, and has closed it
 
     def _begin(self, host: Host) -> None:
         try:
@@ -167,10 +202,29 @@ class PseudoTerminalServer(LineServer):
         tty.setraw(slave)
         os.set_blocking(master, False)
         self._close_slave()
-        # Held open, so that the line outlives the programs that come and go.
         self._slave = slave
         self.device = self.line.label = os.ttyname(slave)
-        self._opened(FileStream(master), f"dev: {self.device}")
+        self._left = False
+        stream = _Master(master, self._program_speaks, self._program_left)
+        self._opened(stream, f"dev: {self.device}")
+
+    def _program_speaks(self) -> None:
+        self._left = False
+        self._close_slave()
+
+    def _program_left(self) -> None:
+        self._slave = os.open(self.device, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self._slave)
+        self._left = True
+        if self._host is not None:
+            self._host.note(
+                INFO, self.name, "receive", "device closed",
+                f"device: {self.device}, no program has it open; waiting for one",
+            )  # fmt: skip
+            self._host.lost(self)
+
+    def is_away(self, peer: int) -> bool:
+        return self._left or super().is_away(peer)
 
     def close(self) -> None:
         super().close()

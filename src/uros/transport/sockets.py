@@ -244,6 +244,7 @@ class StreamListener(ServerTransport):
                     WARNING, self.name, "receive", "connection lost",
                     f"address: {name}, {why}; the board may connect again",
                 )  # fmt: skip
+                self._host.lost(self)
 
         return Line(self, name, lambda source: (name, source), lost)
 
@@ -266,6 +267,11 @@ class StreamListener(ServerTransport):
 
     def address(self, peer: tuple[str, int]) -> str:
         return f"{peer[0]} ({peer[1]})"
+
+    def is_away(self, peer: tuple[str, int]) -> bool:
+        """A board of before the agent's start has not been here: when it calls is its matter."""
+        line = self.lines.get(peer[0])
+        return line is not None and line.stream is None
 
     def _stop(self, host: Host) -> None:
         sock, self._socket = self._socket, None

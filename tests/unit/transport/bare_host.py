@@ -15,6 +15,7 @@ class BareHost:
         self.messages = []
         self.notes = []
         self.calls = []
+        self.lines_lost = []  # the transports whose lines they were
         self.writing = {}
         self.time = 0
         self.answer = None  # called with (transport, peer, message)
@@ -44,6 +45,9 @@ class BareHost:
 
     def wake_at(self, seconds, call):
         self.calls.append((seconds, call))
+
+    def lost(self, transport):
+        self.lines_lost.append(transport)
 
     def fire(self):
         """Make the calls that are due now or later."""

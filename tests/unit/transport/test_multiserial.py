@@ -26,8 +26,8 @@ def test_boards_with_the_same_address_and_session_on_two_devices(agent):
     one, two = (XrceClient(agent.line(i), 0x61 + i) for i in (0, 1))
     assert one.open() == two.open() == 0
     assert set(agent.agent.clients) == {0x61, 0x62}
-    writers = [it.writer("n", f"rt/{it.key}", TYPE) for it in (one, two)]
-    readers = [it.reader("n", f"rt/{it.key}", TYPE) for it in (one, two)]
+    writers = [it.writer("n", f"rt/t{it.key}", TYPE) for it in (one, two)]
+    readers = [it.reader("n", f"rt/t{it.key}", TYPE) for it in (one, two)]
     for it, reader in zip((one, two), readers, strict=True):
         it.read(reader)
     for i in range(20):
