@@ -290,7 +290,7 @@ def test_a_restored_board_of_a_device_that_is_away_leaves(quick, tmp_path):
                 one.participant("n")
             else:
                 assert "session restored" in running.said.getvalue()
-                eventually(lambda: not running.agent.clients)
+                eventually(lambda agent=running.agent: not agent.clients)
                 assert "line is gone" in running.said.getvalue()
         if there:
             device.unplug()
