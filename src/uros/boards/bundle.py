@@ -153,6 +153,9 @@ class _Names:
             base = absolute(node, module)
             for alias in node.names:
                 here = (module.name, alias.asname or alias.name)
+                if base in self.parts and alias.name in _rebound(self.parts[base]):
+                    what = f"{base}.{alias.name}"
+                    raise NotBundled(f"{module.source}:{node.lineno}: {what} changes")
                 if base in self.parts or f"{base}.{alias.name}" in self.parts:
                     self.brought[here] = (base, alias.name)
                 else:
@@ -254,6 +257,8 @@ class _Rename(Renaming):
                 found = self.names.find(part, node.attr)
                 if found is None:
                     raise NotBundled(f"{self.module.source}: no name {base.id}.{node.attr}")
+                if not isinstance(node.ctx, ast.Load):
+                    raise NotBundled(f"{self.module.source}: sets {base.id}.{node.attr}")
                 return ast.copy_location(ast.Name(found, node.ctx), node)
         return self.generic_visit(node)
 

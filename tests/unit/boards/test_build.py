@@ -684,6 +684,14 @@ def test_a_module_used_as_a_value_is_refused() -> None:
         bundled(main="import a", a="import b\nprint(b.x)", b="x = 1")
 
 
+def test_what_a_module_hands_on_and_binds_anew_is_refused() -> None:
+    b = "x = 1\ndef f():\n    global x\n    x = 2"
+    with pytest.raises(NotBundled, match="a:1: b.x changes"):
+        bundled(main="from a import x", a="from b import x", b=b)
+    with pytest.raises(NotBundled, match="a: sets b.x"):
+        bundled(main="from a import f", a="from p import b\ndef f(): b.x = 3", **{"p.b": b})
+
+
 def test_a_class_may_take_a_name_of_its_module_for_its_own(tmp_path: Path) -> None:
     out = run_bundled(
         tmp_path,

@@ -1,0 +1,88 @@
+"""Random programs do the same as text, as bytecode, and with each pass of the build left out."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from mpy.harness import MicroPython, tree
+from mpy.random_programs import Program
+
+from uros.boards import build as build_module
+from uros.boards.build import build
+from uros.boards.passes import PASSES
+
+FORMS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "text": ("py", ()),
+    "bytecode": ("mpy", ()),
+    **{f"bytecode without {it.name}": ("mpy", (it.name,)) for it in PASSES},
+}
+
+
+def texts(numbers: Iterable[int], package: str) -> dict[str, str]:
+    """The modules of some programs, by their paths, and a main.py that runs them in turn."""
+    files = {}
+    main = []
+    for number in numbers:
+        first, second = f"{package}first{number}", f"second{number}"
+        for name, text in Program(number).modules(first, second).items():
+            files[f"{package.replace('.', '/')}{name}.py"] = text
+        main.append(f"from {package}{second} import run_{number}\nrun_{number}()\n")
+    files["main.py"] = "".join(main)
+    return files
+
+
+def write(files: dict[str, str], folder: Path) -> None:
+    for path, text in files.items():
+        file = folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+
+
+def said(files: dict[str, str] | dict[str, bytes]) -> list[str]:
+    """What the programs print, a line each."""
+    with MicroPython() as board:
+        board.install(files)
+        return board.run("import main").splitlines()
+
+
+def compare(numbers: list[int], program: Path, out: Path, expected: list[str]) -> None:
+    assert len(expected) == len(numbers)
+    for form, (kind, without) in FORMS.items():
+        build(program, out, kind, without=without)
+        lines = said(tree(out))
+        for number, line, wanted in zip(numbers, lines, expected, strict=True):
+            assert line == wanted, f"program {number}, {form}"
+
+
+def check_users(numbers: list[int], folder: Path) -> None:
+    """As modules of a user's program."""
+    files = texts(numbers, "")
+    write(files, folder / "program")
+    compare(numbers, folder / "program", folder / "out", said(files))
+
+
+def check_ours(numbers: list[int], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As modules of uros, which the passes are for."""
+    files = texts(numbers, "uros.client.")
+    write(files, folder / "source")
+    (folder / "program").mkdir()
+    (folder / "source" / "main.py").rename(folder / "program" / "main.py")
+    (folder / "source" / "uros" / "client" / "__init__.py").touch()
+    monkeypatch.setattr(build_module, "_SOURCE", folder / "source" / "uros")
+    compare(numbers, folder / "program", folder / "out", said(files))
+
+
+def test_users_programs(tmp_path: Path) -> None:
+    check_users(list(range(6)), tmp_path)
+
+
+def test_modules_of_uros(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_ours(list(range(8)), tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("first", range(100, 300, 20))
+def test_many_programs(first: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_users(list(range(first, first + 4)), tmp_path / "users")
+    check_ours(list(range(first, first + 20)), tmp_path / "ours", monkeypatch)
