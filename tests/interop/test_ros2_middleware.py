@@ -245,7 +245,7 @@ def test_a_service_may_answer_late(agent, peer):
     client.close()
 
 
-def test_a_boards_services_are_its_nodes_which_is_listed_once(agent, peer):
+def test_a_boards_services_are_its_nodes_which_is_listed_once(agent, peer, ros_python, domain):
     assert peer.do("gone", namespace="/garden", name="gate")["gone"]
     client = agent.board(0x61000004)
     node = "garden/gate"
@@ -253,17 +253,24 @@ def test_a_boards_services_are_its_nodes_which_is_listed_once(agent, peer):
     client.service(ids.KIND_REPLIER, node, "/garden/open", *TRIGGER_TYPES)
     client.service(ids.KIND_REPLIER, node, "/garden/close", *TRIGGER_TYPES)
     client.service(ids.KIND_REQUESTER, node, "/house/ring", *TRIGGER_TYPES)
-    seen = peer.do(
-        "services", namespace="/garden", name="gate",
-        services={"/garden/open": [TRIGGER], "/garden/close": [TRIGGER]},
-        clients={"/house/ring": [TRIGGER]},
-    )  # fmt: skip
+    offered = {
+        "services": {"/garden/open": [TRIGGER], "/garden/close": [TRIGGER]},
+        "clients": {"/house/ring": [TRIGGER]},
+    }
+    seen = peer.do("services", namespace="/garden", name="gate", **offered)
     assert seen["found"] == [
         {"/garden/open": [TRIGGER], "/garden/close": [TRIGGER]}, {"/house/ring": [TRIGGER]}
     ], seen  # fmt: skip
-    ours = [name for name in seen["full_names"] if name.startswith("/garden/")]
-    # Names that begin with an underscore are hidden: no tool lists them unless told to.
-    assert [name for name in ours if "/_" not in name] == ["/garden/gate"]
+    # Not even the hidden node that is behind them at rclpy, and for those neither that come later.
+    with RosPeer(ros_python, domain, HERE / "service_peer.py") as later:
+        for one in (peer, later):
+            there = one.do("services", namespace="/garden", name="gate", **offered)
+            assert there["found"] == seen["found"], there
+            gone = one.do("gone", namespace="/garden", name="_gate")
+            ours = [name for name in gone["full_names"] if name.startswith("/garden/")]
+            assert ours == ["/garden/gate"], gone
+            there = one.do("services", namespace="/garden", name="gate", **offered)
+            assert there["found"] == seen["found"], there
     topics = peer.do(
         "node", namespace="/garden", name="gate",
         publishers={"/garden/state": "std_msgs/msg/Int32"},
@@ -324,10 +331,10 @@ def test_what_is_no_reply_is_refused_and_the_next_one_passes(agent, peer):
 def test_a_board_that_knows_the_graph_sees_a_service_once(agent, peer):
     offering = agent.board(0x6100000E)
     offering.service(ids.KIND_REPLIER, "told/gate", "/told/open", *TRIGGER_TYPES)
-    # In ROS the node that is behind it is there too, and hidden.
+    # The node that is behind it at rclpy stands for nothing.
     offered = {"/told/open": [TRIGGER]}
-    hidden = peer.do("services", namespace="/told", name="_gate", services=offered, clients={})
-    assert hidden["found"] == [offered, {}], hidden
+    seen = peer.do("services", namespace="/told", name="gate", services=offered, clients={})
+    assert seen["found"] == [offered, {}], seen
     client = agent.board(0x6100000F)
     flags = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     reader = client.reader("asking", graph.TOPIC, graph.TYPE, flags, depth=1)

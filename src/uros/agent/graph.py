@@ -74,17 +74,8 @@ def ros_nodes(source: Source) -> list[GraphNode]:
     """The nodes by their ROS names, sorted; what is no topic or service of ROS is left out."""
     endpoints = source.endpoints
     found = []
-    nodes = living_nodes(source)
-    gids: dict[tuple[str, str], set[bytes]] = {}
-    for node in nodes:
-        gids.setdefault((node.namespace, node.name), set()).update(node.readers, node.writers)
-    for node in nodes:
+    for node in living_nodes(source):
         if not (_fits(node.namespace) and _fits(node.name)):
-            continue
-        # A node of auto's for services, which stand under the board's node as well: boards would
-        # count them twice.
-        whole = gids.get((node.namespace, node.name[1:])) if node.name.startswith("_") else None
-        if whole is not None and whole.issuperset(node.readers + node.writers):
             continue
         entities: dict[tuple[int, str], set[str]] = {}
         for ends, writes in ((node.writers, True), (node.readers, False)):

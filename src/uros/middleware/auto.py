@@ -13,7 +13,7 @@ this (it sets ``batching``), the ends of a service whose type is not imported ye
 
 In the ROS graph a board is one node. The rclpy node behind its services has a hidden name, and the
 board's node lists their endpoints as its own: who looks up a node's services finds them by GUID,
-whichever participant they are of.
+whichever participant they are of. The hidden node is taken out of the graph: :mod:`.dds.hidden`.
 """
 
 from __future__ import annotations

@@ -57,11 +57,29 @@ class LiveSource(Source, Protocol):
 
 
 def living_nodes(source: Source) -> list[NodeSource]:
-    """The nodes of the participants that are there."""
+    """The nodes of the participants that are there.
+
+    A board's services may stand under a hidden node too, rclpy's in its agent
+    (:mod:`.dds.hidden`): that one is left out, where all it has stands under the board's.
+    """
     alive = source.participants
-    return [
+    nodes = [
         node
-        for participant, nodes in source.announced.items()
+        for participant, announced in source.announced.items()
         if participant in alive
-        for node in nodes
+        for node in announced
     ]
+    hidden = {(it.namespace, it.name[1:]) for it in nodes if it.name.startswith("_")}
+    if not hidden:
+        return nodes
+    gids: dict[tuple[str, str], set[bytes]] = {}
+    for node in nodes:
+        name = node.namespace, node.name
+        if name in hidden:
+            gids.setdefault(name, set()).update(node.readers, node.writers)
+
+    def stands_twice(node: NodeSource) -> bool:
+        whole = gids.get((node.namespace, node.name[1:])) if node.name.startswith("_") else None
+        return whole is not None and whole.issuperset([*node.readers, *node.writers])
+
+    return [node for node in nodes if not stands_twice(node)]

@@ -22,7 +22,7 @@ class End:
     qos: QoSProfile = field(default_factory=QoSProfile)
 
 
-@dataclass
+@dataclass(eq=False)
 class Node:
     namespace: str
     name: str
@@ -148,3 +148,19 @@ def test_what_belongs_to_a_node(net, graph):
     assert info.service_clients == {"/ask": ["std_srvs/srv/Trigger"]}
     assert info.action_servers == {"/fib": ["ex/action/Fibonacci"]}
     assert info.action_clients == {"/nav": ["ex/action/Go"]}
+
+
+def test_a_service_that_stands_under_a_hidden_node_too_is_the_other_nodes(net, graph):
+    """As an agent with rclpy has it, whichever of the two was heard first."""
+    rclpy = net.participant()
+    request = net.endpoint(rclpy, "rq/openRequest", "std_srvs::srv::dds_::Empty_Request_", False)
+    reply = net.endpoint(rclpy, "rr/openReply", "std_srvs::srv::dds_::Empty_Response_", True)
+    ours = net.participant(CYCLONE)
+    twice = [Node("/", "gate", [request], [reply])], [Node("/", "_gate", [request], [reply])]
+    for first, second in ((ours, rclpy), (rclpy, ours)):
+        net.announced = {first: twice[first == rclpy], second: twice[second == rclpy]}
+        assert graph.nodes() == ["/gate"]
+        assert [it.node_name for it in graph.servers("/open")] == ["gate"]
+    lone = [Node("/", "_alone", [request], [])]  # hidden, and what it has is its own
+    net.announced = {rclpy: lone, ours: [Node("/", "alone", [], [])]}
+    assert graph.nodes() == ["/_alone", "/alone"]

@@ -8,6 +8,7 @@
 ``shared``          things made for their first user, unmade after their last
 ``announce``        ``ros_discovery_info``: which endpoint belongs to which node
 ``announced``       the same of others, within limits
+``hidden``          that rclpy's participant in this process has no nodes of its own
 ``gids``            how long the Gids in it are
 ``endpoints``       writers, readers, and services in rmw_cyclonedds's format
 ``forms``           who else has that format, and keeping requests from all others

@@ -56,6 +56,11 @@ def _mark(sample: bytes) -> tuple[int, int]:
     return len(sample), hash(sample)
 
 
+def participant_of(guid: bytes) -> bytes:
+    """The GUID of the participant that an endpoint is of."""
+    return guid[:_PREFIX] + _PARTICIPANT
+
+
 class Announced:
     """What others announce in one domain.
 
@@ -131,8 +136,8 @@ class Announced:
             sample, info = taken[0]
             writer = builtin.matched_writer(reader.entity, info.publication_handle)
             cost = len(sample) // _SKIPPED
-            if writer is not None:
-                guid = writer[0][:_PREFIX] + _PARTICIPANT
+            guid = sample[4 : 4 + _GUID_SIZE]  # whose nodes it tells
+            if writer is not None and guid == participant_of(writer[0]):
                 last[guid] = sample
                 if len(sample) <= MAX_SAMPLE and self._kept.get(guid) != _mark(sample):
                     cost = len(sample)
@@ -164,7 +169,7 @@ class Announced:
             return
         self.parsed += size
         decoded = decode(sample)
-        if decoded is not None and decoded[0] == guid:
+        if decoded is not None:
             _, self.nodes[guid], self.gid_sizes[guid] = decoded
             self._kept[guid] = mark
             self._size += size

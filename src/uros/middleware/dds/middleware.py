@@ -19,11 +19,12 @@ from ...qos import QoSProfile
 from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
 from ..wake import Wake
 from . import announce, config, cyclone
-from .announced import Announced
+from .announced import Announced, participant_of
 from .conflicts import TypeWatch
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 from .gids import GidWatch
 from .graph import PacedDiscovery
+from .hidden import HiddenNodes
 from .offers import Offers
 from .participant import MAX_NODES, SharedParticipant
 from .shared import Shared
@@ -75,10 +76,15 @@ class DdsNode(Node):
         return ".".join(f"{octet:x}" for octet in octets)
 
     def adopt(self, readers: list[bytes], writers: list[bytes]) -> None:
-        """Announce endpoints of another participant, by their GUIDs, as this node's."""
+        """Announce endpoints of another participant of this process, by their GUIDs, as this
+        node's, and as nobody else's."""
         self._entities.readers += readers
         self._entities.writers += writers
         self.participant.changed()
+        self._hide(readers + writers)
+
+    def _hide(self, guids: list[bytes]) -> None:
+        self.middleware.hide_nodes_of({participant_of(it) for it in guids}, self.participant)
 
     def disown(self, readers: list[bytes], writers: list[bytes]) -> None:
         """Undo :meth:`adopt`."""
@@ -89,6 +95,7 @@ class DdsNode(Node):
             for guid in theirs:
                 mine.remove(guid)
         self.participant.changed()
+        self._hide(readers + writers)
 
     def add_writer(self, writer: DdsWriter) -> None:
         self._endpoints.append(writer)
@@ -141,6 +148,7 @@ class DdsMiddleware(Middleware):
         self._participants: dict[int, list[SharedParticipant]] = {}
         self._gids: dict[int, GidWatch] = {}
         self._offers: dict[int, Offers] = {}
+        self._hidden: dict[int, HiddenNodes] = {}
         self.graphs: list[PacedDiscovery] = []
         self.announced: list[Announced] = []
         self._readers: dict[int, Watched] = {}
@@ -204,6 +212,13 @@ class DdsMiddleware(Middleware):
         domain do not let it wait; see :mod:`~uros.middleware.dds.offers`."""
         if participant.domain not in self._offers:
             self._offers[participant.domain] = Offers(self, participant)
+
+    def hide_nodes_of(self, others: set[bytes], ours: SharedParticipant) -> None:
+        """Say that those participants of this process have no nodes; see :mod:`.hidden`."""
+        if others and ours.domain not in self._hidden:
+            self._hidden[ours.domain] = HiddenNodes(self, self._participants[ours.domain][0])
+        for guid in others:
+            self._hidden[ours.domain].add(guid)
 
     def owns(self, domain: int, participant: bytes) -> bool:
         """Whether the participant of that GUID is one of ours."""
@@ -364,6 +379,9 @@ class DdsMiddleware(Middleware):
         for offers in self._offers.values():
             if offers.due is not None and (soonest is None or offers.due < soonest):
                 soonest = offers.due
+        for hidden in self._hidden.values():
+            if hidden.due is not None and (soonest is None or hidden.due < soonest):
+                soonest = hidden.due
         for announced in self.announced:
             if announced.due is not None and (soonest is None or announced.due < soonest):
                 soonest = announced.due
@@ -380,6 +398,9 @@ class DdsMiddleware(Middleware):
         for offers in self._offers.values():
             if offers.due is not None and offers.due <= now:
                 offers.tick(now)
+        for hidden in self._hidden.values():
+            if hidden.due is not None and hidden.due <= now:
+                hidden.tick(now)
         for announced in self.announced:
             if announced.due is not None and announced.due <= now:
                 announced.tick()
