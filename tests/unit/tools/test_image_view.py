@@ -8,6 +8,7 @@ import time
 from functools import partial
 
 import pytest
+from support.screen import HOSTILE, seen
 from support.waiting import eventually
 from unit.dashboard.test_pictures import JPEG, PNG
 
@@ -53,6 +54,16 @@ def test_before_anything_came(shown):
     assert answer.about["trouble"] == "nobody publishes it"
     assert (answer.about["topic"], answer.about["picture"]) == (TOPIC, 0)
     assert "width" not in answer.about
+
+
+def test_a_page_is_told_plain_text_alone(shown):
+    message = taken()
+    message.header.frame_id = HOSTILE
+    shown.add(picture(message), time.time_ns())
+    shown.trouble(HOSTILE)
+    about = shown.answer({}).about
+    assert about["frame_id"].startswith("a\\x1b") and about["trouble"].startswith("a\\x1b")
+    seen(about["frame_id"] + about["trouble"])
 
 
 def test_a_picture_is_sent_once(shown):
