@@ -232,6 +232,7 @@ class Gnss(Sender):
         self._sentences = 0
         self._quiet = 0  # polls without a sentence
         self._talks = False
+        self._timed = False  # the stamps are of a time that was known
         self.fix = NavSatFix()
         self.fix.header.frame_id = "gnss"
         self.time = TimeReference(source="GNSS")
@@ -244,10 +245,12 @@ class Gnss(Sender):
         data = self._uart.read(256)
         if data:
             if not self._talks:  # it begins right after its second
-                self._stamp(self.fix.header.stamp)
+                self._timed = self._stamp(self.fix.header.stamp)
                 self._stamp(self.time.header.stamp)
             if nmea.feed(data):
-                self._publish()
+                if self._timed:  # it may have begun before there was an agent
+                    self._publish()
+                data = None  # on a slow board the next second follows without a pause
         self._talks = bool(data)
         self._quiet += 1
         if nmea.sentences != self._sentences:

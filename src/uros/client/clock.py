@@ -59,12 +59,18 @@ class Clock:
         self._update()
         return self.seconds, self._us * 1000
 
-    def stamp(self, time: "Any") -> None:
-        """Write the time into a ``builtin_interfaces/Time``; allocates nothing."""
-        self._update()
-        time.high = self.high
-        time.low = self.low
-        time.nanosec = self._us * 1000
+    def stamp(self, time: "Any") -> bool:
+        """Write the time into a ``builtin_interfaces/Time``; allocates nothing.
+
+        False: it is not :attr:`synchronized` yet, and nothing is written. A message that is
+        stamped now and published later must then be left out.
+        """
+        if self.synchronized:
+            self._update()
+            time.high = self.high
+            time.low = self.low
+            time.nanosec = self._us * 1000
+        return self.synchronized
 
     def set(self, seconds: int, nanoseconds: int) -> None:
         """This is the time now; the nanoseconds may be more than a second. ROS's seconds end in

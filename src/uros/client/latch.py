@@ -45,11 +45,13 @@ class LatchedPublisher(Publisher):
         super().on_lost()
 
     def is_ready(self, now: int) -> bool:
-        connected: bool = self.created and self.node.connection.state == AGENT_CONNECTED
-        return connected and ticks_diff(now, self._due) >= 0
+        due = self.next_deadline()
+        return due is not None and ticks_diff(now, due) >= 0
 
     def next_deadline(self) -> "int | None":
-        return self._due if self.created else None
+        # Not before it can be called: waiting for the agent would be spinning without a pause.
+        connected = self.created and self.node.connection.state == AGENT_CONNECTED
+        return self._due if connected else None
 
     def overfull(self) -> bool:
         return False

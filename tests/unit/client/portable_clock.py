@@ -36,6 +36,15 @@ def test_time_counts_from_the_start_until_it_is_set() -> None:
     assert clock.synchronized and clock.now() == (1700000000, 999999000)
 
 
+def test_nothing_is_stamped_before_the_time_is_known() -> None:
+    clock = FakeClock()
+    stamp = Stamp()
+    clock.sleep(2500)
+    assert not clock.stamp(stamp) and (stamp.sec, stamp.nanosec) == (0, 0)
+    clock.set(1700000000, 5000)
+    assert clock.stamp(stamp) and (stamp.sec, stamp.nanosec) == (1700000000, 5000)
+
+
 def test_stamps_across_seconds() -> None:
     clock = FakeClock()
     clock.set(1700000000, 999998999)  # to the microsecond

@@ -2,9 +2,10 @@
 
 from support.services import Bench, raised
 
-from uros.client import rosout
+from uros.client import AGENT_AVAILABLE, AGENT_CONNECTED, rosout
 from uros.client.logger_service import LoggerService
 from uros.client.rosout import DEBUG, ERROR, FATAL, INFO, UNSET, WARN, LoggingSeverity
+from uros.wire import ids
 
 
 class Logs(Bench):
@@ -150,6 +151,28 @@ def test_what_was_said_before_there_was_an_agent_is_sent_with_its_time() -> None
     assert bench.texts() == [(INFO, "arm", "now")]
     # It is no handle of the executor any more: triggers need not wait for it.
     assert bench.entity("/rosout") not in bench.node.executor.handles
+
+
+def test_what_waits_to_be_said_does_not_spin_while_the_time_is_asked_for() -> None:
+    bench = Logs(connect=False)
+    bench.log.info("early")
+    usual = bench.agent.submessage
+    told = [False]
+
+    def submessage(kind, flags, payload):
+        if kind != ids.TIMESTAMP or told[0]:
+            usual(kind, flags, payload)
+
+    bench.agent.submessage = submessage
+    bench.until(lambda: bench.node.state == AGENT_AVAILABLE)
+    start = bench.clock.t
+    for _ in range(40):
+        bench.node.spin_once(0.01)
+    assert bench.clock.t - start >= 300000 and bench.node.state == AGENT_AVAILABLE
+    told[0] = True
+    bench.until(lambda: bench.node.state == AGENT_CONNECTED)
+    bench.run(200)
+    assert [it[2] for it in bench.texts()] == ["early"]
 
 
 def test_a_lost_agent_is_bridged() -> None:

@@ -2,10 +2,12 @@
 agent's clock itself was set by a second or more. Also runs on MicroPython."""
 
 import sys
+from struct import pack_into, unpack_from
 
 from support.board import KEY, FakeAgent, FakeClock
 from support.chance import Chance
 
+from uros import qos
 from uros.client import AGENT_CONNECTED, Node
 from uros.client.clock import STEP_US
 
@@ -105,3 +107,103 @@ def test_a_step_of_a_second_or_more_is_followed_at_once_and_only_once() -> None:
             last = now
         assert back == (step < 0), step
         assert abs(last[0] * 1000000 + last[1] // 1000 - agent.at(clock.t)) <= 10
+
+
+class Stamp:
+    high = low = nanosec = 0
+
+
+class Stamped:
+    """A message of a stamp alone."""
+
+    _TYPE = "test_msgs/msg/Stamped"
+
+    def __init__(self):
+        self.stamp = Stamp()
+
+    def cdr_size(self, o=0):
+        return o + (-o & 3) + 8
+
+    def pack_into(self, buf, offset, start):
+        if offset + 8 > len(buf):
+            raise ValueError("too short a buffer")
+        pack_into("<HHI", buf, offset, self.stamp.low, self.stamp.high, self.stamp.nanosec)
+        return offset + 8
+
+
+class Late(Drifting):
+    """Answers no question about the time before the n-th."""
+
+    first = 0
+
+    def timestamp(self, transmit, receive, originate):
+        if self.times >= self.first:
+            super().timestamp(transmit, receive, originate)
+
+
+def test_no_stamp_leaves_before_the_time_is_known() -> None:
+    for first in (1, 2, 4, 6):
+        for reliable in (10, qos.QoSProfile(10, reliability=qos.ReliabilityPolicy.BEST_EFFORT)):
+            clock = FakeClock()
+            agent = Late(clock, Chance(first), 0, 20000)
+            agent.first = first
+            node = Node("node", agent, key=KEY, clock=clock)
+            publisher = node.create_publisher(Stamped, "stamped", reliable)
+            at_once, later = Stamped(), Stamped()
+            count = [0, 0]
+
+            def tell(publisher=publisher, it=at_once, clock=clock, agent=agent, count=count):
+                # What is stamped and published in one callback needs nobody's care.
+                known = clock.stamp(it.stamp)
+                sent = publisher.publish(it)
+                assert known or not sent
+                count[sent] += 1
+
+            def measure(it=later, clock=clock):
+                it.known = clock.stamp(it.stamp)
+
+            def publish(publisher=publisher, it=later):
+                if it.known:
+                    publisher.publish(it)
+
+            node.create_timer(0.007, tell)
+            node.create_timer(0.4, measure)
+            node.create_timer(0.53, publish)
+            measure()
+            end = clock.t + 6000000
+            while clock.t < end:
+                node.spin_once(0.05)
+                samples = agent.samples
+                agent.samples = []
+                for _, octets in samples:
+                    low, high, nanosec = unpack_from("<HHI", octets, 0)
+                    us = (high << 16 | low) * 1000000 + nanosec // 1000
+                    assert -20000 <= agent.at(clock.t) - us < 1200000, (first, high)
+            assert count[0] > 1 and count[1] > 100, (first, count)
+
+
+def test_no_stamp_of_one_agents_time_leaves_to_another_before_its_time_is_known() -> None:
+    clock, agent, node = settled()
+    publisher = node.create_publisher(Stamped, "stamped", 10)
+    message = Stamped()
+
+    def tell():
+        node.clock.stamp(message.stamp)
+        publisher.publish(message)
+
+    node.create_timer(0.01, tell)
+    for _ in range(5):
+        agent.silent = True
+        while node.state == AGENT_CONNECTED:
+            node.spin_once(0.05)
+        agent.silent = False
+        agent.forget()
+        agent.epoch_us += 3600000000
+        end = clock.t + 3000000
+        while clock.t < end:
+            node.spin_once(0.01)
+        assert len(agent.samples) > 50
+        for _, octets in agent.samples:
+            low, high, nanosec = unpack_from("<HHI", octets, 0)
+            us = (high << 16 | low) * 1000000 + nanosec // 1000
+            assert -20000 <= agent.at(clock.t) - us < 3000000

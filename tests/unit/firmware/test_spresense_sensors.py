@@ -1,0 +1,102 @@
+"""firmware/spresense_sensors: what the receiver of satellites says, and when that was."""
+
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from support.board import KEY, FakeAgent, FakeClock
+
+from uros.client import Node
+from uros.interfaces import load
+from uros.interfaces.codec import from_cdr
+from uros.wire import ids
+
+FOLDER = Path(__file__).resolve().parents[3] / "firmware" / "spresense_sensors"
+NAMES = (
+    "BatteryState", "CameraInfo", "Illuminance", "Imu", "MagneticField", "NavSatFix", "Range",
+    "RelativeHumidity", "Temperature", "TimeReference",
+)  # fmt: skip
+
+
+def line(body: str) -> bytes:
+    total = 0
+    for octet in body.encode():
+        total ^= octet
+    return b"$%s*%02X\r\n" % (body.encode(), total)
+
+
+class Receiver:
+    """A UART on which a receiver without a fix says so each second, from its start on. With
+    ``slow`` its words come so slowly that the line never rests."""
+
+    def __init__(self, clock: FakeClock, slow: bool) -> None:
+        self.clock = clock
+        self.start = clock.t
+        self.ms = 1000 if slow else 400
+        self.given = 0
+
+    def said(self) -> bytes:
+        out = b""
+        second, us = divmod(self.clock.t - self.start, 1_000_000)
+        for n in range(second + 1):
+            burst = line(f"GPGGA,1200{n:02d},,,,,0,00,99.9,,M,,M,,")
+            burst += line(f"GPRMC,1200{n:02d},V,,,,,,,230394,,,N") + line("GPGSV,1,1,00" + "," * 40)
+            share = us * len(burst) // (1000 * self.ms) if n == second else len(burst)
+            out += burst[:share]
+        return out
+
+    def read(self, most: int) -> "bytes | None":
+        data = self.said()[self.given : self.given + most]
+        self.given += len(data)
+        return data or None
+
+
+class Slow(FakeAgent):
+    """Tells the time only from when it is ``awake``."""
+
+    awake = False
+
+    def submessage(self, kind, flags, payload):
+        if kind != ids.TIMESTAMP or self.awake:
+            super().submessage(kind, flags, payload)
+
+
+@pytest.fixture
+def sensors(monkeypatch):
+    messages = ModuleType("sensor_msgs.msg")
+    for name in NAMES:
+        setattr(messages, name, load("sensor_msgs/msg/" + name))
+    monkeypatch.setitem(sys.modules, "sensor_msgs", ModuleType("sensor_msgs"))
+    monkeypatch.setitem(sys.modules, "sensor_msgs.msg", messages)
+    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.delitem(sys.modules, "sensors", raising=False)
+    import sensors
+
+    yield sensors
+    del sys.modules["sensors"]
+
+
+@pytest.mark.parametrize("slow", [False, True])
+@pytest.mark.parametrize("awake_ms", [0, 1010, 1200, 1390, 1700, 2900])
+@pytest.mark.parametrize("callback_ms", [0, 30, 180])
+def test_no_fix_has_a_stamp_of_before_the_time_was_known(sensors, slow, awake_ms, callback_ms):
+    clock = FakeClock()
+    agent = Slow(clock, mtu=512)
+    node = Node("node", agent, key=KEY, clock=clock)
+    gnss = sensors.Gnss(node, Receiver(clock, slow))
+    node.create_timer(0.05, lambda: clock.sleep(callback_ms))  # a board with more to do
+    fixes = []
+    end = clock.t + 12_000_000
+    while clock.t < end:
+        agent.awake = clock.t >= (1000 + awake_ms) * 1000
+        node.spin_once(0.01)
+        for object_id, octets in agent.samples:
+            if object_id >> 4 == gnss._pub_fix.number:
+                fix = from_cdr(load("sensor_msgs/msg/NavSatFix"), b"\0\1\0\0" + octets)
+                stamp = fix.header.stamp
+                fixes.append(stamp.sec * 1_000_000 + stamp.nanosec // 1000 - agent.epoch_us)
+                assert fixes[-1] >= awake_ms * 1000  # it was known
+                assert clock.t - fixes[-1] < 1_600_000, (fixes, clock.t)
+        agent.samples.clear()
+    assert len(fixes) > 5 and fixes == sorted(fixes)
