@@ -431,6 +431,8 @@ def test_best_effort_streams_go_on_both_ways(world):
     client.write_best_effort(0x15, number(2))
     client.turns()
     assert heard() == [0, 1, 2]
+    (session,) = [it.session for it in world.desk.agent.clients.values()]
+    assert session.lost == 0  # what was lost before it began, it does not know
     got = [struct.unpack_from("<I", it)[0] for it in client.samples]
     assert got == [0, 1, 2]  # its own reader: numbers of the agent that it takes for news
 
@@ -872,6 +874,39 @@ def test_a_full_disk_is_told_once_and_boards_are_served(world, monkeypatch):
     client.write(0x15, number(2))
     settled(client)
     assert heard() == [2]
+
+
+def test_what_comes_after_the_disk_has_room_again_is_kept_at_once(world, monkeypatch):
+    """And not only by the next look, ten seconds later."""
+    heard = far_reader(world, "rt/later")
+    client = publisher(world)
+    revive(world)
+    give_room = full(monkeypatch, "append", "rewrite")
+    helpers_delete(client, 0x15)
+    world.wait(1000)
+    give_room()
+    world.wait(10_000)
+    assert world.desk.log().count("state kept again") == 1
+    client.create(0x22, 0x11, helpers_topic, "rt/later", TYPE)
+    client.create(0x25, 0x13, helpers_endpoint, 0x22, ids.QOS_RELIABLE, 10)
+    world.restart()
+    assert "session restored" in world.desk.log()
+    client.write(0x25, number(3))
+    settled(client)
+    assert heard() == [3]
+
+
+def test_a_disk_that_is_full_twice_is_told_twice(world, monkeypatch):
+    client = publisher(world)
+    revive(world)
+    for times in (1, 2):
+        give_room = full(monkeypatch, "append", "rewrite")
+        helpers_delete(client, 0x15)
+        client.create(0x15, 0x13, helpers_endpoint, 0x12, ids.QOS_RELIABLE, 10)
+        assert world.desk.log().count("state not kept") == times
+        give_room()
+        world.wait(10_000)
+        assert world.desk.log().count("state kept again") == times
 
 
 def test_killed_while_the_disk_is_full_a_client_is_left_out_and_not_harmed(world, monkeypatch):
