@@ -99,6 +99,27 @@ def test_a_correction_while_one_is_being_made() -> None:
     assert clock.now() == (101, 1000000)
 
 
+def test_a_correction_forwards_or_by_much_ends_the_one_that_is_being_made() -> None:
+    for step_us in (5000, 7000000, -7000000):
+        clock = FakeClock()
+        clock.set(1700000000, 0)
+        clock.set(1699999999, 500000000)  # half a second, taken back at half speed
+        now = 1700000000 * 1000000 + step_us
+        clock.set(now // 1000000, now % 1000000 * 1000)
+        clock.sleep(1000)
+        now += 1000000
+        assert clock.now() == (now // 1000000, now % 1000000 * 1000), step_us
+
+
+def test_nanoseconds_may_be_a_second_or_more() -> None:
+    for nanoseconds in (999999000, 1000000000, 1000001000, 3000000000, 3999999000):
+        clock = FakeClock()
+        clock.set(1700000000, nanoseconds)
+        seconds = 1700000000 + nanoseconds // 1000000000
+        assert clock.now() == (seconds, nanoseconds % 1000000000)
+
+
+
 def test_time_stays_what_a_stamp_can_say() -> None:
     clock = FakeClock()
     for seconds, shown in ((0x7FFFFFFF, 0x7FFFFFFF), (0x80000000, 0), (0xFFFFFFFF, 0x7FFFFFFF)):

@@ -502,6 +502,26 @@ def test_waiting_is_until_the_next_timer() -> None:
     assert executor.wait(clock.ms()) == 0
 
 
+def test_waiting_is_never_for_less_than_no_time() -> None:
+    executor, _, _ = bench("a")
+    for longest in (0, -1, -5000):
+        assert executor.wait(0, longest) == 0
+    assert executor.wait(0, 1) == 1
+
+
+def test_the_longest_period_and_the_shortest() -> None:
+    clock = FakeClock()
+    for period in (0.001, 499999.999):
+        assert Timer(period, print, clock).timer_period_ns == int(period * 1000 + 0.5) * 1000000
+    for period in (0.0009, 500000.0, 500000.001):
+        try:
+            Timer(period, print, clock)
+        except ValueError:
+            continue
+        raise AssertionError(period)
+
+
+
 def test_a_due_timer_whose_trigger_says_no_is_no_reason_to_hurry() -> None:
     clock = FakeClock()
     executor, handles, log = bench("a")

@@ -270,6 +270,61 @@ def test_a_publisher_goes_on_where_numbers_and_request_ids_come_round() -> None:
         assert session.held() == 0 and bench.node.connection.connections == 1
 
 
+def test_many_publishers_have_ids_of_two_octets_by_the_short_way_too() -> None:
+    bench = Bench(connect=False)
+    publishers = [bench.node.create_publisher(Number, "topic%d" % i, 10) for i in range(20)]
+    bench.until(AGENT_CONNECTED)
+    for turn in range(2):
+        bench.agent.samples.clear()
+        for i in range(20):
+            assert publishers[i].publish(Number(i))
+            bench.run(10)
+        assert bench.agent.samples == [(i << 4 | 5, number_bytes(i)) for i in range(20)], turn
+
+
+def test_only_reliable_messages_of_the_publishers_own_type_go_the_short_way() -> None:
+    class Other(Number):
+        _TYPE = "test_msgs/msg/Other"
+
+    bench = Bench(connect=False)
+    publisher = bench.node.create_publisher(Number, "topic", 10)
+    loose = bench.node.create_publisher(
+        Number, "loose", qos.QoSProfile(1, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
+    )
+    bench.until(AGENT_CONNECTED)
+    for _ in range(3):  # from the second on there is a buffer
+        assert publisher.publish(Number(1))
+        bench.run(10)
+        sent = len(bench.agent.sent)
+        raised(TypeError, publisher.publish, Other(1))
+        assert len(bench.agent.sent) == sent
+        assert loose.publish(Number(2))
+        assert bench.agent.sent[-1][1] == ids.STREAM_BEST_EFFORT
+
+
+def test_a_publisher_made_while_connected_sends_nothing_before_its_writer() -> None:
+    bench = Bench()
+    publisher = bench.node.create_publisher(Number, "topic", 0)
+    assert not publisher.publish(Number(1)) and publisher.dropped == 1
+    bench.run(10)
+    assert publisher.publish(Number(2)) and bench.agent.samples == [(5, number_bytes(2))]
+
+
+def test_what_cannot_be_read_is_told_once_and_a_full_queue_is_not_overfull() -> None:
+    bench, heard = subscribed(depth=2)
+    errors = []
+    bench.node.executor.report = errors.append
+    for _ in range(3):
+        bench.agent.sample(0x06, b"abc")
+    bench.run()
+    subscription = bench.node._entities[-1]
+    assert subscription.malformed == 3 and len(errors) == 1
+    for size in (1, 2, 3):
+        subscription._queue.append(Number(size))
+        assert subscription.overfull() == (size > 2)
+
+
+
 def test_the_short_way_of_a_sample_sends_what_the_long_way_does() -> None:
     for start in (0, 9, 10, 255, 256, 32767, 32768, 65519, 65534, 65535):
         sent = []
@@ -598,6 +653,7 @@ def test_calls_answered_in_another_order_have_their_own_answers() -> None:
     for order in ((1, 0), (2, 1, 0), (2, 0, 1), (3, 1, 2, 0)):
         bench = calling()
         bench.until(AGENT_CONNECTED)
+        bench.node.connection.request_id = 0x3CFE  # both octets of an id count
         futures, requests, done = [], [], []
         for i in range(len(order)):
             futures.append(bench.client.call_async(Ask.Request(i)))

@@ -290,6 +290,18 @@ def test_a_message_in_the_place_of_one_that_was_sent_again_is_not_held_back() ->
         bench.acknack(number + 1, now=100)
 
 
+def test_an_acknack_that_misses_more_than_was_sent_brings_what_was_sent() -> None:
+    bench = Bench()
+    for _ in range(3):
+        bench.request(now=100)
+    sent = bench.take()
+    bench.acknack(1, 0xFFFF, now=200)
+    assert bench.take() == sent[1:]
+    bench.acknack(3, 0xFFFF, now=300)
+    assert bench.take() == [] and bench.session.flying() == 0
+
+
+
 def test_publishing_never_waits_and_stops_at_the_limit() -> None:
     bench = Bench(limit=1000)
     sent = 0
@@ -503,7 +515,7 @@ def test_a_heartbeat_in_either_order_of_octets() -> None:
     bench.session.tick(0)
     assert bench.take() == [bytes.fromhex("81000000 0a010500 0000 0007 80")]
     for now in range(0, 2001, 200):
-        bench.hear(ids.HEARTBEAT, b"\1\2\1\3\x80", now=now, flags=0)
+        bench.hear(ids.HEARTBEAT, b"\1\2\4\3\x80", now=now, flags=0)
     assert bench.owner.told == [("unknown",)]
 
 
