@@ -119,7 +119,7 @@ class XrceClient:
                 self._submessages(message, start)
                 self._catch_up()
             self._acknowledge()
-        elif not stream or self._best_effort_in.accept(number):
+        elif not stream or self._best_effort_in.accept(number, now_ms()):
             self._submessages(message, start)
 
     def _catch_up(self):
