@@ -151,7 +151,7 @@ def run(args: argparse.Namespace) -> int:
     from ..boards.running import RunningBoard, StartError
     from .common import join
 
-    args.interfaces = []
+    args.interfaces, args.distro = [], None
     reads = _Reads()
     topics = [_Topic(name, type_name, device, reads) for name, type_name, device in TOPICS]
     with join(args) as network:
