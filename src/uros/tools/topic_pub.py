@@ -120,7 +120,7 @@ def _wait(
 ) -> None:
     """Wait until so many subscriptions are there."""
     end = None if longest is None else time.monotonic() + longest
-    told = False
+    said = ""
     while writer.matched() < wanted:
         _say(f"Waiting for at least {wanted} matching subscription(s)...")
         left = _SAY_AGAIN if end is None else min(_SAY_AGAIN, end - time.monotonic())
@@ -134,20 +134,23 @@ def _wait(
         if not mismatches.tell():
             left = _SAY_AGAIN if end is None else max(0.0, end - time.monotonic())
             network.settle(min(_SAY_AGAIN, left))
-        if not told and not writer.matched():
-            told = True
-            _tell_close_names(network, mismatches.topic, True)
+        if not writer.matched():
+            said = _tell_close_names(network, mismatches.topic, True, said)
     network.spin(lambda: False, _SETTLE)
 
 
-def _tell_close_names(network: Network, topic: str, waiting: bool) -> None:
-    """Where nobody subscribes: it may be misspelt, or, to one who waits, another domain's."""
+def _tell_close_names(network: Network, topic: str, waiting: bool, said: str) -> str:
+    """Where nobody subscribes: it may be misspelt, or, to one who waits, another domain's. What
+    was ``said`` is not said again; the result is what was said last."""
     graph = network.graph
     if graph.subscriptions(topic):
-        return
+        return said
     others = [name for name in graph.topics() if name != topic and graph.subscriptions(name)]
-    if waiting or did_you_mean(topic, others):
-        warn(f"nobody subscribes to {topic}{remedy(network, topic, others)}")
+    text = f"nobody subscribes to {topic}{remedy(network, topic, others)}"
+    if text != said and (waiting or did_you_mean(topic, others)):
+        warn(text)
+        return text
+    return said
 
 
 def _publish(
@@ -162,7 +165,7 @@ def _publish(
 
     _say("publisher: beginning loop")
     count = 0
-    told = False
+    said = ""
     due = time.monotonic()
     while True:
         filled.stamp(time.time_ns())
@@ -180,9 +183,7 @@ def _publish(
         network.spin(lambda: False, max(0.0, due - time.monotonic()))
         if time.monotonic() - mismatches.looked >= _SAY_AGAIN:
             mismatches.tell()
-            if not told:
-                told = True
-                _tell_close_names(network, args.topic, False)
+            said = _tell_close_names(network, args.topic, False, said)
 
 
 class _Mismatches:
