@@ -28,6 +28,7 @@ from uros.interfaces import InterfaceError, package, registry
 
 from .bundle import NotBundled
 from .fields import check_fields
+from .lean import set_constant
 from .passes import PASSES, STARTED, Program, run_passes
 from .shrink import ABSENT, Module, Wanted, bound, imports, strip
 
@@ -158,6 +159,8 @@ def build(
     work = Program(search.run(tuple(roots)), set(roots), checked)
     if faults := check_fields(work.modules.values()):
         raise FieldError("\n".join(faults))
+    if checked:
+        set_constant(work.modules, "uros.interfaces.dynamic", "_CHECKED", True)
     try:
         run_passes(work, form, without)
     except NotBundled as error:

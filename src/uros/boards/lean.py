@@ -25,10 +25,8 @@ def make_lean(modules: dict[str, Module], spared: str = "-") -> None:
     """Leave out of uros's modules what only says more about an error; those whose names begin with
     ``spared`` keep it."""
     for (name, constant), value in _LEAN.items():
-        known = name in modules and not name.startswith(spared)
-        for node in modules[name].tree.body if known else ():
-            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == constant:
-                node.value = ast.Constant(value)
+        if not name.startswith(spared):
+            set_constant(modules, name, constant, value)
     named = named_from_outside(module for module in modules.values() if module.own)
     for module in modules.values():
         plain = module.own or module.name.startswith(spared)
@@ -36,6 +34,13 @@ def make_lean(modules: dict[str, Module], spared: str = "-") -> None:
             quiet = module.name.startswith(_QUIET)
             module.tree = _Untold(_UNTOLD if quiet else _PEERS).visit(module.tree)
             _one_error(module, _ONE - named)
+
+
+def set_constant(modules: dict[str, Module], name: str, constant: str, value: bool) -> None:
+    """Give a Final constant of a module, where that is there, another value."""
+    for node in modules[name].tree.body if name in modules else ():
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == constant:
+            node.value = ast.Constant(value)
 
 
 def _one_error(module: Module, names: set[str]) -> None:

@@ -36,6 +36,8 @@ _UPPER: Final = "A0_"
 _CAMEL: Final = "Aa0"
 # Some boards have no attributes of longer names.
 _LONGEST_NAME: Final = 200
+# Whether attributes that are no fields are refused: a virtual board's build says True.
+_CHECKED: Final = False
 
 
 def load(name: str, text: str, others: "dict[str, Any] | None" = None) -> "Any":
@@ -331,4 +333,8 @@ def _class(name: str, made: "dict[str, Any]", plan: "list[Any]") -> "Any":
     made["_FIELDS"] = tuple([it[:2] for it in plan])
     made["__slots__"] = tuple(attributes)
     made["_plan"] = [it[2:] for it in plan]
+    if _CHECKED:
+        from .checked import checked
+
+        made["__setattr__"] = checked(name, made["__slots__"], "")
     return type(name.split("/")[2], (Table,), made)

@@ -312,7 +312,9 @@ FAULTS = """
     import sys
     from sensor_msgs.msg import BatteryState, Imu
     from std_msgs.msg import String, UInt8
-    kinds = {"battery": BatteryState, "imu": Imu, "octet": UInt8, "text": String}
+    from uros.interfaces import dynamic
+    made = dynamic.load("my_msgs/msg/Greenhouse", "float32 soil\\nuint8 doors")
+    kinds = {"battery": BatteryState, "imu": Imu, "octet": UInt8, "text": String, "made": made}
     def attempt(kind, path, value):
         message = kinds[kind]()
         try:
@@ -331,6 +333,8 @@ FAULTS = """
         attempt("imu", "header.stamp.sek", 1)
         attempt("octet", "data", 300 + i)
         attempt("text", "data", i)
+        attempt("made", "door", 1)
+        attempt("made", "doors", 256 + i)
         attempt("imu", "orientation.w", 1.0)
         attempt("imu", "header.stamp.sec", 1234567890)
         attempt("battery", "voltage", 7.5)
@@ -354,6 +358,8 @@ def test_a_field_that_is_not_there_and_a_value_that_does_not_fit_are_told_once(
         "builtin_interfaces/msg/Time has no field sek; did you mean sec?",
         "std_msgs/msg/UInt8.data: 300 is out of range 0 to 255",
         "std_msgs/msg/String.data: expected string, got int",
+        "my_msgs/msg/Greenhouse has no field door; did you mean doors?",
+        "my_msgs/msg/Greenhouse.doors: 256 is out of range 0 to 255",
     ]
     good = ["packed 1.0", "packed 1234567890", "packed 7.5"]
     assert [line for line in lines if line.startswith("packed")] == 3 * good
