@@ -191,6 +191,9 @@ class World:
     def unwatch(self, fileno: int) -> None:
         pass
 
+    def lost(self, transport: ServerTransport) -> None:
+        self.agent.lines.lost(transport)
+
     def note(self, level: int, part: str, function: str, what: str, about: str) -> None:
         self.agent.log(level, part, function, what, about)
 
