@@ -365,3 +365,13 @@ def test_what_is_left_when_the_worst_have_gone(fair, count, full):
     assert clients.budget.room == 1000 - fair * count
     assert clients.budget.full is full
     assert clients.budget.admit(1) is not full
+
+
+def test_the_worst_is_by_bytes_times_silence():
+    """Neither the one that holds most nor the one that is silent longest."""
+    clients = Clients(300_000, 150_000, 130_000, 101_000, 1000)
+    for key, silence in enumerate((1, 3, 2, 50_000)):
+        clients.all[key].at = 60_000 - silence
+    clients.budget.since = 300_001
+    clients.budget.settle(60_000)
+    assert clients.gone[0] == 1
