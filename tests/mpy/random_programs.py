@@ -1,10 +1,10 @@
 """Small class programs at random, for test_differential.py: the same seed is the same program.
 
-They are full of what a rewriting may get wrong: inheritance and overriding, class attributes made of
-others or bound two at a time, helpers called once (in loops, in conditions, in a try), locals that
-are bound on some paths only, globals that a callee changes, properties, default and star arguments,
-closures, exceptions, and modules that import each other. What such a program finds is in a list
-that it prints. Errors stand there by their class alone: their texts have names in them.
+They are full of what a rewriting may get wrong: inheritance and overriding, class attributes made
+of others or bound two at a time, helpers called once (in loops, in conditions, in a try), locals
+that are bound on some paths only, globals that a callee changes, properties, default and star
+arguments, closures, exceptions, and modules that import each other. What a program finds is in a
+list that it prints. Errors stand there by their class alone: their texts have names in them.
 """
 
 from __future__ import annotations

@@ -13,6 +13,8 @@ from unit.interfaces.vectors import VECTORS, build
 
 from uros.interfaces import InterfaceError, add_folder, load, registry
 from uros.interfaces.codec import from_cdr, to_cdr
+from uros.interfaces.emit import RUN_VALUES, UNROLL
+from uros.interfaces.layout import INLINE_LEAVES
 
 INNER = "uint8 a\nfloat64 b\n"
 MIXED = """
@@ -39,8 +41,28 @@ byte t
 uint64 u
 int8[] v
 """
-SOURCES = {"Inner": INNER, "Mixed": MIXED}
-CASES = [*samples.messages(), "codec_cases/msg/Inner", "codec_cases/msg/Mixed"]
+# Too many fields to be inlined where it is nested; aligned to 8, and not a multiple of 8 long.
+LARGE = "float64 first\n" + "".join(f"uint8 f{i}\n" for i in range(INLINE_LEAVES))
+
+
+def shuffled(number: int) -> str:
+    """A definition at random: what stands behind what decides on padding and on runs."""
+    chance = random.Random(number)
+    numbers = ["bool", "uint8", "int8", "uint16", "int16", "uint32", "float32", "float64", "int64"]
+    fields = []
+    for i in range(chance.randrange(3, 12)):
+        kind = chance.choice([*numbers, "uint8", "string", "Inner", "Large", "Large", "Empty"])
+        sizes = ["", "", "", "[]", "[<=3]", "[2]"]
+        if kind in numbers:
+            sizes += [f"[{UNROLL}]", f"[{UNROLL + 1}]", f"[{RUN_VALUES}]", f"[{RUN_VALUES + 1}]"]
+        fields.append(f"{kind}{chance.choice(sizes)} f{i}\n")
+    return "".join(fields)
+
+
+SOURCES = {"Empty": "", "Inner": INNER, "Large": LARGE, "Mixed": MIXED}
+SOURCES["Behind"] = "uint8 a\nLarge b\nuint8 c\nLarge[2] d\nuint8 e\nLarge[] f\nfloat64 g\n"
+SOURCES.update({f"Shuffled{number}": shuffled(number) for number in range(40)})
+CASES = [*samples.messages(), *(f"codec_cases/msg/{name}" for name in SOURCES)]
 # rosbags knows no wstring; test_wstring has vectors.
 WIDE = ("example_interfaces/msg/WString", "test_msgs/msg/WStrings")
 
