@@ -1,5 +1,6 @@
 """The generated codecs: byte for byte against rosbags, and against hostile bytes and values."""
 
+import ast
 import random
 from array import array
 
@@ -14,6 +15,7 @@ from unit.interfaces.vectors import VECTORS, build
 from uros.interfaces import InterfaceError, add_folder, load, registry
 from uros.interfaces.codec import from_cdr, to_cdr
 from uros.interfaces.emit import RUN_VALUES, UNROLL
+from uros.interfaces.generate import generate
 from uros.interfaces.layout import INLINE_LEAVES
 
 INNER = "uint8 a\nfloat64 b\n"
@@ -60,7 +62,10 @@ def shuffled(number: int) -> str:
 
 
 SOURCES = {"Empty": "", "Inner": INNER, "Large": LARGE, "Mixed": MIXED}
-SOURCES["Behind"] = "uint8 a\nLarge b\nuint8 c\nLarge[2] d\nuint8 e\nLarge[] f\nfloat64 g\n"
+SOURCES["Behind"] = (
+    "uint8 a\nLarge b\nuint8 c\nLarge[2] d\nuint8 e\nLarge[] f\nfloat64 g\n"
+    "uint8 h\nstring[2] i\nLarge j\nuint16 k\nLarge l\nfloat64 m\nLarge n\nstring o\n"
+)
 SOURCES.update({f"Shuffled{number}": shuffled(number) for number in range(40)})
 CASES = [*samples.messages(), *(f"codec_cases/msg/{name}" for name in SOURCES)]
 # rosbags knows no wstring; test_wstring has vectors.
@@ -98,6 +103,17 @@ def test_against_rosbags(name):
             to_cdr(msg), samples.oracle_name(registry.message(name))
         )
         assert oracle_equal(back, samples.as_oracle(msg))
+
+
+def test_no_call_has_too_many_arguments():
+    """MicroPython passes 255 at most, and code must not explode."""
+    for name in ("Shuffled7", "Behind", "Large"):
+        source = generate(registry.message(f"codec_cases/msg/{name}"), "uros.interfaces.")
+        calls = [it for it in ast.walk(ast.parse(source)) if isinstance(it, ast.Call)]
+        packs = [it for it in calls if ast.unparse(it.func) == "pack_into"]
+        assert max(len(it.args) for it in packs) <= RUN_VALUES + UNROLL + 3
+    behind = generate(registry.message("codec_cases/msg/Behind"), "uros.interfaces.")
+    assert "self.b.cdr_size(" in behind and "self.b.f0" not in behind
 
 
 def oracle_equal(a, b):
