@@ -189,7 +189,10 @@ class ActionPeer(Peer):
                 goal.succeed()
             return Fibonacci.Result(sequence=sequence)
 
+        asked = self.asked = []
+
         def check(goal):
+            asked.append(goal.order)
             return GoalResponse.REJECT if goal.order < 0 else GoalResponse.ACCEPT
 
         def cancel(goal):
@@ -207,7 +210,7 @@ class ActionPeer(Peer):
     def do_stop(self, seconds=15):
         """Come to an end with all goals."""
         self.stopped = True
-        return {}
+        return {"asked": self.asked}
 
 
 if __name__ == "__main__":

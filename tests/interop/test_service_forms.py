@@ -15,6 +15,7 @@ from support.client import XrceClient
 from support.peer import RosPeer
 
 import uros
+from uros.client.action_client import ActionClient
 from uros.interfaces import load
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds import cyclone, forms
@@ -162,3 +163,22 @@ def test_a_boards_call_gets_a_status_and_the_log_says_why(peer, agent):
     assert REFUSED in agent.said.getvalue()
     assert peer.do("counted", name="/board", seconds=QUIET)["requests"] == []
     board.close()
+
+
+def test_a_goal_for_a_real_action_server_fails_and_is_not_executed(ros_python, domain):
+    fibonacci = load("test_msgs/action/Fibonacci")
+    with RosPeer(ros_python, domain, Path(__file__).parent / "action_peer.py") as server:
+        server.do("serve", name="/form/fibonacci")
+        node = uros.Node("goals", domain_id=domain)
+        client = ActionClient(node, fibonacci, "/form/fibonacci")
+        futures = [client.send_goal_async(fibonacci.Goal(3))]
+        deadline = time.monotonic() + SECONDS
+        while not futures[-1].done() and time.monotonic() < deadline:
+            node.spin_once(0.05)
+        futures.append(client.send_goal_async(fibonacci.Goal(3)))
+        while not futures[-1].done() and time.monotonic() < deadline:
+            node.spin_once(0.05)
+        for future in futures:
+            assert REFUSED in str(future.exception())
+        node.destroy_node()
+        assert server.do("stop")["asked"] == []
