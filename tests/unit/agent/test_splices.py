@@ -146,6 +146,32 @@ def test_two_given_up_one_after_the_other(talk):
     assert talk.samples() == [picture(20_000, 3)]
 
 
+@pytest.mark.parametrize("request_id", [0xFE, 0x7FFE, 0xFFFE])
+def test_the_numbers_of_requests_carry_and_come_round(talk, request_id):
+    client = C(talk, request=request_id)
+    client.continuous(picture(20_000, 1), at_most=3)
+    client.request &= 0xFFFF
+    if request_id == 0xFFFE:
+        client.request = 9  # as the library, which keeps 0 to 9 for itself
+    client.continuous(picture(20_000, 2))
+    assert talk.samples() == [picture(20_000, 2)]
+
+
+@pytest.mark.parametrize("more", range(1, 9))
+@pytest.mark.parametrize("size", [20_000, 100_000])
+def test_the_beginning_of_a_header_at_the_very_end(talk, size, more):
+    client = C(talk)
+    whole = 8 + size + (-(8 + size)) % client.block + more
+    sample = bytearray(picture(whole - 8))
+    head = struct.pack("<BBH", 7, 1, 0) + struct.pack(">HH", 12, WRITER)
+    sample[-more:] = head[:more]
+    client.continuous(bytes(sample))
+    assert talk.samples() == [bytes(sample)]
+    client.continuous(picture(5000, 1), at_most=1)
+    client.fragments(bytes(sample))
+    assert talk.session.given_up == 1
+
+
 def test_the_next_message_is_another_writers(talk):
     talk.session.writers[OTHER] = talk.write
     client = C(talk)
@@ -201,6 +227,19 @@ def test_octets_that_look_like_a_header_do_not_cut_a_picture(talk):
     client.continuous(bytes(sample))
     assert talk.samples() == [bytes(sample)]
     assert not talk.handler.faults
+
+
+@pytest.mark.parametrize("size", [20_000, 65_532 + 20_000])
+def test_a_message_that_is_as_long_as_it_says_is_never_cut(talk, size):
+    """Whatever stands in it, such as the fragments of another capture."""
+    client = C(talk)
+    sample = bytearray(picture(size))
+    at = 3 * client.block - 8
+    rest = struct.pack("<BBH", 7, 1, (size - at - 4) & 0xFFFF) + struct.pack(">HH", 12, WRITER)
+    sample[at : at + 8] = rest
+    client.buffered(bytes(sample))
+    assert talk.samples() == [bytes(sample)]
+    assert talk.session.given_up == 0
 
 
 def test_a_message_of_headers_alone_costs_a_bounded_look(talk, monkeypatch):
