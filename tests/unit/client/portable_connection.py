@@ -299,6 +299,17 @@ def test_entities_are_made_though_an_agent_drops_all_its_answers() -> None:
     assert bench.connection.connections == 1
 
 
+def test_a_slow_line_takes_its_time_over_many_entities() -> None:
+    bench = Bench()
+    bench.agent.delay = (250000, 250000)
+    things = [Thing("thing%d" % i, connection=bench.connection) for i in range(90)]
+    bench.until(AGENT_CONNECTED, 20000)
+    # Longer than an agent may leave requests unanswered, but each was answered soon.
+    assert bench.now() > 3000 and things[0].lost == 0, bench.now()
+    assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
+
+
+
 def test_numbers_count_up_for_each_first_kind() -> None:
     bench = Bench()
     kinds = [
