@@ -150,10 +150,14 @@ class Program:
         returns: bool = False,
     ) -> None:  # fmt: skip
         self.depth += 1
-        names = [*known, "u", "v", "i"]
+        n, names = self.name, [*known, "u", "v", "i"]
         for name in names[len(known) :]:
-            if self.chance(0.6):
+            if self.chance(0.2 if returns else 0.6):
                 self.put(f"{name} = {self.random.randrange(9)}")
+        if returns and self.chance(0.5):
+            self.put(f"if {n('more')}() % 2:")
+            self.put(f"    u = {n('count')}")
+            self.put("self.told.append(u)")
         for _ in range(self.random.randrange(1, size + 2)):
             self.statement(names, attributes, waiting, returns, 2)
         while waiting:
@@ -174,7 +178,7 @@ class Program:
                 self.expression(names, attributes),
             ]
         )
-        kind = self.random.randrange(5)
+        kind = self.random.randrange(6)
         lines = [f"self.{helper}({argument})"]
         if kind == 1:
             lines = [f"for i in range({self.random.randrange(2, 4)}):", "    " + lines[0]]
@@ -183,7 +187,7 @@ class Program:
         if self.chance(0.6):
             lines = ["try:", *("    " + it for it in lines), f"except {ERRORS} as error:"]
             lines.append("    self.told.append(type(error) is NameError)")
-            if kind == 3:
+            if kind >= 3:
                 lines = ["for i in range(3):", *("    " + it for it in lines)]
         for line in lines:
             self.put(line)
