@@ -27,7 +27,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = _EPILOG + passes_help()
+    parser.epilog = _EPILOG + _passes_help()
     parser.add_argument(
         "program", metavar="NAME", help="see 'uros board list'; or a folder with a main.py"
     )
@@ -56,7 +56,7 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--without", metavar="PASS", action="append", default=[],
-        help="leave out one of the passes below; may be repeated",
+        help="leave out one of the passes that 'uros board build --help' lists; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--no-lean", dest="without", action="append_const", const="terse-errors",
@@ -68,7 +68,7 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def passes_help() -> str:
+def _passes_help() -> str:
     """What ``--without`` can leave out, for an epilog."""
     from ..boards.passes import PASSES
 

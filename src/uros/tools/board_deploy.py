@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..printable import printable, unguarded
-from .board_build import add_build, build_files, passes_help, program_folder
+from .board_build import add_build, build_files, program_folder
 from .board_console import add_port, add_seconds, open_port, show
 from .board_named import add_named, named
 from .errors import ToolError
@@ -35,7 +35,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = _EPILOG + passes_help()
+    parser.epilog = _EPILOG
     parser.add_argument(
         "program", metavar="FOLDER",
         help="a folder with a main.py, one that 'uros board build' has written, or a name of"
