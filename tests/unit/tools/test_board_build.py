@@ -107,9 +107,8 @@ def test_each_pass_can_be_left_out(name, program, tmp_path, capsys):
     assert sum(map(len, made["all"].values())) < sum(map(len, made["without"].values()))
 
 
-@pytest.mark.parametrize("verb", ["build", "deploy"])
-def test_the_passes_are_in_the_help(verb, capsys):
-    assert cli.main(["board", verb, "--help"]) == 0
+def test_the_passes_are_in_the_help(capsys):
+    assert cli.main(["board", "build", "--help"]) == 0
     out = capsys.readouterr().out
     for it in PASSES:
         assert re.search(rf"^  {it.name} +{re.escape(it.purpose)}", out, re.MULTILINE)
