@@ -19,7 +19,7 @@ from typing import Final
 
 from .foreign import BUILTINS
 from .rename import Renaming
-from .shrink import FUNCTIONS, Module, absolute, bound, imports, parameters
+from .shrink import FUNCTIONS, Module, Scopes, absolute, bound, imports, parameters
 
 BUNDLE: Final = "uros._all"
 """The module that holds all others."""
@@ -69,6 +69,10 @@ def _only_takes_names(
                     held[alias.asname or alias.name] = f"{base}.{alias.name}"
     packages = {name.rsplit(".", up)[0] for name in parts for up in range(name.count(".") + 1)}
     held = {here: name for here, name in held.items() if name in packages}
+    others = {n.id for n in ast.walk(module.tree) if isinstance(n, ast.Name) and _is_bound(n)}
+    others |= {n.arg for n in ast.walk(module.tree) if isinstance(n, ast.arg)}
+    seen = _Seen()
+    seen.visit(module.tree)
     above = {
         id(child): node
         for node in ast.walk(module.tree)
@@ -77,6 +81,8 @@ def _only_takes_names(
     for node in ast.walk(module.tree):
         if not isinstance(node, ast.Name) or node.id not in held:
             continue
+        if node.id in others and id(node) not in seen.names:
+            continue  # a variable of the same name
         what, place = held[node.id], f"{module.source}:{node.lineno}"
         asked = above[id(node)]
         while isinstance(asked, ast.Attribute) and f"{what}.{asked.attr}" in packages:
@@ -215,6 +221,23 @@ def _locals(modules: Iterable[Module]) -> set[str]:
 
 def _identifiers(modules: Iterable[Module]) -> set[str]:
     return {n.id for m in modules for n in ast.walk(m.tree) if isinstance(n, ast.Name)}
+
+
+def _is_bound(node: ast.Name) -> bool:
+    return not isinstance(node.ctx, ast.Load)
+
+
+class _Seen(Scopes):
+    """The places of names that are the module's, and no inner scope's."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: set[int] = set()
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        if not self.hidden(node.id):
+            self.names.add(id(node))
+        return node
 
 
 def _rebound(module: Module) -> set[str]:

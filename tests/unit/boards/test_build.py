@@ -721,6 +721,7 @@ def test_a_program_alone_needs_no_bundle() -> None:
         ("from a import changing", "a: a.changing is asked from outside, and changes"),
         ("from a import *", "a: a.changing is asked from outside, and changes"),
         ("import a, p.b\nprint(a.x, p.b.TABLE)\np.b.TABLE[1] = 2\np.b.A.y = 3", None),
+        ("import a\ndef f():\n    a = object()\n    a.x = 1\ndef g(a): return [a]\na.x", None),
         ("from p.b import TABLE as a\na[1] = 2\na.x = 3", None),
     ],
 )
