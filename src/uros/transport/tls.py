@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import re
 import socket
 import ssl
 import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Any, Final
+from urllib.parse import quote
 
 from .base import INFO, WARNING, Host, TransportError
 from .certificates import Certificates
@@ -293,7 +293,8 @@ class TlsServer(TcpServer):
 
 
 def _name_in(certificate: Any) -> str:
-    """Whose certificate it is, or nothing; in letters with which no name looks like another.
+    """Whose certificate it is, or nothing. What is not in ``A-Z a-z 0-9 _ . - ~ @`` or a space is
+    percent-encoded (RFC 3986), so that no name looks like another.
 
     Rules may be for a name, so one that is cut ends with what tells it from others.
     """
@@ -302,10 +303,12 @@ def _name_in(certificate: Any) -> str:
     found = [value for part in certificate.get("subject", ()) for key, value in part
              if key == "commonName"]  # fmt: skip
     found += [value for kind, value in certificate.get("subjectAltName", ()) if kind == "DNS"]
-    name = found[0] if found else "?"
+    if not found:
+        return "?"
+    name = found[0]
     if len(name) > _MAX_CN:
         name = f"{name[: _MAX_CN - 17]}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
-    return re.sub(r"[^\w.@ -]", "?", name, flags=re.ASCII)
+    return quote(name, safe=" @")
 
 
 def _explain(error: Exception) -> str:

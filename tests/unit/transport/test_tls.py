@@ -109,13 +109,14 @@ def test_names_that_would_look_like_another():
     def named(*values):
         return _name_in({"subject": tuple((("commonName", it),) for it in values)})
 
-    assert named("a) (CN=b") == "a? ?CN?b"
-    assert named("a\n[0.1] info\x1b[31m") == "a??0.1? info??31m"
+    assert named("a) (CN=b") == "a%29 %28CN%3Db"
+    assert named("a\n[0.1] info\x1b[31m") == "a%0A%5B0.1%5D info%1B%5B31m"
     assert named("x" * 64) == "x" * 64
     long = [named("x" * 100), named("x" * 101)]
     assert all(it.startswith("x" * 47 + "-") and len(it) == 64 for it in long)
     assert long[0] != long[1]
-    assert named("Müller") == "M?ller"
+    assert named("Müller") == "M%C3%BCller" != named("Möller")
+    assert named("50%") == "50%25"
     assert named() == "?" and _name_in(None) == ""
     assert _name_in({"subjectAltName": (("DNS", "left.local"),)}) == "left.local"
 
