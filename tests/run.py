@@ -33,6 +33,8 @@ GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak")
 # compute, so that four lanes keep two cores busy. The first lane has the screen; the output of
 # the others follows when all have ended.
 LANES = (("unit", "replay"), ("mpy", "contract"), ("interop",), ("boards", "soak"))
+# The largest group has two processes, whole files each.
+WORKERS = {"unit": ("-n", "2", "--dist", "loadfile")}
 PREPARE = {
     "interop": (env.micropython, env.ros),
     "boards": (env.micropython, env.ros),
@@ -118,6 +120,7 @@ def run_group(group: str, full: bool, output: TextIO | None = None) -> Result:
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         command = [sys.executable, "-m", "pytest", "-q", f"tests/{group}", f"--junitxml={report}"]
+        command += WORKERS.get(group, ())
         if not full:
             command += ["-m", "not slow"]
         limit = GROUP_SECONDS_FULL if full else GROUP_SECONDS
