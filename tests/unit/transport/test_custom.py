@@ -17,6 +17,7 @@ from support.agent import RunningAgent, running_agent, serving
 from support.client import XrceClient
 from support.custom import Stream
 from support.lines import SECONDS
+from support.waiting import eventually
 from unit.agent.helpers import get_info, message
 from unit.transport.faults import Bystanders, wait_for
 
@@ -357,8 +358,8 @@ def test_a_flood_waits_in_the_line_and_not_in_the_agent():
     with agent_with(line) as agent:
         others = Bystanders(agent)
         line.read = read
-        line.items.put(OSError("begin anew, with the other read"))
-        wait_for(agent.said.getvalue, "running...", 3)
+        line.items.put((PING, 0))  # ends a call of the read that was there
+        eventually(lambda: reads[0] > 0)
         for _ in range(20):
             others.check()
         assert len(agent.custom._worker._come) <= worker.MAX_WAITING + 1
