@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import weakref
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -21,7 +23,7 @@ class Node(node.Node):
     Without ``transport`` it joins the ROS network by DDS, in ``domain_id``, else ROS_DOMAIN_ID,
     else 0, and raises MiddlewareError where that cannot be. ``transport`` may be a board's line,
     or the ``connection`` of another node to share it; each is spun by itself. Use a node from one
-    thread.
+    thread. A node that is there when the program ends, by Ctrl-C too, is destroyed then.
     """
 
     def __init__(
@@ -45,6 +47,8 @@ class Node(node.Node):
             if opened is not None:
                 opened.close()
             raise
+        if self._owner and not isinstance(self.connection, Direct):  # that one leaves by itself
+            atexit.register(_leave, weakref.ref(self))
 
     def destroy_node(self) -> None:
         """Leave the network; :meth:`spin` returns. Nodes that share the connection stay."""
@@ -71,3 +75,10 @@ class Node(node.Node):
         if isinstance(self.connection, Direct):
             return self.connection.interrupt.watched()
         return nullcontext()
+
+
+def _leave(node: weakref.ref[Node]) -> None:
+    """Take leave of the agent, which else would keep the node's objects for its dead time."""
+    left = node()
+    if left is not None:
+        left.destroy_node()

@@ -56,7 +56,8 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--without", metavar="PASS", action="append", default=[],
-        help="leave out one of the passes that 'uros board build --help' lists; may be repeated",
+        help="leave out one of the passes over uros's modules, listed at the end of 'uros board build"
+        " --help'; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--no-lean", dest="without", action="append_const", const="terse-errors",

@@ -97,7 +97,8 @@ class Saver:
     def __init__(self, topic: str, out: str, count: int, every: float) -> None:
         self.count = 0
         self._wanted = count
-        self._every_ns = int(every * 1e9)
+        # A picture a second comes a little before the second, too.
+        self._least_ns = int(every * 0.9e9)
         self._last_ns: int | None = None
         self._stem = topic.strip("/").replace("/", "_")
         path = Path(out)
@@ -121,7 +122,7 @@ class Saver:
         """Write it, unless that is enough, or too soon after the last."""
         if self.done:
             return
-        if self._last_ns is not None and received_ns - self._last_ns < self._every_ns:
+        if self._last_ns is not None and received_ns - self._last_ns < self._least_ns:
             return
         path = self._file or self._free(picture, received_ns)
         if self._file and _SUFFIXES[path.suffix.lower()] != picture.suffix:

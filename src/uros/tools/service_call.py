@@ -12,6 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 from ..names import service_type_from_dds
@@ -57,6 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     type_name, text = type_and_text(args)
+    if args.middleware == "ros2" and not find_spec("rclpy"):
+        raise ToolError(
+            "-m ros2 calls by rclpy, which this Python does not have: start uros where ROS 2 is"
+            " sourced, or leave -m out"
+        )
     with join(args) as network:  # which makes --interfaces known
         kind = load_service(type_name) if type_name else None
         filled = Filled(kind.Request, text) if kind else None
@@ -175,6 +181,8 @@ def _open_ros2(line: _Line, network: Network, args: argparse.Namespace, service:
         requester: Any = node.create_requester(service, services_profile(), _nothing)
     except MiddlewareError as error:
         line.close()
+        if args.middleware == "ros2":
+            raise ToolError(f"-m ros2 calls by rclpy: {error}") from error
         raise ToolError(
             f"{args.service} is served in the form of rmw_fastrtps, which rclpy alone speaks:"
             f" {error}"

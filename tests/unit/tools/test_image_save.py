@@ -67,6 +67,13 @@ def test_every_so_often(tmp_path):
     assert [it.split("_")[2][:3] for it in files(tmp_path)] == ["100", "120", "140"]
 
 
+def test_a_picture_a_second_is_kept_every_second_though_it_comes_a_little_early(tmp_path):
+    one = saver(tmp_path, every=1.0)
+    for number in range(5):
+        one.add(picture(taken(stamp=100 + 10 * number)), number * (SECOND - 300_000))
+    assert one.count == 5
+
+
 def test_one_file(tmp_path):
     path = tmp_path / "one.jpeg"
     one = saver(path, count=1)

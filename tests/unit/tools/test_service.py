@@ -12,6 +12,7 @@ from uros.tools import cli
         (["call", "/x", "std_srvs/SetBool", "data: 3"], 1, "SetBool_Request.data takes true or"),
         (["call", "/x", "std_srvs/Trigger", "-r", "0"], 2, "'0' is no number above 0"),
         (["call", "/x", "std_srvs/Trigger", "--timeout", "x"], 2, "'x' is no number above 0"),
+        (["call", "/x", "-m", "ros2"], 1, "-m ros2 calls by rclpy, which this Python"),
         (["call", "/x", "-m", "memory"], 2, "invalid choice: 'memory'"),
         (["call", "/1x"], 2, "'/1x' is no name of a service"),
         (["call"], 2, "NAME"),

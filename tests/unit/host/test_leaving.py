@@ -1,0 +1,41 @@
+"""A program with a board's node on CPython ends: its agent must know at once."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+from support.agent import running_agent
+from support.lines import SECONDS
+from support.waiting import eventually
+
+PROGRAM = """
+import uros
+from uros.interfaces.std_msgs.msg import Int32
+from uros.transport.datagram import UdpTransport
+
+node = uros.Node("counter", UdpTransport("127.0.0.1", {port}), key=0x5EED)
+publisher = node.create_publisher(Int32, "count", 10)
+node.create_timer(0.05, lambda: publisher.publish(Int32()))
+while not publisher.published:
+    node.spin_once(0.1)
+{then}
+"""
+
+
+@pytest.mark.parametrize("then", ["node.spin()", "1 / 0"])
+def test_a_node_takes_leave_of_its_agent_however_its_program_ends(then):
+    with running_agent("udp", "memory") as agent:
+        program = PROGRAM.format(port=agent.transport.port, then=then)
+        process = subprocess.Popen(
+            [sys.executable, "-c", program], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        try:
+            eventually(lambda: "datawriter created" in agent.said.getvalue())
+            if then == "node.spin()":
+                process.send_signal(signal.SIGINT)
+            process.wait(SECONDS)
+        finally:
+            process.kill()
+            process.wait()
+        eventually(lambda: "session closed" in agent.said.getvalue(), agent.said.getvalue)
