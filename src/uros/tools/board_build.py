@@ -56,7 +56,7 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--without", metavar="PASS", action="append", default=[],
-        help="leave out one of the passes over uros's modules, listed at the end of 'uros board build"
+        help="leave out one of the passes over uros's modules, listed by 'uros board build"
         " --help'; may be repeated",
     )  # fmt: skip
     parser.add_argument(
