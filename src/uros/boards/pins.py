@@ -151,15 +151,19 @@ class Button(Part):
         self._random = random.Random(f"{seed}/{name}")
         self._pressed_level = pressed_level
         self._t_us = 0
-        self._pressed = False
-        self._due: list[tuple[int, bool]] = []  # the contact from then on, in order
+        self._pressed = False  # the contact, bounces included
+        self._held = False  # what the hand does
+        # From then on: the contact, and what it settles to; in order.
+        self._due: list[tuple[int, bool, bool]] = []
         self._bounce_us = _BOUNCE_US
         self.pin = Pin(name, name, self.wire)
 
     def wire(self) -> int | None:
         """The level of a wire that the button connects, else None."""
-        closed = self._pressed or "stuck" in self.faults
-        return self._pressed_level if closed and "broken" not in self.faults else None
+        return self._pressed_level if self._closes(self._pressed) else None
+
+    def _closes(self, pressed: bool) -> bool:
+        return (pressed or "stuck" in self.faults) and "broken" not in self.faults
 
     def act(self, kind: str, value: str = "") -> None:
         if kind == "bounce":
@@ -174,13 +178,14 @@ class Button(Part):
     def _move(self, t_us: int, closed: bool) -> None:
         times = sorted(self._random.randrange(self._bounce_us + 1) for _ in range(2 * _BOUNCES))
         self._due = [it for it in self._due if it[0] < t_us]
-        self._due.append((t_us, closed))
+        self._due.append((t_us, closed, closed))
         if self._bounce_us:
             for index, after in enumerate(times):
-                self._due.append((t_us + after, closed if index % 2 else not closed))
+                self._due.append((t_us + after, closed if index % 2 else not closed, closed))
 
     def shows(self) -> str:
-        return "pressed" if self.wire() is not None else "released"
+        # Not the contact: whoever looks in the middle of its bounces would see presses.
+        return "pressed" if self._closes(self._held) else "released"
 
     def fault(self, kind: str) -> None:
         self._told(lambda: self.faults.add(kind))
@@ -197,7 +202,7 @@ class Button(Part):
 
     def advance(self, t_us: int) -> None:
         while self._due and self._due[0][0] <= t_us:
-            self._t_us, closed = self._due.pop(0)
+            self._t_us, closed, self._held = self._due.pop(0)
 
             def change(to: bool = closed) -> None:
                 self._pressed = to

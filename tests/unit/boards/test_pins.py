@@ -131,6 +131,19 @@ def test_off_undoes_what_was_said_of_its_contacts():
     assert len(edges()) > 2
 
 
+def test_what_a_button_shows_does_not_bounce():
+    button = Button("button", seed=7)
+    button.act("tap", "0.02")
+    shown, levels = [button.shows()], []
+    for t_us in range(0, 40_000, 50):
+        button.advance(t_us)
+        levels.append(button.wire())
+        if shown[-1] != button.shows():
+            shown.append(button.shows())
+    assert shown == ["released", "pressed", "released"]
+    assert sum(a != b for a, b in zip(levels, levels[1:], strict=False)) > 2, "its contacts bounce"
+
+
 def test_a_knob():
     knob = Knob("knob")
     assert knob.analog() == 0.5
