@@ -19,7 +19,7 @@ from typing import Final
 
 from .foreign import BUILTINS
 from .rename import Renaming
-from .shrink import FUNCTIONS, Module, Scopes, absolute, bound, imports, parameters
+from .shrink import Module, Scopes, absolute, bound, imports, scoped_names
 
 BUNDLE: Final = "uros._all"
 """The module that holds all others."""
@@ -208,15 +208,7 @@ def _respelled(modules: Iterable[Module]) -> set[str]:
 
 def _locals(modules: Iterable[Module]) -> set[str]:
     """The names of all local variables and parameters."""
-    names: set[str] = set()
-    for module in modules:
-        for node in ast.walk(module.tree):
-            if isinstance(node, (*FUNCTIONS, ast.Lambda)):
-                names.update(parameters(node.args))
-                names.update(bound([node.body] if isinstance(node, ast.Lambda) else node.body))
-            elif isinstance(node, ast.comprehension):
-                names.update(bound([node.target]))
-    return names
+    return {name for module in modules for name in scoped_names(module.tree)}
 
 
 def _identifiers(modules: Iterable[Module]) -> set[str]:

@@ -13,7 +13,16 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from .foreign import ATTRIBUTES, BUILTINS, CLASSES
-from .shrink import FUNCTIONS, Module, Scopes, bound, parameters, receiver, times_bound
+from .shrink import (
+    FUNCTIONS,
+    Module,
+    Scopes,
+    bound,
+    parameters,
+    receiver,
+    scoped_names,
+    times_bound,
+)
 
 # MicroPython numbers these in every build (py/makeqstrdata.py); files of bytecode rely on it.
 _IN_ROM: Final = (
@@ -373,15 +382,10 @@ def _names(node: ast.AST) -> set[str]:
 
 def _inner_names(statement: ast.stmt) -> set[str]:
     """All that functions, classes and comprehensions in a statement bind for themselves."""
-    names: set[str] = set()
+    names = scoped_names(statement)
     for node in ast.walk(statement):
         if isinstance(node, ast.ClassDef):
             names.update(bound(node.body))
-        elif isinstance(node, (*FUNCTIONS, ast.Lambda)):
-            names.update(parameters(node.args))
-            names.update(bound([node.body] if isinstance(node, ast.Lambda) else node.body))
-        elif isinstance(node, ast.comprehension):
-            names.update(bound([node.target]))
     return names
 
 

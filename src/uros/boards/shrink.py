@@ -546,6 +546,18 @@ class _Inline(Scopes):
         return self.generic_visit(node)
 
 
+def scoped_names(tree: ast.AST) -> set[str]:
+    """All names that functions, lambdas and comprehensions in a tree bind for themselves."""
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, (*FUNCTIONS, ast.Lambda)):
+            names.update(parameters(node.args))
+            names.update(bound([node.body] if isinstance(node, ast.Lambda) else node.body))
+        elif isinstance(node, ast.comprehension):
+            names.update(bound([node.target]))
+    return names
+
+
 def parameters(args: ast.arguments) -> Iterator[str]:
     """The names of a function's parameters, in their order."""
     for arg in (*args.posonlyargs, *args.args, *args.kwonlyargs, args.vararg, args.kwarg):
