@@ -14,9 +14,9 @@ import sys
 from typing import Any
 
 from uros.agent import server
+from uros.agent.transports import udp
 from uros.middleware.dds import cyclone, middleware
 from uros.tools import cli
-from uros.transport import udp
 
 _MS = 1_000_000
 

@@ -16,7 +16,7 @@ Records; the low bits of the operation say what the bytes are:
 import errno
 from collections.abc import Iterator
 
-from uros.transport.can import MAX_UNSENT, CanServer, python_can
+from uros.agent.transports.can import MAX_UNSENT, CanServer, python_can
 from uros.transport.canboard import MTU, can_frame
 
 from . import datagrams, records

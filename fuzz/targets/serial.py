@@ -19,7 +19,7 @@ The bytes arrive in chunks whose length the first byte of the input says.
 
 from collections.abc import Iterator
 
-from uros.transport.line import MAX_UNSENT, LineServer
+from uros.agent.transports.line import MAX_UNSENT, LineServer
 from uros.wire.framing import Deframer, frame, frame_size
 
 from . import datagrams, records

@@ -15,7 +15,7 @@ Records; the connection is ``op >> 4 & 3``, and the low bits say what the bytes 
 
 from collections.abc import Iterator
 
-from uros.transport import tcp
+from uros.agent.transports import tcp
 from uros.wire.framing import LengthDeframer
 
 from . import datagrams, records

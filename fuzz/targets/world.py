@@ -13,9 +13,9 @@ from uros.agent.limits import Limits
 from uros.agent.log import Log, RateLimit
 from uros.agent.session import MAX_HELD, MAX_STREAMS
 from uros.agent.taps import CLIENT
+from uros.agent.transports.base import ServerTransport
 from uros.middleware.memory import Bus, MemoryMiddleware
 from uros.qos import QoSProfile
-from uros.transport.base import ServerTransport
 from uros.wire import entities, ids, session
 from uros.wire.cdr import Writer
 from uros.wire.header import MessageWriter, header_size, pull_header, push_header, push_subheader

@@ -8,14 +8,14 @@ from support.ports import free_port
 from unit.transport.test_discovery import running
 from uros.interfaces.std_msgs.msg import Int32
 
+from uros.agent.transports import addresses
+from uros.agent.transports.discovery import GROUP
+from uros.agent.transports.tcp import TcpServer
+from uros.agent.transports.udp import UdpServer
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
 from uros.ticks import ticks_ms
-from uros.transport import addresses
-from uros.transport.discovery import GROUP
 from uros.transport.discoveryboard import DiscoveringTransport, discover_agent
-from uros.transport.tcp import TcpServer
 from uros.transport.tcpboard import TcpTransport
-from uros.transport.udp import UdpServer
 from uros.transport.wlan import Over
 from uros.wire.streams import ticks_diff
 

@@ -16,12 +16,12 @@ from support.ports import lasting_port
 from uros.interfaces.std_msgs.msg import Int32, UInt8MultiArray
 from uros.interfaces.std_srvs.srv import Trigger
 
+from uros.agent.transports.base import TransportError
 from uros.boards.air import HostAir
 from uros.boards.esp8266 import Esp8266
 from uros.boards.gs2200 import Gs2200
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
 from uros.ticks import ticks_ms
-from uros.transport.base import TransportError
 from uros.transport.canboard import CanTransport
 from uros.transport.canport import CanPort
 from uros.transport.datagram import UdpTransport
@@ -71,7 +71,7 @@ class Udp(Surroundings):
         self.start()
 
     def server(self):
-        from uros.transport.udp import UdpServer
+        from uros.agent.transports.udp import UdpServer
 
         return UdpServer(self.port, self.listens_on)
 
@@ -89,7 +89,7 @@ class Tcp(Udp):
         super().__init__("tcp")
 
     def server(self):
-        from uros.transport.tcp import TcpServer
+        from uros.agent.transports.tcp import TcpServer
 
         return TcpServer(self.port, self.listens_on)
 
@@ -107,8 +107,8 @@ class Tls(Udp):
         super().__init__("tls")
 
     def server(self):
-        from uros.transport.certificates import Certificates
-        from uros.transport.tls import TlsServer
+        from uros.agent.transports.certificates import Certificates
+        from uros.agent.transports.tls import TlsServer
 
         files = Certificates(*self.authority.agent(), self.authority.ca)  # new ones each time
         return TlsServer(self.port, self.listens_on, files)

@@ -179,7 +179,7 @@ def test_a_port_is_free_again_at_once():
         one = client(first)
         assert one.ping() == 1
         port = first.transport.port
-    from uros.transport.tcp import TcpServer
+    from uros.agent.transports.tcp import TcpServer
 
     with running_agent("tcp", "memory") as second:
         again = TcpServer(port, "127.0.0.1")

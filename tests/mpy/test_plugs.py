@@ -111,10 +111,10 @@ def program(folder, way, port, password="secret99"):
 
 def server(way):
     if way == "wlan_tcp":
-        from uros.transport.tcp import TcpServer
+        from uros.agent.transports.tcp import TcpServer
 
         return TcpServer(0, "127.0.0.1")
-    from uros.transport.udp import UdpServer
+    from uros.agent.transports.udp import UdpServer
 
     return UdpServer(0, "127.0.0.1")
 

@@ -50,20 +50,20 @@ class RunningAgent:
     def _make(self, kind):
         loopback = "::1" if kind.endswith("6") else "127.0.0.1"
         if kind in ("udp", "udp6"):
-            from uros.transport.udp import UdpServer
+            from uros.agent.transports.udp import UdpServer
 
             return UdpServer(0, loopback)
         if kind in ("tcp", "tcp6"):
-            from uros.transport.tcp import TcpServer
+            from uros.agent.transports.tcp import TcpServer
 
             return TcpServer(0, loopback)
         if kind == "tls":
             from support.certificates import own_certificates
-            from uros.transport.tls import TlsServer
+            from uros.agent.transports.tls import TlsServer
 
             return TlsServer(0, "127.0.0.1", own_certificates())
         if kind == "memory":  # its lines are transport.connect(), for boards of ours
-            from uros.transport.memory import MemoryServer
+            from uros.agent.transports.memory import MemoryServer
 
             return MemoryServer()
         if kind in ("can", "socketcan"):
@@ -72,11 +72,11 @@ class RunningAgent:
             return can.virtual() if kind == "can" else can.KernelCan()
         if kind in ("custom", "custom-framed"):
             from support import custom
-            from uros.transport.custom import CustomServer
+            from uros.agent.transports.custom import CustomServer
 
             self._custom = custom.Datagrams() if kind == "custom" else custom.Stream()
             return CustomServer(self._custom)
-        from uros.transport.serial import PseudoTerminalServer, SerialServer
+        from uros.agent.transports.serial import PseudoTerminalServer, SerialServer
 
         if kind == "pseudoterminal":
             return PseudoTerminalServer()

@@ -15,7 +15,7 @@ from unittest.mock import patch
 import can
 
 from support.lines import Line
-from uros.transport.can import CanServer
+from uros.agent.transports.can import CanServer
 
 FRAME = struct.Struct("=IBB2x64s")
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
@@ -76,7 +76,7 @@ class KernelCan(CanServer):
         ours, self.bus = pair()
         module = "can.interfaces.socketcan.socketcan."
         with (
-            patch("uros.transport.can.check_socketcan"),
+            patch("uros.agent.transports.can.check_socketcan"),
             patch(module + "create_socket", lambda: ours),
             patch(module + "bind_socket"),
         ):

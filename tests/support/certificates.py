@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 import trustme
 
-from uros.transport.certificates import Certificates
+from uros.agent.transports.certificates import Certificates
 
 HOSTS = ("localhost", "127.0.0.1", "::1")
 

@@ -3,7 +3,7 @@
 import select
 import socket
 
-from uros.transport.custom import CustomTransport
+from uros.agent.transports.custom import CustomTransport
 
 
 class Datagrams(CustomTransport):

@@ -38,7 +38,7 @@ class Several(Ends):
     """Two devices, and a board with the same address on each."""
 
     def __init__(self):
-        from uros.transport.multiserial import serial_servers
+        from uros.agent.transports.multiserial import serial_servers
 
         super().__init__()
         self.transports = serial_servers([self.pty(), self.pty()])
@@ -68,7 +68,7 @@ class Shared(Ends):
 
 class ByPySerial(Shared):
     def __init__(self):
-        from uros.transport.portable_serial import PySerialServer
+        from uros.agent.transports.portable_serial import PySerialServer
 
         super().__init__()
         self.transports = [PySerialServer(self.pty())]
@@ -78,7 +78,7 @@ class BySocket(Shared):
     """A line that another machine offers by TCP."""
 
     def __init__(self):
-        from uros.transport.serial import serial_server
+        from uros.agent.transports.serial import serial_server
 
         super().__init__()
         self.listener = socket.create_server(("127.0.0.1", 0))
@@ -101,7 +101,7 @@ class OverBluetooth(Ends):
     """Boards that connect, each on a connection of its own and with the same address there."""
 
     def __init__(self):
-        from uros.transport.rfcomm import RfcommListener
+        from uros.agent.transports.rfcomm import RfcommListener
 
         super().__init__()
         self.air = Air()

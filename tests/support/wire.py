@@ -16,9 +16,9 @@ from support.board import FakeClock
 from uros.agent import client as agent_client
 from uros.agent.agent import Agent
 from uros.agent.log import Log
+from uros.agent.transports.base import ServerTransport
 from uros.client import AGENT_CONNECTED, Node
 from uros.middleware.memory import MemoryMiddleware
-from uros.transport.base import ServerTransport
 from uros.wire.streams import TIME_MASK, ticks_diff
 
 STEP_MS = 10

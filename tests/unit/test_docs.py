@@ -199,7 +199,7 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
         watchdog,
     )
     from uros.agent.limits import Limits
-    from uros.transport import tcp, tls
+    from uros.agent.transports import tcp, tls
     from uros.wire.streams import MAX_MESSAGE
 
     told = {what: value for what, value, _ in table(ARCHITECTURE, "what", "value", "where")}
@@ -495,7 +495,7 @@ def certified(tmp_path_factory):
 
 
 def test_the_certificates_of_the_page_are_good_for_agent_and_board(certified):
-    from uros.transport.certificates import Certificates
+    from uros.agent.transports.certificates import Certificates
 
     files = Certificates(*(str(certified / it) for it in ("agent.pem", "agent.key", "ca.pem")))
     assert not files.doubt()

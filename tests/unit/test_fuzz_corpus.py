@@ -162,7 +162,7 @@ def test_chunks_that_matter_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_frame_that_lies_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    from uros.transport import can
+    from uros.agent.transports import can
 
     monkeypatch.setattr(can, "can_frame", lambda message: bytearray(message).ljust(64, b"\0"))
     with pytest.raises(world.Finding):

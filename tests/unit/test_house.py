@@ -17,16 +17,17 @@ ALLOWED = {
     "ticks": set(),
     "names": set(),
     "printable": set(),
+    "http_server": set(),
     "drivers": set(),
     "control": set(),
     "qos": {"wire"},
     "interfaces": {"wire"},
-    "transport": {"wire", "ticks"},
+    "transport": {"wire", "ticks", "agent"},
     "client": {"wire", "interfaces", "qos", "ticks"},
     "middleware": {"interfaces", "qos", "names"},
-    "agent": {"wire", "transport", "middleware", "qos", "names", "printable"},
+    "agent": {"wire", "transport", "middleware", "qos", "names", "printable", "http_server"},
     "host": {"client", "middleware", "interfaces", "qos", "names", "printable"},
-    "dashboard": {"drivers", "transport"},
+    "dashboard": {"drivers", "http_server"},
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "dashboard", "qos", "ticks", "names", "printable",
@@ -60,6 +61,7 @@ def modules() -> list[Path]:
         SOURCE / "ticks.py",
         SOURCE / "names.py",
         SOURCE / "printable.py",
+        SOURCE / "http_server.py",
     ]
 
 

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from ..middleware.base import Middleware
-from ..transport.base import ServerTransport
 from ..wire import ids
 from ..wire import session as messages
 from ..wire.cdr import Reader
@@ -45,6 +44,7 @@ from .rivals import Request, Rivals
 from .session import MIN_MTU, Session
 from .shares import Shares
 from .taps import AGENT, Taps
+from .transports.base import ServerTransport
 
 if TYPE_CHECKING:
     from .keeper import Keeper

@@ -27,10 +27,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..transport.base import INFO, WARNING
 from .jsonlines import Lines
 from .snapshot import RATE_SECONDS, SLICE, Rates, pieces
 from .taps import Passing
+from .transports.base import INFO, WARNING
 
 if TYPE_CHECKING:
     from .server import Server

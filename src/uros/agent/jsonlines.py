@@ -13,9 +13,9 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from ..transport.base import ServerTransport
 from .kinds import key_label
 from .taps import Passing
+from .transports.base import ServerTransport
 
 # Attack: messages from one address after the other; their numbers start anew then.
 _MAX_CLIENTS: Final = 65536

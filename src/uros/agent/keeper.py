@@ -20,7 +20,6 @@ from collections import deque
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final
 
-from ..transport.base import ServerTransport
 from ..wire.streams import ReliableOut
 from .endpoint import WriterEndpoint
 from .entry import Entry, From, To
@@ -46,6 +45,7 @@ from .log import Log
 from .restoring import restore, sound_clients
 from .session import Session
 from .state import SLOT_SIZE, SLOTS, StateFile, record, seal
+from .transports.base import ServerTransport
 
 if TYPE_CHECKING:
     from .client import Client

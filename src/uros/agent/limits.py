@@ -2,7 +2,7 @@
 
 Limits that never vary stand where they are held: streams and answers of a session
 (:mod:`~uros.agent.session`), sizes of XML (:mod:`~uros.agent.profiles`), connections and what
-waits in them (:mod:`~uros.transport.tcp`).
+waits in them (:mod:`~uros.agent.transports.tcp`).
 """
 
 from __future__ import annotations

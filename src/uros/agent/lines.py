@@ -16,12 +16,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
-from ..transport.base import ServerTransport
 from ..wire.streams import ticks_add
 from .client import Client
 from .kinds import key_label
 from .log import Log
 from .session import Session
+from .transports.base import ServerTransport
 
 # How many looks a client has to come back, a second each; and questions before it is forgotten.
 # A line that comes back at the last look makes it two more: within ten seconds of the loss.

@@ -1,6 +1,6 @@
 """``--metrics``: what an agent counts, for Prometheus, over HTTP.
 
-Threads serve HTTP (:mod:`uros.transport.http`). For each scrape one asks the server's thread for a
+Threads serve HTTP (:mod:`uros.http_server`). For each scrape one asks the server's thread for a
 snapshot, which is made between what boards want, and makes the metrics of it. Boards have the label
 ``key``; those beyond the first :data:`MAX_SERIES` are one, ``key="other"``, because each label is a
 series that Prometheus keeps for weeks.
@@ -17,12 +17,12 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 from .. import __version__
+from ..http_server import Handler, HttpServer
 from ..printable import printable
-from ..transport.base import ERROR, INFO, TransportError
-from ..transport.http import Handler, HttpServer
-from ..transport.ip import address_trouble, bind_trouble, text_of
 from .log import unexpected
 from .snapshot import gather
+from .transports.base import ERROR, INFO, TransportError
+from .transports.ip import address_trouble, bind_trouble, text_of
 
 if TYPE_CHECKING:
     from prometheus_client import Metric

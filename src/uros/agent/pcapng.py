@@ -15,10 +15,10 @@ import struct
 from typing import Final
 
 from ..printable import printable
-from ..transport.addresses import own_address
-from ..transport.base import DEFAULT_PORT, ServerTransport
 from .kinds import key_label
 from .taps import AGENT, Passing
+from .transports.addresses import own_address
+from .transports.base import DEFAULT_PORT, ServerTransport
 
 LINKTYPE_RAW: Final = 101
 MAGIC: Final = b"\x0a\x0d\x0d\x0a"

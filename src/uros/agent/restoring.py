@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from ..transport.base import ServerTransport
 from .endpoint import WriterEndpoint
 from .entry import Entry
 from .kept import SLOT_HEAD, About, Kept, Unsound
@@ -23,6 +22,7 @@ from .kinds import key_label, object_label
 from .log import Log
 from .rivals import Request
 from .state import StateFile
+from .transports.base import ServerTransport
 
 if TYPE_CHECKING:
     from .agent import Agent

@@ -21,13 +21,13 @@ import time
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple, Protocol
 
-from ..transport.base import ServerTransport
 from ..wire.streams import ticks_add, ticks_diff
 from .admission import KEY_IN_USE, Refusals
 from .client import Client
 from .kinds import key_label
 from .log import Log, RateLimit
 from .session import Session
+from .transports.base import ServerTransport
 
 # The known place is asked, and given so long each time.
 WAIT_MS: Final = (150, 150, 200)

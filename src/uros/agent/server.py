@@ -19,13 +19,13 @@ from typing import Any, Final, Protocol
 
 from ..middleware.base import MiddlewareError
 from ..middleware.wake import Wake
-from ..transport.base import ServerTransport
 from ..wire.streams import ticks_diff
 from .agent import Agent
 from .client import Client
 from .pace import PAUSE
 from .session import Session
 from .taps import CLIENT
+from .transports.base import ServerTransport
 
 # How long timers that are due may take in one turn, in seconds.
 _MOST_DUE: Final = 0.005

@@ -21,9 +21,9 @@ from collections.abc import Hashable, Iterable
 from ipaddress import IPv6Address
 from typing import Any, Final
 
-from ..transport.base import ServerTransport
 from ..wire.streams import ticks_add, ticks_diff
 from .client import Client
+from .transports.base import ServerTransport
 
 # Fewer sessions than this of one socket or network are no attack, whatever the limit is.
 LEAST: Final = 16

@@ -19,13 +19,13 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from .. import names
-from ..transport.base import ServerTransport
 from ..wire import ids
 from ..wire.streams import ticks_diff
 from .client import Client
 from .endpoint import WriterEndpoint
 from .kinds import KIND_NAMES, key_label, object_label
 from .objects import Endpoint, XrceObject
+from .transports.base import ServerTransport
 
 if TYPE_CHECKING:
     from .server import Server

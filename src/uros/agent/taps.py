@@ -11,9 +11,9 @@ import time
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-from ..transport.base import ServerTransport
 from .kinds import key_label
 from .log import DEBUG, TRACE, Log, unexpected
+from .transports.base import ServerTransport
 
 # Who says a message.
 CLIENT: Final = "client"

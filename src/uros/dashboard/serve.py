@@ -1,7 +1,7 @@
 """HTTP for a few pages on this machine, and for what they ask for again and again.
 
 A page's question may be left unanswered until there is news, for a second or so: that is how a page
-is live. Who may ask is said in :mod:`uros.transport.http`; besides, what changes something must be
+is live. Who may ask is said in :mod:`uros.http_server`; besides, what changes something must be
 JSON, which pages of other origins may not send.
 """
 
@@ -18,7 +18,7 @@ from importlib import resources
 from typing import Any, Final, NamedTuple
 from urllib.parse import parse_qs
 
-from ..transport.http import MAX_BODY, Handler, HttpServer
+from ..http_server import MAX_BODY, Handler, HttpServer
 
 # Attack: questions without end. Answered at a time; the others wait.
 MAX_ANSWERS: Final = 32

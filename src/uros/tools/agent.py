@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
     """Serve until a signal ends it; the exit status. Raises ToolError saying what is wrong."""
     from ..agent.control import ControlError
     from ..agent.profiles import ProfileError
-    from ..transport.base import TransportError
+    from ..agent.transports.base import TransportError
 
     if args.transport == agent_status.NAME:
         return agent_status.run(args)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from ..transport.base import DEFAULT_PORT
+from ..agent.transports.base import DEFAULT_PORT
 
 if TYPE_CHECKING:
-    from ..transport.base import ServerTransport
+    from ..agent.transports.base import ServerTransport
 
 TRANSPORTS: Final = {
     "udp4": "UDP over IPv4",
@@ -122,18 +122,18 @@ def make(args: argparse.Namespace) -> list[ServerTransport]:
 
 
 def _udp(args: argparse.Namespace) -> list[ServerTransport]:
-    from ..transport.udp import UdpServer
+    from ..agent.transports.udp import UdpServer
 
     return [UdpServer(args.port, _anywhere(args.transport))]
 
 
 def _tcp(args: argparse.Namespace) -> list[ServerTransport]:
     if args.tls_cert is not None or args.tls_key is not None or args.tls_ca is not None:
-        from ..transport.tls import tls_server
+        from ..agent.transports.tls import tls_server
 
         where = _anywhere(args.transport)
         return [tls_server(args.port, where, args.tls_cert, args.tls_key, args.tls_ca)]
-    from ..transport.tcp import TcpServer
+    from ..agent.transports.tcp import TcpServer
 
     return [TcpServer(args.port, _anywhere(args.transport))]
 
@@ -143,7 +143,7 @@ def _anywhere(transport: str) -> str:
 
 
 def _serial(args: argparse.Namespace) -> list[ServerTransport]:
-    from ..transport.serial import serial_server
+    from ..agent.transports.serial import serial_server
 
     is_file = args.file is not None
     device = args.file if is_file else args.dev
@@ -151,7 +151,7 @@ def _serial(args: argparse.Namespace) -> list[ServerTransport]:
 
 
 def _multiserial(args: argparse.Namespace) -> list[ServerTransport]:
-    from ..transport.multiserial import devices_in, serial_servers
+    from ..agent.transports.multiserial import devices_in, serial_servers
 
     # The C++ agent takes one word with spaces in it.
     devices = " ".join(args.devs).split() if args.file is None else devices_in(args.file)
@@ -159,19 +159,19 @@ def _multiserial(args: argparse.Namespace) -> list[ServerTransport]:
 
 
 def _pseudoterminal(args: argparse.Namespace) -> list[ServerTransport]:
-    from ..transport.serial import PseudoTerminalServer
+    from ..agent.transports.serial import PseudoTerminalServer
 
     return [PseudoTerminalServer(args.baudrate)]
 
 
 def _canfd(args: argparse.Namespace) -> list[ServerTransport]:
-    from ..transport.can import CanServer
+    from ..agent.transports.can import CanServer
 
     return [CanServer(args.dev, args.interface)]
 
 
 def _rfcomm(args: argparse.Namespace) -> list[ServerTransport]:
-    from ..transport.rfcomm import RfcommListener, RfcommServer
+    from ..agent.transports.rfcomm import RfcommListener, RfcommServer
 
     if args.address:
         return [RfcommServer(args.address, args.channel)]
@@ -179,7 +179,7 @@ def _rfcomm(args: argparse.Namespace) -> list[ServerTransport]:
 
 
 def _custom(args: argparse.Namespace) -> list[ServerTransport]:
-    from ..transport.custom import CustomServer, load
+    from ..agent.transports.custom import CustomServer, load
 
     return [CustomServer(load(args.spec, args.arguments))]
 
@@ -200,6 +200,6 @@ _MAKERS: Final = {
 
 def make_discovery(port: int, transports: list[ServerTransport]) -> ServerTransport:
     """What answers boards that ask where the agent is; behind the others in a server's list."""
-    from ..transport.discovery import DiscoveryServer
+    from ..agent.transports.discovery import DiscoveryServer
 
     return DiscoveryServer(transports, port)

@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 def open_port(args: argparse.Namespace, command: str) -> OpenPort:
     """The port of ``--port``, open. Raises ToolError, without ``--port`` with what there is."""
-    from ..transport.base import TransportError
+    from ..agent.transports.base import TransportError
     from ..transport.device import device_port
 
     if args.port is None:

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final
 
+from ..agent.transports.base import DEFAULT_PORT
 from ..printable import printable, unguarded
-from ..transport.base import DEFAULT_PORT
 from .common import domain as domain_number
 from .common import positive_float, positive_int
 from .doctor_finding import NOTE, OK, PROBLEM, UNKNOWN, Finding, problem, unknown
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .doctor_graph import End
 
 _SECONDS: Final = 3.0
-# As in transport/baud.py, which cannot be imported where there is no termios.
+# As in agent/transports/baud.py, which cannot be imported where there is no termios.
 _MAX_BAUD: Final = 50_000_000
 _WIDTH: Final = 100
 _LEAST_WIDTH: Final = 60

@@ -66,7 +66,7 @@ def check_device(
     The last finding is ``ok`` where somebody may listen on it now. Without ``touch`` it is not
     opened, which may reset a board.
     """
-    from ..transport.serial import has_termios, is_url
+    from ..agent.transports.serial import has_termios, is_url
 
     if is_url(device):
         return [unknown("device", f"{device} is no device of this machine: nothing to look at")]
@@ -240,7 +240,7 @@ def _try(device: str) -> Finding:
     """Open it once, as the agent does."""
     import termios
 
-    from ..transport.terminal import open_device, reason
+    from ..agent.transports.terminal import open_device, reason
 
     try:
         os.close(open_device(device, 115200))
@@ -280,8 +280,8 @@ class DeviceLine:
         """See :class:`Line`; the OSError says what to do."""
         import termios
 
-        from ..transport.baud import check_baud_rate, set_baud_rate
-        from ..transport.terminal import open_device, reason
+        from ..agent.transports.baud import check_baud_rate, set_baud_rate
+        from ..agent.transports.terminal import open_device, reason
 
         try:
             if self._fd < 0:

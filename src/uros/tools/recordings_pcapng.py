@@ -11,7 +11,7 @@ import re
 import struct
 from typing import Final
 
-from ..transport.base import DEFAULT_PORT
+from ..agent.transports.base import DEFAULT_PORT
 from ..wire import ids
 from .recordings import Places, Record, RecordingError, opening
 

@@ -99,7 +99,7 @@ class SerialLine:
     """One serial line, which all boards share: each has an address on it, from 1 on."""
 
     def __init__(self, device: str, baudrate: int) -> None:
-        from ..transport.terminal import open_device
+        from ..agent.transports.terminal import open_device
 
         self._fd = open_device(device, baudrate)
         self._boards: dict[int, SharedLine] = {}

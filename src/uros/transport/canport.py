@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from typing import Any
 
-from .can import CHANNEL_GONE, python_can
+from ..agent.transports.can import CHANNEL_GONE, python_can
 
 
 class CanPort:

@@ -7,13 +7,13 @@ import os
 import select
 from typing import Protocol
 
-from .serial import has_termios, is_url
+from ..agent.transports.serial import has_termios, is_url
 
 if has_termios():
     import termios
 
-    from .baud import check_baud_rate
-    from .terminal import open_device, reason
+    from ..agent.transports.baud import check_baud_rate
+    from ..agent.transports.terminal import open_device, reason
 
 
 class OpenPort(Protocol):
@@ -33,7 +33,7 @@ def device_port(path: str, baud: int = 115200) -> OpenPort:
     """
     if has_termios() and not is_url(path):
         return DevicePort(path, baud)
-    from .portable_serial import PySerialPort
+    from ..agent.transports.portable_serial import PySerialPort
 
     return PySerialPort(path, baud)
 

@@ -7,8 +7,8 @@ import itertools
 from uros.agent.agent import Agent
 from uros.agent.log import Log
 from uros.agent.profiles import References
+from uros.agent.transports.base import ServerTransport
 from uros.middleware.memory import Bus, MemoryMiddleware
-from uros.transport.base import ServerTransport
 from uros.wire import data, entities, header, ids, session
 from uros.wire.cdr import Writer
 

@@ -26,8 +26,8 @@ from unit.agent.helpers import (
 from uros.agent.admission import MAX_REFUSALS, Admission, Refusals, make_admission
 from uros.agent.agent import key_of_newcomer
 from uros.agent.control import Control, ControlError
-from uros.transport.discovery import DiscoveryServer
-from uros.transport.udp import UdpServer
+from uros.agent.transports.discovery import DiscoveryServer
+from uros.agent.transports.udp import UdpServer
 from uros.wire import ids
 
 OK, DENIED = ids.STATUS_OK, ids.STATUS_ERR_DENIED

@@ -24,10 +24,10 @@ from uros.agent.capture import Capture, CaptureError, is_capture
 from uros.agent.log import Log
 from uros.agent.pcapng import MAX_PAYLOAD
 from uros.agent.taps import AGENT, CLIENT, Taps
+from uros.agent.transports.base import ServerTransport
+from uros.agent.transports.memory import MemoryServer
+from uros.agent.transports.udp import UdpServer
 from uros.tools.recordings import read
-from uros.transport.base import ServerTransport
-from uros.transport.memory import MemoryServer
-from uros.transport.udp import UdpServer
 
 PING = message([get_info()], 0, 0)
 HUGE = 10**9

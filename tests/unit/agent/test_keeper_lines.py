@@ -14,8 +14,8 @@ from unit.agent import helpers
 
 from uros.agent.keeper import Keeper
 from uros.agent.state import open_state
-from uros.transport.can import CanServer
-from uros.transport.serial import SerialServer
+from uros.agent.transports.can import CanServer
+from uros.agent.transports.serial import SerialServer
 
 
 class Serial:

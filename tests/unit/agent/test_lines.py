@@ -26,8 +26,8 @@ from unit.transport.test_serial import Device
 from uros.agent import lines as module
 from uros.agent.keeper import Keeper
 from uros.agent.state import open_state
-from uros.transport import line as line_module
-from uros.transport.serial import SerialServer
+from uros.agent.transports import line as line_module
+from uros.agent.transports.serial import SerialServer
 from uros.wire import ids
 
 TYPE = "std_msgs::msg::dds_::Int32_"

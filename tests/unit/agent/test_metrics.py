@@ -19,12 +19,12 @@ from support.waiting import eventually
 from unit.transport.faults import wait_for
 from unit.transport.test_process import agent as process
 
+from uros import http_server
 from uros.agent import metrics as module
 from uros.agent.metrics import Metrics, families
 from uros.agent.snapshot import pieces
+from uros.agent.transports.base import TransportError
 from uros.printable import printable
-from uros.transport import http
-from uros.transport.base import TransportError
 from uros.wire import ids
 
 TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
@@ -206,12 +206,12 @@ def test_connections_that_ask_nothing_hold_up_nobody(said):
     """As many as there are threads, and as many as there are places, and more."""
     with measured() as running:
         held = []
-        for count in (module.MAX_SCRAPES, 2 * http.MAX_CONNECTIONS):
+        for count in (module.MAX_SCRAPES, 2 * http_server.MAX_CONNECTIONS):
             while len(held) < count:
                 held.append(socket.create_connection(("127.0.0.1", running.metrics.port)))
                 held[-1].sendall(said)
             assert "uros_clients 0.0" in get(running)[0]
-        assert running.metrics._http.connections <= http.MAX_CONNECTIONS
+        assert running.metrics._http.connections <= http_server.MAX_CONNECTIONS
         assert board(running).ping() == 1
         for sock in held:
             sock.close()
@@ -260,8 +260,8 @@ def test_a_page_of_a_stranger_whose_name_leads_here_reads_nothing(host, code):
 
 def test_the_name_that_it_was_given_is_its_own(monkeypatch):
     """As in a container, where the service's name leads to it."""
-    real = http._listen
-    monkeypatch.setattr(http, "_listen", lambda host, port: real("127.0.0.1", port))
+    real = http_server._listen
+    monkeypatch.setattr(http_server, "_listen", lambda host, port: real("127.0.0.1", port))
     with measured(host="Agent.Hall") as running:
         assert "uros_clients 0.0" in get(running, Host="agent.hall:9100")[0]
         with pytest.raises(urllib.error.HTTPError) as caught:

@@ -28,10 +28,10 @@ from unit.agent.helpers import (
 )
 
 from uros.agent import rivals as module
-from uros.transport.certificates import Certificates
-from uros.transport.tcp import TcpServer
-from uros.transport.tls import TlsServer
-from uros.transport.udp import UdpServer
+from uros.agent.transports.certificates import Certificates
+from uros.agent.transports.tcp import TcpServer
+from uros.agent.transports.tls import TlsServer
+from uros.agent.transports.udp import UdpServer
 from uros.wire import ids
 
 DECIDED = sum(module.WAIT_MS) + 10

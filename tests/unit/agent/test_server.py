@@ -20,11 +20,11 @@ from uros.agent.keeper import Keeper
 from uros.agent.log import Log
 from uros.agent.server import Server
 from uros.agent.state import open_state
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.tcp import TcpServer
+from uros.agent.transports.udp import UdpServer
 from uros.middleware.base import MiddlewareError
 from uros.middleware.memory import MemoryMiddleware, MemoryWriter
-from uros.transport.base import TransportError
-from uros.transport.tcp import TcpServer
-from uros.transport.udp import UdpServer
 from uros.wire import ids
 
 TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"

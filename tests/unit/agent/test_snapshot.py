@@ -36,8 +36,8 @@ from unit.transport.bare_host import BareHost
 
 from uros.agent import snapshot as module
 from uros.agent.snapshot import Rates, gather, pieces, snapshot
-from uros.transport.base import MAX_BURST
-from uros.transport.udp import UdpServer
+from uros.agent.transports.base import MAX_BURST
+from uros.agent.transports.udp import UdpServer
 from uros.wire import ids
 from uros.wire.session import push_timestamp
 from uros.wire.streams import TIME_MASK

@@ -9,7 +9,7 @@ from unit.agent.helpers import get_info, message
 
 from uros.agent.log import Log
 from uros.agent.taps import AGENT, CLIENT, Taps
-from uros.transport.memory import MemoryServer
+from uros.agent.transports.memory import MemoryServer
 from uros.wire import ids
 
 

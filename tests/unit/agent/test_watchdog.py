@@ -111,7 +111,7 @@ def test_an_end_that_takes_long_step_by_step_is_not(bench):
     [
         ("uros/middleware/dds/endpoints.py", "restart the agent"),
         ("uros/middleware/ros2/rcl.py", "-m dds"),
-        ("uros/transport/serial.py", "unplug it"),
+        ("uros/agent/transports/serial.py", "unplug it"),
         ("uros/agent/graph.py", "please report it"),
     ],
 )

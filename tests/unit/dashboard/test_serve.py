@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.waiting import eventually
 
+from uros import http_server as http_server
 from uros.dashboard import serve
 from uros.dashboard.serve import Answer, Newest, Pages, as_json, number
-from uros.transport import http as http_server
 
 PAGES = resources.files("uros.dashboard").joinpath("pages")
 

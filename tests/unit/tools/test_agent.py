@@ -5,11 +5,11 @@ import argparse
 import pytest
 from unit.transport.test_process import agent as process
 
+from uros.agent.transports import rfcomm
+from uros.agent.transports.base import TransportError
 from uros.middleware import NAMES
 from uros.tools import agent
 from uros.tools.agent_transports import TRANSPORTS, make, make_discovery
-from uros.transport import rfcomm
-from uros.transport.base import TransportError
 
 
 def parser():

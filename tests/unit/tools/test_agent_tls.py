@@ -10,10 +10,10 @@ from support.agent import RunningAgent, serving
 from unit.transport.test_process import refused
 from unit.transport.test_tcpboard import QUICK, until
 
+from uros.agent.transports.tcp import TcpServer
+from uros.agent.transports.tls import TlsServer, tls_server
 from uros.client import AGENT_CONNECTED, Node
 from uros.tools.agent_transports import add_transport, make
-from uros.transport.tcp import TcpServer
-from uros.transport.tls import TlsServer, tls_server
 from uros.transport.tlsboard import TlsTransport
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "security.md"

@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.portable import framed
 
+from uros.agent.transports.terminal import open_device
 from uros.tools import doctor_process, doctor_serial
 from uros.tools.doctor_serial import NOISE, RATES, SILENCE, SOUND, TEXT, check_device, check_line
-from uros.transport.terminal import open_device
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ from unit.agent.helpers import create_client, get_info, message
 from uros.agent.jsonlines import Lines
 from uros.agent.pcapng import Packets
 from uros.agent.taps import AGENT, CLIENT, Passing
+from uros.agent.transports.udp import UdpServer
 from uros.tools.recordings import MAX_LINE, Record, RecordingError, TextParser, parser_for, read
 from uros.tools.recordings_pcapng import PcapngParser
-from uros.transport.udp import UdpServer
 
 PING = message([get_info()], 0, 0)
 NAMES = sorted(path.stem for path in CAPTURES.glob("*.jsonl"))

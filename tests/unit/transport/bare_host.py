@@ -5,7 +5,7 @@ import time
 
 from support.lines import SECONDS
 
-from uros.transport.base import WARNING
+from uros.agent.transports.base import WARNING
 
 
 class BareHost:

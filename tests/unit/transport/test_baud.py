@@ -10,9 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uros.transport import baud as module
-from uros.transport.base import TransportError
-from uros.transport.baud import BAUD_RATES, MAX_BAUD, BaudRateError, check_baud_rate, set_baud_rate
+from uros.agent.transports import baud as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.baud import (
+    BAUD_RATES,
+    MAX_BAUD,
+    BaudRateError,
+    check_baud_rate,
+    set_baud_rate,
+)
 
 on_linux = pytest.mark.skipif(
     module._way() != "termios2", reason="not on this platform: Linux with termios2"

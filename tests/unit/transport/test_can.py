@@ -15,9 +15,9 @@ from support.lines import SECONDS
 from unit.agent.helpers import get_info, message
 from unit.transport.faults import Bystanders, wait_for
 
-from uros.transport import can as module
-from uros.transport.base import TransportError
-from uros.transport.can import CanServer
+from uros.agent.transports import can as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.can import CanServer
 from uros.transport.canport import CanPort
 from uros.wire import ids
 

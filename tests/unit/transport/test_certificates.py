@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.certificates import Authority
 
-from uros.transport import certificates as module
-from uros.transport.base import TransportError
-from uros.transport.certificates import Certificates
+from uros.agent.transports import certificates as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.certificates import Certificates
 
 
 @pytest.fixture(scope="module")

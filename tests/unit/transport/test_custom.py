@@ -21,10 +21,10 @@ from support.waiting import eventually
 from unit.agent.helpers import get_info, message
 from unit.transport.faults import Bystanders, wait_for
 
-from uros.transport import custom as module
-from uros.transport import worker
-from uros.transport.base import TransportError
-from uros.transport.custom import CustomServer, CustomTransport, load
+from uros.agent.transports import custom as module
+from uros.agent.transports import worker
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.custom import CustomServer, CustomTransport, load
 from uros.wire import ids
 from uros.wire.framing import frame, frame_size
 

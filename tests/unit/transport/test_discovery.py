@@ -18,11 +18,10 @@ from unit.transport.faults import wait_for
 from uros.agent.agent import Agent
 from uros.agent.log import Log
 from uros.agent.server import Server
-from uros.middleware.memory import MemoryMiddleware
-from uros.transport import addresses, discovery
-from uros.transport.base import TransportError
-from uros.transport.certificates import Certificates
-from uros.transport.discovery import (
+from uros.agent.transports import addresses, discovery
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.certificates import Certificates
+from uros.agent.transports.discovery import (
     GROUP,
     MAX_ANSWERS,
     MAX_ANSWERS_IN_ALL,
@@ -33,10 +32,11 @@ from uros.transport.discovery import (
     read_question,
     write_answer,
 )
-from uros.transport.memory import MemoryServer
-from uros.transport.tcp import TcpServer
-from uros.transport.tls import TlsServer
-from uros.transport.udp import UdpServer
+from uros.agent.transports.memory import MemoryServer
+from uros.agent.transports.tcp import TcpServer
+from uros.agent.transports.tls import TlsServer
+from uros.agent.transports.udp import UdpServer
+from uros.middleware.memory import MemoryMiddleware
 from uros.wire import ids, session
 from uros.wire.cdr import Reader
 from uros.wire.errors import DecodeError

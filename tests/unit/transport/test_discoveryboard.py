@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from support.lines import SECONDS
 from unit.transport.test_discovery import C_QUESTION
 
+from uros.agent.transports import discovery
+from uros.agent.transports.discovery import write_answer
 from uros.ticks import ticks_ms
-from uros.transport import discovery, discoveryboard
-from uros.transport.discovery import write_answer
+from uros.transport import discoveryboard
 from uros.transport.discoveryboard import (
     AGENTS,
     QUESTION,

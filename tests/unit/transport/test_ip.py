@@ -8,10 +8,10 @@ from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import TcpLine, UdpLine
 
-from uros.transport import ip
-from uros.transport.base import TransportError
-from uros.transport.tcp import TcpServer
-from uros.transport.udp import UdpServer
+from uros.agent.transports import ip
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.tcp import TcpServer
+from uros.agent.transports.udp import UdpServer
 from uros.wire import ids
 
 SERVERS = {"udp": (UdpServer, UdpLine), "tcp": (TcpServer, TcpLine)}

@@ -11,10 +11,10 @@ from support.lines import SerialLine
 from support.portable import framed
 from unit.transport.bare_host import BareHost
 
-from uros.transport import line as module
-from uros.transport.base import ServerTransport
-from uros.transport.line import FileStream, Line, LineServer, SocketStream
-from uros.transport.serial import PseudoTerminalServer
+from uros.agent.transports import line as module
+from uros.agent.transports.base import ServerTransport
+from uros.agent.transports.line import FileStream, Line, LineServer, SocketStream
+from uros.agent.transports.serial import PseudoTerminalServer
 
 BAD = framed(b"abcdef", 1)[:-2] + b"\0\0"  # a whole frame with a wrong CRC
 

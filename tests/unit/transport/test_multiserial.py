@@ -9,10 +9,10 @@ from support.client import XrceClient
 from support.lines import SerialLine
 from unit.transport.faults import TYPE, wait_for
 
-from uros.transport import line as line_module
-from uros.transport import multiserial as module
-from uros.transport.base import TransportError
-from uros.transport.multiserial import devices_in, serial_servers
+from uros.agent.transports import line as line_module
+from uros.agent.transports import multiserial as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.multiserial import devices_in, serial_servers
 
 
 @pytest.fixture

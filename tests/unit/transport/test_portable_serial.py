@@ -15,11 +15,11 @@ from support.portable import framed
 from unit.transport.bare_host import BareHost
 from unit.transport.faults import TYPE, wait_for
 
-from uros.transport import line as line_module
-from uros.transport import portable_serial as module
-from uros.transport.base import TransportError
+from uros.agent.transports import line as line_module
+from uros.agent.transports import portable_serial as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.portable_serial import PySerialPort, PySerialServer, reason
 from uros.transport.device import device_port
-from uros.transport.portable_serial import PySerialPort, PySerialServer, reason
 from uros.transport.stream import StreamTransport
 
 

@@ -243,7 +243,7 @@ def test_a_wrong_environment_is_named():
 
 
 def test_a_privileged_port_says_what_to_do(monkeypatch):
-    from uros.transport.ip import bind_trouble
+    from uros.agent.transports.ip import bind_trouble
 
     error = PermissionError(13, "Permission denied")
     assert bind_trouble("UDP", 80, error) == (

@@ -5,8 +5,8 @@ import os
 
 import pytest
 
-from uros.transport import remedies
-from uros.transport.remedies import bluetooth_trouble, socket_trouble, trouble
+from uros.agent.transports import remedies
+from uros.agent.transports.remedies import bluetooth_trouble, socket_trouble, trouble
 
 
 def test_serial_devices():

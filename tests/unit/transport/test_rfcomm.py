@@ -11,10 +11,15 @@ from support.lines import SECONDS, SerialLine
 from unit.transport.bare_host import BareHost
 from unit.transport.faults import TYPE, wait_for
 
-from uros.transport import line as line_module
-from uros.transport import rfcomm as module
-from uros.transport.base import TransportError
-from uros.transport.rfcomm import RfcommListener, RfcommServer, bluetooth_socket, check_address
+from uros.agent.transports import line as line_module
+from uros.agent.transports import rfcomm as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.rfcomm import (
+    RfcommListener,
+    RfcommServer,
+    bluetooth_socket,
+    check_address,
+)
 
 BOARD = "AA:BB:CC:DD:EE:01"
 

@@ -19,10 +19,10 @@ from support.lines import SECONDS, SerialLine
 from unit.agent.helpers import get_info, message
 from unit.transport.faults import TYPE, wait_for
 
-from uros.transport import line as module
-from uros.transport import serial as serial_module
-from uros.transport.base import TransportError
-from uros.transport.serial import PseudoTerminalServer, SerialServer, serial_server
+from uros.agent.transports import line as module
+from uros.agent.transports import serial as serial_module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.serial import PseudoTerminalServer, SerialServer, serial_server
 from uros.wire import ids
 from uros.wire.framing import frame, frame_size
 
@@ -291,7 +291,7 @@ from uros.agent.agent import Agent
 from uros.agent.log import Log
 from uros.agent.server import Server
 from uros.middleware.memory import create
-from uros.transport.serial import SerialServer
+from uros.agent.transports.serial import SerialServer
 
 class Said(io.StringIO):
     def write(self, text):
@@ -425,11 +425,11 @@ for name in ("termios", "tty", "pty", "fcntl"):
     sys.modules[name] = None  # as on Windows
 import select
 del select.poll
-import uros.transport.serial, uros.transport.multiserial, uros.transport.rfcomm
-import uros.transport.portable_serial
-from uros.transport.base import TransportError
+import uros.agent.transports.serial, uros.agent.transports.multiserial, uros.agent.transports.rfcomm
+import uros.agent.transports.portable_serial
+from uros.agent.transports.base import TransportError
 from uros.transport.device import device_port
-from uros.transport.serial import PseudoTerminalServer, SerialServer, serial_server
+from uros.agent.transports.serial import PseudoTerminalServer, SerialServer, serial_server
 
 print(type(serial_server("loop://")).__name__)
 print(type(device_port("loop://")).__name__)

@@ -9,10 +9,10 @@ from support.lines import SECONDS, SerialLine
 from support.portable import framed
 from unit.transport.bare_host import BareHost
 
-from uros.transport import sockets as module
-from uros.transport.base import INFO, TransportError
-from uros.transport.remedies import socket_trouble
-from uros.transport.sockets import SocketLineServer, StreamListener, tcp_line
+from uros.agent.transports import sockets as module
+from uros.agent.transports.base import INFO, TransportError
+from uros.agent.transports.remedies import socket_trouble
+from uros.agent.transports.sockets import SocketLineServer, StreamListener, tcp_line
 
 
 @pytest.fixture

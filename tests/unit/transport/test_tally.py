@@ -1,7 +1,7 @@
 """Which of many faults are told: all are counted, whatever comes."""
 
-from uros.transport import tally
-from uros.transport.tally import Seldom, Tally
+from uros.agent.transports import tally
+from uros.agent.transports.tally import Seldom, Tally
 
 
 def test_a_tally_tells_the_first_the_second_the_fourth():

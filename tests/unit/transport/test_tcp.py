@@ -13,9 +13,9 @@ from support.lines import SECONDS
 from unit.agent.helpers import create_client, get_info, message
 from unit.transport.faults import TYPE, wait_for
 
-from uros.transport import tcp as module
-from uros.transport.base import TransportError
-from uros.transport.tcp import TcpServer
+from uros.agent.transports import tcp as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.tcp import TcpServer
 from uros.wire import ids
 from uros.wire.framing import LengthDeframer
 

@@ -13,8 +13,8 @@ from unit.transport.bare_host import BareHost
 from unit.transport.faults import Bystanders
 from unit.transport.test_tcp import PING, answers, framed
 
-from uros.transport import tcp as module
-from uros.transport.tcp import TcpServer
+from uros.agent.transports import tcp as module
+from uros.agent.transports.tcp import TcpServer
 from uros.wire import ids
 
 # One that no message of these tests is for.

@@ -9,9 +9,9 @@ import tty
 
 import pytest
 
-from uros.transport import terminal as module
-from uros.transport.baud import BaudRateError
-from uros.transport.terminal import open_device, reason, set_modem_lines
+from uros.agent.transports import terminal as module
+from uros.agent.transports.baud import BaudRateError
+from uros.agent.transports.terminal import open_device, reason, set_modem_lines
 
 DTR, RTS = termios.TIOCM_DTR, termios.TIOCM_RTS
 

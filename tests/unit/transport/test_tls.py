@@ -23,12 +23,12 @@ from unit.transport.faults import TYPE, Bystanders, wait_for
 from unit.transport.test_tcp import answers, framed
 
 from uros.agent.control import _is_at
-from uros.transport import certificates as files_module
-from uros.transport import tcp
-from uros.transport import tls as module
-from uros.transport.base import TransportError
-from uros.transport.certificates import Certificates
-from uros.transport.tls import TlsServer, _name_in, tls_server
+from uros.agent.transports import certificates as files_module
+from uros.agent.transports import tcp
+from uros.agent.transports import tls as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.certificates import Certificates
+from uros.agent.transports.tls import TlsServer, _name_in, tls_server
 from uros.wire import ids
 
 PING = plain.PING

@@ -36,8 +36,8 @@ from unit.agent.helpers import (
 )
 from unit.transport.faults import TYPE
 
-from uros.transport.base import TransportError
-from uros.transport.udp import UdpServer
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.udp import UdpServer
 from uros.wire import ids
 from uros.wire.streams import MAX_MESSAGE
 

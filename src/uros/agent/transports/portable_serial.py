@@ -90,7 +90,7 @@ def reason(device: str, error: Exception) -> tuple[int, str]:
 
 
 class ThreadedPort:
-    """A :class:`~uros.transport.line.Stream` of an open pyserial port, and its opening.
+    """A :class:`~uros.agent.transports.line.Stream` of an open pyserial port, and its opening.
 
     ``opened`` and ``error`` tell how the opening went, once the descriptor is readable.
     """

@@ -23,7 +23,7 @@ _MAX_FILE: Final = 64 * 1024
 def serial_servers(
     devices: Sequence[str], baud: int = 115200, dtr: bool | None = None, rts: bool | None = None
 ) -> list[ServerTransport]:
-    """A transport for each device, as :func:`~uros.transport.serial.serial_server` makes them.
+    """Make a transport for each device, by `uros.agent.transports.serial.serial_server`.
 
     Raises TransportError for none, too many, or one that is named twice.
     """

@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
-from ..wire.framing import FLAG, Deframer, frame, frame_size
+from ...wire.framing import FLAG, Deframer, frame, frame_size
 from .base import ERROR, INFO, WARNING, Host, ServerTransport
 
 AGENT_ADDRESS: Final = 0

@@ -8,7 +8,7 @@ from collections import Counter
 from ipaddress import IPv6Address
 from typing import Final
 
-from ..wire.framing import LengthDeframer
+from ...wire.framing import LengthDeframer
 from .base import INFO, WARNING, Host, ServerTransport, TransportError
 from .ip import (
     Address,

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-from ..wire.framing import Deframer, frame, frame_size
+from ...wire.framing import Deframer, frame, frame_size
 from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
 from .tally import Tally
 from .worker import LEAVE, Worker
@@ -101,8 +101,8 @@ class CustomServer(ServerTransport):
             raise TransportError(
                 errno.EINVAL,
                 f"{self.name} has no {missing[0]}(): a transport has open(), close(),"
-                " read(timeout) and write(data, peer); uros.transport.custom.CustomTransport is"
-                " one to derive from",
+                " read(timeout) and write(data, peer); derive from"
+                " uros.agent.transports.custom.CustomTransport",
             )
 
     @property

@@ -14,10 +14,10 @@ import time
 from collections.abc import Sequence
 from typing import Final
 
-from ..wire import ids, session
-from ..wire.cdr import Reader
-from ..wire.errors import DecodeError
-from ..wire.header import MessageWriter, pull_header, pull_subheader
+from ...wire import ids, session
+from ...wire.cdr import Reader
+from ...wire.errors import DecodeError
+from ...wire.header import MessageWriter, pull_header, pull_subheader
 from . import addresses
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
 from .ip import Address, bind_trouble, family_of, text_of
@@ -52,7 +52,7 @@ def read_question(buf: bytearray | bytes, length: int) -> tuple[int, int, int, i
     if kind == ids.CREATE_CLIENT:
         raise DecodeError("a board wants to begin its session at the port for discovery")
     if kind != ids.GET_INFO or not outside:
-        raise DecodeError("submessage %d of session 0x%02X is no question" % (kind, session_id))
+        raise DecodeError(f"submessage {kind} of session 0x{session_id:02X} is no question")
     r = Reader(buf, start, stop, bool(flags & ids.FLAG_LITTLE_ENDIAN))
     request_id, object_id, _ = session.pull_get_info(r)
     return session_id, key or 0, request_id, object_id

@@ -25,8 +25,6 @@ from http.server import BaseHTTPRequestHandler
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from .ip import family_of
-
 # Attack: connections without end. Those that are read and those that are answered.
 MAX_CONNECTIONS: Final = 64
 # Attack: a request without end, in single bytes, or none.
@@ -357,7 +355,7 @@ class HttpServer:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    sock = socket.socket(family_of(host), socket.SOCK_STREAM)
+    sock = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     try:
         if os.name == "posix":  # elsewhere it lets others take the port
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

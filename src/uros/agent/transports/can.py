@@ -14,8 +14,8 @@ from collections import deque
 from pathlib import Path
 from typing import Any, Final
 
+from ...transport.canboard import MTU, can_frame
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
-from .canboard import MTU, can_frame
 from .tally import Tally
 from .worker import Worker
 

@@ -1,0 +1,22 @@
+"""The agent's ends of all transports: what listens for boards, and the plumbing below it.
+
+===================  ============================================================
+``base``             the contract of an agent's transport
+``udp``, ``tcp``     over IPv4 and IPv6; ``ip`` is what they share
+``tls``              TCP in TLS; ``certificates``: the files it needs
+``discovery``        answers boards that search for an agent
+``addresses``        the network addresses of this machine
+``line``             frames in a stream of bytes, and a line that reconnects
+``serial``           serial devices and pseudo-terminals, by termios
+``terminal``         opens a device and its modem lines; ``baud``: its rates
+``portable_serial``  serial devices and URLs, by pyserial
+``multiserial``      several serial devices in one agent
+``sockets``          lines over stream sockets; ``rfcomm``: Bluetooth
+``can``              CAN FD, by python-can
+``custom``           transports that users write
+``worker``           threads for lines whose calls may block
+``tally``            counts faults and limits how often they are logged
+``remedies``         what the errno of a line means, and what to do
+``memory``           boards and agent in one process, for tests
+===================  ============================================================
+"""
