@@ -36,7 +36,7 @@ from mpy import measures  # noqa: E402
 from mpy.harness import MicroPython  # noqa: E402
 from support.agent import running_agent  # noqa: E402
 
-from uros.boards.running import RunningBoard  # noqa: E402
+from uros.boards.virtual.engine.runner import RunningBoard  # noqa: E402
 
 RUNS = 3
 RATIOS = ("imu_encode_ratio", "imu_decode_ratio", "odometry_encode_ratio", "odometry_decode_ratio")

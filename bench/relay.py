@@ -16,7 +16,7 @@ import sys
 import threading
 
 from uros.middleware.dds import cyclone
-from uros.middleware.wake import Wake
+from uros.middleware.wakeup_fd import Wake
 from uros.qos import QoSProfile, ReliabilityPolicy
 
 TOPIC, TYPE = "rt/bench", "std_msgs::msg::dds_::String_"

@@ -1,4 +1,4 @@
-"""Writes src/uros/boards/foreign_names.txt: the names that are MicroPython's own and boards'.
+"""Writes boards/builder/foreign_names.txt: the names of MicroPython and of boards' firmware.
 
 ::
 
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-FILE: Final = ROOT / "src/uros/boards/foreign_names.txt"
+FILE: Final = ROOT / "src/uros/boards/builder/foreign_names.txt"
 FILE.touch()  # what is imported next reads it
 sys.path.insert(0, str(ROOT / "tests"))
 

@@ -3,7 +3,8 @@
     lint_boards.py             all of them
     lint_boards.py NAME ...    these folders of firmware/
 
-Which port a program is for is said in uros/boards/board.py. The stubs are in build/typings/PORT,
+Which port a program is for is said in uros/boards/virtual/hardware/board.py. The stubs are in
+build/typings/PORT,
 where this puts them: not in .venv, where they would stand for CPython's own modules.
 """
 
@@ -55,14 +56,17 @@ def check(port: str, *what: str) -> bool:
 
 def programs() -> dict[str, tuple[str, ...]]:
     """The ports of each folder of firmware/. A folder that no board names is a fault."""
-    from uros.boards.catalog import BOARDS
+    from uros.boards.virtual.models.catalog import BOARDS
 
     ports = {it.firmware: it.ports for it in BOARDS.values()}
     found = {}
     for main in sorted((ROOT / "firmware").glob("*/main.py")):
         name = main.parent.name
         if not ports.get(name):
-            sys.exit(f"lint: firmware/{name} has no port: name it in src/uros/boards/catalog.py")
+            sys.exit(
+                f"lint: firmware/{name} has no port: name it in"
+                " src/uros/boards/virtual/models/catalog.py"
+            )
         found[name] = ports[name]
     return found
 

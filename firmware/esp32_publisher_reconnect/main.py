@@ -5,7 +5,7 @@ from std_msgs.msg import Int32
 
 from uros.client import Node
 from uros.drivers.starting import attempt
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 try:
     from typing import Any

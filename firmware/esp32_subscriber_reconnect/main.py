@@ -6,7 +6,7 @@ from std_msgs.msg import Float32
 from uros.client import Node
 from uros.drivers.led import Dimmer
 from uros.drivers.starting import attempt
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 try:
     from typing import Any

@@ -10,7 +10,7 @@ from uros.client.status import StatusLed
 from uros.drivers.led import Signal
 from uros.drivers.starting import attempt
 from uros.qos import QoSProfile, ReliabilityPolicy
-from uros.transport.datagram import UdpTransport
+from uros.transport.udp import UdpTransport
 from uros.transport.wlan import AccessPoint, Over
 
 try:

@@ -18,7 +18,7 @@ from uros.drivers.port import open_port as open_port
 from uros.drivers.sht3x import SHT3x
 from uros.drivers.vcnl4010 import VCNL4010
 from uros.qos import DurabilityPolicy, QoSProfile
-from uros.transport.stream import StreamTransport as StreamTransport
+from uros.transport.serial import StreamTransport as StreamTransport
 
 try:
     from typing import Any

@@ -9,7 +9,7 @@ from uros.client.status import StatusLed
 from uros.client.streaming import publish_stream, streaming
 from uros.drivers.led import Signal
 from uros.drivers.starting import attempt
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 try:
     from typing import Any

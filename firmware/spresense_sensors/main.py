@@ -8,7 +8,7 @@ from uros.client.status import StatusLed
 from uros.drivers.bus import Bus
 from uros.drivers.led import Signal
 from uros.drivers.starting import attempt
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 try:
     from typing import Any

@@ -7,7 +7,7 @@ from uros.client import Node
 from uros.client.status import StatusLed
 from uros.drivers.led import Signal
 from uros.drivers.starting import attempt
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 try:
     from typing import Any

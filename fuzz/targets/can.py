@@ -17,7 +17,7 @@ import errno
 from collections.abc import Iterator
 
 from uros.agent.transports.can import MAX_UNSENT, CanServer, python_can
-from uros.transport.canboard import MTU, can_frame
+from uros.transport.can import MTU, can_frame
 
 from . import datagrams, records
 from .world import BARE_PING, World, must

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 
-from uros.agent.limits import Limits
+from uros.agent.policy.limits import Limits
 from uros.wire import ids
 from uros.wire.session import push_acknack
 

@@ -26,12 +26,12 @@ from random import Random
 
 from support.modem import FakeTime
 
-from uros.boards.air import Air
-from uros.boards.esp8266 import Esp8266
-from uros.boards.gs2200 import Gs2200
+from uros.boards.virtual.modems.esp8266 import Esp8266
+from uros.boards.virtual.modems.gs2200 import Gs2200
+from uros.boards.virtual.modems.radio_network import Air
+from uros.transport.at_modem import ModemTransport
 from uros.transport.esp8266 import Esp8266Transport
 from uros.transport.gs2200 import Gs2200Transport
-from uros.transport.modem import ModemTransport
 
 from . import records
 from .world import must

@@ -7,10 +7,10 @@ import json
 from collections.abc import Iterator
 from random import Random
 
-from uros.agent.describe import MAX_LINE, describe
-from uros.agent.pcapng import Packets
-from uros.agent.taps import Passing
-from uros.tools.recordings import RecordingError, parser_for, read
+from uros.agent.observability.format import MAX_LINE, describe
+from uros.agent.observability.message_hooks import Passing
+from uros.agent.observability.pcapng import Packets
+from uros.tools.capture.recordings import RecordingError, parser_for, read
 
 from . import records, submessages
 from .datagrams import CAPTURES, captured

@@ -24,10 +24,10 @@ from collections.abc import Iterator
 from random import Random
 from types import SimpleNamespace
 
-from uros.agent import kept as keeping
-from uros.agent.keeper import Keeper
-from uros.agent.kept import SLOT_HEAD, About, Incoming, Kept, Outgoing
-from uros.agent.state import SLOT_SIZE, SLOTS, StateError, open_state, record, seal
+from uros.agent.persistence import records as keeping
+from uros.agent.persistence.journal import SLOT_SIZE, SLOTS, StateError, open_state, record, seal
+from uros.agent.persistence.records import SLOT_HEAD, About, Incoming, Kept, Outgoing
+from uros.agent.persistence.session_store import Keeper
 from uros.wire import entities, ids
 
 from . import records
@@ -186,7 +186,7 @@ def _kept(number: int) -> Kept:
 
 def _said(kept: Kept) -> list[records.Record]:
     slot, journal, _ = kept.write(1)
-    from uros.agent.state import records_in
+    from uros.agent.persistence.journal import records_in
 
     found: list[records.Record] = [(1, payload) for _, _, payload in records_in(bytes(journal))]
     return [*found, (3, bytes(slot[SLOT_HEAD.size :]))]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from random import Random
 
 from uros import names
-from uros.agent.control import GLOBAL, MAX_FILE, Control, ControlError, NameRefused
+from uros.agent.policy.rules import GLOBAL, MAX_FILE, Control, ControlError, NameRefused
 from uros.middleware.base import MAX_DOMAIN, Service
 from uros.qos import QoSProfile
 

@@ -7,12 +7,12 @@ happens: no other client may be harmed.
 
 import io
 
-from uros.agent.admission import MAX_CLIENTS
 from uros.agent.agent import Agent
-from uros.agent.limits import Limits
 from uros.agent.log import Log, RateLimit
-from uros.agent.session import MAX_HELD, MAX_STREAMS
-from uros.agent.taps import CLIENT
+from uros.agent.observability.message_hooks import CLIENT
+from uros.agent.policy.admission import MAX_CLIENTS
+from uros.agent.policy.limits import Limits
+from uros.agent.session.session import MAX_HELD, MAX_STREAMS
 from uros.agent.transports.base import ServerTransport
 from uros.middleware.memory import Bus, MemoryMiddleware
 from uros.qos import QoSProfile

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 
-from uros.agent import representation
-from uros.agent.kinds import KIND_NAMES
-from uros.agent.profiles import MAX_XML, ProfileError, References
-from uros.agent.representation import ApplicationSpec, EndpointSpec, UnknownReference
+from uros.agent.objects import representation
+from uros.agent.objects.kinds import KIND_NAMES
+from uros.agent.objects.representation import ApplicationSpec, EndpointSpec, UnknownReference
+from uros.agent.objects.xml_profiles import MAX_XML, ProfileError, References
 from uros.wire import entities, ids
 from uros.wire.cdr import Writer
 from uros.wire.errors import DecodeError

@@ -17,8 +17,8 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from support.agent import running_agent
 
-from uros.boards.catalog import find
-from uros.boards.running import RunningBoard, firmware_folder
+from uros.boards.virtual.engine.runner import RunningBoard, firmware_folder
+from uros.boards.virtual.models.catalog import find
 from uros.host.network import Network
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr, to_cdr

@@ -4,7 +4,7 @@ import pytest
 from support.agent import running_agent
 from support.waiting import eventually
 
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
 
 pytestmark = pytest.mark.timeout(120)
 

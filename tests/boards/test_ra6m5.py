@@ -3,7 +3,7 @@
 import pytest
 from support.agent import running_agent
 
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
 from uros.interfaces.codec import from_cdr
 from uros.tools.demo import TOPICS

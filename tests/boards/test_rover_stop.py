@@ -8,8 +8,8 @@ import shutil
 
 import pytest
 
-from uros.boards.catalog import BOARDS
-from uros.boards.running import RunningBoard, firmware_folder
+from uros.boards.virtual.engine.runner import RunningBoard, firmware_folder
+from uros.boards.virtual.models.catalog import BOARDS
 
 pytestmark = pytest.mark.timeout(120)
 

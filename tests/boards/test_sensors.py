@@ -5,8 +5,8 @@ import math
 import pytest
 from support.agent import running_agent
 
-from uros.boards.outdoors import Outdoors
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
+from uros.boards.virtual.world.outdoors import Outdoors
 from uros.interfaces import load as load_type
 from uros.interfaces.codec import from_cdr
 

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 import pytest
 from support.lines import SECONDS
 from support.ports import free_port
-from unit.transport.test_discovery import running
+from unit.agent.transports.test_discovery import running
 from uros.interfaces.std_msgs.msg import Int32
 
 from uros.agent.transports import addresses
@@ -14,8 +14,8 @@ from uros.agent.transports.tcp import TcpServer
 from uros.agent.transports.udp import UdpServer
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
 from uros.ticks import ticks_ms
-from uros.transport.discoveryboard import DiscoveringTransport, discover_agent
-from uros.transport.tcpboard import TcpTransport
+from uros.transport.discovery import DiscoveringTransport, discover_agent
+from uros.transport.tcp import TcpTransport
 from uros.transport.wlan import Over
 from uros.wire.streams import ticks_diff
 

@@ -15,7 +15,7 @@ from support.ports import free_port
 from uros.interfaces.std_msgs.msg import Int32
 
 from uros.client import AGENT_AVAILABLE, AGENT_CONNECTED, Node
-from uros.transport.datagram import UdpTransport
+from uros.transport.udp import UdpTransport
 
 TOPICS = 7
 

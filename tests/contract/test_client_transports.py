@@ -17,20 +17,20 @@ from uros.interfaces.std_msgs.msg import Int32, UInt8MultiArray
 from uros.interfaces.std_srvs.srv import Trigger
 
 from uros.agent.transports.base import TransportError
-from uros.boards.air import HostAir
-from uros.boards.esp8266 import Esp8266
-from uros.boards.gs2200 import Gs2200
+from uros.boards.virtual.modems.esp8266 import Esp8266
+from uros.boards.virtual.modems.gs2200 import Gs2200
+from uros.boards.virtual.modems.radio_network import HostAir
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
 from uros.ticks import ticks_ms
-from uros.transport.canboard import CanTransport
-from uros.transport.canport import CanPort
-from uros.transport.datagram import UdpTransport
-from uros.transport.device import DevicePort
+from uros.transport.can import CanTransport
+from uros.transport.can_host import CanPort
 from uros.transport.esp8266 import Esp8266Transport
 from uros.transport.gs2200 import Gs2200Transport
-from uros.transport.stream import StreamTransport
-from uros.transport.tcpboard import TcpTransport
-from uros.transport.tlsboard import TlsTransport
+from uros.transport.serial import StreamTransport
+from uros.transport.serial_host import DevicePort
+from uros.transport.tcp import TcpTransport
+from uros.transport.tls import TlsTransport
+from uros.transport.udp import UdpTransport
 
 QUICK = {"ping_ms": 20, "silence_ms": 200, "wait_ms": 20, "limit": 300_000}
 
@@ -369,7 +369,7 @@ def test_a_name_with_addresses_of_both_families(kind, monkeypatch):
         ]
 
     with place(kind) as made:
-        monkeypatch.setattr("uros.transport.datagram.socket.getaddrinfo", both)
+        monkeypatch.setattr("uros.transport.udp.socket.getaddrinfo", both)
         made.host = "robot.local"
         node = boards(made, "node")[0]
         connected(made)
@@ -395,7 +395,7 @@ def test_an_address_that_has_answered_is_kept_while_its_agent_restarts(monkeypat
         (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.1", port)),
         (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.2", port)),
     ]
-    monkeypatch.setattr("uros.transport.datagram.socket.getaddrinfo", lambda *_: both)
+    monkeypatch.setattr("uros.transport.udp.socket.getaddrinfo", lambda *_: both)
     transport = UdpTransport("robot.local", port)
     transport.open()
     transport.send(b"before")
@@ -414,7 +414,7 @@ def test_an_address_that_has_answered_is_kept_while_its_agent_restarts(monkeypat
 
 def test_a_name_with_no_way_to_any_address(monkeypatch):
     nowhere = [(socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("fe80::1", 9, 0, 0))]
-    monkeypatch.setattr("uros.transport.datagram.socket.getaddrinfo", lambda *_: nowhere)
+    monkeypatch.setattr("uros.transport.udp.socket.getaddrinfo", lambda *_: nowhere)
     transport = UdpTransport("robot.local", 9)
     for _ in range(3):
         with pytest.raises(OSError):

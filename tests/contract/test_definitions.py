@@ -22,7 +22,7 @@ from uros.client import Node
 from uros.host.direct import Direct
 from uros.interfaces.dynamic import load
 from uros.middleware import open_middleware
-from uros.transport.datagram import UdpTransport
+from uros.transport.udp import UdpTransport
 
 NAME = "differ_msgs::msg::dds_::Reading_"
 Reading = load("differ_msgs/msg/Reading", "int32 number\nstring name\nfloat64 value")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds.middleware import DdsMiddleware
-from uros.middleware.late import Late
+from uros.middleware.pending_endpoints import Late
 from uros.middleware.ros2 import endpoints, names, rcl, types
 from uros.qos import (
     DurabilityPolicy,

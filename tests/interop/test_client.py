@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 from support.agent import running_agent
 
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
 from uros.interfaces.codec import from_cdr, to_cdr
 

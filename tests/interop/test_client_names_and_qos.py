@@ -17,7 +17,7 @@ from uros.client import AGENT_CONNECTED, Node
 from uros.client.graph import Graph
 from uros.interfaces.codec import from_cdr
 from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from uros.transport.datagram import UdpTransport
+from uros.transport.udp import UdpTransport
 
 pytestmark = pytest.mark.timeout(120)
 SCRIPT = Path(__file__).with_name("asked.py")

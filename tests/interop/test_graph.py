@@ -11,8 +11,8 @@ from support.agent import RunningAgent, running_agent, serving
 from support.client import XrceClient
 from support.lines import UdpLine
 
-from uros.agent.graph import TOPIC, TYPE
-from uros.agent.liveliness import Liveliness
+from uros.agent.objects.ros_graph import TOPIC, TYPE
+from uros.agent.policy.liveliness import Liveliness
 from uros.interfaces import load as load_type
 from uros.interfaces.codec import to_cdr
 from uros.wire import ids

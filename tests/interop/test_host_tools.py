@@ -23,9 +23,9 @@ from support.peer import RosPeer
 
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr, to_cdr
-from uros.tools.fill import constructed
-from uros.tools.run_trigger_service import TriggerService
-from uros.transport.datagram import UdpTransport
+from uros.tools.run.trigger_service import TriggerService
+from uros.tools.values.fill import constructed
+from uros.transport.udp import UdpTransport
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -2,7 +2,8 @@
 
 What goes out before DDS has connected the two is lost, as everywhere in ROS. What follows must
 not wait for the next heartbeat of Fast DDS, which comes every three seconds; see
-``middleware/dds/offers.py``. About every third start is one where our readers miss the first.
+``middleware/dds/late_writer_heartbeat.py``. About every third start is one where our readers miss
+the first.
 """
 
 import os
@@ -19,7 +20,7 @@ from support.nodes import Int32, String
 import uros
 from uros.client import AGENT_CONNECTED
 from uros.qos import DurabilityPolicy, QoSProfile
-from uros.transport.datagram import UdpTransport
+from uros.transport.udp import UdpTransport
 
 SCRIPT = Path(__file__).parent / "early_talker.py"
 TOPICS = ["/early_0", "/early_1", "/early_2"]

@@ -19,7 +19,7 @@ from support.client import XrceClient
 from support.lines import UdpLine
 from support.peer import RosPeer
 
-from uros.agent import graph
+from uros.agent.objects import ros_graph
 from uros.wire import ids
 
 HERE = Path(__file__).parent
@@ -337,7 +337,7 @@ def test_a_board_that_knows_the_graph_sees_a_service_once(agent, peer):
     assert seen["found"] == [offered, {}], seen
     client = agent.board(0x6100000F)
     flags = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
-    reader = client.reader("asking", graph.TOPIC, graph.TYPE, flags, depth=1)
+    reader = client.reader("asking", ros_graph.TOPIC, ros_graph.TYPE, flags, depth=1)
     client.read(reader)
     deadline = time.monotonic() + SECONDS
     while (told := client.sample(reader, deadline - time.monotonic())).count(b"/told/open\0") != 1:

@@ -246,7 +246,7 @@ def test_echo_with_another_type(uros):
 def test_yaml_is_that_of_pyyaml(ros_python):
     import json
 
-    from uros.tools.yaml_text import dump
+    from uros.tools.values.yaml_text import dump
 
     strings = [
         "",

@@ -26,7 +26,8 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
-from uros.boards.build import bytecode
+from uros.boards.builder.portable import SOURCE, portable_files
+from uros.boards.builder.resolver import bytecode
 from uros.interfaces.package import module_texts
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,52 +35,16 @@ RUNNER = Path(__file__).with_name("runner.mjs")
 INSTALLED = ROOT / "build" / "micropython"
 MODULE = INSTALLED / "node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs"
 
-# What boards get of src/uros: whole folders, or single files of those that hosts share.
+# What boards get of src/uros, and what modems talk to, for the modems' tests.
 PORTABLE = (
-    "wire",
-    # The drivers that need no machine of their own: tests give them a bus.
-    "drivers/__init__.py",
-    "drivers/bh1750.py",
-    "drivers/button.py",
-    "drivers/led.py",
-    "drivers/drv8835.py",
-    "drivers/lis3mdl.py",
-    "drivers/max17048.py",
-    "drivers/mcp9600.py",
-    "drivers/mpu6050.py",
-    "drivers/nmea.py",
-    "drivers/pid_line.py",
-    "drivers/sampled.py",
-    "drivers/sht3x.py",
-    "drivers/starting.py",
-    "drivers/tfluna.py",
-    "drivers/vcnl4010.py",
-    "ticks.py",
-    "qos.py",
-    "transport/__init__.py",
-    "transport/canboard.py",
-    "transport/canpyb.py",
-    "transport/esp8266.py",
-    "transport/gs2200.py",
-    "transport/modem.py",
-    "transport/stream.py",
-    "transport/wlan.py",
-    # What modems talk to, for their tests.
+    *(path.relative_to(SOURCE).as_posix() for path in portable_files()),
     "boards/__init__.py",
-    "boards/air.py",
-    "boards/esp8266.py",
-    "boards/gs2200.py",
-    "boards/modem.py",
-    "client",
-    "control",
-    "interfaces/__init__.py",
-    "interfaces/codec.py",
-    "interfaces/checked.py",
-    "interfaces/compact.py",
-    "interfaces/dynamic.py",
-    "interfaces/errors.py",
-    "interfaces/runtime.py",
-    "interfaces/table.py",
+    "boards/virtual/__init__.py",
+    "boards/virtual/modems/__init__.py",
+    "boards/virtual/modems/radio_network.py",
+    "boards/virtual/modems/esp8266.py",
+    "boards/virtual/modems/gs2200.py",
+    "boards/virtual/modems/modem.py",
 )
 
 # What tests on both sides share, in tests/: it is imported by the same name here and there.

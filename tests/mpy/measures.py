@@ -7,7 +7,7 @@ from statistics import median
 
 from mpy.harness import ROOT, MicroPython, tree
 
-from uros.boards.build import build
+from uros.boards.builder.resolver import build
 
 
 def heap_of(
@@ -57,7 +57,7 @@ def run(transport):
 # What a sensor's program needs of it, and a serial line.
 SENSOR = """
 from uros.client import Node
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 def run(port):
     node = Node("node", StreamTransport(port))
@@ -92,7 +92,7 @@ def heap_of_program(board: MicroPython, program: str, form: str = "mpy") -> int:
     if form == "py":
         names = [
             name
-            for name in ("uros.client", "uros.transport.stream")
+            for name in ("uros.client", "uros.transport.serial")
             if name.replace(".", "/") + ".py" in files
             or name.replace(".", "/") + "/__init__.py" in files
         ]

@@ -1,4 +1,4 @@
-"""uros.client.aio in MicroPython's asyncio.
+"""uros.client.asyncio_support in MicroPython's asyncio.
 
 The WebAssembly build runs asyncio's tasks between two calls into it, so the tests look again and
 again whether the tasks are done. Time is the machine's own.

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mpy.repl import ReplBoard
 
-from uros.boards.deploy import (
+from uros.boards.deploy.deploy import (
     NOTE,
     STAGE,
     DeployError,
@@ -22,9 +22,9 @@ from uros.boards.deploy import (
     look,
     make_plan,
 )
-from uros.boards.rawrepl import LineLost, NoRepl, Raised, RawRepl
+from uros.boards.deploy.raw_repl import LineLost, NoRepl, Raised, RawRepl
 from uros.tools import cli
-from uros.transport.device import device_port
+from uros.transport.serial_host import device_port
 
 MAIN = b"import hw, part\nprint('part', part.NUMBER)\nwhile True:\n    hw.wait()\n"
 FILES = {

@@ -7,9 +7,9 @@ import pytest
 from mpy.harness import MicroPython, tree
 from mpy.random_programs import Program
 
-from uros.boards import build as build_module
-from uros.boards.build import build
-from uros.boards.passes import PASSES
+from uros.boards.builder import resolver as build_module
+from uros.boards.builder.pipeline import PASSES
+from uros.boards.builder.resolver import build
 
 FORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "text": ("py", ()),

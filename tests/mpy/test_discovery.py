@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from mpy.harness import PORTABLE, MicroPython, compiled, portable_sources, tree
+from mpy.harness import MicroPython, compiled, portable_sources, tree
 
-from uros.boards.build import build
+from uros.boards.builder.resolver import build
 
 SOCKET = """
 import errno
@@ -81,10 +81,9 @@ class poll:
         time.sleep_ms(timeout_ms)
         return []
 """
-PARTS = (*PORTABLE, "transport/datagram.py", "transport/discoveryboard.py")
 # An agent at 192.0.2.7:8888, and one at all addresses of its machine; see the test of the host.
 COMMON = """
-from uros.transport.discoveryboard import DiscoveringTransport, QUESTION, discover_agent
+from uros.transport.discovery import DiscoveringTransport, QUESTION, discover_agent
 INFO = bytes.fromhex("80000000060124000009fffd0000010d585243450100010f00010d00"
                      "010000000100000001c000020700b822")
 ANYWHERE = INFO[:-7] + bytes(5) + INFO[-2:]
@@ -119,7 +118,7 @@ def built(folder: Path, program: str) -> dict[str, bytes]:
 
 @pytest.fixture(params=["py", "mpy"])
 def board(request: pytest.FixtureRequest) -> Iterator[MicroPython]:
-    files = portable_sources(PARTS)
+    files = portable_sources()
     with board_with(compiled(files) if request.param == "mpy" else dict(files)) as it:
         it.run(COMMON)
         yield it

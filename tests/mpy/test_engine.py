@@ -8,7 +8,7 @@ import time
 import pytest
 from mpy.harness import INSTALLED
 
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
 
 BOARD = "ra6m5_sensor_node"
 ENGINES = ("cpython", "micropython")

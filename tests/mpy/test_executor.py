@@ -5,7 +5,7 @@ from mpy.harness import MicroPython, portable_sources, shared_sources
 PROGRAM = """
 import micropython
 from uros.client.executor import Executor, Timer
-from uros.client.guard import GuardCondition
+from uros.client.guard_condition import GuardCondition
 
 class Clock:
     now = 1000

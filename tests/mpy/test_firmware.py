@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
 
 LINE = re.compile(
     r"Room: (-?\d+\.\d)C\|(-?\d+\.\d)F \| Hot: (-?\d+\.\d)C\|(-?\d+\.\d)F"

@@ -4,7 +4,7 @@ import runpy
 
 from mpy.harness import ROOT
 
-from uros.boards.foreign import ATTRIBUTES, BUILTINS, CLASSES
+from uros.boards.builder.foreign_names import ATTRIBUTES, BUILTINS, CLASSES
 
 
 def test_the_list_is_what_its_script_makes() -> None:

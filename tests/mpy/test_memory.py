@@ -16,7 +16,7 @@ from mpy.measures import (
 )
 from support.agent import running_agent
 
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
 
 # Compiled from source on the board. About what it takes today and a tenth more: who adds to it
 # is to notice. Below a heap of 100 kB every kilobyte counts.

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from mpy.repl import ReplBoard
 
-from uros.boards.build import build
-from uros.boards.mip import write_index, write_manifest
+from uros.boards.builder.resolver import build
+from uros.boards.deploy.mip import write_index, write_manifest
 
 Mpremote = Callable[..., str]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from mpy.harness import INSTALLED
 
-from uros.boards.running import RunningBoard, StartError
+from uros.boards.virtual.engine.runner import RunningBoard, StartError
 
 BOARD = "ra6m5_sensor_node"
 PROGRAM = """

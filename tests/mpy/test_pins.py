@@ -5,7 +5,7 @@ import textwrap
 import pytest
 from mpy.harness import INSTALLED
 
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
 
 ENGINES = ("cpython", "micropython")
 BUTTON = "esp32_button_led"

@@ -6,7 +6,7 @@ import pytest
 from mpy.harness import INSTALLED
 from support.agent import RunningAgent
 
-from uros.boards.running import RunningBoard, StartError
+from uros.boards.virtual.engine.runner import RunningBoard, StartError
 
 ENGINES = ("cpython", "micropython")
 
@@ -79,7 +79,7 @@ WAYS = {
     "wlan": (
         "wlan",
         """
-        from uros.transport.datagram import UdpTransport
+        from uros.transport.udp import UdpTransport
         from uros.transport.wlan import Over, Station
 
         TRANSPORT = Over(Station("robots", PASSWORD), UdpTransport("127.0.0.1", PORT))
@@ -88,7 +88,7 @@ WAYS = {
     "wlan_tcp": (
         "wlan",
         """
-        from uros.transport.tcpboard import TcpTransport
+        from uros.transport.tcp import TcpTransport
         from uros.transport.wlan import Over, Station
 
         TRANSPORT = Over(Station("robots", PASSWORD), TcpTransport("127.0.0.1", PORT))

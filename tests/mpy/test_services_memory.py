@@ -6,7 +6,7 @@ from mpy.measures import heap_of_program
 
 BASE = """
 from uros.client import Node
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 def run(port):
     node = Node("node", StreamTransport(port))

@@ -8,7 +8,7 @@ line has let go of its socket; certificates are DER and nothing else.
 from collections.abc import Iterator
 
 import pytest
-from mpy.harness import PORTABLE, MicroPython, portable_sources
+from mpy.harness import MicroPython, portable_sources
 
 SOCKET = '''
 import errno
@@ -139,14 +139,13 @@ class SSLSocket:
             self.sock = None
 '''
 
-PARTS = (*PORTABLE, "transport/tcpboard.py", "transport/tlsboard.py")
 
 
 @pytest.fixture
 def board() -> Iterator[MicroPython]:
     with MicroPython() as it:
         it.install({"socket.py": SOCKET, "select.py": SELECT, "ssl.py": SSL})
-        it.install(portable_sources(PARTS))
+        it.install(portable_sources())
         # The build's own select, if it has one, is built in and goes first.
         it.run("import sys\nfor it in ('socket', 'select', 'ssl'):\n    sys.modules.pop(it, None)\n"
                "sys.path.insert(0, '/lib')")  # fmt: skip
@@ -158,8 +157,8 @@ def board() -> Iterator[MicroPython]:
 
 
 COMMON = """
-from uros.transport.tcpboard import TcpTransport
-from uros.transport.tlsboard import TlsTransport
+from uros.transport.tcp import TcpTransport
+from uros.transport.tls import TlsTransport
 
 def raises(call, *arguments):
     try:
@@ -264,9 +263,9 @@ assert ssl.made[-1].context.verify_mode == ssl.CERT_NONE
 
 
 def test_what_its_import_takes_of_the_heap(board: MicroPython) -> None:
-    board.run("import uros.client, uros.transport.stream")
+    board.run("import uros.client, uros.transport.serial")
     before = board.heap()
-    board.run("import uros.transport.tlsboard")
+    board.run("import uros.transport.tls")
     cost = board.heap() - before
     print(f"\ntransport.tlsboard, .py: {cost} bytes")
     assert 0 < cost <= 9_000

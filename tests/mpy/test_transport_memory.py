@@ -3,7 +3,7 @@
 import pytest
 from mpy.harness import MicroPython, tree
 
-from uros.boards.build import build
+from uros.boards.builder.resolver import build
 
 PROGRAM = """
 from uros.client import Node
@@ -15,17 +15,17 @@ def run(port):
     node.create_timer(1.0, lambda: publisher.publish(None))
     node.spin()
 """
-UDP = "from uros.transport.datagram import UdpTransport\n"
+UDP = "from uros.transport.udp import UdpTransport\n"
 OVER = UDP + "from uros.transport.wlan import Over, Station\n"
 # What they take today and a tenth more.
 KINDS = {
     "udp": (UDP, "UdpTransport('h')", 1000),
     "wlan": (OVER, "Over(Station('s', 'p'), UdpTransport('h'))", 3400),
-    "tcp": ("from uros.transport.tcpboard import TcpTransport", "TcpTransport('h')", 3400),
-    "stream": ("from uros.transport.stream import StreamTransport", "StreamTransport(port)", 3000),
+    "tcp": ("from uros.transport.tcp import TcpTransport", "TcpTransport('h')", 3400),
+    "stream": ("from uros.transport.serial import StreamTransport", "StreamTransport(port)", 3000),
     "can": (
-        "from uros.transport.canboard import CanTransport\n"
-        "from uros.transport.canpyb import PybCan",
+        "from uros.transport.can import CanTransport\n"
+        "from uros.transport.can_pyb import PybCan",
         "CanTransport(PybCan(port))",
         2100,
     ),

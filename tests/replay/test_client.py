@@ -16,7 +16,7 @@ from uros.interfaces.std_msgs.msg import Int32
 from uros.interfaces.std_srvs.srv import Trigger
 
 from uros.client import AGENT_CONNECTED, Node
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 from uros.wire import data, ids, session
 from uros.wire.cdr import Reader
 from uros.wire.framing import Deframer

@@ -11,10 +11,10 @@ import struct
 import pytest
 from support.replay import CAPTURES
 from unit.agent.helpers import Desk
-from unit.agent.test_session import Handler
+from unit.agent.session.test_session import Handler
 from unit.client.portable_session import Bench, sequences
 
-from uros.agent.session import Session
+from uros.agent.session.session import Session
 from uros.wire import data, ids, session
 from uros.wire.cdr import Reader, Writer
 from uros.wire.header import pull_header, push_header

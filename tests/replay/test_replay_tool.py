@@ -14,14 +14,14 @@ from support.client import XrceClient
 from support.replay import CAPTURES
 from support.tshark import packets
 
-from uros.agent.admission import Admission
-from uros.agent.capture import Capture
+from uros.agent.observability.capture import Capture
+from uros.agent.policy.admission import Admission
 from uros.tools import cli
+from uros.tools.capture.lines import Lines, UdpLine
+from uros.tools.capture.recordings import Record, read
+from uros.tools.capture.replay import Player
+from uros.tools.capture.script import Answer, Step, script
 from uros.tools.errors import ToolError
-from uros.tools.recordings import Record, read
-from uros.tools.replay import Player
-from uros.tools.replay_lines import Lines, UdpLine
-from uros.tools.replay_script import Answer, Step, script
 from uros.wire import ids, session
 
 NAMES = sorted(path.stem for path in CAPTURES.glob("*.jsonl"))

@@ -40,7 +40,7 @@ if __name__ == "__main__":
 
 from uros.client import AGENT_CONNECTED, Node  # noqa: E402
 from uros.interfaces import load  # noqa: E402
-from uros.transport.stream import StreamTransport  # noqa: E402
+from uros.transport.serial import StreamTransport  # noqa: E402
 from uros.wire.framing import LengthDeframer  # noqa: E402
 
 Int32, String = load("std_msgs/msg/Int32"), load("std_msgs/msg/String")
@@ -375,7 +375,7 @@ class AgentProcess:
 
     def clients(self) -> int:
         """The same by what it says when it is asked."""
-        from uros.tools.inspection import ask, find_agent
+        from uros.tools.agent.running_agents import ask, find_agent
 
         return len(ask(find_agent(self.process.pid), "status")["clients"])
 

@@ -11,8 +11,8 @@ from support.lines import SECONDS, SerialLine, SharedTerminal, TcpLine, TlsLine,
 from support.waiting import eventually
 from uros.agent.agent import Agent
 from uros.agent.log import Log
+from uros.agent.observability.snapshot import snapshot
 from uros.agent.server import Server
-from uros.agent.snapshot import snapshot
 from uros.middleware import open_middleware
 
 TRANSPORTS = (

@@ -13,8 +13,8 @@ from uros.interfaces.sensor_msgs.msg import Temperature
 import uros
 from support.lines import SECONDS
 from uros.qos import QoSProfile, ReliabilityPolicy
-from uros.tools.doctor_finding import PROBLEM, Finding
-from uros.transport.datagram import UdpTransport
+from uros.tools.doctor.finding import PROBLEM, Finding
+from uros.transport.udp import UdpTransport
 
 
 def spare_port():

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Callable
 
-from uros.boards.arena import Arena
-from uros.boards.rover import Rover
+from uros.boards.virtual.world.arena import Arena
+from uros.boards.virtual.world.rover import Rover
 from uros.control.autotune import AutoTune
 from uros.control.calibrate import Calibration
 from uros.control.diff_drive import DiffDrive

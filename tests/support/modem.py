@@ -1,6 +1,7 @@
 """Time, lines and dialogues for tests of modems. Runs on CPython and on MicroPython."""
 
-from uros.transport import esp8266, gs2200, modem
+from uros.transport import at_modem as modem
+from uros.transport import esp8266, gs2200
 
 NETWORK, PASSWORD, AGENT = "robots", "secret99", "192.168.1.10"
 

@@ -11,7 +11,7 @@ from uros.host.direct import Direct
 from uros.interfaces import load
 from uros.middleware import open_middleware
 from uros.middleware.memory import Bus, MemoryMiddleware
-from uros.transport.datagram import UdpTransport
+from uros.transport.udp import UdpTransport
 
 Int32 = load("std_msgs/msg/Int32")
 String = load("std_msgs/msg/String")

@@ -12,7 +12,7 @@ from mpy.harness import INSTALLED
 import uros
 from support.agent import running_agent
 from support.slow_line import SlowLine
-from uros.boards.running import Heap, RunningBoard
+from uros.boards.virtual.engine.runner import Heap, RunningBoard
 from uros.host.direct import Direct
 from uros.interfaces import load
 from uros.middleware import open_middleware
@@ -106,14 +106,14 @@ def step():
 """
 WAYS = {
     "udp": """
-        from uros.transport.datagram import UdpTransport
+        from uros.transport.udp import UdpTransport
         from uros.transport.wlan import Over, Station
 
         TRANSPORT = Over(Station("robots", "secret99"), UdpTransport("127.0.0.1", PORT, mtu=MTU))
         """,
     "usb": """
         from uros.drivers.port import open_port
-        from uros.transport.stream import StreamTransport
+        from uros.transport.serial import StreamTransport
 
         port = open_port(0x045B, 0x2013, "uros", "camera", "1")
         TRANSPORT = StreamTransport(port, mtu=MTU)
@@ -122,7 +122,7 @@ WAYS = {
     "uart": """
         import time
         from uros.drivers.port import open_port
-        from uros.transport.stream import StreamTransport
+        from uros.transport.serial import StreamTransport
 
         class Uart:
             def __init__(self, port):

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from uros.middleware.wake import Wake
+from uros.middleware.wakeup_fd import Wake
 from uros.wire import ids
 from uros.wire.cdr import Reader
 from uros.wire.errors import DecodeError

@@ -1,6 +1,6 @@
 """A node with a scripted agent, asked by its services and heard on its topics.
 
-Runs on CPython and on MicroPython. Values are lists, as uros.client.shapes has them.
+Runs on CPython and on MicroPython. Values are lists, as uros.client.dynamic_messages has them.
 """
 
 from support.board import KEY, FakeAgent, FakeClock

@@ -9,7 +9,7 @@ from pathlib import Path
 from conftest import ROOT
 
 from support.peer import RosPeer
-from uros.boards.running import RunningBoard
+from uros.boards.virtual.engine.runner import RunningBoard
 
 SCRIPT = Path(__file__).parent.parent / "interop" / "board_peer.py"
 HARDWARE = "ra6m5_sensor_node"

@@ -13,9 +13,9 @@ import io
 import random
 
 from support.board import FakeClock
-from uros.agent import client as agent_client
 from uros.agent.agent import Agent
 from uros.agent.log import Log
+from uros.agent.objects import client as agent_client
 from uros.agent.transports.base import ServerTransport
 from uros.client import AGENT_CONNECTED, Node
 from uros.middleware.memory import MemoryMiddleware

@@ -13,12 +13,13 @@ from pathlib import Path
 import pytest
 from unit.test_house import ALLOWED
 
-from uros.agent.control import Control
-from uros.boards.board import VirtualBoard
-from uros.boards.catalog import BOARDS
-from uros.boards.clock import ManualClock
+from uros.agent.policy.rules import Control
+from uros.boards.virtual.hardware.board import VirtualBoard
+from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.models.catalog import BOARDS
 from uros.qos import QoSProfile, ReliabilityPolicy
-from uros.tools import agent, cli
+from uros.tools import cli
+from uros.tools.agent import command
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -171,7 +172,7 @@ def test_the_rooms_on_the_page_are_those_of_the_house():
     named = re.findall(r"^  (\w+)(?:/|\.py) ", house, re.M)
     source = ROOT / "src" / "uros"
     rooms = {it.parent.name for it in source.glob("*/__init__.py")}
-    assert sorted(named) == sorted(rooms | {"qos", "ticks", "names", "printable"})
+    assert sorted(named) == sorted(rooms | {"qos", "ticks", "names", "printable", "http_server"})
 
 
 def test_the_walls_on_the_page_are_those_that_are_tested():
@@ -187,24 +188,17 @@ def test_the_walls_on_the_page_are_those_that_are_tested():
 
 
 def test_the_numbers_on_the_page_are_those_of_the_sources():
-    from uros.agent import (
-        admission,
-        keeper,
-        liveliness,
-        pace,
-        restoring,
-        rivals,
-        session,
-        state,
-        watchdog,
-    )
-    from uros.agent.limits import Limits
+    from uros.agent import watchdog
+    from uros.agent.persistence import journal, restore, session_store
+    from uros.agent.policy import admission, key_conflict, liveliness, time_budget
+    from uros.agent.policy.limits import Limits
+    from uros.agent.session import session
     from uros.agent.transports import tcp, tls
     from uros.wire.streams import MAX_MESSAGE
 
     told = {what: value for what, value, _ in table(ARCHITECTURE, "what", "value", "where")}
     it = Limits()
-    assert (pace.SHARE_OF_ONE, pace.SHARE_OF_ALL, tls.SHARE) == (0.25, 0.5, 0.25)
+    assert (time_budget.SHARE_OF_ONE, time_budget.SHARE_OF_ALL, tls.SHARE) == (0.25, 0.5, 0.25)
     for what, value in (
         ("fragmented message", f"{MAX_MESSAGE >> 20} MiB at most"),
         ("streams of one client; its objects, participants, domains, types",
@@ -219,16 +213,16 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
          f"is told after {watchdog.HANG_SECONDS:.0f} s;"
          f" is forced after {watchdog.END_SECONDS:.0f} s"),
         ("state file: clients; journal",
-         f"{state.SLOTS}; {state.MAX_JOURNAL >> 20} MiB,"
-         f" written anew from {keeper.JOURNAL_SIZE >> 20} MiB on"),
+         f"{journal.SLOTS}; {journal.MAX_JOURNAL >> 20} MiB,"
+         f" written anew from {session_store.JOURNAL_SIZE >> 20} MiB on"),
         ("a restored writer waits for its readers; a session for its transport",
-         f"{restoring.HOLD_SECONDS:.0f} s; a day"),
+         f"{restore.HOLD_SECONDS:.0f} s; a day"),
         ("clients; domains", f"{admission.MAX_CLIENTS}; 32"),
         ("a silent client: asked after, forgotten after",
          f"{min(liveliness.DEAD_TIME / 10, 30):.0f} s, {liveliness.DEAD_TIME:.0f} s"),
         ("one with hard liveliness: asked each, forgotten after",
          f"{liveliness.MIN_HARD_MS / 1000:g} s to an hour, three questions"),
-        ("a second one with its key waits for", f"{sum(rivals.WAIT_MS) / 1000:g} s"),
+        ("a second one with its key waits for", f"{sum(key_conflict.WAIT_MS) / 1000:g} s"),
         ("representations kept of one client; answers it does not acknowledge",
          f"{it.representations >> 20} MiB; {session.MAX_ANSWERS >> 20} MiB"),
     ):  # fmt: skip
@@ -258,7 +252,7 @@ def test_what_make_does_is_what_the_page_says():
 def parsers():
     """The parsers of ``uros agent``, by transport."""
     parser = argparse.ArgumentParser()
-    agent.add_arguments(parser)
+    command.add_arguments(parser)
     (transports,) = [it for it in parser._actions if isinstance(it, argparse._SubParsersAction)]
     return transports.choices
 
@@ -280,7 +274,7 @@ def spelled(text, option):
 def test_every_option_of_the_agent_is_on_its_page():
     text = "\n".join(re.findall(r"`[^`\n]+`", AGENT.read_text("utf-8")))
     assert not [it for it in sorted(options()) if not spelled(text, it)]
-    assert not [it for it in (*parsers(), *agent._MIDDLEWARES) if not spelled(text, it)]
+    assert not [it for it in (*parsers(), *command._MIDDLEWARES) if not spelled(text, it)]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -360,10 +354,10 @@ def test_every_option_of_a_tool_is_on_its_page(verb, page):
 
 
 def test_the_defaults_of_the_agent_on_its_page_are_those_it_has():
-    from uros.agent.admission import MAX_CLIENTS
-    from uros.agent.limits import Limits
-    from uros.agent.liveliness import DEAD_TIME, MAX_DEAD_TIME
-    from uros.tools.agent_capture import DEFAULT_SIZE
+    from uros.agent.policy.admission import MAX_CLIENTS
+    from uros.agent.policy.limits import Limits
+    from uros.agent.policy.liveliness import DEAD_TIME, MAX_DEAD_TIME
+    from uros.tools.agent.options.capture import DEFAULT_SIZE
 
     def line(option):
         (cells,) = [
@@ -390,7 +384,7 @@ def test_the_defaults_of_the_agent_on_its_page_are_those_it_has():
 
 def test_the_default_middleware_is_the_one_on_the_page():
     (line,) = re.findall(r"^\| `-m (\w+)` \(default\)", AGENT.read_text("utf-8"), re.M)
-    assert agent._common([argparse.Namespace()]).middleware == line
+    assert command._common([argparse.Namespace()]).middleware == line
 
 
 # --- what is shown ------------------------------------------------------------------------------
@@ -406,7 +400,7 @@ def test_the_trace_on_the_page_is_what_it_shows(capsys):
 
 
 def test_the_page_of_status_is_how_it_looks():
-    from uros.tools.agent_status import page
+    from uros.tools.agent.status import page
 
     def board(key, address, nodes, heard, rates, lost):
         return {
@@ -437,9 +431,9 @@ def test_the_page_of_status_is_how_it_looks():
 
 
 def test_the_findings_on_the_page_of_the_doctor_are_how_they_look():
-    from uros.tools.doctor import lines
-    from uros.tools.doctor_agents import check_agents
-    from uros.tools.doctor_finding import problem
+    from uros.tools.doctor.agents import check_agents
+    from uros.tools.doctor.command import lines
+    from uros.tools.doctor.finding import problem
 
     page = DOCTOR.read_text("utf-8")
     (text,) = re.findall(r"^```\n\$ uros doctor [^\n]*\n(.+?)^```$", page, re.M | re.S)
@@ -459,7 +453,7 @@ def test_the_findings_on_the_page_of_the_doctor_are_how_they_look():
 
 
 def test_every_metric_is_on_the_page_and_no_other():
-    from uros.agent import metrics
+    from uros.agent.observability import prometheus
 
     told = []
     for names, _, _ in table(SEEING, "metric", "labels", "what it is"):
@@ -470,14 +464,16 @@ def test_every_metric_is_on_the_page_and_no_other():
     wanted = {"uros_agent_info", "uros_agent_uptime_seconds", "uros_clients",
               "uros_refused_clients", "uros_client_info", "uros_client_silence_seconds",
               "uros_transport_connections"}  # fmt: skip
-    wanted |= {f"uros_client_{name}{'_total' * counts}" for name, _, counts, _ in metrics._CLIENT}
-    wanted |= {f"uros_transport_{name}_total" for name, _, _ in metrics._TRANSPORT}
+    clients = prometheus._CLIENT
+    wanted |= {f"uros_client_{name}{'_total' * counts}" for name, _, counts, _ in clients}
+    wanted |= {f"uros_transport_{name}_total" for name, _, _ in prometheus._TRANSPORT}
     assert sorted(told) == sorted(wanted)
-    assert f"the first {metrics.MAX_SERIES} are one" in " ".join(SEEING.read_text("utf-8").split())
+    page = " ".join(SEEING.read_text("utf-8").split())
+    assert f"the first {prometheus.MAX_SERIES} are one" in page
 
 
 def test_what_the_log_says_of_tls_is_in_the_sources():
-    source = ROOT / "src" / "uros" / "transport"
+    source = ROOT / "src" / "uros" / "agent" / "transports"
     said = "".join((source / name).read_text("utf-8") for name in ("tls.py", "tcp.py"))
     said = re.sub(r'"\n\s*f?"', "", said)
     said = said.replace("{HANDSHAKE_SECONDS:.0f}", "10")
@@ -565,7 +561,7 @@ def test_the_rules_of_the_page_do_what_it_says(tmp_path):
 
 
 def test_names_and_policies_on_the_page_are_all_there_are():
-    from uros.agent import control
+    from uros.agent.policy import rules as control
 
     text = AGENT.read_text("utf-8").partition("\n## Rules for clients\n")[2]
     words = {*control.GLOBAL, *control._SELECTORS, *control._ACTIONS, *control._NUMBERS}

@@ -84,7 +84,7 @@ def kept_as(name: str, which: str) -> bytes:
 
 
 def test_an_exception_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    from uros.agent.session import Session
+    from uros.agent.session.session import Session
 
     def broken(*_):
         raise ZeroDivisionError
@@ -119,7 +119,7 @@ def test_another_client_that_is_harmed_is_a_finding(monkeypatch: pytest.MonkeyPa
 
 
 def test_an_internal_error_in_the_log_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    from uros.agent.making import Maker
+    from uros.agent.objects.factory import Maker
 
     def broken(*_):
         raise ZeroDivisionError
@@ -170,24 +170,24 @@ def test_a_frame_that_lies_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_xml_that_raises_anything_else_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    from uros.agent import profiles
+    from uros.agent.objects import xml_profiles
 
-    monkeypatch.setattr(profiles, "_number", lambda text, what: int(text))
+    monkeypatch.setattr(xml_profiles, "_number", lambda text, what: int(text))
     broken = kept_as("xml", "writer").replace(b"<depth>5", b"<depth>x")
     with pytest.raises(ValueError, match="invalid literal"):
         target("xml").one_input(broken)
 
 
 def test_a_rule_that_cannot_be_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    from uros.agent import control
+    from uros.agent.policy import rules
 
-    monkeypatch.setattr(control, "_namespace", lambda value: value)
+    monkeypatch.setattr(rules, "_namespace", lambda value: value)
     with pytest.raises(world.Finding):
         target("toml").one_input(b'[[client]]\nnamespace = "hall"')
 
 
 def test_a_state_that_is_not_sound_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    from uros.agent.keeper import Keeper
+    from uros.agent.persistence.session_store import Keeper
 
     def restored(self, kept):
         raise ZeroDivisionError
@@ -218,7 +218,7 @@ def test_a_modem_that_is_not_woken_is_a_finding(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("which", ["esp_floods", "gs_floods"])
 def test_answers_without_end_are_a_finding(monkeypatch: pytest.MonkeyPatch, which: str) -> None:
-    from uros.transport.modem import ModemTransport
+    from uros.transport.at_modem import ModemTransport
 
     monkeypatch.setattr(ModemTransport, "_ended", lambda self, line: self._answers.append(line))
     with pytest.raises(world.Finding, match="answers are kept"):

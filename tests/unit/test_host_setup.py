@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from uros.middleware.base import MAX_DOMAIN
-from uros.tools import agent
+from uros.tools.agent import command as agent
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "host-setup.md").read_text("utf-8")

@@ -20,34 +20,34 @@ from ..wire import session as messages
 from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.header import MessageWriter, pull_header, pull_subheader
-from .admission import (
+from .clock import Clock
+from .log import WARNING, Log, RateLimit, unexpected
+from .malloc_trim import Heap
+from .objects.client import Client
+from .objects.kinds import key_label
+from .objects.ros_graph import Graphs
+from .objects.xml_profiles import References
+from .observability.message_hooks import AGENT, Taps
+from .policy.admission import (
     ADDRESS_NOT_ALLOWED,
     KEY_NOT_ALLOWED,
     MAX_CLIENTS,
     Admission,
     Refusals,
 )
-from .budget import CLIENT_BYTES, Budget
-from .client import Client
-from .clock import Clock
-from .control import Control
-from .graph import Graphs
-from .heap import Heap
-from .kinds import key_label
-from .limits import Limits
-from .lines import Lines
-from .liveliness import DEAD_TIME, LOOK_MS, Liveliness
-from .log import WARNING, Log, RateLimit, unexpected
-from .pace import Closing, Pace
-from .profiles import References
-from .rivals import Request, Rivals
-from .session import MIN_MTU, Session
-from .shares import Shares
-from .taps import AGENT, Taps
+from .policy.eviction import Shares
+from .policy.key_conflict import Request, Rivals
+from .policy.limits import Limits
+from .policy.line_loss import Lines
+from .policy.liveliness import DEAD_TIME, LOOK_MS, Liveliness
+from .policy.memory_budget import CLIENT_BYTES, Budget
+from .policy.rules import Control
+from .policy.time_budget import Closing, Pace
+from .session.session import MIN_MTU, Session
 from .transports.base import ServerTransport
 
 if TYPE_CHECKING:
-    from .keeper import Keeper
+    from .persistence.session_store import Keeper
 
 # What one UDP datagram can hold; a client that can take more gets no more.
 MAX_MTU = 65507

@@ -18,13 +18,13 @@ from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 from ..middleware.base import MiddlewareError
-from ..middleware.wake import Wake
+from ..middleware.wakeup_fd import Wake
 from ..wire.streams import ticks_diff
 from .agent import Agent
-from .client import Client
-from .pace import PAUSE
-from .session import Session
-from .taps import CLIENT
+from .objects.client import Client
+from .observability.message_hooks import CLIENT
+from .policy.time_budget import PAUSE
+from .session.session import Session
 from .transports.base import ServerTransport
 
 # How long timers that are due may take in one turn, in seconds.

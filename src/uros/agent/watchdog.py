@@ -29,7 +29,7 @@ _REMEDIES: Final = (
     ("middleware/ros2/", "rclpy does not return: restart the agent, or give it -m dds"),
     ("middleware/dds/", "DDS does not return: is the network interface gone, or a disk that"
      " CYCLONEDDS_URI writes a trace to? If it stays so, restart the agent"),
-    ("transport/", "a device or driver does not return: unplug it, or restart the agent"),
+    ("agent/transports/", "a device or driver does not return: unplug it, or restart the agent"),
 )  # fmt: skip
 _OTHER: Final = "if it comes again, please report it as a fault of uros, with this line"
 

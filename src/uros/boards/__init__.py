@@ -1,1 +1,8 @@
-"""Virtual boards: hardware, engines that run firmware on it, the build of a board's files."""
+"""Boards: the builder of their file systems, deployment on real ones, virtual ones.
+
+===========  ===================================================================================
+``builder``  Builds the file system of a board from a program and what it imports of uros
+``deploy``   Puts a built program on a real board, and shows its console
+``virtual``  Virtual boards: hardware, devices and their world, and engines that run firmware
+===========  ===================================================================================
+"""

@@ -11,9 +11,9 @@
 ``~/transition_event``. Ids and labels are those of lifecycle_msgs.
 """
 
+from .dynamic_messages import Shape, ShapedService
 from .entities import Publisher
 from .node import Node
-from .shapes import Shape, ShapedService
 
 try:
     from typing import Any, Final

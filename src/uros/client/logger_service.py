@@ -1,6 +1,6 @@
 """Others may ask and set the levels of a node's loggers."""
 
-from .shapes import ShapedService
+from .dynamic_messages import ShapedService
 
 try:
     from typing import Any

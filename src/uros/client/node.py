@@ -256,7 +256,7 @@ class Node:
 
     def create_guard_condition(self, callback: "Callable[[], object]") -> "Any":
         """Something whose ``trigger()`` has the callback called: see ``guard``."""
-        from .guard import GuardCondition
+        from .guard_condition import GuardCondition
 
         guard = GuardCondition(callback, self.clock)
         self.executor.add(guard)

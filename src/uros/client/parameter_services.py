@@ -1,7 +1,7 @@
 """What others see of a node's parameters: six services, and ``/parameter_events``."""
 
+from .dynamic_messages import Shape, ShapedService
 from .parameter import Parameter, ParameterException, SetParametersResult
-from .shapes import Shape, ShapedService
 
 try:
     from typing import Any

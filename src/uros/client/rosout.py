@@ -10,8 +10,8 @@ import sys
 
 from ..qos import DurabilityPolicy, QoSProfile
 from ..wire.streams import ticks_add, ticks_diff
-from .latch import create_latched
-from .shapes import Shape
+from .dynamic_messages import Shape
+from .latched_publisher import create_latched
 
 try:
     from typing import Any, Callable, Final

@@ -12,7 +12,7 @@
 """
 
 from ..qos import DurabilityPolicy, QoSProfile
-from .latch import create_latched
+from .latched_publisher import create_latched
 
 try:
     from typing import Any, Final

@@ -9,7 +9,8 @@ rmw_cyclonedds, that is just the form which is wanted.
 
 Importing rclpy takes long, and other boards are to be served meanwhile. Where a data plane runs
 this (it sets ``batching``), the ends of a service whose type is not imported yet are
-:mod:`~uros.middleware.late` ones. A host program waits for the import: it has nobody else to serve.
+:mod:`~uros.middleware.pending_endpoints` ones. A host program waits for the import: it has nobody
+else to serve.
 
 In the ROS graph a board is one node. The rclpy node behind its services has a hidden name, and the
 board's node lists their endpoints as its own: who looks up a node's services finds them by GUID,
@@ -37,13 +38,13 @@ from .base import (
     Writer,
 )
 from .dds.middleware import DdsMiddleware
-from .late import Late, LateReplier, LateRequester
+from .pending_endpoints import Late, LateReplier, LateRequester
 
 if TYPE_CHECKING:
     from .graph import LiveSource
-    from .ros2.later import Preparation
     from .ros2.middleware import Ros2Middleware, Ros2Node
     from .ros2.names import TypeName
+    from .ros2.type_loader import Preparation
 
 _End = TypeVar("_End", Requester, Replier)
 
@@ -186,7 +187,7 @@ class AutoMiddleware(Middleware):
         ):
             return False
         from .ros2 import names, types
-        from .ros2.later import Preparation
+        from .ros2.type_loader import Preparation
 
         names.service_name(late.service)
         name = names.service_type(late.service)

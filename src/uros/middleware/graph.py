@@ -1,6 +1,7 @@
 """What a middleware can tell of the ROS graph, by its DDS names.
 
-:mod:`uros.host.graph` makes ROS names of it for people, :mod:`uros.agent.graph` for boards.
+:mod:`uros.host.graph` makes ROS names of it for people, :mod:`uros.agent.objects.ros_graph` for
+boards.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from .base import (
     Writer,
     check_domain,
 )
-from .wake import Wake
+from .wakeup_fd import Wake
 
 _End = TypeVar("_End")
 

@@ -32,7 +32,7 @@ class Group(NamedTuple):
     members: Mapping[str, Verb | Group]
 
 
-_AGENT: Final = Verb("serve micro-ROS boards", "agent", ros_args=True)
+_AGENT: Final = Verb("serve micro-ROS boards", "agent.command", ros_args=True)
 _ROOT: Final = Group(
     "micro-ROS in Python: the agent and the tools.",
     {
@@ -41,65 +41,69 @@ _ROOT: Final = Group(
         "topic": Group(
             "look at the topics of a ROS 2 network, and publish on them",
             {
-                "list": Verb("list the topics", "topic_list"),
-                "info": Verb("show who publishes and subscribes to a topic", "topic_info"),
-                "echo": Verb("print the messages of a topic", "topic_echo"),
-                "hz": Verb("print the rate of a topic", "topic_hz"),
-                "pub": Verb("publish messages on a topic", "topic_pub"),
+                "list": Verb("list the topics", "topic.list"),
+                "info": Verb("show who publishes and subscribes to a topic", "topic.info"),
+                "echo": Verb("print the messages of a topic", "topic.echo"),
+                "hz": Verb("print the rate of a topic", "topic.hz"),
+                "pub": Verb("publish messages on a topic", "topic.pub"),
             },
         ),
         "node": Group(
             "look at the nodes of a ROS 2 network",
             {
-                "list": Verb("list the nodes", "node_list"),
-                "info": Verb("show what a node publishes, subscribes to and serves", "node_info"),
+                "list": Verb("list the nodes", "node.list"),
+                "info": Verb("show what a node publishes, subscribes to and serves", "node.info"),
             },
         ),
         "image": Group(
             "look at the pictures of a topic, keep them",
             {
-                "view": Verb("show the pictures of a topic live in a browser", "image_view"),
-                "save": Verb("write the pictures of a topic to files", "image_save"),
+                "view": Verb("show the pictures of a topic live in a browser", "image.view"),
+                "save": Verb("write the pictures of a topic to files", "image.save"),
             },
         ),
-        "pid": Verb("tune the wheels of a rover, with a live plot in a browser", "pid_view"),
-        "calibrate": Verb("find a rover's wheel radii and track from driven squares", "calibrate"),
+        "pid": Verb("tune the wheels of a rover, with a live plot in a browser", "rover.pid"),
+        "calibrate": Verb(
+            "find a rover's wheel radii and track from driven squares", "rover.calibrate"
+        ),
         "service": Group(
             "look at the services of a ROS 2 network, and call them",
             {
-                "list": Verb("list the services", "service_list"),
-                "type": Verb("print the type of a service", "service_type"),
-                "find": Verb("list the services of a type", "service_find"),
-                "call": Verb("call a service", "service_call"),
+                "list": Verb("list the services", "service.list"),
+                "type": Verb("print the type of a service", "service.type"),
+                "find": Verb("list the services of a type", "service.find"),
+                "call": Verb("call a service", "service.call"),
             },
         ),
-        "run": Verb("run one of the nodes that come with uros", "run_node"),
+        "run": Verb("run one of the nodes that come with uros", "run.command"),
         "interface": Group(
             "look at the types of messages, services and actions, write them for boards",
             {
-                "list": Verb("list the types", "interface_list"),
-                "packages": Verb("list the packages that have types", "interface_packages"),
-                "package": Verb("list the types of a package", "interface_package"),
-                "show": Verb("show the definition of a type", "interface_show"),
-                "proto": Verb("print a message as YAML, to be filled in", "interface_proto"),
-                "build": Verb("write modules of types for a board", "interface_build"),
+                "list": Verb("list the types", "interface.list"),
+                "packages": Verb("list the packages that have types", "interface.packages"),
+                "package": Verb("list the types of a package", "interface.package"),
+                "show": Verb("show the definition of a type", "interface.show"),
+                "proto": Verb("print a message as YAML, to be filled in", "interface.proto"),
+                "build": Verb("write modules of types for a board", "interface.build"),
             },
         ),
-        "trace": Verb("show what boards and agent say to each other", "trace"),
-        "replay": Verb("play a capture's boards to an agent, compare its answers", "replay"),
+        "trace": Verb("show what boards and agent say to each other", "capture.trace"),
+        "replay": Verb(
+            "play a capture's boards to an agent, compare its answers", "capture.replay"
+        ),
         "board": Group(
             "run virtual boards, build programs for real ones",
             {
-                "list": Verb("list the virtual boards", "board_list"),
-                "run": Verb("run virtual boards with their firmware", "board_run"),
-                "build": Verb("write the files that a board's program needs", "board_build"),
-                "index": Verb("write a package index for MicroPython's mip", "board_index"),
-                "deploy": Verb("put a program on a real board, show its console", "board_deploy"),
-                "console": Verb("show what a real board prints", "board_console"),
+                "list": Verb("list the virtual boards", "board.list"),
+                "run": Verb("run virtual boards with their firmware", "board.run"),
+                "build": Verb("write the files that a board's program needs", "board.build"),
+                "index": Verb("write a package index for MicroPython's mip", "board.index"),
+                "deploy": Verb("put a program on a real board, show its console", "board.deploy"),
+                "console": Verb("show what a real board prints", "board.console"),
             },
         ),
         "fleet": Verb("run the virtual boards of a file", "fleet"),
-        "doctor": Verb("find out why boards and ROS 2 do not meet", "doctor"),
+        "doctor": Verb("find out why boards and ROS 2 do not meet", "doctor.command"),
     },
 )
 

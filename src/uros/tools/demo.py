@@ -18,14 +18,14 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from ..printable import printable, unguarded
-from .agent_process import AgentProcess
+from .agent.process import AgentProcess
 from .common import add_engine, domain, positive_float
 from .errors import ToolError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..boards.running import RunningBoard
+    from ..boards.virtual.engine.runner import RunningBoard
     from ..host.network import Received
     from ..qos import QoSProfile
 
@@ -148,7 +148,7 @@ class _Agent(AgentProcess):
 def run(args: argparse.Namespace) -> int:
     # Set before DDS is loaded, here and in the agent: a demo stays on this machine.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    from ..boards.running import RunningBoard, StartError
+    from ..boards.virtual.engine.runner import RunningBoard, StartError
     from .common import join
 
     args.interfaces, args.distro = [], None

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from .board_list import check_name
-from .board_run import add_agent
-from .board_session import Plan, Session, titles
+from .board.list import check_name
+from .board.run import add_agent
+from .board.session import Plan, Session, titles
 from .common import positive_float
 from .errors import ToolError, did_you_mean
 

@@ -11,7 +11,7 @@ import errno
 
 from ..ticks import sleep_ms, ticks_ms
 from ..wire.streams import ticks_add, ticks_diff
-from .modem import ERROR, OK, ModemTransport
+from .at_modem import ERROR, OK, ModemTransport
 
 try:
     from typing import Any, Final, Iterator

@@ -1,6 +1,6 @@
 """The network under a board's UDP or TCP: WLAN, as station or access point, and Ethernet.
 
-    from uros.transport.datagram import UdpTransport
+    from uros.transport.udp import UdpTransport
     from uros.transport.wlan import Over, Station
 
     transport = Over(Station("network", "password"), UdpTransport("192.168.1.10"))

@@ -12,7 +12,7 @@ from uros.client.action_client import ActionClient
 from uros.client.action_server import ActionServer
 from uros.client.actions import CancelResponse, GoalResponse
 from uros.drivers.port import open_port
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 PRIME = 1000000007  # sums stay within an int32
 ABORTED = 3

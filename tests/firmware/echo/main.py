@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from uros.client import Node
 from uros.drivers.port import open_port
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 node = None
 served = 0

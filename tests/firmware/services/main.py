@@ -17,7 +17,7 @@ from uros.client.parameters import (
 )
 from uros.client.tf import StaticTransformBroadcaster, TransformBroadcaster
 from uros.drivers.port import open_port
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 
 node = None
 count = 0

@@ -6,7 +6,7 @@ import itertools
 
 from uros.agent.agent import Agent
 from uros.agent.log import Log
-from uros.agent.profiles import References
+from uros.agent.objects.xml_profiles import References
 from uros.agent.transports.base import ServerTransport
 from uros.middleware.memory import Bus, MemoryMiddleware
 from uros.wire import data, entities, header, ids, session

@@ -13,13 +13,13 @@ from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import SECONDS, TcpLine, UdpLine
 from unit.agent.helpers import fragment, get_info, heartbeat, message, write_data
-from unit.transport.faults import wait_for
+from unit.agent.transports.faults import wait_for
 
 from uros.agent.agent import Agent
-from uros.agent.keeper import Keeper
 from uros.agent.log import Log
+from uros.agent.persistence.journal import open_state
+from uros.agent.persistence.session_store import Keeper
 from uros.agent.server import Server
-from uros.agent.state import open_state
 from uros.agent.transports.base import TransportError
 from uros.agent.transports.tcp import TcpServer
 from uros.agent.transports.udp import UdpServer

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pytest
 from support.lines import SECONDS
 from unit.agent.test_server import running
-from unit.transport.faults import wait_for
-from unit.transport.test_process import agent as process
+from unit.agent.transports.faults import wait_for
+from unit.agent.transports.test_process import agent as process
 
 from uros.agent.watchdog import Watchdog, standing
 from uros.middleware.memory import MemoryWriter
@@ -112,7 +112,7 @@ def test_an_end_that_takes_long_step_by_step_is_not(bench):
         ("uros/middleware/dds/endpoints.py", "restart the agent"),
         ("uros/middleware/ros2/rcl.py", "-m dds"),
         ("uros/agent/transports/serial.py", "unplug it"),
-        ("uros/agent/graph.py", "please report it"),
+        ("uros/agent/objects/ros_graph.py", "please report it"),
     ],
 )
 def test_the_place_is_the_innermost_of_ours_and_the_remedy_is_its_rooms(file, remedy):
@@ -151,7 +151,7 @@ def test_a_middleware_that_hangs_in_a_real_agent(monkeypatch):
             assert there.wait(SECONDS)
             wait_for(one.said.getvalue, "the data plane hangs")
             assert "wait (threading.py:" in one.said.getvalue()
-            assert "write (agent/endpoint.py:" in one.said.getvalue()
+            assert "write (agent/objects/endpoints.py:" in one.said.getvalue()
             hang.set()
             wait_for(one.said.getvalue, "the data plane goes on")
             assert good.ping() == 1

@@ -2,7 +2,7 @@
 
 from support.board import pattern
 
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 from uros.wire.framing import Deframer
 
 WINDOW = 16

@@ -4,7 +4,7 @@ from support.board import pattern
 from support.portable import framed
 
 from uros.ticks import ticks_ms
-from uros.transport.stream import StreamTransport
+from uros.transport.serial import StreamTransport
 from uros.wire.framing import Deframer
 from uros.wire.streams import ticks_diff
 

@@ -2,7 +2,7 @@
 
 from support.services import Bench, raised
 
-from uros.client.shapes import Shape
+from uros.client.dynamic_messages import Shape
 from uros.client.tf import StaticTransformBroadcaster, TransformBroadcaster
 from uros.wire import ids
 

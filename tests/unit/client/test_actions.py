@@ -13,8 +13,8 @@ from uros.client import Node as BoardNode
 from uros.client.action_client import ActionClient
 from uros.client.action_server import ActionServer
 from uros.client.actions import CancelResponse, GoalResponse, GoalStatus
-from uros.client.aio import result as result_of
-from uros.client.aio import spin
+from uros.client.asyncio_support import result as result_of
+from uros.client.asyncio_support import spin
 from uros.host.direct import Direct
 from uros.host.node import Node
 from uros.middleware.memory import Bus, MemoryMiddleware

@@ -10,7 +10,7 @@ import random
 import pytest
 from support.driving import Car, answers, calibrate, gains, square, tune, use
 
-from uros.boards.arena import Arena
+from uros.boards.virtual.world.arena import Arena
 
 FIELD = Arena(size=20.0, boxes=[])
 

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from unit.drivers.portable_button_led import SETTLE, FakePin
 
-from uros.boards.pins import FALLING, RISING
-from uros.boards.pins import Button as VirtualButton
+from uros.boards.virtual.hardware.pins import FALLING, RISING
+from uros.boards.virtual.hardware.pins import Button as VirtualButton
 from uros.drivers.button import Button
 
 # Milliseconds between edges, most of them as contacts bounce.

@@ -5,7 +5,7 @@ import errno
 import pytest
 from unit.firmware.loader import load
 
-from uros.boards.usb import CONFIGURATION_DESCRIPTOR
+from uros.boards.virtual.hardware.usb import CONFIGURATION_DESCRIPTOR
 
 
 @pytest.fixture

@@ -5,13 +5,13 @@ import math
 
 import pytest
 
-from uros.boards.bh1750 import Bh1750
-from uros.boards.clock import ManualClock
-from uros.boards.i2c import FAULTS, I2CBus
-from uros.boards.lis3mdl import Lis3mdl
-from uros.boards.max17048 import Max17048
-from uros.boards.mpu6050 import Mpu6050
-from uros.boards.tfluna import TfLuna
+from uros.boards.virtual.devices.bh1750 import Bh1750
+from uros.boards.virtual.devices.lis3mdl import Lis3mdl
+from uros.boards.virtual.devices.max17048 import Max17048
+from uros.boards.virtual.devices.mpu6050 import Mpu6050
+from uros.boards.virtual.devices.tfluna import TfLuna
+from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.hardware.i2c import FAULTS, I2CBus
 from uros.drivers import SensorError
 from uros.drivers.bh1750 import BH1750
 from uros.drivers.lis3mdl import LIS3MDL

@@ -4,11 +4,11 @@ import errno
 
 import pytest
 
-from uros.boards.clock import ManualClock
-from uros.boards.i2c import FAULTS, I2CBus
-from uros.boards.mcp9600 import Mcp9600
-from uros.boards.sht3x import Sht3x
-from uros.boards.vcnl4010 import LED_CURRENT, Vcnl4010
+from uros.boards.virtual.devices.mcp9600 import Mcp9600
+from uros.boards.virtual.devices.sht3x import Sht3x
+from uros.boards.virtual.devices.vcnl4010 import LED_CURRENT, Vcnl4010
+from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.hardware.i2c import FAULTS, I2CBus
 from uros.drivers import SensorError
 from uros.drivers.mcp9600 import MCP9600
 from uros.drivers.sht3x import SHT3x

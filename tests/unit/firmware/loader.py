@@ -8,13 +8,14 @@ import contextlib
 import importlib
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
-from uros.boards.board import VirtualBoard
-from uros.boards.clock import ManualClock
+from support.paths import ROOT
 
-FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
+from uros.boards.virtual.hardware.board import VirtualBoard
+from uros.boards.virtual.hardware.clock import ManualClock
+
+FIRMWARE = ROOT / "firmware"
 TICKS = (1 << 30) - 1
 # What is imported anew for each program, because it holds on to the board's modules.
 OURS = ("uros.drivers.bus", "uros.drivers.port", "uros.drivers.usb_cdc")

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 from unit.firmware.loader import FIRMWARE, ticks_diff
 
-from uros.boards.board import VirtualBoard
-from uros.boards.clock import ManualClock
+from uros.boards.virtual.hardware.board import VirtualBoard
+from uros.boards.virtual.hardware.clock import ManualClock
 
 TICKS = (1 << 30) - 1
 # Imported anew for each program: they hold on to the board's modules, or are the program's own.

@@ -1,9 +1,10 @@
 """How long the programs of firmware/ wait for an agent that is restarted."""
 
 import ast
-from pathlib import Path
 
-FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
+from support.paths import ROOT
+
+FIRMWARE = ROOT / "firmware"
 
 
 def test_every_program_waits_two_seconds_and_for_several_pings() -> None:

@@ -2,15 +2,15 @@
 
 import importlib.util
 import sys
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from support.paths import ROOT
 
 from uros.client import AGENT_CONNECTED, WAITING_AGENT
 from uros.interfaces import load
 
-MAIN = Path(__file__).resolve().parents[3] / "firmware" / "spresense_camera" / "main.py"
+MAIN = ROOT / "firmware" / "spresense_camera" / "main.py"
 LED2, LED3 = 40, 41
 
 

@@ -1,18 +1,18 @@
 """firmware/spresense_sensors: what the receiver of satellites says, and when that was."""
 
 import sys
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 from support.board import KEY, FakeAgent, FakeClock
+from support.paths import ROOT
 
 from uros.client import Node
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr
 from uros.wire import ids
 
-FOLDER = Path(__file__).resolve().parents[3] / "firmware" / "spresense_sensors"
+FOLDER = ROOT / "firmware" / "spresense_sensors"
 NAMES = (
     "BatteryState", "CameraInfo", "Illuminance", "Imu", "MagneticField", "NavSatFix", "Range",
     "RelativeHumidity", "Temperature", "TimeReference",

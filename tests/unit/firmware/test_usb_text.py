@@ -5,8 +5,8 @@ import re
 import pytest
 from unit.firmware.loader import load
 
-from uros.boards.room import DOOR_CLOSED_MM, DOOR_OPEN_MM
-from uros.boards.vcnl4010 import proximity_counts
+from uros.boards.virtual.devices.vcnl4010 import proximity_counts
+from uros.boards.virtual.world.room import DOOR_CLOSED_MM, DOOR_OPEN_MM
 
 LINE = re.compile(
     r"Room: (-?\d+\.\d)C\|(-?\d+\.\d)F \| Hot: (-?\d+\.\d)C\|(-?\d+\.\d)F \| "

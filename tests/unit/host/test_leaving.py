@@ -12,7 +12,7 @@ from support.waiting import eventually
 PROGRAM = """
 import uros
 from uros.interfaces.std_msgs.msg import Int32
-from uros.transport.datagram import UdpTransport
+from uros.transport.udp import UdpTransport
 
 node = uros.Node("counter", UdpTransport("127.0.0.1", {port}), key=0x5EED)
 publisher = node.create_publisher(Int32, "count", 10)

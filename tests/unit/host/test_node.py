@@ -22,7 +22,7 @@ from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.memory import Bus, MemoryMiddleware, MemoryWriter
 from uros.qos import HistoryPolicy, QoSProfile, services_profile
-from uros.transport.datagram import UdpTransport
+from uros.transport.udp import UdpTransport
 
 Int32 = load("std_msgs/msg/Int32")
 String = load("std_msgs/msg/String")

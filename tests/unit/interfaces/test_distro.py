@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 from rosbags.typesys import Stores, get_typestore
+from support.paths import ROOT
 
 from uros.interfaces import InterfaceError, distro, registry, typehash
 
-DOCS = Path(__file__).parents[3] / "docs" / "interfaces.md"
+DOCS = ROOT / "docs" / "interfaces.md"
 # What rosbags' stores have not: packages that they leave out, and what came with a later release
 # of a distribution than theirs.
 LEFT_OUT = ("example_interfaces", "test_msgs")

@@ -7,8 +7,9 @@ import pytest
 import uros
 from uros.interfaces import InterfaceError
 from uros.middleware.base import MiddlewareError
-from uros.tools import cli, topic_list
+from uros.tools import cli
 from uros.tools.errors import ToolError
+from uros.tools.topic import list as topic_list
 
 HEAVY = ("cyclonedds", "numpy", "ctypes", "rclpy", "uros.middleware", "uros.interfaces")
 
@@ -120,7 +121,7 @@ def test_interrupted(monkeypatch, capsys):
 
 
 PRINTER = (
-    "import sys; from uros.tools import cli, topic_list\n"
+    "import sys; from uros.tools import cli; from uros.tools.topic import list as topic_list\n"
     "topic_list.run = lambda args: print('much') or 0\n"
     "sys.exit(cli.main(['topic', 'list']))"
 )

@@ -6,7 +6,8 @@ import pytest
 
 from uros.interfaces import distro
 from uros.middleware.dds.endpoints import type_data
-from uros.tools import agent, cli
+from uros.tools import cli
+from uros.tools.agent import command as agent
 from uros.tools.common import use_distro
 
 PROGRAM = "from sensor_msgs.msg import Range\nm = Range()\nm.variance = 0.1\n"

@@ -12,7 +12,7 @@ import time
 import pytest
 
 from uros.tools import cli
-from uros.tools.board_screen import Row, layout
+from uros.tools.board.screen import Row, layout
 from uros.tools.errors import ToolError
 from uros.tools.fleet import read
 

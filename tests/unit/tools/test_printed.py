@@ -15,7 +15,7 @@ import pytest
 from support.screen import FORGED, HOSTILE, UNENCODABLE, seen
 from unit.dashboard.test_pictures import JPEG
 from unit.host.test_graph import FAST_DDS, End, Node
-from unit.tools.test_agent_status import client, snapshot
+from unit.tools.agent.test_status import client, snapshot
 
 from uros.agent.log import Log
 from uros.host import network as network_module
@@ -26,7 +26,9 @@ from uros.interfaces.codec import to_cdr
 from uros.middleware.graph import living_nodes
 from uros.printable import guarded, printable
 from uros.qos import QoSProfile
-from uros.tools import cli, demo, inspection, run_listener
+from uros.tools import cli, demo
+from uros.tools.agent import running_agents
+from uros.tools.run import listener
 
 STRING = "std_msgs::msg::dds_::String_"
 ADD = "example_interfaces::srv::dds_::AddTwoInts_"
@@ -192,7 +194,7 @@ def service_find(output, hostile):
 
 
 def service_call(output, hostile, monkeypatch):
-    from uros.tools import service_call
+    from uros.tools.service import call as service_call
 
     output("service", "call", "/add", *hostile, status=1)
     output("service", "call", "/add", "std_srvs/srv/Trigger", *hostile, status=1)
@@ -228,7 +230,7 @@ def image_save(output, hostile, sends, tmp_path):
 def pid(output, monkeypatch):
     import socket
 
-    from uros.tools import pid_view
+    from uros.tools.rover import pid as pid_view
 
     says = threading.Event()
 
@@ -256,7 +258,7 @@ def pid(output, monkeypatch):
 
 def run_node(output, capsys):
     said = SimpleNamespace(get_logger=lambda: SimpleNamespace(info=print))
-    cli._guard(lambda: run_listener.Listener.heard(said, evil_string()) or 0)
+    cli._guard(lambda: listener.Listener.heard(said, evil_string()) or 0)
     seen(capsys.readouterr().out)
 
 
@@ -384,10 +386,10 @@ def board_console(output):
 
 
 def board_deploy(output, tmp_path, monkeypatch):
-    from uros.boards import rawrepl
+    from uros.boards.deploy import raw_repl
 
-    short = rawrepl.Seconds(enter=0.5, attempt=0.1, answer=0.2, run=0.3, long=0.3)
-    monkeypatch.setattr(rawrepl, "SECONDS", short)
+    short = raw_repl.Seconds(enter=0.5, attempt=0.1, answer=0.2, run=0.3, long=0.3)
+    monkeypatch.setattr(raw_repl, "SECONDS", short)
     (tmp_path / "main.py").write_text("print()\n")
     answers = (
         HOSTILE.encode(),
@@ -404,9 +406,9 @@ def doctor(output, hostile, monkeypatch):
     found = snapshot(clients=[client(nodes=[{"name": NAME, "domain": 3}], address=NAME)])
     found["transports"][0].update(label=NAME, name=NAME)
     found["refused"][0].update(why=NAME, address=NAME)
-    agents = [inspection.RunningAgent(1, Path("x"))]
-    monkeypatch.setattr(inspection, "find_agents", lambda: agents)
-    monkeypatch.setattr(inspection, "ask", lambda *_: found)
+    agents = [running_agents.RunningAgent(1, Path("x"))]
+    monkeypatch.setattr(running_agents, "find_agents", lambda: agents)
+    monkeypatch.setattr(running_agents, "ask", lambda *_: found)
     output("doctor", *hostile, "--seconds", "0.1")
     output("doctor", *hostile, "--seconds", "0.1", "--json")
 
@@ -417,8 +419,8 @@ def agent_status(output, monkeypatch):
     found = snapshot(clients=[evil])
     found["transports"][0].update(label=NAME)
     found["refused"][0].update(why=NAME, address=NAME)
-    monkeypatch.setattr(inspection, "find_agent", lambda pid=None: None)
-    monkeypatch.setattr(inspection, "ask", lambda *_: found)
+    monkeypatch.setattr(running_agents, "find_agent", lambda pid=None: None)
+    monkeypatch.setattr(running_agents, "ask", lambda *_: found)
     for options in ([], ["-v"], ["--json"]):
         output("agent", "status", *options, status=0)
 

@@ -3,7 +3,7 @@
 from support.board import pattern
 
 from uros.ticks import ticks_ms
-from uros.transport.canboard import CanTransport, can_frame
+from uros.transport.can import CanTransport, can_frame
 from uros.wire.streams import ticks_diff
 
 

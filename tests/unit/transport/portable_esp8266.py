@@ -21,8 +21,8 @@ from support.modem import (
     until,
 )
 
-from uros.boards.air import Air
-from uros.boards.esp8266 import Esp8266
+from uros.boards.virtual.modems.esp8266 import Esp8266
+from uros.boards.virtual.modems.radio_network import Air
 from uros.transport.esp8266 import Esp8266Transport
 
 

@@ -18,8 +18,8 @@ from support.modem import (
     passes_over_what_is_too_long,
 )
 
-from uros.boards.air import Air
-from uros.boards.gs2200 import Gs2200
+from uros.boards.virtual.modems.gs2200 import Gs2200
+from uros.boards.virtual.modems.radio_network import Air
 from uros.transport.gs2200 import Gs2200Transport
 
 

@@ -1,484 +1,375 @@
-"""Boards look for the agent: over real sockets on loopback, in the multicast group too."""
+"""A board looks for its agent: what it asks, what it makes of answers, and who does not answer.
+
+Those that answer here are sockets of the test; real agents: contract/test_client_discovery.py.
+"""
 
 import errno
-import io
 import socket
+import struct
 import threading
-from contextlib import contextmanager
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.certificates import Authority
-from support.client import XrceClient
-from support.lines import SECONDS, UdpLine
-from unit.agent.helpers import create_client, get_info, message, sub
-from unit.transport.faults import wait_for
+from support.lines import SECONDS
+from unit.agent.transports.test_discovery import C_QUESTION
 
-from uros.agent.agent import Agent
-from uros.agent.log import Log
-from uros.agent.server import Server
-from uros.agent.transports import addresses, discovery
-from uros.agent.transports.base import TransportError
-from uros.agent.transports.certificates import Certificates
-from uros.agent.transports.discovery import (
-    GROUP,
-    MAX_ANSWERS,
-    MAX_ANSWERS_IN_ALL,
-    MAX_LOCATORS,
-    SCAN_PAUSE,
-    AnswerLimit,
-    DiscoveryServer,
-    read_question,
-    write_answer,
+from uros.agent.transports import discovery
+from uros.agent.transports.discovery import write_answer
+from uros.ticks import ticks_ms
+from uros.transport import discovery as discoveryboard
+from uros.transport.discovery import (
+    AGENTS,
+    QUESTION,
+    DiscoveringTransport,
+    agents_of,
+    discover_agent,
 )
-from uros.agent.transports.memory import MemoryServer
-from uros.agent.transports.tcp import TcpServer
-from uros.agent.transports.tls import TlsServer
-from uros.agent.transports.udp import UdpServer
-from uros.middleware.memory import MemoryMiddleware
 from uros.wire import ids, session
-from uros.wire.cdr import Reader
 from uros.wire.errors import DecodeError
-from uros.wire.header import pull_header, pull_subheader
+from uros.wire.header import MessageWriter
+from uros.wire.streams import ticks_diff
 
-# Recorded: the example Discovery of eProsima's client 2.4.3.
-C_QUESTION = bytes.fromhex("80 00 0000 02 01 0800 0009 fffd 03000000")
-# The C++ agent's, that looks for other agents (--p2p): it leaves the object's id empty.
-P2P_QUESTION = message([sub(ids.GET_INFO, bytes.fromhex("0000 0000 02000000"))], 0, 0, 0x80)
-
-LOOPBACK4, LOOPBACK6 = socket.inet_aton("127.0.0.1"), bytes(15) + b"\x01"
-
-
-@pytest.fixture(autouse=True)
-def loopback_only(monkeypatch):
-    """The group is joined on no network outside of this machine."""
-    monkeypatch.setattr(addresses, "ipv4_by_interface", lambda: {"lo": "127.0.0.1"})
-
-
-class Running:
-    def __init__(self, transports, port=0):
-        self.said = io.StringIO()
-        self.discovery = DiscoveryServer(transports, port)
-        agent = Agent(MemoryMiddleware(), Log(4, self.said))
-        self.server = Server(agent, [*transports, self.discovery])
-        self.thread = threading.Thread(target=self.server.run, daemon=True)
-        self.sockets = []
-
-    def asker(self):
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sock.settimeout(SECONDS)
-        # Into the group by loopback, whatever the machine's routes are.
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, LOOPBACK4)
-        self.sockets.append(sock)
-        return sock
-
-    def ask(self, where="127.0.0.1", question=C_QUESTION, sock=None):
-        """The locators of the INFO that answers."""
-        sock = sock or self.asker()
-        sock.sendto(question, (where, self.discovery.port))
-        return info(sock.recv(2000))[4]
-
-
-def info(datagram):
-    _, _, _, _, at = pull_header(datagram, len(datagram))
-    kind, flags, start, stop = pull_subheader(datagram, at, len(datagram))
-    assert kind == ids.INFO
-    return session.pull_info(Reader(datagram, start, stop, bool(flags & 1)))
-
-
-@contextmanager
-def running(*transports, port=0):
-    one = Running(list(transports), port)
-    one.thread.start()
-    assert one.server.ready.wait(SECONDS)
-    try:
-        yield one
-    finally:
-        one.server.stop()
-        one.thread.join(SECONDS)
-        for sock in one.sockets:
-            sock.close()
-    assert not one.thread.is_alive()
-    assert "internal error" not in one.said.getvalue(), one.said.getvalue()
-
-
-# --- questions and answers ---------------------------------------------------------------------
-
-
-def test_the_c_clients_question():
-    assert read_question(C_QUESTION, len(C_QUESTION)) == (0x80, 0, 9, ids.OBJECT_AGENT)
-
-
-def test_an_answer_byte_by_byte():
-    """By hand, from the order and sizes of the fields; it goes into the C client's 200 bytes."""
-    answer = write_answer((0x80, 0, 9, 0xFFFD), [(b"\xc0\0\2\7", 8888), (bytes(16), 8889)])
-    assert answer == bytes.fromhex(
-        "80 00 0000 06 01 3c00"
-        "0009 fffd 00 00 01 0d 58524345 0100 010f 00 01 0d 00 0100 0000 02000000"
-        "01 c0000207 00 b822 02 00000000000000000000000000000000 000000 b9220000"
-    ), answer.hex()
-    longest = write_answer((0x00, 0xFFFFFFFF, 9, 0xFFFD), [(bytes(16), 8888)] * MAX_LOCATORS)
-    assert len(longest) <= 200
-
-
-@pytest.mark.parametrize("question", [C_QUESTION, P2P_QUESTION, message([get_info()], 0, 0, 0x00)])
-def test_the_answer_is_to_the_question(question):
-    with running(UdpServer(0)) as it:
-        sock = it.asker()
-        sock.sendto(question, ("127.0.0.1", it.discovery.port))
-        answer = sock.recv(2000)
-        head = 8 if question[0] == 0 else 4
-        assert answer[:head] == question[:head]  # session, stream, number, and key
-        assert answer[head + 4 : head + 8] == question[head + 4 : head + 8]  # request and object
-        assert it.discovery.faults == 0
-
-
-def test_a_big_endian_question():
-    payload = bytes.fromhex("0009 fffd 00000003")
-    datagram = bytes([0x80, 0, 0, 0, ids.GET_INFO, 0, 8, 0]) + payload
-    assert read_question(datagram, len(datagram)) == (0x80, 0, 9, ids.OBJECT_AGENT)
-
-
-@given(st.binary(max_size=64) | st.binary(max_size=40).map(lambda it: C_QUESTION[:8] + it))
-def test_whatever_is_asked(datagram):
-    try:
-        question = read_question(datagram, len(datagram))
-    except DecodeError:
-        return
-    answer = write_answer(question, [(bytes(4), 1), (bytes(16), 65535)])
-    assert info(answer)[:2] == question[2:]
-    try:
-        read_question(answer, len(answer))
-    except DecodeError:
-        return
-    raise AssertionError("two agents would answer each other for ever")
-
-
-# --- where the agent is --------------------------------------------------------------------------
-
-
-def test_an_asker_in_the_group_and_one_at_the_address_get_the_same():
-    udp = UdpServer(0)
-    with running(udp) as it:
-        assert it.ask(GROUP) == it.ask("127.0.0.1") == [(LOOPBACK4, udp.port)]
-
-
-def test_the_address_that_is_told_is_where_a_board_can_talk():
-    udp = UdpServer(0, "::")
-    with running(udp) as it:
-        ((address, port),) = it.ask(GROUP)
-        line = UdpLine(port, socket.inet_ntop(socket.AF_INET6, address))
-        client = XrceClient(line, 7)
-        assert client.open() == ids.STATUS_OK and client.close() == ids.STATUS_OK
-        line.close()
-
-
-def test_udp_comes_before_tcp_and_ipv4_before_ipv6():
-    both = UdpServer(0, "::"), UdpServer(0)
-    with running(TcpServer(0, "::"), TcpServer(0), *both) as it:
-        told = it.ask()
-        assert [address for address, _ in told] == [LOOPBACK4, LOOPBACK6] * 2
-        assert [port for _, port in told[:2]] == [both[1].port, both[0].port]
-
-
-def test_udp_and_tcp_on_one_port_are_one_locator():
-    server = DiscoveryServer([UdpServer(8888), TcpServer(8888), TcpServer(8889)])
-    found = server.locators(("127.0.0.1", 9))
-    assert found == [(LOOPBACK4, 8888), (LOOPBACK4, 8889)]
-
-
-def test_a_port_with_tls_is_not_offered_to_clients_that_would_speak_plain(tmp_path):
-    made = Authority(tmp_path)
-    tls = TlsServer(8889, "0.0.0.0", Certificates(*made.agent(), made.ca))
-    server = DiscoveryServer([tls, TcpServer(8888)])
-    assert server.locators(("127.0.0.1", 9)) == [(LOOPBACK4, 8888)]
-
-
-def test_no_more_locators_than_a_c_client_has_room_for():
-    server = DiscoveryServer([UdpServer(8888 + i) for i in range(MAX_LOCATORS + 1)])
-    assert len(server.locators(("127.0.0.1", 9))) == MAX_LOCATORS
-
-
-def locators(listens_on, asker, here, monkeypatch):
-    monkeypatch.setattr(addresses, "own_address", lambda _: here)
-    interfaces = {"lo": "127.0.0.1", "e": "192.0.2.2"}
-    monkeypatch.setattr(addresses, "ipv4_by_interface", lambda: interfaces)
-    monkeypatch.setattr(addresses, "ipv6_of", {"e": "2001:db8::2", None: "2001:db8::3"}.get)
-    found = DiscoveryServer([UdpServer(8888, listens_on)]).locators((asker, 1))
-    assert all(port == 8888 for _, port in found)
-    family = socket.AF_INET6 if ":" in listens_on else socket.AF_INET
-    return [socket.inet_ntop(family, address) for address, _ in found]
-
-
-@pytest.mark.parametrize(
-    ("listens_on", "asker", "here", "told"),
-    [
-        ("0.0.0.0", "192.0.2.7", "192.0.2.2", ["192.0.2.2"]),
-        ("0.0.0.0", "127.0.0.1", "127.0.0.1", ["127.0.0.1"]),
-        ("0.0.0.0", "192.0.2.2", "192.0.2.2", ["192.0.2.2"]),
-        ("0.0.0.0", "198.51.100.7", None, []),
-        ("127.0.0.1", "192.0.2.7", "192.0.2.2", []),
-        ("127.0.0.1", "127.0.0.1", "127.0.0.1", ["127.0.0.1"]),
-        ("127.0.0.1", "192.0.2.2", "192.0.2.2", ["127.0.0.1"]),
-        ("198.51.100.2", "192.0.2.7", "192.0.2.2", ["198.51.100.2"]),
-        ("::", "192.0.2.7", "192.0.2.2", ["2001:db8::2"]),
-        ("::", "192.0.2.7", "192.0.2.99", ["2001:db8::3"]),
-        ("::", "127.0.0.1", "127.0.0.1", ["::1"]),
-        ("::1", "192.0.2.7", "192.0.2.2", []),
-        ("::1", "127.0.0.1", "127.0.0.1", ["::1"]),
-        ("2001:db8::2", "192.0.2.7", "192.0.2.2", ["2001:db8::2"]),
-        ("fe80::1%e", "192.0.2.7", "192.0.2.2", []),
-    ],
+ASKED = (ids.SESSION_NONE_WITHOUT_KEY, 0, 9, ids.OBJECT_AGENT)
+# By hand, from the order and sizes of the fields in the specification: an agent at 192.0.2.7:8888.
+BY_HAND = bytes.fromhex(
+    "80 00 0000 06 01 2400 0009 fffd 00 00 01 0d 58524345 0100 010f 00 01 0d 00 0100 0000 01000000"
+    "01 c0000207 00 b822"
 )
-def test_what_an_asker_is_told(listens_on, asker, here, told, monkeypatch):
-    assert locators(listens_on, asker, here, monkeypatch) == told
+
+MANY = [f"192.0.2.{i}" for i in range(30, 10, -1)]
 
 
-def test_who_cannot_come_is_not_answered():
-    with running(MemoryServer()) as it:
-        sock = it.asker()
-        sock.sendto(C_QUESTION, ("127.0.0.1", it.discovery.port))
-        sock.sendto(b"x", ("127.0.0.1", it.discovery.port))
-        wait_for(it.said.getvalue, "not a question for agents")
-        sock.setblocking(False)
-        with pytest.raises(BlockingIOError):
-            sock.recv(100)
-        assert "nothing to discover" in it.said.getvalue()
+def answer(*locators):
+    octets = [(socket.inet_pton(socket.AF_INET6 if ":" in host else socket.AF_INET, host), port)
+              for host, port in locators]  # fmt: skip
+    return write_answer(ASKED, octets)
 
 
-# --- neighbours on the port --------------------------------------------------------------------
-
-
-def neighbour(port, group=None):
-    """What a DDS has in domain 0: a socket on the same port, of another group."""
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    sock.bind(("0.0.0.0", port))
-    if group:
-        both = socket.inet_aton(group) + LOOPBACK4
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, both)
-    sock.settimeout(SECONDS)
-    return sock
-
-
-def test_a_dds_that_comes_later_takes_nothing_away_and_is_not_heard():
-    udp = UdpServer(0)
-    with running(udp) as it, neighbour(it.discovery.port, "239.255.0.1") as dds:
-        sock = it.asker()
-        sock.sendto(b"RTPS\2\5\1\x10" + bytes(40), ("239.255.0.1", it.discovery.port))
-        assert dds.recv(100).startswith(b"RTPS")
-        assert it.ask("127.0.0.1") == it.ask(GROUP) == [(LOOPBACK4, udp.port)]
-        assert it.discovery.faults == 0
-
-
-def test_two_agents_on_the_port_are_both_found_in_the_group():
-    with running(UdpServer(0)) as one, running(UdpServer(0), port=one.discovery.port) as two:
-        sock = one.asker()
-        sock.sendto(C_QUESTION, (GROUP, one.discovery.port))
-        found = [info(sock.recv(2000))[4][0] for _ in range(2)]
-        ports = {it.discovery._servers[0].port for it in (one, two)}
-        assert {port for _, port in found} == ports and len(ports) == 2
-
-
-def test_a_port_that_is_not_shared_says_what_to_do():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("0.0.0.0", 0))
-        port = other.getsockname()[1]
-        with pytest.raises(TransportError) as caught:
-            DiscoveryServer([], port).open(None)
-    assert f"UDP port {port} is in use" in str(caught.value)
-    assert "choose another port with --discovery" in str(caught.value)
-
-
-# --- interfaces ----------------------------------------------------------------------------------
-
-
-def test_the_log_says_where_it_listens():
-    with running(UdpServer(0)) as it:
-        said = it.said.getvalue()
-        where = f"port: {it.discovery.port}, group: {GROUP}, interfaces: lo (127.0.0.1)"
-        assert "DiscoveryServer" in said and where in said
-        assert "only this machine can find the agent" in said
-
-
-class Host:
-    """A server that notes what its transport wants."""
+class Answering:
+    """Where questions come; what is answered, the test says."""
 
     def __init__(self):
-        self.watched, self.later, self.said = set(), [], []
+        self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.sock.bind(("127.0.0.1", 0))
+        self.sock.settimeout(SECONDS)
+        self.port = self.sock.getsockname()[1]
+        self.addresses = (("127.0.0.1", self.port),)
 
-    def watch(self, fileno, ready, writing=False):
-        self.watched.add(fileno)
+    def take(self):
+        """What has come, and from whom."""
+        data, self.peer = self.sock.recvfrom(2000)
+        return data
 
-    def unwatch(self, fileno):
-        self.watched.remove(fileno)
-
-    def wake_at(self, seconds, call):
-        assert seconds == SCAN_PAUSE
-        self.later.append(call)
-
-    def note(self, level, part, function, what, about):
-        self.said.append((what, about))
+    def say(self, *datagrams):
+        for it in datagrams:
+            self.sock.sendto(it, self.peer)
 
 
 @pytest.fixture
-def opened(monkeypatch):
-    """A server whose interfaces are ``found``, to be looked at by ``scan()``."""
-    found = {"lo": "127.0.0.1"}
-    monkeypatch.setattr(addresses, "ipv4_by_interface", lambda: dict(found))
-    host, server = Host(), DiscoveryServer([UdpServer(0)], 0)
-    server.open(host)
-    server.found = found
-    server.scan = lambda: host.later.pop()()
-    yield host, server
-    server.close()
-    server.close()
-    assert host.watched == set()
+def place():
+    it = Answering()
+    yield it
+    it.sock.close()
 
 
-def test_interfaces_come_and_go(opened):
-    host, server = opened
-    host.said.clear()
-    server.found["lo2"] = "127.0.0.2"
-    server.scan()
-    assert host.said == [("interface found", "lo2 (127.0.0.2)")] and len(host.watched) == 3
-    del server.found["lo"]
-    server.found["lo2"] = "127.0.0.3"
-    server.scan()
-    assert ("interface lost", "lo (127.0.0.1)") in host.said
-    assert len(host.watched) == 2 and server._own["lo2"][0] == "127.0.0.3"
-    host.said.clear()
-    server.scan()
-    assert host.said == []
+@pytest.fixture
+def made():
+    """Makes transports, and closes them."""
+    transports = []
+
+    def make(*arguments, **options):
+        transports.append(DiscoveringTransport(*arguments, **options))
+        return transports[-1]
+
+    yield make
+    for it in transports:
+        it.close()
+        it.close()
 
 
-def test_an_interface_without_multicast_is_named_once_and_tried_again(opened, monkeypatch):
-    host, server = opened
-    server.found["wlan0"] = "192.0.2.55"  # no interface of ours has it: ENODEV
-    for _ in range(3):
-        server.scan()
-    said = [about for what, about in host.said if what == "no multicast"]
-    assert len(said) == 1 and "wlan0 (192.0.2.55)" in said[0] and "ip route add" in said[0]
-    server.found["wlan0"] = "127.0.0.9"
-    server.scan()
-    assert ("interface found", "wlan0 (127.0.0.9)") in host.said
+# --- the question and its answers ----------------------------------------------------------------
 
 
-def test_a_membership_that_was_lost_is_taken_again(opened):
-    host, server = opened
-    both = socket.inet_aton(GROUP) + LOOPBACK4
-    server._group.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, both)
-    server.scan()
-    with pytest.raises(OSError) as caught:  # it is in the group
-        server._group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, both)
-    assert caught.value.errno == errno.EADDRINUSE
+def test_the_question_is_that_of_the_c_client():
+    w = MessageWriter(bytearray(64), ids.SESSION_NONE_WITHOUT_KEY, ids.STREAM_NONE, 0)
+    w.begin(ids.GET_INFO)
+    session.push_get_info(w, 9, ids.OBJECT_AGENT, ids.INFO_CONFIGURATION | ids.INFO_ACTIVITY)
+    assert w.finish() == QUESTION == C_QUESTION
+    assert discovery.read_question(QUESTION, len(QUESTION)) == ASKED
 
 
-def test_nothing_is_looked_at_after_the_end(opened):
-    host, server = opened
-    server.close()
-    server.scan()
-    assert host.later == [] and host.watched == set()
+def test_it_asks_where_agents_listen():
+    assert AGENTS == ((discovery.GROUP, discovery.DEFAULT_PORT),)
 
 
-def test_no_interface_at_all(monkeypatch):
-    monkeypatch.setattr(addresses, "ipv4_by_interface", dict)
-    host, server = Host(), DiscoveryServer([UdpServer(0)], 0)
-    server.open(host)
-    assert "interfaces: none" in host.said[0][1]
-    assert host.said[1][0] == "only this machine can find the agent"
-    server.close()
+def test_an_answer_by_hand():
+    assert agents_of(BY_HAND) == [("192.0.2.7", 8888)]
 
 
-# --- hostile askers -----------------------------------------------------------------------------
+def test_a_big_endian_answer():
+    told = BY_HAND[:5] + b"\0" + BY_HAND[6:28] + struct.pack(">hxxI", 1, 1)
+    told += BY_HAND[-8:-2] + BY_HAND[-1:] + BY_HAND[-2:-1]
+    assert agents_of(told) == [("192.0.2.7", 8888)]
 
 
-def test_answers_to_one_address_are_limited():
-    limit = AnswerLimit()
-    assert sum(limit.admit("192.0.2.1", 5.0 + i / 1000) for i in range(900)) == MAX_ANSWERS
-    assert limit.admit("192.0.2.2", 5.9)
-    assert limit.admit("192.0.2.1", 6.0)
+@pytest.mark.parametrize(
+    ("locators", "source", "agents"),
+    [
+        # eProsima's agent tells all addresses of its machine, loopback first.
+        (["127.0.0.1", "172.17.0.1", "192.0.2.7"], "192.0.2.7",
+         ["192.0.2.7", "172.17.0.1", "127.0.0.1"]),
+        (["127.0.0.1", "192.0.2.7", "172.17.0.1"], "", ["192.0.2.7", "172.17.0.1", "127.0.0.1"]),
+        (["192.0.2.7", "127.0.0.1"], "127.0.0.1", ["127.0.0.1", "192.0.2.7"]),
+        (["0.0.0.0"], "192.0.2.7", ["192.0.2.7"]),
+        (["::"], "192.0.2.7", ["192.0.2.7"]),
+        (["0.0.0.0"], "", []),
+        (["2001:db8::2", "192.0.2.7"], "192.0.2.8", ["192.0.2.7", "2001:db8:0:0:0:0:0:2"]),
+        (["::1"], "192.0.2.7", ["0:0:0:0:0:0:0:1"]),
+        (["fe80::1", "ff02::1", "239.255.0.2", "255.255.255.255"], "192.0.2.7", []),
+        (["192.0.2.7", "0.0.0.0", "192.0.2.7"], "192.0.2.7", ["192.0.2.7"]),
+        (MANY, "192.0.2.7", MANY),
+        ([], "192.0.2.7", []),
+    ],
+)  # fmt: skip
+def test_where_an_agent_is(locators, source, agents):
+    w = MessageWriter(bytearray(1000), ids.SESSION_NONE_WITHOUT_KEY, ids.STREAM_NONE, 0)
+    w.begin(ids.INFO)
+    octets = [socket.inet_pton(socket.AF_INET6 if ":" in it else socket.AF_INET, it)
+              for it in locators]  # fmt: skip
+    session.push_info(w, 9, ids.OBJECT_AGENT, 0, 0, [(it, 8888) for it in octets])
+    assert agents_of(w.finish(), source) == [(it, 8888) for it in agents]
 
 
-def test_answers_to_all_are_limited_and_so_is_what_is_remembered():
-    limit = AnswerLimit()
-    assert sum(limit.admit(str(i), 5.0) for i in range(9999)) == MAX_ANSWERS_IN_ALL
-    assert len(limit._counts) == MAX_ANSWERS_IN_ALL
-    assert limit.admit("192.0.2.1", 6.0) and len(limit._counts) == 1
+def test_ports_that_do_not_exist_are_passed_over():
+    told = answer(("2001:db8::2", 8888), ("192.0.2.7", 0))
+    there = told[:56] + struct.pack("<I", 70000) + told[60:]
+    assert told[56:60] == struct.pack("<I", 8888)
+    assert agents_of(told) == [("2001:db8:0:0:0:0:0:2", 8888)] and agents_of(there) == []
 
 
-def test_a_flood_of_questions_is_answered_so_often(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(discovery.time, "monotonic", lambda: now[0])
-    host, server = Host(), DiscoveryServer([UdpServer(8888)], 0)
-    server.open(host)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.0.0.1", 0))
-
-        def ask(times):
-            for _ in range(times):
-                sock.sendto(C_QUESTION, ("127.0.0.1", server.port))
-            own = server._own["lo"][1]
-            for _ in range(times // 64 + 1):
-                server._drain(own)
-            got = 0
-            sock.setblocking(False)
-            try:
-                while sock.recv(2000):
-                    got += 1
-            except BlockingIOError:
-                return got
-
-        assert ask(100) == MAX_ANSWERS
-        assert ask(10) == 0
-        now[0] += 1.0
-        assert ask(10) == 10
-    server.close()
+@pytest.mark.parametrize(
+    "datagram",
+    [
+        b"", b"\x80", b"hello, who is there?", QUESTION,
+        BY_HAND[:-1],
+        BY_HAND[:8] + b"\0\x0a" + BY_HAND[10:],  # of a ping
+        BY_HAND[:10] + b"\xff\xff" + BY_HAND[12:],  # about something else
+        BY_HAND[:12] + b"\x83" + BY_HAND[13:],  # refused
+        BY_HAND.replace(b"XRCE", b"RTPS"),
+        BY_HAND.replace(b"\1\0\0\0\1\xc0", b"\xff\0\0\0\1\xc0"),  # more locators than there are
+    ],
+)  # fmt: skip
+def test_what_is_no_answer(datagram):
+    with pytest.raises(DecodeError):
+        agents_of(datagram, "192.0.2.7")
 
 
-BAD = {
-    "nothing": b"",
-    "a byte": b"\x80",
-    "rtps": b"RTPS\2\5\1\x10" + bytes(60),
-    "truncated": C_QUESTION[:-1],
-    "in a session": message([get_info()], 0, 0, 0x81),
-    "large": b"\x80" * 60_000,
-    "another submessage": message([sub(ids.HEARTBEAT, bytes(5))], 0, 0, 0x80),
-    "an info": write_answer((0x80, 0, 9, 0xFFFD), []),
-}
+@given(st.binary(max_size=80) | st.binary(max_size=60).map(lambda it: BY_HAND[:20] + it),
+       st.sampled_from(["", "127.0.0.1", "192.0.2.7"]))  # fmt: skip
+def test_whatever_answers(datagram, source):
+    try:
+        found = agents_of(datagram, source)
+    except DecodeError:
+        return
+    for host, port in found:
+        assert 0 < port < 65536
+        socket.inet_pton(socket.AF_INET6 if ":" in host else socket.AF_INET, host)
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_bad_datagrams_are_counted_and_the_next_is_answered(name):
-    with running(UdpServer(0)) as it:
-        sock = it.asker()
-        for where in ("127.0.0.1", GROUP):
-            sock.sendto(BAD[name], (where, it.discovery.port))
-            assert it.ask(where, sock=sock)
-        assert it.discovery.faults == 2
-        assert it.said.getvalue().count("not a question for agents") == 1  # no flood of lines
+# --- waiting for an agent ------------------------------------------------------------------------
 
 
-def test_a_board_that_begins_its_session_here_is_told_where_to():
-    udp, tcp = UdpServer(0), TcpServer(0)
-    with running(udp, tcp) as it:
-        it.asker().sendto(create_client(7), ("127.0.0.1", it.discovery.port))
-        wait_for(it.said.getvalue, "not a question for agents")
-        assert f"boards talk to it at UDP {udp.port}, TCP {tcp.port}" in it.said.getvalue()
-        assert it.server.agent.clients == {}
+def answering(place, *bursts):
+    """The n-th question gets the n-th burst of datagrams, in a thread."""
+
+    def run():
+        for burst in bursts:
+            assert place.take() == QUESTION
+            place.say(*burst)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    return thread
 
 
-@given(st.lists(st.binary(max_size=80), max_size=20))
-def test_any_datagrams(datagrams):
-    with running(UdpServer(0)) as it:
-        sock = it.asker()
-        for datagram in datagrams:
-            sock.sendto(datagram, ("127.0.0.1", it.discovery.port))
-        it.ask(GROUP)
+def test_the_first_answer_that_is_one_counts(place):
+    told = answer(("192.0.2.7", 8888)), answer(("192.0.2.8", 8889))
+    thread = answering(place, (b"", b"hello", QUESTION, told[0][:-3], *told, told[0]))
+    assert discover_agent(10_000, place.addresses) == ("192.0.2.7", 8888)
+    thread.join(SECONDS)
 
 
-def test_nobody_is_sent_to():
-    server = DiscoveryServer([])
-    server.send(("127.0.0.1", 9), b"x")
-    assert server.address(("127.0.0.1", 9)) == "127.0.0.1:9" and server.sessions == {}
+def test_a_lost_question_is_asked_again(place):
+    thread = answering(place, (), (answer(("0.0.0.0", 8888)),))
+    assert discover_agent(10_000, place.addresses) == ("127.0.0.1", 8888)
+    thread.join(SECONDS)
+
+
+def test_nobody_answers(place):
+    before = ticks_ms()
+    assert discover_agent(300, place.addresses) is None
+    assert 300 <= ticks_diff(ticks_ms(), before)
+    assert place.take() == QUESTION
+
+
+def test_answers_that_lead_nowhere_are_no_answers(place):
+    thread = answering(place, [answer(), answer(("239.1.2.3", 1))] * 40)
+    assert discover_agent(200, place.addresses) is None
+    thread.join(SECONDS)
+
+
+def test_of_several_addresses_those_that_exist_are_asked(place):
+    thread = answering(place, (answer(("192.0.2.7", 8888)),))
+    nowhere = ("no.such.host.invalid", 7400), ("::1", 7400)
+    assert discover_agent(10_000, nowhere + place.addresses) == ("192.0.2.7", 8888)
+    thread.join(SECONDS)
+    with pytest.raises(OSError, match="::1 has no address of IPv4"):
+        discover_agent(10_000, nowhere[1:])
+
+
+def test_nobody_can_be_asked(monkeypatch):
+    with pytest.raises(OSError, match="there is no address to ask"):
+        discover_agent(10_000, ())
+    with pytest.raises(OSError) as caught:
+        discover_agent(10_000, interface="192.0.2.55")  # not ours
+    assert caught.value.errno == errno.EADDRNOTAVAIL
+
+    class Down(socket.socket):
+        def sendto(self, *_):
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+    monkeypatch.setattr(discoveryboard.socket, "socket", Down)
+    with pytest.raises(OSError, match="Network is unreachable"):
+        discover_agent(10_000)
+    with pytest.raises(OSError, match="Network is unreachable"):
+        DiscoveringTransport().open()
+
+
+# --- the transport -------------------------------------------------------------------------------
+
+
+def test_what_was_said_last_goes_to_the_agent_that_is_found(place, made):
+    there = Answering()
+    t = made(place.addresses)
+    t.open()
+    assert place.take() == QUESTION and t.agent is None
+    t.send(b"lost")
+    t.send(bytearray(b"ping..."), 4)
+    assert t.receive(0) is None
+    place.say(answer(("127.0.0.1", there.port)), answer(("127.0.0.1", 1)))
+    assert t.receive(0) is None and t.agent == ("127.0.0.1", there.port)
+    assert there.take() == b"ping"
+    there.say(b"pong")
+    assert t.receive(1000) == b"pong"
+    t.send(b"more", 4)
+    t.send(b"all of it")
+    assert there.take() == b"more" and there.take() == b"all of it"
+    place.say(b"a late answer")  # to a socket that is closed
+    assert t.receive(10) is None
+    t.close()
+    assert t.agent is None
+    there.sock.close()
+
+
+def test_a_transport_asks_again_while_it_is_spoken_to_but_not_each_time(place, made, monkeypatch):
+    now = [1000]
+    monkeypatch.setattr(discoveryboard, "ticks_ms", lambda: now[0])
+    t = made(place.addresses)
+    t.open()
+    for _ in range(51):
+        now[0] += 10
+        t.send(b"ping")
+    place.sock.setblocking(False)
+    assert [place.take() for _ in range(3)] == [QUESTION] * 3
+    with pytest.raises(BlockingIOError):
+        place.take()
+
+
+def test_nobody_answers_a_transport(place, made):
+    t = made(place.addresses, patience_ms=20)
+    for _ in range(2):
+        t.open()
+        with pytest.raises(OSError) as caught:
+            while True:
+                assert t.receive(10) is None
+        assert f"no agent answers at 127.0.0.1 port {place.port}" in str(caught.value)
+        assert "--discovery" in str(caught.value)
+
+
+def test_a_locator_at_which_nobody_is_and_the_next_one(place, made, monkeypatch):
+    """And the one that worked stays the first."""
+    now = [1000]
+    monkeypatch.setattr(discoveryboard, "ticks_ms", lambda: now[0])
+    there, silent = Answering(), Answering()
+    told = answer(("127.0.0.1", silent.port), ("127.0.0.1", there.port))
+    t = made(place.addresses)
+    for turn in range(3):
+        t.open()
+        assert place.take() == QUESTION
+        place.say(told)
+        t.send(b"ping")
+        assert t.receive(0) is None
+        if turn == 0:
+            assert t.agent == ("127.0.0.1", silent.port) and silent.take() == b"ping"
+            now[0] += 2999
+            assert t.receive(0) is None
+            now[0] += 1
+            with pytest.raises(OSError, match="is silent there: look at firewalls"):
+                t.receive(0)
+            continue
+        assert t.agent == ("127.0.0.1", there.port) and there.take() == b"ping"
+        there.say(b"pong")
+        assert t.receive(1000) == b"pong"
+        now[0] += 100_000
+        assert t.receive(0) is None  # now the node's own patience counts
+    there.sock.close()
+    silent.sock.close()
+
+
+def test_a_locator_to_which_there_is_no_way(place, made):
+    def make(host, port, mtu):
+        assert mtu == 300
+        tried.append(host)
+        return Nowhere() if host == "192.0.2.7" else Line()
+
+    class Line:
+        def open(self):
+            pass
+
+        def close(self):
+            tried.append("closed")
+
+        def receive(self, timeout_ms):
+            return b"pong"
+
+    class Nowhere(Line):
+        def open(self):
+            raise OSError(errno.EHOSTUNREACH, "no way")
+
+    tried = []
+    t = made(place.addresses, mtu=300, make=make)
+    assert t.mtu == 300
+    for _ in range(2):
+        t.open()
+        place.take()
+        place.say(answer(("192.0.2.7", 8888), ("192.0.2.8", 8888)))
+        try:
+            assert t.receive(1000) == b"pong"
+        except OSError as error:
+            assert "no way" in str(error) and t.agent is None
+        t.close()
+    assert tried == ["192.0.2.7", "192.0.2.8", "closed"]
+
+
+def test_a_flood_of_nonsense_does_not_hold_a_program_up(place, made):
+    t = made(place.addresses)
+    t.open()
+    place.take()
+    place.say(*[b"nonsense"] * 64, answer(("127.0.0.1", 8888)))
+    turns = 1
+    while t.agent is None:
+        assert t.receive(0) is None
+        turns += 1
+        assert turns < 10
+    assert turns > 4

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.modem import AGENT, NETWORK, PASSWORD, FakeTime, Line, drain, link_up, until
 
-from uros.boards.air import Air
-from uros.boards.esp8266 import Esp8266
-from uros.boards.gs2200 import Gs2200
+from uros.boards.virtual.modems.esp8266 import Esp8266
+from uros.boards.virtual.modems.gs2200 import Gs2200
+from uros.boards.virtual.modems.radio_network import Air
 from uros.transport.esp8266 import Esp8266Transport
 from uros.transport.gs2200 import Gs2200Transport
 

@@ -1,6 +1,6 @@
 """CAN FD at the agent's end, over python-can: SocketCAN, and the adapters that python-can knows.
 
-The frames are those of :mod:`uros.transport.canboard`. A board is known by the identifier of its
+The frames are those of :mod:`uros.transport.can`. A board is known by the identifier of its
 frames, and answered under the same. An interface that is missing, down or unplugged is waited
 for, as serial devices are.
 """
@@ -14,7 +14,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any, Final
 
-from ...transport.canboard import MTU, can_frame
+from ...transport.can import MTU, can_frame
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
 from .tally import Tally
 from .worker import Worker

@@ -323,7 +323,7 @@ class PySerialPort:
             port.close()
 
     def read(self, size: int) -> bytes | None:
-        """See :class:`~uros.transport.stream.Port`."""
+        """See :class:`~uros.transport.serial.Port`."""
         data, self._waited = self._waited, b""
         if data:
             return data
@@ -332,7 +332,7 @@ class PySerialPort:
         return bytes(port.read(waiting)) if waiting else None
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """See :class:`~uros.transport.stream.Port`; what it does not take soon is lost."""
+        """See :class:`~uros.transport.serial.Port`; what it does not take soon is lost."""
         from serial import SerialTimeoutException
 
         try:

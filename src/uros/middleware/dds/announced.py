@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from ...qos import QoSProfile
 from . import announce, builtin, config, cyclone
-from .watched import Watched
+from .reader_listener import Watched
 
 if TYPE_CHECKING:
     from .middleware import DdsMiddleware

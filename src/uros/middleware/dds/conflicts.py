@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from . import builtin
-from .watched import Watched
+from .reader_listener import Watched
 
 if TYPE_CHECKING:
     from .middleware import DdsMiddleware

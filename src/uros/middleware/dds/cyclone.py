@@ -477,7 +477,7 @@ def write(writer: int, cdr: Bytes) -> bool:
 
 def write_disposed(writer: int, cdr: Bytes) -> bool:
     """:func:`write` with the status "disposed": Cyclone's readers take it as data, others as no
-    valid sample; see :mod:`~uros.middleware.dds.forms`."""
+    valid sample; see :mod:`~uros.middleware.dds.service_forms`."""
     code: int = _ddspy_writedispose(writer, _filled(cdr) if len(cdr) & 3 else cdr)
     return code == 0 or _refused(code)
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Final
 from ...qos import QoSProfile
 from . import announce, builtin, cyclone
 from .announced import Announced
-from .forms import OFFER
-from .watched import Watched
+from .reader_listener import Watched
+from .service_forms import OFFER
 
 if TYPE_CHECKING:
     from .middleware import DdsMiddleware

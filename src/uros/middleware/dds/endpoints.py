@@ -4,7 +4,7 @@ Services speak rmw_cyclonedds's format: request and reply carry, between the
 encapsulation header and the body, the client's 64-bit id and a 64-bit sequence
 number in the sample's byte order. What tells a client's two endpoints from
 another's is ``clientid=…`` (``serviceid=…``) in their USER_DATA. With endpoints
-of another form nothing is exchanged: see :mod:`~uros.middleware.dds.forms`.
+of another form nothing is exchanged: see :mod:`~uros.middleware.dds.service_forms`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Final
 from ... import names
 from ...qos import QoSProfile
 from ..base import Bytes, MiddlewareError, OnReady, Reader, Replier, Requester, Service, Writer
-from . import cyclone, forms
-from .watched import Watched
+from . import cyclone, service_forms
+from .reader_listener import Watched
 
 if TYPE_CHECKING:
     from .middleware import DdsNode
@@ -115,7 +115,7 @@ class _ServiceWriter(DdsWriter):
 
 
 class DdsReader(Watched, Reader):
-    """``waits_for_offers``: see :mod:`~uros.middleware.dds.offers`."""
+    """``waits_for_offers``: see :mod:`~uros.middleware.dds.late_writer_heartbeat`."""
 
     __slots__ = ("_close", "guid", "participant", "qos", "type_name", "waits_for_offers")
     _may_wait = True
@@ -190,7 +190,7 @@ class _ServiceReader(DdsReader):
         data: bytes, mark: bytes,
     ) -> None:  # fmt: skip
         super().__init__(node, topic, type_name, qos, on_ready, data)
-        self._senders = forms.Senders(self.entity, mark)
+        self._senders = service_forms.Senders(self.entity, mark)
         self.refused = 0  # samples of others
 
     def take_parsed(self, limit: int) -> tuple[int, list[tuple[bytes, int, bytes]]]:
@@ -234,7 +234,7 @@ class DdsRequester(Requester):
         self._middleware, self._on_ready = node.middleware, on_ready
         self._name = _shown(service)
         self._reader = _ServiceReader(
-            node, service.reply_topic, service.reply_type, qos, on_ready, data, forms.SERVER
+            node, service.reply_topic, service.reply_type, qos, on_ready, data, service_forms.SERVER
         )
         try:
             self._writer = _ServiceWriter(
@@ -246,7 +246,7 @@ class DdsRequester(Requester):
         entity = self._writer.entity
         self._client = struct.pack("<Q", cyclone.instance_handle(entity))
         self._sequence = 0
-        self._servers = forms.Servers(entity)
+        self._servers = service_forms.Servers(entity)
         cyclone.wake_on(entity, cyclone.STATUS_PUBLICATION_MATCHED)
         self._matching: Watched | None = Watched(node.middleware, entity, self._matched)
 
@@ -312,7 +312,7 @@ class DdsReplier(Replier):
         try:
             self._reader = _ServiceReader(
                 node, service.request_topic, service.request_type, qos, on_ready, data,
-                forms.CLIENT,
+                service_forms.CLIENT,
             )  # fmt: skip
         except BaseException:
             self._writer.close()

@@ -15,7 +15,7 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from . import announce, cyclone
-from .watched import Watched
+from .reader_listener import Watched
 
 if TYPE_CHECKING:
     from .middleware import DdsMiddleware

@@ -17,7 +17,7 @@ from typing import Final
 
 from ...qos import QoSProfile
 from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
-from ..wake import Wake
+from ..wakeup_fd import Wake
 from . import announce, config, cyclone
 from .announced import Announced, participant_of
 from .conflicts import TypeWatch
@@ -25,10 +25,10 @@ from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 from .gids import GidWatch
 from .graph import PacedDiscovery
 from .hidden import HiddenNodes
-from .offers import Offers
+from .late_writer_heartbeat import Offers
 from .participant import MAX_NODES, SharedParticipant
+from .reader_listener import Watched
 from .shared import Shared
-from .watched import Watched
 
 # Attack: a node in each of the 233 domains. Each costs five threads and six descriptors, and is
 # not left before the end; 1024 descriptors are what a process has mostly.
@@ -209,7 +209,7 @@ class DdsMiddleware(Middleware):
 
     def expect_offers(self, participant: SharedParticipant) -> None:
         """A reliable reader is about to be made: from now on see to it that writers of its
-        domain do not let it wait; see :mod:`~uros.middleware.dds.offers`."""
+        domain do not let it wait; see :mod:`~uros.middleware.dds.late_writer_heartbeat`."""
         if participant.domain not in self._offers:
             self._offers[participant.domain] = Offers(self, participant)
 

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from ..base import MiddlewareError, OnReady
-from ..wake import Wake
+from ..wakeup_fd import Wake
 from . import rcl
 
 

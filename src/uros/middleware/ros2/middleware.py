@@ -7,7 +7,7 @@ from typing import Any
 
 from ...qos import QoSProfile
 from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
-from ..wake import Wake
+from ..wakeup_fd import Wake
 from . import rcl
 from .domain import RosDomain
 from .endpoints import Ros2Reader, Ros2Replier, Ros2Requester, Ros2Writer

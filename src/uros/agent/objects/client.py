@@ -1,0 +1,543 @@
+"""One client: its session, its objects, and the rules of creating them.
+
+Creating an object whose id exists (XRCE 7.8.3, table 7):
+
+=========  ===========  ==========================================
+REUSE      REPLACE      outcome
+=========  ===========  ==========================================
+no         no           ERR_ALREADY_EXISTS
+no         yes          the old one is deleted, the new one made
+yes        no           OK_MATCHED if equal, else ERR_MISMATCH
+yes        yes          OK_MATCHED if equal, else replaced
+=========  ===========  ==========================================
+
+Equal means the same specification, in whichever format it came. An object
+outlives its parent as a number, as with the C++ agent, so that a client may
+delete in any order; its endpoint does not outlive the participant. An object
+that lost its endpoint so is made anew where it would be reused.
+
+Types and QoS profiles are only kept, for others to name; an application is
+made and deleted with all entities it lists.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+from ...middleware.base import Middleware, MiddlewareError
+from ...wire import data, entities, ids
+from ...wire import session as messages
+from ...wire.cdr import Reader
+from ...wire.errors import DecodeError
+from ...wire.streams import ticks_diff
+from ..clock import wall_clock
+from ..log import INFO, TRACE, WARNING, Log, RateLimit
+from ..policy.limits import Limits, TooMany
+from ..policy.memory_budget import CLIENT_BYTES, OBJECT_BYTES, Budget
+from ..policy.rules import Control, NameRefused
+from ..policy.time_budget import Closing, Pace
+from ..session.delivery import Delivery
+from ..session.session import Session
+from . import representation
+from .endpoints import (
+    ReaderEndpoint,
+    ReadingEndpoint,
+    ReplierEndpoint,
+    RequesterEndpoint,
+    WriterEndpoint,
+)
+from .factory import Maker
+from .kinds import KIND_NAMES, key_label, object_label, parent_id
+from .object_info import send_info
+from .object_table import Known, Taken, XrceObject, broken, check_room
+from .representation import UnknownReference
+from .ros_graph import GraphEndpoint, Graphs
+from .xml_profiles import ProfileError, References
+
+if TYPE_CHECKING:
+    from ..persistence.session_store import Keeper
+
+
+class Surroundings(Protocol):
+    """What a client needs of the agent it belongs to."""
+
+    log: Log
+    faults: RateLimit
+    middleware: Middleware
+    references: References
+    graphs: Graphs
+    control: Control
+    limits: Limits
+    budget: Budget
+    pace: Pace
+    closing: Closing
+    keeper: Keeper | None
+    domain_of_agent: int
+    domain_override: int | None
+    wake_at: Callable[[float, Callable[[], None]], None]
+
+    def address(self, key: int) -> str:
+        """Where a client talks from, as a person reads it."""
+
+    def delete_client(self, key: int) -> bool:
+        """Forget a client; whether there was one."""
+
+    def attend(self, session: Session) -> None:
+        """The session has something to send, or a new deadline."""
+
+    def now(self) -> int:
+        """Milliseconds modulo 2^30."""
+
+    def failed(self, error: Exception) -> None:
+        """Tell of an error that nobody expects."""
+
+
+class Client:
+    """See the module."""
+
+    def __init__(
+        self, agent: Surroundings, key: int, session_id: int, mtu: int,
+        certificate: str | None = None,
+    ) -> None:  # fmt: skip
+        self.key = key
+        self.certificate = certificate  # what it has shown, see ServerTransport.certificate_of
+        self.session = Session(key, session_id, mtu, self, agent.budget, agent.limits.message)
+        self.objects: dict[int, XrceObject] = {}
+        self.born = time.monotonic()
+        # The client's own time minus ours, in seconds, when its last TIMESTAMP came.
+        self.clock_offset: float | None = None
+        self._agent = agent
+        self._known = Known(self.objects, agent.references)
+        self._maker = Maker(agent, self.objects, self._known)
+        self._kept = 0  # bytes of all representations
+        self._account = agent.pace.account()
+
+    # --- what the session reports ---------------------------------------------
+
+    def submessage(self, kind: int, flags: int, stream: int, payload: memoryview) -> bool:
+        """See :class:`~uros.agent.session.handler.Handler`."""
+        r = Reader(payload, 0, len(payload), bool(flags & ids.FLAG_LITTLE_ENDIAN))
+        if kind == ids.WRITE_DATA:
+            return self._write_data(flags, stream, payload)
+        if kind == ids.READ_DATA:
+            self._read_data(r)
+        elif kind in (ids.CREATE, ids.DELETE):
+            # A farewell is never put off: what it leaves behind is closed in slices.
+            if not self._account.open() and not _is_farewell(kind, payload):
+                return False
+            try:
+                if kind == ids.CREATE:
+                    self._create(r, flags, stream)
+                else:
+                    self._delete(r, stream)
+            finally:
+                self._account.close()
+        elif kind == ids.GET_INFO:
+            self._get_info(r, stream)
+        elif kind == ids.TIMESTAMP:
+            self._timestamp(r)
+        elif kind == ids.INFO or (kind == ids.CREATE_CLIENT and not payload):
+            # The answer to a probe: being heard is all it is for. C clients leave out its
+            # submessage header, and what stands there instead is zeros.
+            pass
+        else:
+            raise DecodeError(f"submessage {kind} is not for an agent")
+        return True
+
+    def room(self, stream: int) -> None:
+        now = self._agent.now()
+        for thing in self.objects.values():
+            if thing.delivery is not None and thing.delivery.stream_id == stream:
+                self._pump(thing, now)
+
+    def fault(self, what: str, about: str) -> None:
+        times = self._agent.faults.times(f"{self.key:08X} {what}")
+        if times is not None:
+            self.log(WARNING, "Session", "receive", what, f"{about}{times}")
+
+    def many_fragments(self, size: int, count: int) -> None:
+        """See :class:`~uros.agent.session.handler.Handler`."""
+        self.log(
+            INFO, "Session", "send", "large message",
+            f"{size} bytes in {count} fragments (a C client needs a history that holds them:"
+            " RMW_UXRCE_STREAM_HISTORY)",
+        )  # fmt: skip
+
+    def held(self) -> int:
+        """Bytes that the agent holds for it; see :mod:`~uros.agent.policy.memory_budget`."""
+        own = CLIENT_BYTES + self._kept + OBJECT_BYTES * len(self.objects)
+        unread = sum(
+            thing.endpoint.unread for thing in self.objects.values() if thing.endpoint is not None
+        )
+        return own + unread + self.session.held()
+
+    def heard(self) -> int:
+        """When it was heard last."""
+        return self.session.heard
+
+    def next_deadline(self) -> int | None:
+        """When :meth:`poll` has something to do, or None."""
+        deadline = self.session.next_deadline()
+        for thing in self.objects.values():
+            if thing.delivery is not None:
+                at = thing.delivery.next_deadline()
+                if at is not None and (deadline is None or ticks_diff(at, deadline) < 0):
+                    deadline = at
+        return deadline
+
+    def poll(self, now: int) -> None:
+        """Do what is due."""
+        self.session.poll(now)
+        for thing in self.objects.values():
+            if thing.delivery is not None and thing.delivery.next_deadline() is not None:
+                self._pump(thing, now)
+
+    def close(self) -> None:
+        """Delete all objects, endpoints before participants."""
+        for thing in reversed(list(self.objects.values())):
+            self.close_object(thing)
+        self.objects.clear()
+        self.session.writers.clear()
+        self.session.end()
+
+    # --- CREATE and DELETE -----------------------------------------------------
+
+    def _create(self, r: Reader, flags: int, stream: int) -> None:
+        request_id, object_id, kind, form, content, parent = entities.pull_create(r)
+        try:
+            status = self._create_object(
+                object_id, kind, form, content, parent, r.little, flags
+            )
+        except UnknownReference as error:
+            status = ids.STATUS_ERR_UNKNOWN_REFERENCE
+            self._refused(kind, object_id, str(error))
+        except NameRefused as error:
+            status = ids.STATUS_ERR_DENIED
+            self._refused(kind, object_id, str(error))
+        except (DecodeError, ProfileError) as error:
+            status = ids.STATUS_ERR_INVALID_DATA
+            self._refused(kind, object_id, f"{error}{_hint(str(error))}")
+        except TooMany as error:
+            status = ids.STATUS_ERR_RESOURCES
+            self._refused(kind, object_id, str(error))
+        except Taken as error:
+            status = ids.STATUS_ERR_ALREADY_EXISTS
+            self._refused(kind, object_id, str(error))
+        except MiddlewareError as error:
+            status = ids.STATUS_ERR_DDS_ERROR
+            self._refused(kind, object_id, str(error))
+        except Exception as error:  # the client hears of it, and waits for no answer
+            status = ids.STATUS_ERR_DDS_ERROR
+            self._agent.failed(error)
+        self._status(request_id, object_id, status, stream)
+
+    def _refused(self, kind: int, object_id: int, why: str) -> None:
+        times = self._agent.faults.times(f"{self.key:08X} {object_id:04X} {why[:80]}")
+        if times is None:
+            return  # a board may try again and again, as fast as it can
+        name = KIND_NAMES.get(kind, f"kind {kind}")
+        self.log(
+            WARNING, "ProxyClient", f"create_{name}", f"{name} refused",
+            f"object_id: {object_label(object_id)}, {why}{times}",
+        )  # fmt: skip
+
+    def _create_object(
+        self,
+        object_id: int,
+        kind: int,
+        form: int,
+        content: str | bytes,
+        parent: int,
+        little: bool,
+        flags: int,
+    ) -> int:
+        if kind not in KIND_NAMES:
+            raise DecodeError(f"objects of kind {kind} cannot be created")
+        spec = representation.parse(
+            kind, form, content, parent, little, self._known, self._agent.middleware.any_name
+        )
+        thing = XrceObject(
+            object_id, parent_id(kind, parent), spec, representation=(form, content, parent)
+        )
+        old = self.objects.get(object_id)
+        if old is not None:
+            reuse, replace = flags & ids.FLAG_REUSE, flags & ids.FLAG_REPLACE
+            if not reuse and not replace:
+                return ids.STATUS_ERR_ALREADY_EXISTS
+            if reuse and not broken(old, self.objects):
+                if old.spec == spec and old.parent == thing.parent:
+                    return ids.STATUS_OK_MATCHED
+                if not replace:
+                    return ids.STATUS_ERR_MISMATCH
+            self._forget(old)
+        limits = self._agent.limits
+        check_room(self.objects, [kind], limits)
+        if self._kept + thing.kept > limits.representations:
+            raise TooMany(f"over {limits.representations} bytes of representations")
+        if not self._agent.budget.admit(OBJECT_BYTES + thing.kept):
+            raise TooMany("the memory for all clients is used up (see --max-memory)")
+        about = self._maker.make(self, thing)
+        self.objects[object_id] = thing
+        self._kept += thing.kept
+        if self._agent.keeper is not None:
+            self._agent.keeper.created(self, thing, (form, content, kind, parent, little))
+        name = KIND_NAMES[kind]
+        self.log(
+            INFO, "ProxyClient", f"create_{name}", f"{name} created",
+            f"{name}_id: {object_label(object_id)}{about}",
+        )  # fmt: skip
+        return ids.STATUS_OK
+
+    def limited(self, thing: XrceObject, why: str) -> None:
+        """What the client writes to the object is over a limit of the owner's."""
+        self.fault("message too large", f"{object_label(thing.object_id)}, {why}")
+
+    def on_ready(self, thing: XrceObject) -> Callable[[], None]:
+        """What its endpoint calls when it has something to read."""
+        def ready() -> None:
+            endpoint = thing.endpoint
+            backlog = endpoint.backlog if isinstance(endpoint, ReadingEndpoint) else None
+            if backlog is not None:
+                backlog.empty = False
+            if thing.delivery is not None:
+                self._pump(thing, self._agent.now())
+                self._agent.attend(self.session)
+            if backlog is not None and not backlog.empty and backlog.look():
+                self._agent.wake_at(0.0, ready)  # others have their turn first
+
+        return ready
+
+    def on_refusal(self, thing: XrceObject) -> Callable[[list[int], str], None]:
+        """What its requester calls for requests that nobody will answer, with the reason. C clients
+        pass a STATUS over that they do not wait for, and the C++ agent sends none."""
+        def refused(request_ids: list[int], why: str) -> None:
+            self.fault("request refused", f"{object_label(thing.object_id)}, {why}")
+            for request_id in request_ids:
+                self._status(
+                    request_id, thing.object_id, ids.STATUS_ERR_DDS_ERROR, ids.STREAM_RELIABLE
+                )
+            self._agent.attend(self.session)
+
+        return refused
+
+    def on_dropped(self, thing: XrceObject) -> Callable[[str], None]:
+        """What its endpoint calls when samples that wait for the client are too many."""
+        return lambda why: self.fault("samples dropped", f"{object_label(thing.object_id)}, {why}")
+
+    def _delete(self, r: Reader, stream: int) -> None:
+        request_id, object_id = messages.pull_request(r)
+        if object_id & 0x0F == ids.KIND_CLIENT:
+            known = self._agent.delete_client(self.key)
+            status = ids.STATUS_OK if known else ids.STATUS_ERR_UNKNOWN_REFERENCE
+            self.session.answer(
+                ids.STATUS, ids.STREAM_NONE, self._agent.now(),
+                lambda w: messages.push_status(w, request_id, object_id, status),
+            )  # fmt: skip
+            return
+        thing = self.objects.get(object_id)
+        if thing is None:
+            status = ids.STATUS_ERR_UNKNOWN_REFERENCE
+        else:
+            status = ids.STATUS_OK
+            self._forget(thing)
+            self.log(
+                INFO + 1, "ProxyClient", "delete_object", "object deleted",
+                f"object_id: 0x{object_id:04X}",
+            )  # fmt: skip
+        self._status(request_id, object_id, status, stream)
+
+    def recreate(
+        self, object_id: int, form: int, content: str | bytes, kind: int, parent: int, little: bool
+    ) -> None:
+        """Make an object of before the agent's start again. Raises what making it raises."""
+        self._create_object(object_id, kind, form, content, parent, little, 0)
+
+    def _forget(self, thing: XrceObject) -> None:
+        if self._agent.keeper is not None:
+            self._agent.keeper.deleted(self, thing.object_id)
+        self.close_object(thing)
+        self._kept -= thing.kept
+        del self.objects[thing.object_id]
+
+    def close_object(self, thing: XrceObject) -> None:
+        """Close what the object stands for, and the parts of an application; it stays known."""
+        for part in reversed(thing.parts):
+            if self.objects.get(part.object_id) is part:
+                self._forget(part)
+        thing.parts = []
+        thing.delivery = None
+        self.session.writers.pop(thing.object_id, None)
+        if thing.endpoint is not None:
+            if thing.endpoint.unread:
+                self._agent.budget.freed = True
+            self._agent.closing.add(thing.endpoint.close)
+            thing.endpoint = None
+        node, thing.node = thing.node, None
+        if node is not None and thing.kind == ids.KIND_PARTICIPANT:
+            for child in self.objects.values():
+                if child.node is node:
+                    self.close_object(child)
+            self._agent.closing.add(node.close)
+
+    # --- data ------------------------------------------------------------------
+
+    def _write_data(self, flags: int, stream: int, payload: memoryview) -> bool:
+        """Requests, replies, and what the session's hot path did not take."""
+        if len(payload) < data.REQUEST_SIZE:
+            raise DecodeError(f"WRITE_DATA of {len(payload)} bytes")
+        object_id = payload[2] << 8 | payload[3]
+        if flags & ids.FORMAT_MASK:
+            what = f"data format 0x{flags & ids.FORMAT_MASK:02X} is not supported: send FORMAT_DATA"
+            self.fault("unsupported WRITE_DATA", f"{object_label(object_id)}, {what}")
+            request_id = payload[0] << 8 | payload[1]
+            self._status(request_id, object_id, ids.STATUS_ERR_INVALID_DATA, stream)
+            return True
+        thing = self.objects.get(object_id)
+        if thing is not None and isinstance(thing.endpoint, (RequesterEndpoint, ReplierEndpoint)):
+            write = thing.settings.limited(
+                partial(thing.endpoint.write, flags), lambda why: self.limited(thing, why)
+            )
+            try:
+                return write(payload)
+            except MiddlewareError as error:
+                self.fault("middleware error", str(error))
+                return True
+        if object_id in self.session.writers:
+            raise DecodeError(f"WRITE_DATA of {len(payload)} bytes, without a sample")
+        self.fault("unknown object", f"WRITE_DATA to {object_label(object_id)}")
+        return True
+
+    def _read_data(self, r: Reader) -> None:
+        request_id, object_id, stream_id, data_format, content_filter, control = (
+            data.pull_read_data(r)
+        )
+        thing = self.objects.get(object_id)
+        status = ids.STATUS_OK
+        if thing is None or thing.endpoint is None or isinstance(thing.endpoint, WriterEndpoint):
+            status = ids.STATUS_ERR_UNKNOWN_REFERENCE
+        elif content_filter or data_format & ids.FORMAT_MASK:
+            status = ids.STATUS_ERR_INVALID_DATA
+            self.fault(
+                "unsupported READ_DATA",
+                "content filters and formats other than FORMAT_DATA are not supported",
+            )
+        if status != ids.STATUS_OK:
+            self._status(request_id, object_id, status, ids.STREAM_RELIABLE)
+            return
+        assert thing is not None
+        assert thing.endpoint is not None and not isinstance(thing.endpoint, WriterEndpoint)
+        if control is not None and control[0] == 0:
+            thing.delivery = None
+            if self._agent.keeper is not None:
+                self._agent.keeper.reading(self, object_id, None)
+            # C clients wait a second for this and the C++ agent never sends it;
+            # best effort, so that the numbers of the reliable stream stay as there.
+            self._status(request_id, object_id, ids.STATUS_OK, ids.STREAM_BEST_EFFORT)
+            return
+        self._deliver(thing, thing.endpoint, request_id, stream_id, control)
+
+    def _deliver(
+        self,
+        thing: XrceObject,
+        source: ReaderEndpoint | RequesterEndpoint | ReplierEndpoint | GraphEndpoint,
+        request_id: int,
+        stream_id: int,
+        control: tuple[int, int, int, int] | None,
+    ) -> None:
+        now = self._agent.now()
+        if isinstance(source, GraphEndpoint):
+            source.anew()
+        thing.delivery = Delivery(
+            self.session, source, request_id, thing.object_id, stream_id, control, now
+        )
+        if self._agent.keeper is not None:
+            self._agent.keeper.reading(self, thing.object_id, (request_id, stream_id, control))
+        self._pump(thing, now)
+
+    def read(
+        self, object_id: int, request_id: int, stream_id: int,
+        control: tuple[int, int, int, int] | None,
+    ) -> bool:  # fmt: skip
+        """Go on with a READ_DATA of before the agent's start; whether there is what it reads."""
+        thing = self.objects.get(object_id)
+        if thing is None or thing.endpoint is None or isinstance(thing.endpoint, WriterEndpoint):
+            return False
+        self._deliver(thing, thing.endpoint, request_id, stream_id, control)
+        return True
+
+    def _pump(self, thing: XrceObject, now: int) -> None:
+        delivery = thing.delivery
+        if delivery is None:
+            return
+        try:
+            delivery.pump(now)
+        except (DecodeError, MiddlewareError) as error:
+            # The middleware calls us for all clients in turn: theirs must not fail with ours.
+            thing.delivery = None
+            self.fault("delivery ended", f"{object_label(thing.object_id)}, {error}")
+            return
+        except Exception as error:  # likewise
+            thing.delivery = None
+            self._agent.failed(error)
+            return
+        if delivery.finished(now):
+            thing.delivery = None
+
+    # --- the rest --------------------------------------------------------------
+
+    def _get_info(self, r: Reader, stream: int) -> None:
+        request_id, object_id, mask = messages.pull_get_info(r)
+        if object_id != ids.OBJECT_AGENT:
+            send_info(
+                self.session, self.objects.get(object_id), request_id, object_id, mask, stream,
+                self._agent.now(),
+            )  # fmt: skip
+            return
+        # Whatever the mask, as the C++ agent: it is the ping of eProsima's clients.
+        self.session.answer(
+            ids.INFO, ids.STREAM_NONE, self._agent.now(),
+            lambda w: messages.push_info(w, request_id, object_id, ids.STATUS_OK, 1, []),
+        )  # fmt: skip
+
+    def _timestamp(self, r: Reader) -> None:
+        received = wall_clock()
+        originate = messages.pull_timestamp(r)
+        self.clock_offset = (
+            originate[0] - received[0] + (originate[1] - received[1]) / 1_000_000_000
+        )
+        self.session.answer(
+            ids.TIMESTAMP_REPLY, ids.STREAM_NONE, self._agent.now(),
+            lambda w: messages.push_timestamp_reply(
+                w, wall_clock(), received, originate
+            ),
+        )  # fmt: skip
+
+    def _status(self, request_id: int, object_id: int, status: int, stream: int) -> None:
+        """Answer on the built-in stream of the same kind as the request's, as the C++ agent."""
+        reliable = stream >= ids.STREAM_RELIABLE
+        self.session.answer(
+            ids.STATUS, ids.STREAM_RELIABLE if reliable else ids.STREAM_BEST_EFFORT,
+            self._agent.now(),
+            lambda w: messages.push_status(w, request_id, object_id, status),
+        )  # fmt: skip
+
+    def log(self, level: int, part: str, function: str, what: str, about: str) -> None:
+        """A line about this client."""
+        if level <= self._agent.log.level <= TRACE:
+            self._agent.log(
+                level, part, function, what, f"client_key: {key_label(self.key)}, {about}"
+            )
+
+
+def _is_farewell(kind: int, payload: memoryview) -> bool:
+    return kind == ids.DELETE and len(payload) >= 4 and payload[3] & 0x0F == ids.KIND_CLIENT
+
+
+def _hint(error: str) -> str:
+    """C clients cut what their buffers do not hold, and send what is left."""
+    if error.startswith("truncated") or "unclosed" in error:
+        return " (did the client cut it? shorten its names, or raise RMW_UXRCE_REF_BUFFER_LENGTH)"
+    return ""

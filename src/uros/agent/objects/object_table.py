@@ -1,0 +1,115 @@
+"""A client's objects: what is kept of them, their names, and where references are looked up."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from ...middleware.base import Node
+from ...wire import ids
+from ..policy.limits import Limits, TooMany
+from ..policy.rules import NOTHING, Settings
+from ..session.delivery import Delivery
+from .endpoints import ReaderEndpoint, ReplierEndpoint, RequesterEndpoint, WriterEndpoint
+from .kinds import WITH_NODE
+from .representation import QosProfileSpec, Spec, TypeSpec
+from .ros_graph import GraphEndpoint
+from .xml_profiles import Profile, References
+
+Endpoint = ReaderEndpoint | RequesterEndpoint | ReplierEndpoint | GraphEndpoint | WriterEndpoint
+
+# The number of an application's first entity that has none of its own: beyond what 12 bits name.
+UNNAMED: Final = 0x1000
+
+
+def check_room(objects: Mapping[int, XrceObject], kinds: list[int], limits: Limits) -> None:
+    """Raises TooMany where a client with these objects may not have such ones as well."""
+    if len(objects) + len(kinds) > limits.objects:
+        raise TooMany(f"over {limits.objects} objects (see --max-objects)")
+    new = kinds.count(ids.KIND_PARTICIPANT)
+    if new and limits.participants < new + sum(
+        it.kind == ids.KIND_PARTICIPANT for it in objects.values()
+    ):
+        raise TooMany(f"over {limits.participants} participants")
+
+
+def broken(thing: XrceObject, objects: Mapping[int, XrceObject]) -> bool:
+    """Whether what the object stood for, or a part of it, was deleted."""
+    return thing.orphaned or any(
+        objects.get(it.object_id) is not it or it.orphaned for it in thing.parts
+    )
+
+
+@dataclass(eq=False)
+class XrceObject:
+    """An object of the client; ``node`` on participants and on what has an ``endpoint``."""
+
+    object_id: int
+    parent: int
+    spec: Spec
+    node: Node | None = None
+    endpoint: Endpoint | None = None
+    delivery: Delivery | None = None
+    settings: Settings = NOTHING  # its participant's
+    # What CREATE said: format, content, parent or domain. None: an application's part.
+    representation: tuple[int, str | bytes, int] | None = None
+    parts: list[XrceObject] = field(default_factory=list)  # of an application
+    # What an endpoint is on the network: (topic, type); a participant: (node, domain).
+    named: tuple[str, str] = ("", "")
+
+    @property
+    def kind(self) -> int:
+        return self.object_id & 0x0F
+
+    @property
+    def orphaned(self) -> bool:
+        """Whether its participant, and its endpoint with it, was deleted."""
+        return self.node is None and self.kind in WITH_NODE
+
+    @property
+    def kept(self) -> int:
+        """Bytes of the representation."""
+        return len(self.representation[1]) if self.representation is not None else 0
+
+
+class Taken(Exception):
+    """The object id of an application's entity is in use."""
+
+
+class Known:
+    """Where a client's references are looked up: its own objects, then the agent's files."""
+
+    def __init__(self, objects: Mapping[int, XrceObject], references: References) -> None:
+        self._objects = objects
+        self._references = references
+
+    def find(self, tag: str, name: str) -> Profile | None:
+        """See :class:`~uros.agent.objects.representation.Lookup`."""
+        if tag == "type":
+            for thing in self._objects.values():
+                if isinstance(thing.spec, TypeSpec) and name in thing.spec.names:
+                    return Profile(type_name=name)
+        elif tag == "qos_profile":
+            for thing in self._objects.values():
+                if isinstance(thing.spec, QosProfileSpec) and name in thing.spec.named:
+                    return thing.spec.named[name]
+        return self._references.find(tag, name)
+
+
+_BAD_IN_NAME = re.compile(r"[^A-Za-z0-9_]")
+
+
+def node_name(given: str | None) -> tuple[str, str]:
+    """``(namespace, name)`` of the ROS node a participant's name stands for.
+
+    micro-ROS gives ``namespace/name``; characters that ROS names cannot have
+    become underscores, and no name at all becomes ``xrce_client``.
+    """
+    parts = [part for part in (given or "").split("/") if part]
+    clean = []
+    for part in parts or ["xrce_client"]:
+        word = _BAD_IN_NAME.sub("_", part)
+        clean.append("_" + word if word[0].isdigit() else word)
+    return "/" + "/".join(clean[:-1]), clean[-1]

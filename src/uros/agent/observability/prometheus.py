@@ -1,0 +1,258 @@
+"""``--metrics``: what an agent counts, for Prometheus, over HTTP.
+
+Threads serve HTTP (:mod:`uros.http_server`). For each scrape one asks the server's thread for a
+snapshot, which is made between what boards want, and makes the metrics of it. Boards have the label
+``key``; those beyond the first :data:`MAX_SERIES` are one, ``key="other"``, because each label is a
+series that Prometheus keeps for weeks.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+from ... import __version__
+from ...http_server import Handler, HttpServer
+from ...printable import printable
+from ..log import unexpected
+from ..transports.base import ERROR, INFO, TransportError
+from ..transports.ip import address_trouble, bind_trouble, text_of
+from .snapshot import gather
+
+if TYPE_CHECKING:
+    from prometheus_client import Metric
+
+    from ..server import Server
+
+# Attack: a fleet of boards that change their keys.
+MAX_SERIES: Final = 200
+OTHER: Final = "other"
+# Attack: scrapes without end. Answered at a time; the others wait.
+MAX_SCRAPES: Final = 4
+# How long a snapshot is waited for, in seconds: the agent may hang in its middleware.
+PATIENCE: Final = 2.0
+# Between metrics, so that the server's thread need not fight for the GIL: two hundred boards are
+# some ten milliseconds of work.
+_BREATH: Final = 0.0005
+_STRANGER: Final = (
+    "ask by this machine's address, such as http://127.0.0.1, or by the name that the agent was"
+    " given: --metrics NAME:PORT\n"
+)
+_NOT_INSTALLED: Final = (
+    "--metrics needs prometheus_client, which is not installed: python -m pip install"
+    " prometheus_client"
+)
+
+# (name, what it is, counter or gauge, where in a client's part of the snapshot)
+_CLIENT: Final = (
+    ("received_messages", "Messages from the board", True, ("received", "messages")),
+    ("received_bytes", "Bytes of these messages", True, ("received", "bytes")),
+    ("lost_messages", "Best-effort messages of the board that never came, by their numbers",
+     True, ("received", "lost")),
+    ("given_up_messages", "Long messages of which the board sent the first fragments only",
+     True, ("received", "given_up")),
+    ("sent_messages", "Messages to the board", True, ("sent", "messages")),
+    ("sent_bytes", "Bytes of these messages", True, ("sent", "bytes")),
+    ("resent_messages", "Messages that were sent to the board again", True, ("sent", "resent")),
+    ("dropped_messages", "Messages that found no room, on best-effort streams",
+     True, ("sent", "dropped")),
+    ("unacknowledged_messages", "Messages that the board has not acknowledged",
+     False, ("queues", "unacknowledged")),
+    ("stalled_messages", "Messages of the board that wait for room in the network",
+     False, ("queues", "stalled")),
+    ("early_messages", "Messages of the board that wait for one before them",
+     False, ("queues", "early")),
+    ("fragment_bytes", "Bytes of messages that are not whole yet", False, ("queues", "fragments")),
+)  # fmt: skip
+_TRANSPORT: Final = (
+    ("received_messages", "Messages that came, whosever they are", "messages"),
+    ("received_bytes", "Bytes of these messages", "bytes"),
+    ("frames", "Sound frames for the agent", "frames"),
+    ("crc_errors", "Whole frames that are not sound", "crc_errors"),
+    ("foreign_frames", "Sound frames for somebody else", "foreign"),
+    ("skipped_bytes", "Bytes outside of sound frames", "skipped"),
+    ("malformed_messages", "Messages or frames that cannot be", "malformed"),
+    ("dropped_messages", "Messages that the line did not take", "dropped"),
+    ("refused_connections", "Connections that were refused", "refused"),
+)
+
+
+def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
+    """The metrics of a snapshot."""
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+
+    info = GaugeMetricFamily(
+        "uros_agent_info", "The agent, always 1", labels=["version", "middleware"]
+    )
+    info.add_metric([__version__, _label(snapshot["middleware"])], 1)
+    yield info
+    uptime = "Seconds since the agent was started"
+    yield GaugeMetricFamily("uros_agent_uptime_seconds", uptime, value=snapshot["uptime"])
+    clients: list[dict[str, Any]] = snapshot["clients"]
+    yield GaugeMetricFamily("uros_clients", "Boards with a session", value=len(clients))
+    yield GaugeMetricFamily(
+        "uros_refused_clients", "Client keys that were refused lately",
+        value=len(snapshot["refused"]),
+    )  # fmt: skip
+
+    transports = [
+        ([it["name"], _label(it["label"])], it) for it in snapshot["transports"]
+    ]
+    for name, about, field in _TRANSPORT:
+        family = CounterMetricFamily(
+            f"uros_transport_{name}", about, labels=["transport", "where"]
+        )
+        for labels, it in transports:
+            if field in it:
+                family.add_metric(labels, it[field])
+        if family.samples:
+            yield family
+    connections = GaugeMetricFamily(
+        "uros_transport_connections", "Open connections", labels=["transport", "where"]
+    )
+    for labels, it in transports:
+        if "connections" in it:
+            connections.add_metric(labels, it["connections"])
+    yield connections
+
+    about = "Where a board is and what it says it is, always 1"
+    info = GaugeMetricFamily(
+        "uros_client_info", about, labels=["key", "transport", "address", "node"]
+    )
+    heard = GaugeMetricFamily(
+        "uros_client_silence_seconds", "Seconds since the board was heard", labels=["key"]
+    )
+    for it in clients[:MAX_SERIES]:
+        node = it["nodes"][0]["name"] if it["nodes"] else ""
+        info.add_metric([it["key"], it["transport"], _label(it["address"]), _label(node)], 1)
+        heard.add_metric([it["key"]], it["heard_ago"])
+    yield info
+    yield heard
+    for name, about, counter, (part, field) in _CLIENT:
+        make = CounterMetricFamily if counter else GaugeMetricFamily
+        each = make(f"uros_client_{name}", about, labels=["key"])
+        for it in clients[:MAX_SERIES]:
+            each.add_metric([it["key"]], it[part][field])
+        if len(clients) > MAX_SERIES:
+            each.add_metric([OTHER], sum(it[part][field] for it in clients[MAX_SERIES:]))
+        yield each
+
+
+def _label(text: str) -> str:
+    """A text that may be a client's, for who reads a graph's legend."""
+    return printable(text)
+
+
+class _Families:
+    """What prometheus_client calls a collector."""
+
+    def __init__(self, snapshot: dict[str, Any]) -> None:
+        self._snapshot = snapshot
+
+    def collect(self) -> Iterable[Metric]:
+        for family in families(self._snapshot):
+            yield family
+            time.sleep(_BREATH)
+
+
+def _page(snapshot: dict[str, Any], accept: str) -> tuple[bytes, str]:
+    """The metrics in the form that the asker accepts, and its name."""
+    from prometheus_client import CollectorRegistry, ProcessCollector
+    from prometheus_client.exposition import choose_encoder
+
+    registry = CollectorRegistry()
+    registry.register(_Families(snapshot))
+    ProcessCollector(registry=registry)
+    encode, form = choose_encoder(accept)
+    return encode(registry), form
+
+
+class Metrics:
+    """Attached to a server: serves HTTP at an address of this machine; port 0 is any."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.host = host
+        self.port = port
+        self._http: _Http | None = None
+
+    def open(self, server: Server) -> None:
+        """See :class:`~uros.agent.server.Attachment`."""
+        try:
+            import prometheus_client  # noqa: F401  here, and not at the first scrape
+        except ImportError as error:
+            raise TransportError(errno.ENOSYS, _NOT_INSTALLED) from error
+        try:
+            self._http = _Http(self.host, self.port, server)
+        except socket.gaierror as error:
+            text = f"--metrics: there is no host {self.host}: give an address of this machine"
+            raise TransportError(error.errno, text) from error
+        except OSError as error:
+            said = bind_trouble("TCP", self.port, error, "--metrics")
+            if error.errno == errno.EADDRNOTAVAIL:
+                said = address_trouble("TCP", self.host, self.port)
+            elif error.errno == errno.EADDRINUSE:
+                said = (
+                    f"--metrics: TCP port {self.port} is in use, perhaps by another agent: choose"
+                    " another, or 0 for any that is free"
+                )
+            raise TransportError(error.errno, said) from error
+        self.host, self.port = self._http.host, self._http.port
+        self._http.start()
+        url = f"http://{text_of((self.host, self.port))}/metrics"
+        server.note(INFO, "Metrics", "init", "running...", f"port: {self.port}, {url}")
+
+    def close(self) -> None:
+        """See :class:`~uros.agent.server.Attachment`."""
+        http, self._http = self._http, None
+        if http is not None:
+            http.close()
+
+
+class _Http(HttpServer):
+    def __init__(self, host: str, port: int, server: Server) -> None:
+        self.agent_server = server
+        super().__init__(host, port, _Handler, MAX_SCRAPES, _STRANGER, self._tell)
+
+    def _tell(self, error: Exception) -> None:
+        server, about = self.agent_server, unexpected(error)
+        server.soon(lambda: server.note(ERROR, "Metrics", "run", "internal error", about))
+
+    def snapshot(self) -> dict[str, Any] | None:
+        """Asked for in a thread of ours; None: the agent has not made it in time."""
+        made: list[str] = []
+        ready = threading.Event()
+        wanted = True
+
+        def done(text: str) -> None:
+            made.append(text)
+            ready.set()
+
+        server = self.agent_server
+        server.soon(lambda: gather(server, done, lambda: wanted))
+        if not ready.wait(PATIENCE):
+            wanted = False
+            return None
+        snapshot: dict[str, Any] = json.loads(made[0])
+        return snapshot
+
+
+class _Handler(Handler):
+    server: _Http
+
+    def do_GET(self) -> None:
+        if self.path.partition("?")[0] not in ("/", "/metrics"):
+            self._reply(404, b"the metrics are at /metrics\n")
+            return
+        snapshot = self.server.snapshot()
+        if snapshot is None:
+            self._reply(503, b"the agent is busy: its log may say with what\n")
+            return
+        self._reply(200, *_page(snapshot, self.headers.get("Accept") or ""))
+
+    def _reply(self, status: int, body: bytes, kind: str = "text/plain; charset=utf-8") -> None:
+        self.reply(status, body, kind)

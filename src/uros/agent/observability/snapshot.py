@@ -1,0 +1,274 @@
+"""What an agent's owner may see of it: transports, clients, who was refused, as one JSON object.
+
+It is made in the server's thread, in pieces, so that boards are served between them: one with
+four thousand clients has megabytes. What clients have chosen, names for one, is cut to a length.
+
+``clock_offset`` is the client's own time minus the agent's when its last TIMESTAMP came, and
+null before; a C client tells the time since its start there. ``rate`` is messages a second, over
+the last ``rate_over`` seconds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from ... import names
+from ...wire import ids
+from ...wire.streams import ticks_diff
+from ..objects.client import Client
+from ..objects.endpoints import WriterEndpoint
+from ..objects.kinds import KIND_NAMES, key_label, object_label
+from ..objects.object_table import Endpoint, XrceObject
+from ..transports.base import ServerTransport
+
+if TYPE_CHECKING:
+    from ..server import Server
+
+VERSION: Final = 1
+# Attack: names of 64 kB, and a client with 4096 objects.
+MAX_TEXT: Final = 200
+MAX_ENDPOINTS: Final = 256
+# Rates are over at least so many seconds, and at most twice as many.
+RATE_SECONDS: Final = 5.0
+# How long a piece of work on a snapshot takes, in seconds, before it is the boards' turn.
+SLICE: Final = 0.0003
+# Ticks go around: what was heard longer ago is told by the clock of the marks.
+_TICKS_MS: Final = 3_600_000
+
+
+class _Mark(NamedTuple):
+    """What a client's counters were."""
+
+    born: float
+    when: float
+    received: int
+    sent: int
+    heard: int
+    heard_at: float  # of time.monotonic, about
+
+
+# A session begins with a burst of CREATE messages; and a rate is over no less.
+_CREATING_SECONDS: Final = 1.0
+_LEAST_SECONDS: Final = 1.0
+
+
+class Rates:
+    """Remembers the counters of all clients, every :data:`RATE_SECONDS`."""
+
+    def __init__(self, clients: dict[int, Client]) -> None:
+        self._clients = clients
+        self._before: dict[int, _Mark] = {}
+        self._last: dict[int, _Mark] = {}
+
+    def mark(self, now: float) -> None:
+        """Remember the counters, and the ones before."""
+        marks = {}
+        for key, client in self._clients.items():
+            session = client.session
+            old = self._last.get(key)
+            same = old is not None and old.born == client.born and old.heard == session.heard
+            heard_at = old.heard_at if same and old is not None else now
+            marks[key] = _Mark(
+                client.born, now, session.received, session.sent, session.heard, heard_at
+            )
+        self._before, self._last = self._last, marks
+
+    def of(self, client: Client, now: float) -> tuple[float, float, float]:
+        """Messages a second that came and that went, and over how many seconds."""
+        since, received, sent = client.born, 0, 0
+        # The longer time first; a client that is in none of them is younger. What it creates when
+        # it comes is no rate.
+        for mark in (self._before.get(client.key), self._last.get(client.key)):
+            if (
+                mark is not None
+                and mark.born == client.born
+                and mark.when - client.born >= _CREATING_SECONDS
+                and now - mark.when >= _LEAST_SECONDS
+            ):
+                since, received, sent = mark.when, mark.received, mark.sent
+                break
+        over = max(now - since, 1e-3)
+        session = client.session
+        return (session.received - received) / over, (session.sent - sent) / over, over
+
+    def heard_ago(self, client: Client, now: float, ticks: int) -> float:
+        """Seconds since anything was heard of the client."""
+        mark = self._last.get(client.key)
+        if mark is not None and mark.born == client.born and mark.heard == client.session.heard:
+            ago = now - mark.heard_at
+            if ago * 1000 > _TICKS_MS:
+                return ago
+        return max(0, ticks_diff(ticks, client.session.heard)) / 1000
+
+
+def cut(text: str) -> str:
+    """A text of a client's, no longer than :data:`MAX_TEXT`."""
+    return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 3] + "..."
+
+
+def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
+    """The snapshot's JSON, on one line with its end, a piece a client.
+
+    Without ``rates``, they are over a client's life.
+    """
+    agent = server.agent
+    rates = rates or Rates(agent.clients)
+    yield _text(_head(server))[:-1] + ',"clients":['
+    comma = ""
+    for key in list(agent.clients):
+        client = agent.clients.get(key)
+        if client is not None:  # else it left meanwhile
+            yield comma + _text(_client(server, client, rates))
+            comma = ","
+    now = time.monotonic()
+    refused = [
+        {
+            "key": key_label(key), "why": cut(it.why), "address": cut(it.address),
+            "times": it.times, "ago": round(now - it.when, 3),
+        }
+        for key, it in list(agent.refusals.items())
+    ]  # fmt: skip
+    yield '],"refused":' + _text(refused) + "}\n"
+
+
+def snapshot(server: Server) -> dict[str, Any]:
+    """All of it at once, where boards may wait."""
+    made: dict[str, Any] = json.loads("".join(pieces(server)))
+    return made
+
+
+def gather(
+    server: Server, done: Callable[[str], None], wanted: Callable[[], bool]
+) -> None:
+    """Make one between what boards want, and give its JSON to ``done``; in the server's thread.
+
+    It stops where it is no longer ``wanted``.
+    """
+    made: list[str] = []
+    more = pieces(server)
+
+    def work() -> None:
+        end = time.monotonic() + SLICE
+        while wanted():
+            piece = next(more, None)
+            if piece is None:
+                done("".join(made))
+                return
+            made.append(piece)
+            if time.monotonic() >= end:
+                server.wake_at(0.0, work)
+                return
+
+    work()
+
+
+def _text(value: object) -> str:
+    return json.dumps(value, separators=(",", ":"))
+
+
+def _head(server: Server) -> dict[str, Any]:
+    agent = server.agent
+    return {
+        "version": VERSION,
+        "pid": os.getpid(),
+        "uptime": round(time.monotonic() - server.started, 3),
+        "middleware": agent.middleware.name,
+        "rss": resident_bytes(),
+        "cpu": round(time.process_time(), 3),
+        "fds": descriptors(),
+        "limits": dataclasses.asdict(agent.limits),
+        "transports": [_transport(it) for it in server.transports],
+    }
+
+
+def _transport(transport: ServerTransport) -> dict[str, Any]:
+    return {
+        "name": transport.name,
+        "kind": transport.kind,
+        "label": cut(transport.label()),
+        **transport.counters(),
+    }
+
+
+def _client(server: Server, client: Client, rates: Rates) -> dict[str, Any]:
+    agent, session = server.agent, client.session
+    transport, peer = agent.place(client.key)
+    now = time.monotonic()
+    rate_in, rate_out, over = rates.of(client, now)
+    unacknowledged, stalled, early, fragments = session.queues()
+    found = [it for it in client.objects.values() if it.endpoint is not None]
+    made = {
+        "key": key_label(client.key),
+        "session_id": f"0x{session.session_id:02X}",
+        "transport": transport.name,
+        "address": cut(transport.address(peer)),
+        "mtu": session.mtu,
+        "age": round(now - client.born, 3),
+        "heard_ago": round(rates.heard_ago(client, now, agent.now()), 3),
+        "nodes": [
+            {"name": cut(it.named[0]), "domain": int(it.named[1])}
+            for it in client.objects.values()
+            if it.kind == ids.KIND_PARTICIPANT and it.node is not None
+        ],
+        "objects": Counter(KIND_NAMES[it.kind] for it in client.objects.values()),
+        "received": {
+            "messages": session.received, "bytes": session.received_bytes, "lost": session.lost,
+            "given_up": session.given_up, "rate": round(rate_in, 2),
+        },
+        "sent": {
+            "messages": session.sent, "bytes": session.sent_bytes, "resent": session.resent,
+            "dropped": session.dropped, "rate": round(rate_out, 2),
+        },
+        "rate_over": round(over, 3),
+        "queues": {
+            "unacknowledged": unacknowledged, "stalled": stalled, "early": early,
+            "fragments": fragments,
+        },
+        "endpoints": [
+            _endpoint(it, it.endpoint) for it in found[:MAX_ENDPOINTS] if it.endpoint is not None
+        ],
+        "clock_offset": client.clock_offset,
+    }  # fmt: skip
+    if len(found) > MAX_ENDPOINTS:
+        made["endpoints_left_out"] = len(found) - MAX_ENDPOINTS
+    return made
+
+
+def _endpoint(thing: XrceObject, endpoint: Endpoint) -> dict[str, Any]:
+    topic, type_name = thing.named
+    if thing.kind in (ids.KIND_REQUESTER, ids.KIND_REPLIER):
+        shown = names.service_from_request(topic) or topic
+        type_name = names.service_type_from_dds(type_name)
+    else:
+        shown = names.topic_from_dds(topic) or topic
+        type_name = names.type_from_dds(type_name)
+    return {
+        "object": object_label(thing.object_id),
+        "kind": KIND_NAMES[thing.kind],
+        "topic": cut(shown),
+        "type": cut(type_name),
+        "samples": endpoint.written if isinstance(endpoint, WriterEndpoint) else endpoint.taken,
+    }
+
+
+def resident_bytes() -> int | None:
+    """Memory of this process that is in the machine's; None where that is not told."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def descriptors() -> int | None:
+    """How many descriptors this process has open; None where that is not told."""
+    try:
+        return len(os.listdir("/proc/self/fd")) - 1  # one of them is the look itself
+    except OSError:
+        return None

@@ -1,0 +1,433 @@
+"""What the agent's owner decides for clients: names, domain, QoS, limits.
+
+Rules come from a TOML file and from the command line. A rule says which
+clients it is for (by key, address, name of the node; every client where it
+says nothing) and what happens to them. All that match apply in their order,
+and what comes later wins::
+
+    [[client]]
+    node = "/turtle_*"
+    namespace = "/hall"
+
+    [[client]]
+    key = "0x4B0CBE99"
+    remap = { "/cmd_vel" = "/turtle1/cmd_vel" }
+    max_rate = 100
+    qos."/odom" = { reliability = "best_effort", depth = 1 }
+
+Names are ROS names, whatever prefix they have in DDS (``rt/``, ``rq/``, ``rr/`` and those that are
+reserved): a plain datawriter on one half of a service obeys what holds for the service. A name with
+such a prefix that ROS does not allow is refused. A name without one stays as it is, where no
+namespace is to stand before it: there it is refused, as it cannot be in a namespace.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from ipaddress import ip_address, ip_network
+from pathlib import Path
+from typing import Any, Final
+
+from ... import names
+from ...middleware.base import MAX_DOMAIN, Service
+from ...qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from .config_values import ControlError as ControlError
+from .config_values import key_of, listed, only, shown, table_of, whole
+
+Write = Callable[[memoryview], bool]
+
+# Names that mean the same for every robot: a namespace leaves them alone, remapping does not.
+GLOBAL: Final = frozenset(
+    {
+        "/clock",
+        "/diagnostics",
+        "/parameter_events",
+        "/ros_to_microros_graph",
+        "/rosout",
+        "/tf",
+        "/tf_static",
+    }
+)
+# Attack, or a slip: a file that is none of rules.
+MAX_FILE: Final = 1024 * 1024
+# How much of a second's messages may come at once under max_rate.
+_BURST: Final = 0.25
+_MAX_MS: Final = 0x7FFFFFFF
+_MAX_DEPTH: Final = 1_000_000
+
+_POLICIES: Final[dict[str, dict[str, int]]] = {
+    "reliability": {
+        "reliable": ReliabilityPolicy.RELIABLE,
+        "best_effort": ReliabilityPolicy.BEST_EFFORT,
+    },
+    "durability": {
+        "volatile": DurabilityPolicy.VOLATILE,
+        "transient_local": DurabilityPolicy.TRANSIENT_LOCAL,
+    },
+    "history": {"keep_last": HistoryPolicy.KEEP_LAST, "keep_all": HistoryPolicy.KEEP_ALL},
+    "liveliness": {
+        "automatic": LivelinessPolicy.AUTOMATIC,
+        "manual_by_topic": LivelinessPolicy.MANUAL_BY_TOPIC,
+    },
+}
+_NUMBERS: Final = {
+    "depth": (1, _MAX_DEPTH),
+    "deadline_ms": (1, _MAX_MS),
+    "lifespan_ms": (1, _MAX_MS),
+    "liveliness_lease_ms": (1, _MAX_MS),
+}
+_SELECTORS: Final = ("key", "address", "node")
+_ACTIONS: Final = ("domain", "namespace", "remap", "qos", "max_rate", "max_size")
+
+
+@dataclass
+class Rule:
+    """One rule. None and empty: it says nothing about that."""
+
+    keys: frozenset[int] = frozenset()
+    addresses: tuple[str, ...] = ()
+    nodes: tuple[str, ...] = ()
+    domain: int | None = None
+    namespace: str | None = None
+    remap: dict[str, str] = field(default_factory=dict)
+    qos: dict[str, dict[str, int]] = field(default_factory=dict)  # by patterns of topics
+    max_rate: float | None = None
+    max_size: int | None = None
+
+    def is_for(self, key: int, address: str) -> bool:
+        """:meth:`matches`, for some node."""
+        if self.keys and key not in self.keys:
+            return False
+        return not self.addresses or any(_is_at(address, it) for it in self.addresses)
+
+    def matches(self, key: int, address: str, node: str) -> bool:
+        """``address`` as the log shows it, ``node`` as the board names it."""
+        if not self.is_for(key, address):
+            return False
+        return not self.nodes or any(fnmatchcase(node, it) for it in self.nodes)
+
+
+class NameRefused(Exception):
+    """A topic, service or node may not have this name; the text says why, and the remedy."""
+
+
+class Settings:
+    """What the rules come to for one node of one client."""
+
+    def __init__(self, rules: list[Rule], clock: Callable[[], float] = time.monotonic) -> None:
+        self.any_name = False  # see Middleware.any_name; in a namespace they are ROS's all the same
+        self.domain: int | None = None
+        self.namespace = ""
+        self._remap: dict[str, str] = {}
+        self._qos: list[tuple[str, dict[str, int]]] = []
+        self._clock = clock
+        self.max_size: int | None = None
+        self.max_rate: float | None = None
+        for rule in rules:
+            self.domain = self.domain if rule.domain is None else rule.domain
+            self.namespace = self.namespace if rule.namespace is None else rule.namespace
+            self._remap.update(rule.remap)
+            self._qos.extend(rule.qos.items())
+            self.max_size = self.max_size if rule.max_size is None else rule.max_size
+            self.max_rate = self.max_rate if rule.max_rate is None else rule.max_rate
+        self._tokens = self._room = max(1.0, (self.max_rate or 0) * _BURST)
+        self._at = clock()
+
+    # --- names ------------------------------------------------------------------
+
+    @property
+    def remapped(self) -> frozenset[str]:
+        """The names that remappings lead to; no namespace stands before them."""
+        return frozenset(self._remap.values())
+
+    def node(self, namespace: str, name: str) -> tuple[str, str]:
+        """Where the node stands and what it is called. Raises NameRefused."""
+        whole = (self.namespace + namespace).rstrip("/") or "/"
+        why = "" if whole == "/" else names.fault(whole, names.MAX_NAMESPACE)
+        if not why and len(name) > names.MAX_NODE_NAME:
+            why = f"the name has {len(name)} characters, and {names.MAX_NODE_NAME} are the most"
+        if why and (self.namespace or not self.any_name):
+            raise NameRefused(f"node {_cut(names.join(whole, name))!a}: {why}")
+        return whole, name
+
+    def name(self, name: str, prefix: str = "rt") -> str:
+        """The name of a topic or service for the one that the board uses. ``prefix`` is that of
+        DDS: a service that is called as a topic of :data:`GLOBAL` is in the namespace."""
+        to = self._remap.get(name)
+        if to is None:
+            to = name if prefix == "rt" and name in GLOBAL else self.namespace + name
+        return to
+
+    def topic(self, dds_name: str) -> str:
+        """The DDS name of a topic, or of one half of a service, for the one that the board uses.
+
+        Raises NameRefused for what ROS does not allow behind its prefixes, and for what is no name
+        of ROS where the board is in a namespace.
+        """
+        found = names.split_dds(dds_name)
+        free = self.any_name and not self.namespace
+        if free and (found is None or names.fault(found[1])):
+            return self._remap.get(dds_name, dds_name)
+        if found is None:
+            if self.namespace:
+                raise NameRefused(
+                    f"topic {_cut(dds_name)!a} is no name of ROS (rt/…), and a rule puts this board"
+                    f" into the namespace {self.namespace}: name it rt/…, or take the board out of"
+                    " the rule"
+                )
+            if not 0 < len(dds_name) <= names.MAX_DDS_NAME:
+                raise NameRefused(
+                    f"topic {_cut(dds_name)!a}: it has {len(dds_name)} characters, and DDS has 1 to"
+                    f" {names.MAX_DDS_NAME}"
+                )
+            return dds_name
+        prefix, given, suffix = found
+        why = names.fault(given)
+        if why:
+            raise NameRefused(f"topic {_cut(dds_name)!a} is refused by the rules of ROS: {why}")
+        name = self.name(given, prefix)
+        why = names.fault(name)
+        if why:
+            raise NameRefused(
+                f"topic {_cut(dds_name)!a} would be {_cut(name)!a} by the agent's rules: {why}"
+            )
+        return f"{prefix}{name}{suffix}"
+
+    def service(self, service: Service) -> Service:
+        """The same for a service's pair of topics."""
+        return Service(
+            self.topic(service.request_topic),
+            service.request_type,
+            self.topic(service.reply_topic),
+            service.reply_type,
+        )
+
+    # --- QoS and limits ------------------------------------------------------------
+
+    def apply(self, qos: QoSProfile, dds_name: str) -> None:
+        """Set what the rules say of the topic that the board calls ``dds_name``."""
+        prefix, given, _ = names.split_dds(dds_name) or ("", names.absolute(dds_name), "")
+        called = {given, self.name(given, prefix)}
+        for pattern, fields in self._qos:
+            if any(fnmatchcase(it, pattern) for it in called):
+                for key, value in fields.items():
+                    setattr(qos, key, value)
+
+    def admits(self) -> bool:
+        """Whether one more message may pass now; it counts as passed then."""
+        if self.max_rate is None:
+            return True
+        now = self._clock()
+        self._tokens = min(self._room, self._tokens + (now - self._at) * self.max_rate)
+        self._at = now
+        if self._tokens < 1.0:
+            return False
+        self._tokens -= 1.0
+        return True
+
+    def limited(self, write: Write, refused: Callable[[str], None]) -> Write:
+        """``write`` under the limits. What is too large is dropped, and ``refused`` says so;
+        what is too much finds no room now, as with a slow network."""
+        if self.max_rate is None and self.max_size is None:
+            return write
+
+        def within_limits(sample: memoryview) -> bool:
+            if self.max_size is not None and len(sample) > self.max_size:
+                refused(f"{len(sample)} bytes are over max_size {self.max_size}")
+                return True
+            if not self.admits():
+                return False
+            if write(sample):
+                return True
+            self._tokens += 1.0  # it comes again
+            return False
+
+        return within_limits
+
+
+# Where no rule says anything.
+NOTHING: Final = Settings([])
+
+
+class Control:
+    """All rules, in order."""
+
+    def __init__(self) -> None:
+        self._rules: list[Rule] = []
+        # The tables [admission] of files, by name, as they are: see .admission.
+        self.admission: list[tuple[str, Any]] = []
+
+    def load(self, path: str | Path) -> int:
+        """Add a file's rules; how many. Raises ControlError naming the file."""
+        if sys.version_info >= (3, 11):
+            import tomllib
+        else:
+            import tomli as tomllib
+        try:
+            with Path(path).open("rb") as file:
+                raw = file.read(MAX_FILE + 1)
+        except OSError as error:
+            raise ControlError(f"{path}: {error.strerror}") from error
+        if len(raw) > MAX_FILE:
+            raise ControlError(f"{path}: over {MAX_FILE} bytes")
+        try:
+            document = tomllib.loads(raw.decode("utf-8"))
+        except (ValueError, RecursionError) as error:  # also of a number of 5000 digits
+            raise ControlError(f"{path}: no TOML: {error}") from error
+        try:
+            rules = _rules(document)
+        except ControlError as error:
+            raise ControlError(f"{path}: {error}") from error
+        self._rules.extend(rules)
+        if "admission" in document:
+            self.admission.append((str(path), document["admission"]))
+        return len(rules)
+
+    def add(self, table: Mapping[str, Any]) -> None:
+        """Add one rule, as a ``[[client]]`` table has it. Raises ControlError."""
+        self._rules.append(parse_rule(table))
+
+    def settings(self, key: int, address: str, node: str) -> Settings:
+        """What applies to a node of a client; see :meth:`Rule.matches`."""
+        rules = [rule for rule in self._rules if rule.matches(key, address, node)]
+        return Settings(rules) if rules else NOTHING
+
+    def same_rules(self, key: int, one: str, other: str) -> bool:
+        """Whether a client that talks from either of two addresses has the same rules, whatever its
+        nodes are called."""
+        return one == other or all(
+            rule.is_for(key, one) == rule.is_for(key, other) for rule in self._rules
+        )
+
+
+def _cut(name: str) -> str:
+    """As much of a refused name as a line of the log needs."""
+    return name if len(name) <= 80 else name[:80] + "…"
+
+
+def _is_at(address: str, pattern: str) -> bool:
+    where = re.sub(r" \(CN=[^()]*\)$", "", address)  # of a TLS client, whose name may be matched
+    host = re.sub(r":[0-9]+$| \([0-9]+\)$", "", where).strip("[]")
+    try:
+        return ip_address(host) in ip_network(pattern, strict=False)
+    except ValueError:
+        return any(fnmatchcase(it, pattern) for it in (address, where, host))
+
+
+# --- from TOML ----------------------------------------------------------------------
+
+
+def _rules(document: Mapping[str, Any]) -> list[Rule]:
+    only(document, ("client", "admission"), "the file")
+    tables = document.get("client", [])
+    if not isinstance(tables, list) or not all(isinstance(it, dict) for it in tables):
+        raise ControlError("rules are [[client]] tables, with two brackets")
+    if not tables and "admission" not in document:
+        raise ControlError("there is no [[client]] table in it, and no [admission]")
+    rules = []
+    for number, table in enumerate(tables, 1):
+        try:
+            rules.append(parse_rule(table))
+        except ControlError as error:
+            raise ControlError(f"[[client]] number {number}: {error}") from error
+    return rules
+
+
+def parse_rule(table: Mapping[str, Any]) -> Rule:
+    """A rule from a ``[[client]]`` table. Raises ControlError."""
+    only(table, _SELECTORS + _ACTIONS, "a rule")
+    if not any(key in table for key in _ACTIONS):
+        raise ControlError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
+    rule = Rule(
+        keys=frozenset(key_of(it) for it in listed(table.get("key", []))),
+        addresses=tuple(_address(it) for it in listed(table.get("address", []))),
+        nodes=tuple(
+            names.absolute(_pattern(it, "node")) for it in listed(table.get("node", []))
+        ),
+    )
+    if "domain" in table:
+        rule.domain = whole(table["domain"], "domain", 0, MAX_DOMAIN)
+    if "namespace" in table:
+        rule.namespace = _namespace(table["namespace"])
+    remap = table_of(table.get("remap", {}), "remap")
+    rule.remap = {_name(old, "remap"): _name(new, "remap") for old, new in remap.items()}
+    for pattern, fields in table_of(table.get("qos", {}), "qos").items():
+        about = f'qos."{pattern}"'
+        rule.qos[names.absolute(_pattern(pattern, "qos"))] = _qos(table_of(fields, about), about)
+    if "max_rate" in table:
+        rule.max_rate = _rate(table["max_rate"])
+    if "max_size" in table:
+        rule.max_size = whole(table["max_size"], "max_size", 1, _MAX_MS)
+    return rule
+
+
+def _rate(value: Any) -> float:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not 0.0 < value < 1e9:
+        raise ControlError(
+            f"max_rate is {shown(value)}, not a number of messages a second above 0"
+        )
+    return float(value)
+
+
+def _pattern(value: Any, what: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise ControlError(f"{what} is {shown(value)}, not a text")
+    return value
+
+
+def _address(value: Any) -> str:
+    """A network, or a pattern for other addresses; what only looks like a network is refused."""
+    pattern = _pattern(value, "address")
+    if re.match(r"[0-9A-Fa-f.:]+/", pattern):
+        try:
+            ip_network(pattern, strict=False)
+        except ValueError as error:
+            raise ControlError(
+                f"address is {shown(value)}, which is no network, such as 192.168.1.0/24"
+            ) from error
+    return pattern
+
+
+def _name(value: Any, what: str) -> str:
+    name = names.absolute(value) if isinstance(value, str) else ""
+    if not names.is_valid(name):
+        raise ControlError(
+            f"{what}: {shown(value)} is no ROS name: letters, digits and _ between slashes, no"
+            " part beginning with a digit"
+        )
+    if len(name) > names.MAX_NAMESPACE:
+        raise ControlError(
+            f"{what}: {shown(value)} has {len(name)} characters, and {names.MAX_NAMESPACE} are the"
+            " most that leave room for a topic"
+        )
+    return name
+
+
+def _namespace(value: Any) -> str:
+    return "" if value == "/" else _name(value, "namespace")
+
+
+def _qos(fields: Mapping[str, Any], about: str) -> dict[str, int]:
+    only(fields, (*_POLICIES, *_NUMBERS), about)
+    found = {}
+    for key, value in fields.items():
+        if key in _NUMBERS:
+            found[key] = whole(value, f"{about}.{key}", *_NUMBERS[key])
+        elif isinstance(value, str) and value in _POLICIES[key]:
+            found[key] = _POLICIES[key][value]
+        else:
+            known = " or ".join(_POLICIES[key])
+            raise ControlError(f"{about}.{key} is {shown(value)}, not {known}")
+    return found

@@ -1,0 +1,107 @@
+"""READ_DATA at work: samples from a source to the client, as many and as fast as asked.
+
+Samples are taken only when the client's stream has room, so what waits, waits
+in the middleware's reader, under the QoS that the client chose.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+from ...wire import ids
+from ...wire.streams import ticks_add, ticks_diff
+from .session import Session
+
+# Samples taken at a time, and sent at once on a best-effort stream: one client must not
+# keep the others waiting.
+_BATCH: Final = 16
+_BURST: Final = 64
+
+
+class Source(Protocol):
+    """Where samples come from: an endpoint."""
+
+    def take(self, limit: int) -> list[tuple[int, bytes]]:
+        """At most ``limit`` samples: (flags of DATA, payload behind the request)."""
+
+
+class Delivery:
+    """One READ_DATA of one object, until its limits are reached or it is replaced.
+
+    ``control`` is (most samples, seconds, bytes a second, ms between samples);
+    None asks for one sample.
+    """
+
+    __slots__ = ("_bytes_per_second", "_end", "_head", "_large", "_next", "_pace",
+                 "_remaining", "_session", "_source", "stream_id")  # fmt: skip
+
+    def __init__(
+        self,
+        session: Session,
+        source: Source,
+        request_id: int,
+        object_id: int,
+        stream_id: int,
+        control: tuple[int, int, int, int] | None,
+        now: int,
+    ) -> None:
+        samples, seconds, self._bytes_per_second, self._pace = control or (1, 0, 0, 0)
+        self._session = session
+        self._source = source
+        self._head = request_id.to_bytes(2, "big") + object_id.to_bytes(2, "big")
+        self._remaining: int | None = None if samples == ids.MAX_SAMPLES_UNLIMITED else samples
+        self._end: int | None = ticks_add(now, seconds * 1000) if seconds else None
+        self._next: int | None = None  # not before, by pace or rate
+        # Samples that need fragments come one by one: the others wait where QoS rules.
+        self._large = False
+        self.stream_id = stream_id
+
+    def finished(self, now: int) -> bool:
+        """Whether a limit is reached."""
+        if self._remaining is not None and self._remaining <= 0:
+            return True
+        return self._end is not None and ticks_diff(now, self._end) >= 0
+
+    @property
+    def remaining(self) -> int | None:
+        """Samples that are still to be sent; None: no end."""
+        return self._remaining
+
+    def next_deadline(self) -> int | None:
+        """When :meth:`pump` can go on by time alone, or None."""
+        return self._next
+
+    def pump(self, now: int) -> None:
+        """Send what there is, what the limits allow and the stream has room for."""
+        paced = bool(self._bytes_per_second or self._pace)
+        reliable = self.stream_id >= ids.STREAM_RELIABLE
+        sent = 0
+        while not self.finished(now):
+            if self._next is not None:
+                if ticks_diff(now, self._next) < 0:
+                    return
+                self._next = None
+            limit = self._session.room(self.stream_id)
+            if limit <= 0:
+                return
+            if not reliable:
+                limit = _BATCH
+                if sent >= _BURST:
+                    self._next = now  # the rest after the others' turn
+                    return
+            if self._remaining is not None:
+                limit = min(limit, self._remaining)
+            samples = self._source.take(1 if paced or self._large else min(limit, _BATCH))
+            if not samples:
+                return
+            for flags, payload in samples:
+                self._session.send(ids.DATA, flags, self.stream_id, self._head + payload, now)
+            sent += len(samples)
+            self._large = reliable and len(samples[-1][1]) > self._session.mtu - 16
+            if self._remaining is not None:
+                self._remaining -= len(samples)
+            if paced:
+                wait = self._pace
+                if self._bytes_per_second:
+                    wait = max(wait, len(samples[0][1]) * 1000 // self._bytes_per_second)
+                self._next = ticks_add(now, wait)

@@ -1,0 +1,100 @@
+"""Which message the fragments of a reliable stream make, where a client gave one up half-way.
+
+A C client writes a long message piece by piece (``uxr_prepare_output_stream_fragmented``). Where
+that runs out of time its first fragments stay in the stream, each as long as a message of the
+stream can take, and the fragments of the next message follow. No number is missing, and the last
+fragment makes one whole of both. The length in the first submessage header tells them apart. All
+C clients from 1.1 to 3.0 write one of these forms:
+
+* exact: the length is that of the payload modulo 2^16, and up to 3 octets of padding follow;
+* long: the length is 0, and the payload, of over 64 kB, runs to the end (from 2.1 on);
+* 2.0: the last fragment is as long as the first and announces all of itself, so that up to one
+  octet less than a fragment may follow. A single fragment of later clients is so, too.
+
+What fits none of them is more than one message. In the long form the length tells nothing. There,
+and to find the message behind the one that was given up, the beginning of another WRITE_DATA is
+looked for where a fragment begins: the same flags, a later request, a known datawriter (where it
+is sure that there are two messages, a requester or replier too), and a length that fits what
+follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from typing import Final
+
+from ...wire import ids
+from ...wire.streams import sequence_after
+
+# The submessage header and the ids of request and object.
+_HEAD: Final = 8
+# Attack: a message of nothing but WRITE_DATA's octet. A picture of 8 MiB in fragments of 512
+# bytes has some sixty such octets where a fragment begins.
+_LOOKS: Final = 4096
+# Kinds of objects, the low four bits of an id, that WRITE_DATA is for besides datawriters.
+_SERVICES: Final = (ids.KIND_REQUESTER, ids.KIND_REPLIER)
+NONE: Final = -1
+
+
+def surplus(whole: bytearray, start: int = 0) -> int:
+    """Octets behind the submessage at ``start``, modulo 2^16; 0 where its length is not told."""
+    announced = whole[start + 2] | whole[start + 3] << 8
+    size = len(whole) - start - 4
+    return (size - announced) & 0xFFFF if announced or size <= 0xFFFF else 0
+
+
+def fits(whole: bytearray, start: int, first: int, last: int) -> bool:
+    """Whether ``whole[start:]`` can be one submessage of a C client, by the first's length.
+
+    ``first`` and ``last``: lengths of its first fragment, 0 where that is not known, and its last.
+    """
+    size = len(whole) - start - 4
+    if (whole[start + 2] | whole[start + 3] << 8) > size:
+        return False
+    extra = surplus(whole, start)
+    return extra < 4 or extra < last and first in (0, last)
+
+
+def beginning(whole: bytearray, first: int, last: int, writers: Container[int]) -> int:
+    """Where in ``whole`` its last message begins; 0 where it is one. NONE: where nobody can tell,
+    but it is more than one."""
+    whole_fits = fits(whole, 0, first, last)
+    told = whole[2] or whole[3] or len(whole) - 4 <= 0xFFFF
+    if whole_fits and told:
+        return 0
+    otherwise = 0 if whole_fits else NONE
+    if len(whole) < _HEAD or (whole_fits and not first):
+        return otherwise
+    # After a restart of the agent nobody knows where a fragment began: anywhere, to the octet.
+    step = first or 1
+    request = whole[4] << 8 | whole[5]
+    kinds = whole[step::step]
+    at = len(kinds)
+    for _ in range(_LOOKS):
+        at = kinds.rfind(ids.WRITE_DATA, 0, at)
+        if at < 0:
+            break
+        start = (at + 1) * step
+        if (
+            start + _HEAD <= len(whole)
+            and whole[start : start + 2] == whole[:2]
+            and (
+                (whole[start + 6] << 8 | whole[start + 7]) in writers
+                # Where it is sure that there are two, what is looked for may be less so.
+                or (not whole_fits and whole[start + 7] & 0x0F in _SERVICES)
+            )
+            and sequence_after(whole[start + 4] << 8 | whole[start + 5], request)
+            and fits(whole, start, first or NONE, last)
+        ):
+            return start
+    return otherwise
+
+
+def long_stop(stop: int, start: int, end: int) -> int:
+    """Where a submessage ends that has more than 64 kB of message before it.
+
+    C clients say 0, and it runs to the end, or the low 16 bits of its length, and then up
+    to 3 bytes of padding follow. ``stop`` is what they would mean in a short message.
+    """
+    padding = (end - stop) & 0xFFFF
+    return end - padding if stop != start and padding < 4 else end

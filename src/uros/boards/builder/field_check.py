@@ -1,0 +1,139 @@
+"""Finds fields of messages that a program names and their types do not have.
+
+On a board a misspelt field is silent: MicroPython gives the message a new attribute, and what is
+sent stays zero. So `check_fields` looks at each expression of a program that is a message for
+certain (see `infer`)::
+
+    battery = BatteryState()
+    battery.volts = 7.4            # sensor_msgs/msg/BatteryState has no field volts
+
+What is not certain `uros board run` finds when it happens (`uros.interfaces.checked`).
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from uros.interfaces import InterfaceError, registry
+from uros.interfaces.checked import meant
+from uros.interfaces.generate import attribute_name, field_type_name
+from uros.interfaces.runtime import check_value
+
+from .passes.strip import Module
+from .type_inference import Program, Value, instance, last
+
+_PUBLIC: Final = {
+    "cdr_size", "pack_into", "unpack_from", "unpack_into", "get_fields_and_field_types",
+}  # fmt: skip
+_LITERALS: Final = (ast.Constant, ast.UnaryOp)
+_CATCHING: Final = {"AttributeError", "Exception", "BaseException"}
+_HALVED: Final = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+
+
+def check_fields(modules: Iterable[Module]) -> list[str]:
+    """What is wrong in the program's own modules, a line for each, with its place."""
+    own = [module for module in modules if module.own]
+    return list(dict.fromkeys(_Faults(own)))
+
+
+class _Faults:
+    def __init__(self, modules: list[Module]) -> None:
+        self.modules = modules
+        self.program = Program(modules)
+
+    def __iter__(self) -> Iterator[str]:
+        for module in self.modules:
+            for node in ast.walk(module.tree):
+                place = f"{module.source}:{getattr(node, 'lineno', 0)}"
+                if isinstance(node, ast.Attribute):
+                    yield from self._unknown(node, place)
+                elif isinstance(node, ast.Call):
+                    yield from self._keywords(node, place)
+                elif isinstance(node, ast.Assign) and isinstance(node.value, _LITERALS):
+                    for target in node.targets:
+                        if isinstance(target, ast.Attribute):
+                            value = self.program.infer(target.value)
+                            yield from _bad(value, target.attr, node.value, place)
+
+    def _unknown(self, node: ast.Attribute, place: str) -> Iterator[str]:
+        value = self.program.infer(node.value)
+        if not value or value[0] != "message" or _allowed(value[1], node.attr):
+            return
+        if node.attr in self.program.free or self._guarded(node):
+            return
+        yield f"{place}: {_missing(value[1], node.attr)}"
+
+    def _keywords(self, node: ast.Call, place: str) -> Iterator[str]:
+        value = self.program.infer(node.func)
+        if not value or value[0] != "class" or not instance(value[1]):
+            return
+        fields = _fields(value[1])
+        for keyword in node.keywords:
+            if keyword.arg is not None and keyword.arg not in fields:
+                yield f"{place}: {_missing(value[1], keyword.arg)}"
+            elif keyword.arg is not None:
+                yield from _bad(instance(value[1]), keyword.arg, keyword.value, place)
+
+    def _guarded(self, node: ast.AST) -> bool:
+        """Whether the program expects that the attribute may be missing: a read in a try that
+        catches AttributeError."""
+        if not isinstance(getattr(node, "ctx", None), ast.Load):
+            return False
+        inner, outer = node, self.program.parents.get(node)
+        while outer is not None:
+            if isinstance(outer, ast.Try) and inner in outer.body:
+                for handler in outer.handlers:
+                    caught = handler.type
+                    types = caught.elts if isinstance(caught, ast.Tuple) else [caught]
+                    if any(it is None or last(it) in _CATCHING for it in types):
+                        return True
+            inner, outer = outer, self.program.parents.get(outer)
+        return False
+
+
+def _fields(name: str) -> dict[str, str]:
+    """The fields of a message, and their types as `uros.interfaces.runtime` names them."""
+    definition = registry.message(name)
+    return {attribute_name(it.name): field_type_name(it.type) for it in definition.fields}
+
+
+def _allowed(name: str, attribute: str) -> bool:
+    definition = registry.message(name)
+    return (
+        attribute.startswith("_")
+        or attribute in _PUBLIC
+        or attribute in _fields(name)
+        or any(it.name == attribute for it in definition.constants)
+        or (name in _HALVED and attribute in ("high", "low"))
+    )
+
+
+def _missing(name: str, attribute: str) -> str:
+    fields = _fields(name)
+    inner = [
+        f"{it.name}.{attribute}"
+        for it in registry.message(name).fields
+        if not it.type.primitive and not it.type.array and attribute in _fields(it.type.name)
+    ]
+    return f"{name} has no field {attribute}{meant(attribute, list(fields), inner)}"
+
+
+def _bad(value: Value, attribute: str, node: ast.expr, place: str) -> Iterator[str]:
+    """What is wrong with a number or text that is written where a field is set."""
+    if not value or value[0] != "message":
+        return
+    kind = _fields(value[1]).get(attribute, "")
+    try:
+        given = ast.literal_eval(node)
+    except (ValueError, TypeError, SyntaxError):
+        return
+    if not isinstance(given, (bool, int, float, str)) or "/" in kind or not kind:
+        return
+    if kind.endswith((">", "]")) and not kind.startswith(("string<", "wstring<")):
+        return
+    try:
+        check_value(given, kind, f"{value[1]}.{attribute}")
+    except (TypeError, InterfaceError) as error:
+        yield f"{place}: {error}"

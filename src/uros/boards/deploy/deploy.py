@@ -1,0 +1,431 @@
+"""Puts a built file system on a board, by the raw REPL of its console.
+
+::
+
+    device = look(repl)
+    plan = make_plan(repl, device, files)
+    carry_out(repl, device, plan, files)
+
+Only files that differ are sent. They are written into a folder of their own and compared there, by
+their SHA-256 on the board, before anything that the board uses is touched; then one piece of code
+on the board puts all in place. So a line that breaks leaves the old files as they were. While that
+code runs, which takes no input, the board has no main.py: one that loses its power in these
+milliseconds starts nothing, instead of a mixture.
+
+The board keeps a list of what was put there, `NOTE`, and what is on it and no longer needed goes
+with the next time. Files that it does not name are left alone.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from ..virtual.engine import literal
+from .raw_repl import Raised, RawRepl
+
+NOTE: Final = ".uros-files"
+STAGE: Final = ".uros-new"
+MAIN: Final = "main.py"
+# What a chunk takes on the board is four times that: its text twice, and what it says.
+_CHUNK: Final = 768
+# littlefs has two blocks for each folder; a file system that copies when it writes wants some more.
+_FOLDER_BLOCKS: Final = 2
+_SPARE_BLOCKS: Final = 4
+# Attack: a name of 8 MB.
+_LONGEST_WORD: Final = 100
+
+Progress = Callable[[str, int, int], object]
+"""Told a path, how many octets of all are on the board, and how many that will be."""
+
+_HELPERS: Final = """\
+import os, sys
+from binascii import a2b_base64 as _b, hexlify as _x
+try:
+ from hashlib import sha256 as _s
+except ImportError:
+ _s = None
+def _kind(p):
+ try:
+  return os.stat(p)[0] & 0x4000
+ except OSError:
+  return None
+def _hash(p):
+ if _kind(p) != 0:
+  return ''
+ f = open(p, 'rb')
+ h = _s() if _s else None
+ a = bytearray(256)
+ m = memoryview(a)
+ o = []
+ while 1:
+  n = f.readinto(a)
+  if not n:
+   break
+  if h:
+   h.update(m[:n])
+  else:
+   o.append(_x(m[:n]).decode())
+ f.close()
+ return _x(h.digest()).decode() if h else ''.join(o)
+def _tree(p, d=''):
+ for e in os.ilistdir(p):
+  if e[1] & 0x4000:
+   for q in _tree(p + '/' + e[0], d + e[0] + '/'):
+    yield q
+   yield d + e[0] + '/'
+  else:
+   yield d + e[0]
+def _rm(p):
+ try:
+  os.remove(p)
+ except OSError:
+  pass
+def _rmdir(p):
+ try:
+  os.rmdir(p)
+ except OSError:
+  pass
+def _mk(p):
+ i = p.find('/', len(_r))
+ while i > 0:
+  if _kind(p[:i]) is None:
+   os.mkdir(p[:i])
+  i = p.find('/', i + 1)
+_r = os.getcwd().rstrip('/') + '/'
+"""
+
+_PUT: Final = """\
+def _put(new, old, folders, hold, note):
+ s = _r + STAGE + '/'
+ m = _r + 'main.py'
+ if hold and _kind(m) == 0:
+  os.rename(m, s + 'main')
+ for p in old:
+  _rm(_r + p)
+ for n, p in new:
+  _mk(_r + p)
+  os.rename(s + str(n), _r + p)
+ for p in folders:
+  _rmdir(_r + p)
+ f = open(_r + NOTE, 'w')
+ f.write(note)
+ f.close()
+ if _kind(m) is None and _kind(s + 'main') == 0:
+  os.rename(s + 'main', m)
+ _rm(s + 'main')
+ _rmdir(_r + STAGE)
+"""
+
+
+class DeployError(RuntimeError):
+    """The files cannot be put on this board. The text says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """What is at the other end. ``mpy`` is the version of bytecode that it runs, None for none;
+    ``free`` what its file system has left, None where it does not say."""
+
+    name: str
+    version: str
+    platform: str
+    machine: str
+    mpy: int | None
+    root: str
+    block: int
+    free: int | None
+    hashes: bool
+
+    def digest(self, data: bytes) -> str:
+        """What the board says of a file with this content."""
+        return hashlib.sha256(data).hexdigest() if self.hashes else data.hex()
+
+
+@dataclass
+class Plan:
+    """Paths below the board's root. ``folders`` are to go where they are empty, innermost first."""
+
+    write: list[str] = field(default_factory=list)
+    keep: list[str] = field(default_factory=list)
+    remove: list[str] = field(default_factory=list)
+    folders: list[str] = field(default_factory=list)
+    noted: bool = False  # the board's list is right already
+
+    @property
+    def changes(self) -> bool:
+        return bool(self.write or self.remove or not self.noted)
+
+
+def look(repl: RawRepl) -> Device:
+    """Ask the board what it is. Raises DeployError where it is no MicroPython."""
+    try:
+        repl.run(_HELPERS)
+    except Raised as error:
+        raise DeployError(f"the firmware lacks what copying needs: {error.last}") from error
+    answer = _ask(
+        repl,
+        "_i = sys.implementation\n"
+        "try:\n _v = os.statvfs(_r)\nexcept OSError:\n _v = None\n"
+        "print(repr((_i.name, '.'.join(str(n) for n in _i.version[:3]), sys.platform,"
+        " getattr(_i, '_machine', ''), getattr(_i, '_mpy', None), _r,"
+        " _v and (_v[0], _v[3]), _s is not None)))",
+    )
+    match answer:
+        case (
+            str(name), str(version), str(platform), str(machine), mpy, str(root), space,
+            bool(hashes),
+        ) if all(len(it) <= _LONGEST_WORD for it in (name, version, platform, machine, root)):
+            pass
+        case _:
+            raise _nonsense(answer)
+    block, free = 4096, None
+    match space:
+        case (int(block), int(blocks)) if block > 0 and blocks >= 0:
+            free = block * blocks
+        case None:
+            pass
+        case _:
+            raise _nonsense(answer)
+    if not isinstance(mpy, int | None):
+        raise _nonsense(answer)
+    return Device(
+        name, version, platform, machine, None if mpy is None else mpy & 0xFF, root,
+        block, free, hashes,
+    )  # fmt: skip
+
+
+def check(device: Device, files: Mapping[str, bytes]) -> None:
+    """Raises DeployError where the board's firmware does not run such files."""
+    if device.name != "micropython":
+        raise DeployError(
+            f"the board runs {device.name} {device.version}, and uros needs MicroPython: flash that"
+        )
+    compiled = sorted(path for path in files if path.endswith(".mpy"))
+    if compiled and device.mpy != (version := files[compiled[0]][1]):
+        has = "none" if device.mpy is None else f"version {device.mpy}"
+        raise DeployError(
+            f"the files are bytecode of version {version}, and MicroPython {device.version} on the"
+            f" board reads {has}: flash MicroPython 1.27, or leave --mpy out"
+        )
+
+
+def make_plan(
+    repl: RawRepl, device: Device, files: Mapping[str, bytes], clean: bool = False
+) -> Plan:
+    """What is to be done so that the board has ``files``. ``clean``: and nothing else.
+
+    Raises DeployError where a file that is not ours would be imported in the place of one of
+    ``files``.
+    """
+    plan = Plan()
+    for path, digest in _digests(repl, files).items():
+        same = digest == device.digest(files[path])
+        (plan.keep if same else plan.write).append(path)
+    note = _text(repl, NOTE)
+    old = [path for path in note.split("\n") if path and path not in files]
+    there = _tree(repl)
+    ours = {NOTE, STAGE + "/", *files}
+    ours.update(path for path in there if path.startswith(STAGE + "/"))
+    plan.remove = sorted(
+        path for path in there - ours if not path.endswith("/") and (clean or path in old)
+    )
+    folders = {path for path in there - ours if path.endswith("/")}
+    kept = {path.rpartition("/")[0] + "/" for path in files if "/" in path}
+    plan.folders = sorted(
+        (
+            path[:-1]
+            for path in folders
+            if not any(it.startswith(path) for it in kept)
+            and (clean or any(it.startswith(path) for it in old))
+        ),
+        reverse=True,
+    )
+    left = there - ours - set(plan.remove) - {path + "/" for path in plan.folders}
+    _check_shadows(files, left)
+    plan.noted = note == _note(files)
+    return plan
+
+
+def _check_shadows(files: Mapping[str, bytes], left: set[str]) -> None:
+    """MicroPython takes a folder before a file, and text before bytecode."""
+    packages = {path.split("/")[0] for path in files if "/" in path}
+    for path in files:
+        stem, _, form = path.rpartition(".")
+        if form not in ("py", "mpy") or not stem or stem in packages:
+            continue
+        rivals = [stem + "/"] + ([stem + ".py"] if form == "mpy" else [])
+        for rival in rivals:
+            if rival in left:
+                raise DeployError(
+                    f"{rival} is on the board, nobody knows whose, and would be loaded instead of"
+                    f" {path}: remove it (mpremote connect PORT rm -r :{rival.rstrip('/')}), or"
+                    " give --clean, which removes all that is not of this program"
+                )
+
+
+def needed(device: Device, plan: Plan, files: Mapping[str, bytes]) -> int:
+    """How much room the new files take while the old ones are still there, at most."""
+    blocks = sum(-(-len(files[path]) // device.block) for path in plan.write)
+    folders = {path.rpartition("/")[0] for path in plan.write} | {STAGE}
+    return (blocks + _FOLDER_BLOCKS * len(folders) + _SPARE_BLOCKS) * device.block
+
+
+def check_room(device: Device, plan: Plan, files: Mapping[str, bytes]) -> None:
+    """Raises DeployError where the new files do not fit beside the old ones."""
+    wanted = needed(device, plan, files)
+    if plan.write and device.free is not None and wanted > device.free:
+        raise DeployError(
+            f"the board has {device.free} bytes free, and the new files need about {wanted} beside"
+            " the old ones: give --mpy, which makes them smaller, or --in-place, which removes the"
+            " old ones first, or free some: mpremote connect PORT fs ls -r"
+        )
+
+
+def carry_out(
+    repl: RawRepl,
+    device: Device,
+    plan: Plan,
+    files: Mapping[str, bytes],
+    progress: Progress = lambda path, done, size: None,
+    in_place: bool = False,
+) -> None:
+    """Do it, and compare all files afterwards. ``in_place`` removes old ones first, for want of
+    room. Raises DeployError and ReplError."""
+    size = sum(len(files[path]) for path in plan.write)
+    repl.run(f"STAGE = {STAGE!r}\nNOTE = {NOTE!r}\n" + _PUT)
+    stage = STAGE + "/"
+    try:
+        repl.run(
+            "if _kind(_r + STAGE) is None:\n os.mkdir(_r + STAGE)\n"
+            "for p in list(_tree(_r + STAGE)):\n _rm(_r + STAGE + '/' + p)"
+        )
+        if in_place:
+            gone = [MAIN, *plan.write, *plan.remove]
+            repl.run(f"for p in {gone!r}:\n _rm(_r + p)", repl.seconds.long)
+            if MAIN in plan.keep:
+                plan.keep.remove(MAIN)
+                plan.write.append(MAIN)
+                size += len(files[MAIN])
+        order = sorted(plan.write, key=lambda path: (path == MAIN, path))
+        done = 0
+        for number, path in enumerate(order):
+
+            def told(more: int, path: str = path, done: int = done) -> None:
+                progress(path, done + more, size)
+
+            _write(repl, f"{stage}{number}", files[path], told)
+            _compare(repl, device, f"{stage}{number}", path, files[path])
+            done += len(files[path])
+        new = list(enumerate(order))
+        hold = bool(order or plan.remove) and MAIN not in plan.remove
+        repl.run(
+            f"_put({new!r}, {plan.remove!r}, {plan.folders!r}, {hold!r}, {_note(files)!r})",
+            repl.seconds.long,
+        )
+    except Raised as error:
+        raise DeployError(_trouble(error)) from error
+    for path, digest in _digests(repl, files).items():
+        if digest != device.digest(files[path]):
+            raise DeployError(f"{path} on the board is not what was sent: {_WORN}")
+
+
+_WORN: Final = "try again; if it stays so, its flash is worn or its file system damaged"
+
+
+def _write(repl: RawRepl, path: str, data: bytes, done: Callable[[int], object]) -> None:
+    repl.run(f"_f = open(_r + {path!r}, 'wb')")
+    for at in range(0, len(data), _CHUNK):
+        chunk = data[at : at + _CHUNK]
+        # Text of its own and not repr(), which takes four octets for most of a bytecode's.
+        repl.run(f"_f.write(_b({base64.b64encode(chunk)!r}))")
+        done(at + len(chunk))
+    repl.run("_f.close()")
+
+
+def _compare(repl: RawRepl, device: Device, path: str, name: str, data: bytes) -> None:
+    digest = _ask(repl, f"print(repr(_hash(_r + {path!r})))", repl.seconds.long)
+    if digest != device.digest(data):
+        raise DeployError(
+            f"{name} arrived damaged, and nothing was changed: use a shorter cable or a lower baud"
+            " rate, and try again"
+        )
+
+
+def _trouble(error: Raised) -> str:
+    last = error.last
+    if "MemoryError" in last:
+        return "the board has not enough memory to take files: press its reset button, try again"
+    if "28" in last or "ENOSPC" in last:
+        return (
+            "the board's file system is full: give --mpy, which makes files smaller, or --in-place,"
+            " or free some: mpremote connect PORT fs ls -r"
+        )
+    if "30" in last or "EROFS" in last:
+        return (
+            "the board's file system cannot be written to; where a computer has it as a USB drive,"
+            " eject that first"
+        )
+    return f"the board cannot write its files ({last}): {_WORN}"
+
+
+def _note(files: Mapping[str, bytes]) -> str:
+    return "\n".join(sorted(files))
+
+
+def _digests(repl: RawRepl, files: Mapping[str, bytes]) -> dict[str, str]:
+    """What the board says of each file, in the order of their paths."""
+    paths = sorted(files)
+    code = f"print(repr([_hash(_r + p) for p in {paths!r}]))"
+    answer = _texts(_ask(repl, code, repl.seconds.long))
+    if len(answer) != len(paths):
+        raise _nonsense(answer)
+    return dict(zip(paths, answer, strict=True))
+
+
+def _tree(repl: RawRepl) -> set[str]:
+    """All paths below the board's root; those of folders end with a slash."""
+    code = "print(repr([p for p in _tree(_r[:-1] or '/')]))"
+    return set(_texts(_ask(repl, code, repl.seconds.long)))
+
+
+def _text(repl: RawRepl, path: str) -> str:
+    answer = _ask(
+        repl,
+        f"if _kind(_r + {path!r}) == 0:\n _f = open(_r + {path!r})\n print(repr(_f.read()))\n"
+        " _f.close()\nelse:\n print(\"''\")",
+    )
+    if isinstance(answer, str):
+        return answer
+    raise _nonsense(answer)
+
+
+def _texts(answer: object) -> list[str]:
+    """The answer, where it is a list of texts; else DeployError."""
+    if isinstance(answer, list):
+        texts = [it for it in answer if isinstance(it, str)]
+        if len(texts) == len(answer):
+            return texts
+    raise _nonsense(answer)
+
+
+def _ask(repl: RawRepl, code: str, seconds: float | None = None) -> literal.Literal:
+    """Run code that prints the repr of one value; the value, of whatever kind."""
+    output = repl.run(code, seconds).strip()
+    # A timer or an interrupt of boot.py may print as well: before, as ours is the last.
+    last = output[output.rfind("\n") + 1 :]
+    try:
+        return literal.parse(last)
+    except ValueError:
+        raise _nonsense(last, False) from None
+
+
+def _nonsense(answer: object, quote: bool = True) -> DeployError:
+    said = repr(answer) if quote else str(answer)
+    return DeployError(
+        f"the board said {said[-80:]!r} where it was to answer: press its reset button, and try"
+        " again; if it stays so, it runs no MicroPython: docs/ports.md"
+    )

@@ -1,0 +1,234 @@
+"""What MicroPython's package installer, ``mip``, needs to put uros on a board.
+
+Three forms:
+
+- ``package.json`` in the root of this project is the client as text, for
+  ``mip install github:OWNER/uros``; ``package-all.json`` is all that a board may have.
+- `write_index` makes an index: a folder that any web server can offer. It has the client
+  (``uros``), each further module as a package of its own (``uros-parameters``), and each type of
+  message (``std_msgs/msg/Int32``) and package of them, as text and as bytecode. ``mip`` takes what
+  the board's firmware reads.
+- `write_manifest` is for one program: what `uros.boards.builder.resolver` has made of it and
+nothing else.
+
+Run it (``python -m uros.boards.deploy.mip``) in a clone to write the first form anew.
+Installers are micropython-lib's ``mip`` on a board and mpremote's ``mip`` on a host; both take
+these, and both
+check short hashes to see what is there already.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import os
+from collections.abc import Container, Iterable, Mapping
+from pathlib import Path
+from typing import Final
+
+import uros
+from uros.interfaces import registry
+from uros.interfaces.package import module_texts
+
+from ..builder.passes.strip import Module, imports, strip
+from ..builder.portable import SOURCE, portable_files
+from ..builder.resolver import BuildError, bytecode
+
+CORE: Final = "uros"
+MANIFEST: Final = "package.json"
+MPY: Final = "6"
+"""The version of bytecode that mpy-cross of MicroPython 1.27 makes."""
+
+# What a node with a serial line needs, and generated types.
+_CORE: Final = ("uros.client", "uros.transport.serial", "uros.interfaces.runtime")
+_SHORT: Final = 8  # characters of a hash, as in micropython-lib's own index
+_VERSIONS: Final = ("latest", uros.__version__)
+
+Files = dict[str, bytes]
+
+
+# --- which modules ----------------------------------------------------------------------------
+
+
+def portable() -> dict[str, Module]:
+    """Every module of uros that a board may have, by its name."""
+    found: dict[str, Module] = {}
+    for file in portable_files():
+        _add(found, file)
+    return found
+
+
+def _add(found: dict[str, Module], file: Path) -> None:
+    inside = file.relative_to(SOURCE.parent).with_suffix("").parts
+    package = inside[-1] == "__init__"
+    name = ".".join(inside[:-1] if package else inside)
+    text = file.read_text("utf-8")
+    found[name] = Module(name, package, str(file), text, ast.parse(text))
+    strip(found[name])  # else imports for type checkers would count
+
+
+def closure(
+    roots: Iterable[str],
+    modules: Mapping[str, Module],
+    late: bool,
+    but: Container[str] = frozenset(),
+) -> tuple[set[str], set[str]]:
+    """The modules that ``roots`` import, themselves included, and the types of interfaces. ``late``
+    adds what is imported when it is used; ``but`` are there already."""
+    names: set[str] = set()
+    types: set[str] = set()
+    open_ = list(roots)
+    while open_:
+        name = open_.pop()
+        if name in names or name in but or name not in modules:
+            continue
+        names.add(name)
+        open_.append(name.rpartition(".")[0])
+        for wanted in imports(modules[name]):
+            if wanted.late and not late:
+                continue
+            inner = [f"{wanted.module}.{it}" for it, _ in wanted.names or ()]
+            open_ += [wanted.module, *inner]
+            types.update(_types(inner))
+    return names, types
+
+
+def _types(names: Iterable[str]) -> set[str]:
+    """Those of ``std_msgs.msg.Int32`` that are types."""
+    found = set()
+    for name in names:
+        parts = name.split(".")
+        if len(parts) == 3 and parts[1] in registry.KINDS and registry.exists("/".join(parts)):
+            found.add(registry.file_type("/".join(parts)))
+    return found
+
+
+def parts() -> dict[str, tuple[set[str], set[str]]]:
+    """Modules and types of each package: the client, and each module beside it with what it needs
+    besides the client."""
+    modules = portable()
+    core = closure(_CORE, modules, late=False)
+    made = {CORE: core}
+    for name in modules:
+        if name not in core[0] and not modules[name].package:
+            package = f"uros-{name.rpartition('.')[2].replace('_', '-')}"
+            made[package] = closure([name], modules, late=True, but=core[0])
+    return made
+
+
+# --- the project's own --------------------------------------------------------------------------
+
+
+def project_manifests() -> dict[str, str]:
+    """The texts of ``package.json`` and ``package-all.json``."""
+    modules = portable()
+    core, _ = closure(_CORE, modules, late=False)
+    return {MANIFEST: _urls(core, modules), "package-all.json": _urls(modules, modules)}
+
+
+def _urls(names: Iterable[str], modules: Mapping[str, Module]) -> str:
+    paths = sorted(modules[name].path + ".py" for name in names)
+    rows = ",\n".join(f'    ["{path}", "src/{path}"]' for path in paths)
+    return f'{{\n  "version": "{uros.__version__}",\n  "urls": [\n{rows}\n  ]\n}}\n'
+
+
+# --- an index -----------------------------------------------------------------------------------
+
+
+def write_index(
+    out: str | os.PathLike[str],
+    forms: Iterable[str] = ("py", "mpy"),
+    interfaces: Iterable[str] | None = None,
+) -> list[str]:
+    """Write an index for ``mip install --index`` into ``out``; the names of its packages.
+
+    ``interfaces`` are the types that are to be in it, by default all that are known. Raises
+    BuildError where there is no mpy-cross, and OSError.
+    """
+    root = Path(out)
+    modules = portable()
+    contents = parts()
+    names = list(contents)
+    known = registry.list_types() if interfaces is None else interfaces
+    types = {name: {name} for name in known}
+    for name in sorted(types):
+        types.setdefault(name.partition("/")[0], set()).add(name)
+    texts = {name: ast.unparse(module.tree) + "\n" for name, module in modules.items()}
+
+    def files(own: Iterable[str], inside: Iterable[str]) -> dict[str, str]:
+        made = module_texts(sorted(inside))
+        below = closure(_imported(made), modules, late=True, but=contents[CORE][0])[0]
+        made.update((modules[it].path + ".py", texts[it]) for it in {*own, *below})
+        return made
+
+    for form in forms:
+        store = _Store(root, form)
+        for name, (own, needed) in contents.items():
+            store.package(name, files(own, needed), [] if name == CORE else [[CORE, "latest"]])
+        for name, inside in types.items():
+            store.package(name, files((), inside), [])
+    return sorted([*names, *types])
+
+
+def _imported(texts: Mapping[str, str]) -> set[str]:
+    """What generated modules import."""
+    found = set()
+    for path, text in texts.items():
+        module = Module(path[:-3].replace("/", "."), False, path, text, ast.parse(text))
+        for wanted in imports(module):
+            found.add(wanted.module)
+            found.update(f"{wanted.module}.{it}" for it, _ in wanted.names or ())
+    return found
+
+
+class _Store:
+    """The packages of one form."""
+
+    def __init__(self, root: Path, form: str) -> None:
+        if form not in ("py", "mpy"):
+            raise BuildError(f"no form {form!r}; give 'py' or 'mpy'")
+        self._root = root
+        self._mpy = form == "mpy"
+        self._known: dict[tuple[str, str], tuple[str, str]] = {}  # path, text: path, hash
+
+    def package(self, name: str, texts: Mapping[str, str], deps: list[list[str]]) -> None:
+        hashes = [list(self._file(path, text)) for path, text in sorted(texts.items())]
+        folder = self._root / "package" / (MPY if self._mpy else "py") / name
+        folder.mkdir(parents=True, exist_ok=True)
+        for version in _VERSIONS:
+            manifest = {"v": 1, "version": uros.__version__, "hashes": hashes, "deps": deps}
+            (folder / f"{version}.json").write_text(json.dumps(manifest), encoding="utf-8")
+
+    def _file(self, path: str, text: str) -> tuple[str, str]:
+        """Put it where its hash says, once; its path on the board, and the hash."""
+        if (path, text) not in self._known:
+            data = text.encode()
+            here = path
+            if self._mpy:
+                here = path[:-3] + ".mpy"
+                data = bytecode(text, path, path)
+            short = hashlib.sha256(data).hexdigest()[:_SHORT]
+            target = self._root / "file" / short[:2] / short
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+            self._known[path, text] = here, short
+        return self._known[path, text]
+
+
+# --- a program ----------------------------------------------------------------------------------
+
+
+def write_manifest(folder: str | os.PathLike[str], files: Iterable[Path]) -> Path:
+    """Write ``package.json`` beside a program's built files; its path."""
+    root = Path(folder)
+    paths = sorted(file.relative_to(root).as_posix() for file in files)
+    manifest = {"version": uros.__version__, "urls": [[path, path] for path in paths]}
+    path = root / MANIFEST
+    path.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    return path
+
+
+if __name__ == "__main__":
+    for manifest_name, manifest_text in project_manifests().items():
+        (SOURCE.parents[1] / manifest_name).write_text(manifest_text, encoding="utf-8")

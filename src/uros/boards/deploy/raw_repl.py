@@ -1,0 +1,338 @@
+"""MicroPython's raw REPL: runs code on a board by the line of its console.
+
+::
+
+    repl = RawRepl(device_port("/dev/ttyACM0"))
+    repl.enter()
+    repl.run("import os; print(os.getcwd())")       -> '/\\r\\n'
+    repl.leave()
+
+What is sent is in MicroPython's documentation under "The MicroPython Interactive Interpreter Mode
+(aka REPL)": Ctrl-C ends a program, Ctrl-A begins the raw mode, Ctrl-D runs what was sent (or, of
+nothing, is a soft reset), Ctrl-B goes back. Code goes by raw paste, which the board slows down as
+it needs, and where it has none in small pieces.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    from ...transport.serial_host import OpenPort
+
+_INTERRUPT: Final = b"\r\x03"
+_RAW: Final = b"\r\x01"
+_FRIENDLY: Final = b"\r\x02"
+_RUN: Final = b"\x04"
+_PASTE: Final = b"\x05A\x01"
+_BANNER: Final = b"raw REPL; CTRL-B to exit\r\n>"
+_REBOOT: Final = b"soft reboot\r\n"
+
+
+class Seconds(NamedTuple):
+    """How long a board may take, in seconds."""
+
+    enter: float = 12.0  # until its prompt is there
+    attempt: float = 0.8  # for each answer to Ctrl-A meanwhile
+    answer: float = 5.0  # for a few octets
+    run: float = 30.0  # for a piece of code
+    long: float = 120.0  # for a piece of code that looks at many files
+    back: float = 10.0  # until its USB device is back
+    # Attack: a device that takes just less than each of these, each time.
+    whole: float = 1800.0  # for all its answers together
+
+
+SECONDS: Final = Seconds()
+# Attack: answers without end. A board without SHA-256 answers with a file's content in hex.
+MAX_ANSWER: Final = 8 * 1024 * 1024
+# Attack: permission to send without end, or one octet at a time. Firmware gives at most two windows
+# ahead of what it has read; its own window is 128 octets as a rule.
+_WINDOWS_AHEAD: Final = 4
+_MOST_SAID: Final = 200
+# Without raw paste nothing tells how fast a board reads. Its line may have a buffer of this size.
+_PIECE: Final = 256
+_PIECE_PAUSE: Final = 0.01
+_READ: Final = 4096
+_KEPT: Final = 4096
+
+
+class ReplError(RuntimeError):
+    """The board does not do what it is to do; the text says what it said.
+
+    ::
+
+        RuntimeError
+        └── ReplError
+            ├── NoRepl        there is no REPL at the other end; `heard` is what came instead
+            ├── LineLost      nothing comes any more
+            │   └── LineGone  the device has gone
+            ├── WrongAnswer   what comes is no answer of MicroPython
+            └── Raised        the code raised; the text is the board's traceback
+    """
+
+
+class NoRepl(ReplError):
+    def __init__(self, text: str, heard: bytes) -> None:
+        super().__init__(text)
+        self.heard = heard
+
+
+class LineLost(ReplError):
+    pass
+
+
+class LineGone(LineLost):
+    pass
+
+
+class WrongAnswer(ReplError):
+    pass
+
+
+class Raised(ReplError):
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        lines = [line for line in text.splitlines() if line.strip()]
+        self.last = lines[-1].strip()[:_MOST_SAID] if lines else ""
+
+
+class RawRepl:
+    """A board's raw REPL on an open port.
+
+    Time and octets of all answers are bounded, and all methods raise `ReplError` alone: the other
+    end may be anything.
+    """
+
+    def __init__(self, port: OpenPort, seconds: Seconds | None = None) -> None:
+        self.port = port
+        self.seconds = seconds or SECONDS
+        self._left = self.seconds.whole
+        self._came = b""
+        self._paste = True  # until the board has said that it knows none
+
+    # --- in and out -----------------------------------------------------------------------
+
+    def enter(
+        self,
+        seconds: float | None = None,
+        fresh: bool = True,
+        waiting: Callable[[], object] | None = None,
+    ) -> None:
+        """End what runs and begin; with ``fresh``, after a soft reset that starts no main.py.
+
+        ``waiting`` is called once where the board does not answer soon. Raises NoRepl.
+        """
+        seconds = self.seconds.enter if seconds is None else seconds
+        attempt = self.seconds.attempt
+        begin = time.monotonic()
+        heard = b""
+        while True:
+            # Again and again, since a program may catch it, or not be at the point to hear it.
+            self._send(_INTERRUPT + _RAW)
+            found, came = self._try_until(_BANNER, attempt, _KEPT)
+            if found:
+                break
+            heard = (heard + came)[-_KEPT:]
+            if time.monotonic() - begin > seconds:
+                raise NoRepl(f"no MicroPython prompt in {seconds:g} s", heard)
+            if waiting is not None and time.monotonic() - begin > 2 * attempt:
+                waiting()
+                waiting = None
+        # An answer to each Ctrl-A may still be under way.
+        while self._try_until(_BANNER, 0.1, _KEPT)[0] and time.monotonic() - begin < seconds:
+            pass
+        self._came = b""
+        if fresh:
+            self._soft_reset(seconds)
+
+    def _soft_reset(self, seconds: float) -> None:
+        """Frees the memory of the program that ran."""
+        try:
+            self._send(_RUN)
+            self._until(_REBOOT, "its soft reset", seconds)
+            self._until(_BANNER, "its prompt after the soft reset", seconds)
+        except LineGone:
+            # A USB device of the program's own has gone, and the firmware's comes.
+            self._reopen()
+            self.enter(seconds, fresh=False)
+        except LineLost:
+            # boot.py may not end by itself.
+            self.enter(seconds, fresh=False)
+
+    def _reopen(self) -> None:
+        end = time.monotonic() + self.seconds.back
+        while True:
+            try:
+                self.port.open()
+                return
+            except OSError as error:
+                if time.monotonic() > end:
+                    raise LineGone(f"it did not come back after its soft reset: {error}") from error
+                time.sleep(0.1)
+
+    def leave(self, restart: bool = False) -> None:
+        """Back to the prompt for people; with ``restart``, boot.py and main.py start anew."""
+        self._send(_FRIENDLY)
+        self._until(b">>> ", "the prompt", self.seconds.answer)
+        if restart:
+            self._send(_RUN)
+
+    # --- code -----------------------------------------------------------------------------
+
+    def run(self, code: str, seconds: float | None = None) -> str:
+        """Run it, and return what it printed. Raises Raised where it raises."""
+        seconds = self.seconds.run if seconds is None else seconds
+        answer = self.seconds.answer
+        self._hand_over(code.encode())
+        output = self._until(_RUN, "the end of its output", seconds)
+        error = self._until(_RUN, "the end of its errors", answer)
+        self._until(b">", "its prompt", answer)
+        if error:
+            raise Raised(error.decode("utf-8", "replace"))
+        return output.decode("utf-8", "replace")
+
+    def _hand_over(self, code: bytes) -> None:
+        if self._paste:
+            self._send(_PASTE)
+            answer = self._take(2)
+            if answer == b"R\x01":
+                return self._by_paste(code)
+            if answer != b"R\x00":  # it took this for a new beginning, and says so
+                self._until(_BANNER[-12:], "its prompt", self.seconds.answer)
+            self._paste = False
+        for at in range(0, len(code), _PIECE):
+            self._send(code[at : at + _PIECE])
+            time.sleep(_PIECE_PAUSE)
+        self._send(_RUN)
+        answer = self._take(2)
+        if answer != b"OK":
+            raise WrongAnswer(f"it answered {answer!r} to code, not OK")
+
+    def _by_paste(self, code: bytes) -> None:
+        """Send code as fast as the board permits: it gives room for ``window`` octets more by each
+        0x01, and ends by 0x04."""
+        window = int.from_bytes(self._take(2), "little")
+        if not window:
+            raise WrongAnswer("it gives a window of 0 octets for code")
+        room = window
+        at = 0
+        end = time.monotonic() + self.seconds.run
+        while at < len(code):
+            while room == 0 or self._came or self._poll():
+                flag = self._take(1)
+                if flag == b"\x01":
+                    room += window
+                    self._check_room(room, window)
+                elif flag == _RUN:  # it will hear no more: a syntax error, or memory
+                    self._send(_RUN)
+                    return
+                else:
+                    raise WrongAnswer(f"it answered {flag!r} in the middle of code")
+            if time.monotonic() > end:
+                raise LineLost(
+                    f"it has taken {at} of {len(code)} octets of code in {self.seconds.run:g} s"
+                )
+            piece = code[at : at + room]
+            self._send(piece)
+            room -= len(piece)
+            at += len(piece)
+        self._send(_RUN)
+        while (flag := self._take(1)) != _RUN:
+            if flag != b"\x01":
+                raise WrongAnswer(f"it answered {flag!r} at the end of code")
+            room += window
+            self._check_room(room, window)
+
+    @staticmethod
+    def _check_room(room: int, window: int) -> None:
+        if room > _WINDOWS_AHEAD * window:
+            raise WrongAnswer("it asks for more and more code, and reads none")
+
+    # --- octets ---------------------------------------------------------------------------
+
+    def _send(self, data: bytes) -> None:
+        view = memoryview(data)
+        end = time.monotonic() + self.seconds.answer
+        while view:
+            try:
+                done = self.port.write(view)
+            except OSError as error:
+                raise _gone(error) from error
+            view = view[done:]
+            if not view:
+                return
+            if not done:
+                if time.monotonic() > end:
+                    raise LineLost("it takes nothing more: the line is held (flow control?)")
+                time.sleep(0.002)
+
+    def _poll(self) -> bool:
+        """Whether something has come."""
+        try:
+            self._came += self.port.read(_READ) or b""
+        except OSError as error:
+            raise _gone(error) from error
+        return bool(self._came)
+
+    def _take(self, count: int) -> bytes:
+        end = time.monotonic() + self.seconds.answer
+        while len(self._came) < count:
+            if not self._more(end):
+                raise LineLost(f"it stopped answering ({self._came!r} was the last)")
+        data, self._came = self._came[:count], self._came[count:]
+        return data
+
+    def _until(self, ending: bytes, what: str, seconds: float) -> bytes:
+        """What comes before ``ending``, which is taken as well."""
+        found, data = self._try_until(ending, seconds)
+        if not found:
+            tail = data[-60:].decode("utf-8", "replace")
+            raise LineLost(f"waited {seconds:g} s for {what}; the last was {tail!r}")
+        return data
+
+    def _try_until(self, ending: bytes, seconds: float, keep: int = 0) -> tuple[bool, bytes]:
+        """Whether ``ending`` came, and what came before it: with ``keep`` its last so many octets,
+        else all, and WrongAnswer for more than `MAX_ANSWER`."""
+        end = time.monotonic() + seconds
+        parts: list[bytes] = []
+        size = 0
+        while (at := self._came.find(ending)) < 0:
+            # What may be the beginning of the ending stays.
+            cut = max(0, len(self._came) - len(ending) + 1)
+            parts.append(self._came[:cut])
+            size += cut
+            self._came = self._came[cut:]
+            if keep:
+                parts, size = [b"".join(parts)[-keep:]], 0
+            if size > MAX_ANSWER:
+                raise WrongAnswer(f"its answer has more than {MAX_ANSWER} octets")
+            # A program that prints all the time gives no pause either.
+            if not self._more(end) or time.monotonic() > end:
+                parts.append(self._came)
+                self._came = b""
+                return False, b"".join(parts)
+        parts.append(self._came[:at])
+        self._came = self._came[at + len(ending) :]
+        return True, b"".join(parts)
+
+    def _more(self, end: float) -> bool:
+        """Wait for more octets; False at the end of the time."""
+        had = len(self._came)
+        while not self._poll() or len(self._came) == had:
+            now = time.monotonic()
+            if end - now <= 0:
+                return False
+            if self._left <= 0:
+                raise LineLost(f"it has taken over {self.seconds.whole:g} s for its answers")
+            try:
+                self.port.wait(max(1, int(min(end - now, 0.5) * 1000)))
+            except OSError as error:
+                raise _gone(error) from error
+            self._left -= time.monotonic() - now
+        return True
+
+
+def _gone(error: OSError) -> LineGone:
+    return LineGone(f"the line ended: {error.strerror or error}")

@@ -1,0 +1,354 @@
+"""What can be plugged into a virtual board: a modem on a UART or an SPI bus, or a radio.
+
+    esp8266:uart=1
+    gs2200:spi=1,ready=P115,cs=P301
+    wlan
+
+Each takes ``ssid`` and ``password``, those of the one access point in reach (``robots`` and
+``secret99`` if not given). The network behind that is the host's own.
+"""
+
+from __future__ import annotations
+
+import errno
+import random
+import socket
+from collections.abc import Callable
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol
+
+from ..modems.esp8266 import Esp8266
+from ..modems.gs2200 import Gs2200
+from ..modems.radio_network import Air, HostAir
+from .clock import BoardClock
+from .parts import Part
+from .pins import Pin
+
+if TYPE_CHECKING:
+    from .board import VirtualBoard
+
+SSID: Final = "robots"
+PASSWORD: Final = "secret99"
+_JOIN_MS: Final = 300
+_GUEST_MS: Final = 500
+_BITS: Final = 10  # of an octet on a UART
+_TXBUF: Final = 256
+# machine.SPI's polarity and phase, as one number.
+_MODE_1: Final = 1
+
+
+class PlugError(ValueError):
+    """There is no such thing to plug in, or not there. The text says what there is."""
+
+
+class Modem(Protocol):
+    """What a UART is plugged into."""
+
+    def read(self, size: int) -> bytes | None: ...
+    def write(self, data: bytes) -> int: ...
+
+
+class Uart:
+    """A board's UART, and a line that takes its time. ``overruns`` counts the octets that came
+    when the buffer was full, and are lost."""
+
+    def __init__(self, device: Modem, baud: int, clock: BoardClock) -> None:
+        self.overruns = 0
+        self._device = device
+        self._theirs = baud
+        self._clock = clock
+        self._random = random.Random(baud)
+        self.init(baud, 256)
+
+    def init(self, baud: int, rxbuf: int) -> None:
+        """At another baud rate than the device's, both hear noise."""
+        if not 300 <= baud <= 4_000_000 or not rxbuf:
+            raise ValueError(f"no UART has {baud} baud and {rxbuf} octets")
+        self._baud = baud
+        self._rxbuf = rxbuf
+        self._came = bytearray()
+        self._leaves = bytearray()
+        self._at = self._clock.world_us()
+
+    def _noise(self, octets: bytes) -> bytes:
+        if self._baud == self._theirs:
+            return octets
+        return self._random.randbytes(len(octets))
+
+    def _move(self) -> None:
+        """What the line has carried by now."""
+        count = (self._clock.world_us() - self._at) * self._baud // (_BITS * 1_000_000)
+        if not count:
+            return
+        self._at += count * _BITS * 1_000_000 // self._baud
+        if self._leaves:
+            self._device.write(self._noise(bytes(self._leaves[:count])))
+            del self._leaves[:count]
+        some = self._noise(self._device.read(count) or b"")
+        room = self._rxbuf - len(self._came)
+        self.overruns += max(0, len(some) - room)
+        self._came += some[:room]
+
+    def any(self) -> int:
+        """How many octets there are to read."""
+        self._move()
+        return len(self._came)
+
+    def read(self, size: int) -> bytes:
+        """At most so many octets."""
+        self._move()
+        some = bytes(self._came[:size])
+        del self._came[:size]
+        return some
+
+    def write(self, data: bytes) -> int:
+        """How many octets had room."""
+        self._move()
+        some = data[: _TXBUF - len(self._leaves)]
+        self._leaves += some
+        return len(some)
+
+
+class Spi:
+    """A board's SPI bus with one device on it, which hears when it is selected."""
+
+    def __init__(self, device: Gs2200) -> None:
+        self.selected = True
+        self._device = device
+        self._mode = -1
+
+    def init(self, mode: int) -> None:
+        self._mode = mode
+
+    def write(self, data: bytes) -> None:
+        if self.selected and self._mode == _MODE_1:
+            self._device.write(data)
+
+    def read(self, count: int, octet: int) -> bytes:
+        into = bytearray(b"\xff" * count)
+        if self.selected and self._mode == _MODE_1:
+            self._device.readinto(into, octet)
+        return bytes(into)
+
+
+class Radio:
+    """A radio of the board's own, as ``network.WLAN`` sees it, and the sockets on it.
+
+    As an access point it is joined by one computer, this host, half a second after it started.
+    """
+
+    IDLE, CONNECTING, WRONG_PASSWORD, NO_AP_FOUND, GOT_IP = range(5)
+
+    def __init__(self, air: HostAir, ms: Callable[[], int]) -> None:
+        self.faults: set[str] = set()
+        self.own = ("", "")  # name and password of its access point
+        self._started: int | None = None
+        self._air = air
+        self._ms = ms
+        self._wanted: tuple[str, str] | None = None
+        self._ready = 0
+        self._sockets: dict[int, socket.socket] = {}
+        self._last = 0
+
+    def connect(self, ssid: str, password: str) -> None:
+        self._wanted = (ssid, password)
+        self._ready = self._ms() + _JOIN_MS
+
+    def disconnect(self) -> None:
+        self._wanted = None
+
+    def status(self) -> int:
+        if self._wanted is None:
+            return self.IDLE
+        if self._ms() < self._ready or "deaf" in self.faults:
+            return self.CONNECTING
+        ssid, password = self._wanted
+        if ssid not in self._air.networks or "lost" in self.faults:
+            return self.NO_AP_FOUND
+        return self.GOT_IP if self._air.networks[ssid] == password else self.WRONG_PASSWORD
+
+    def start(self, ssid: str, password: str) -> None:
+        """Be an access point. Raises ValueError where that is none."""
+        if not 1 <= len(ssid) <= 32 or password and not 8 <= len(password) <= 63:
+            raise ValueError("no access point has such a name or password")
+        if self._started is None or self.own != (ssid, password):
+            self._started = self._ms()
+        self.own = (ssid, password)
+
+    def stop(self) -> None:
+        self._started = None
+
+    def guests(self) -> int:
+        """How many have joined the board's access point."""
+        if self._started is None or self.faults & {"lost", "alone", "deaf"}:
+            return 0
+        return int(self._ms() - self._started >= _GUEST_MS)
+
+    def reset(self) -> None:
+        """What a reset of the board does to it."""
+        self._wanted = None
+        self._started = None
+        for handle in list(self._sockets):
+            self.close(handle)
+
+    # --- sockets ------------------------------------------------------------------------------
+
+    def open(self, kind: int) -> int:
+        """A handle. Raises OSError."""
+        if len(self._sockets) == 16:
+            raise OSError(errno.ENOMEM, "a board has no room for more sockets")
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == 2 else socket.SOCK_STREAM)
+        sock.setblocking(False)
+        if self._air.address:
+            sock.bind((self._air.address, 0))
+        self._last = self._last % 250 + 1
+        while self._last in self._sockets:
+            self._last = self._last % 250 + 1
+        self._sockets[self._last] = sock
+        return self._last
+
+    def of(self, handle: int) -> socket.socket:
+        """Raises OSError where there is no network, or no such socket."""
+        if handle not in self._sockets:
+            raise OSError(errno.EBADF, "no such socket")
+        if self.status() != self.GOT_IP and not self.guests():
+            raise OSError(errno.EHOSTUNREACH, "the board is in no network")
+        return self._sockets[handle]
+
+    def connect_socket(self, handle: int, host: str, port: int) -> None:
+        """Raises OSError."""
+        self.of(handle).connect(self._air.route(host, port))
+
+    def fd(self, handle: int) -> int:
+        sock = self._sockets.get(handle)
+        return -1 if sock is None else sock.fileno()
+
+    def close(self, handle: int) -> None:
+        sock = self._sockets.pop(handle, None)
+        if sock is not None:
+            sock.close()
+
+
+# What happens to a modem, and is over then.
+_MOMENTS: Final = {
+    "reset": "its power is gone for a moment, as often as this is planted",
+    "closed": "its link to the agent is closed, as often as this is planted",
+    "chatty": "says lines that nobody has asked for, as often as this is planted",
+}
+
+
+class Plug(Part):
+    """One thing that is plugged in."""
+
+    OF: ClassVar[dict[str, dict[str, str]]] = {
+        "esp8266": {
+            "dead": "has no power",
+            "busy": "answers every command with busy",
+            "full": "gets rid of no datagram",
+            "stuck": "never asks for a datagram's octets",
+            "lost": "its access point is switched off",
+            **_MOMENTS,
+        },
+        "gs2200": {
+            "dead": "has no power",
+            "busy": "grants no transfer",
+            "lost": "its access point is switched off",
+            **_MOMENTS,
+        },
+        "wlan": {
+            "lost": "the access point is switched off; the board's own one too",
+            "deaf": "hears nobody: it joins no access point, and nobody joins its own",
+            "alone": "nobody joins the board's own access point",
+        },
+    }
+
+    def __init__(self, name: str, device: Esp8266 | Gs2200 | Radio, air: Air) -> None:
+        super().__init__(name)
+        self.FAULTS = self.OF[name]  # type: ignore[misc]
+        self.device = device
+        self.air = air
+        self._networks = dict(air.networks)
+
+    def fault(self, kind: str) -> None:
+        device = self.device
+        if kind in _MOMENTS and not isinstance(device, Radio):
+            {"reset": device.reset, "closed": device.lose_link, "chatty": device.chat}[kind]()
+            return
+        device.faults.add(kind)
+        if kind == "lost":
+            self.air.networks.clear()
+            if not isinstance(device, Radio):
+                device.lose_network()
+
+    def active(self, kind: str) -> bool:
+        return kind in self.device.faults
+
+    def heal(self) -> None:
+        self.device.faults.clear()
+        self.air.networks.update(self._networks)
+
+    def shows(self) -> str:
+        device = self.device
+        if not isinstance(device, Radio):
+            return f"in {device.joined}" if device.joined else "in no network"
+        if device.guests():
+            return f"{device.own[0]}, one computer"
+        return "in a network" if device.status() == Radio.GOT_IP else "in no network"
+
+    def reset(self) -> None:
+        if isinstance(self.device, Radio):
+            self.device.reset()
+
+    def close(self) -> None:
+        self.air.close()
+        self.reset()
+
+
+def plug(board: VirtualBoard, spec: str) -> Plug:
+    """Plug in what ``spec`` says; see the module. Raises PlugError."""
+    name, _, rest = spec.partition(":")
+    if name not in Plug.OF:
+        raise PlugError(f"there is no plug {name!r}; there are {', '.join(Plug.OF)}")
+    options = dict(part.partition("=")[::2] for part in rest.split(",") if part)
+    network = {options.pop("ssid", SSID): options.pop("password", PASSWORD)}
+    air = HostAir(network, routes=board.routes, address=board.address)
+
+    def ms() -> int:
+        return board.clock.world_us() // 1000
+
+    def take(option: str, of: str) -> str:
+        if option not in options:
+            raise PlugError(f"{name} is on {of}: say which, like {name}:{option}=1")
+        return options.pop(option)
+
+    made: Plug
+    if name == "esp8266":
+        baud = int(options.pop("baud", "115200"))
+        modem = Esp8266(air, ms, join_ms=_JOIN_MS, answer_ms=2, send_ms=1)
+        board.uarts[_number(take("uart", "a UART"), spec)] = Uart(modem, baud, board.clock)
+        made = Plug(name, modem, air)
+    elif name == "gs2200":
+        gs2200 = Gs2200(air, ms, key_ms=_JOIN_MS, join_ms=_JOIN_MS, answer_ms=2)
+        bus = board.spis[_number(take("spi", "an SPI bus"), spec)] = Spi(gs2200)
+        ready = take("ready", "a pin")
+        board.pins[ready] = Pin(ready, "GS2200 ready", gs2200.value)
+        if "cs" in options:
+            cs = options.pop("cs")
+
+            def select(level: int) -> None:
+                bus.selected = not level
+
+            board.pins[cs] = Pin(cs, "GS2200 select", driven=select)
+            bus.selected = False
+        made = Plug(name, gs2200, air)
+    else:
+        board.radio = Radio(air, ms)
+        made = Plug(name, board.radio, air)
+    if options:
+        raise PlugError(f"{name} has no option {', '.join(options)}: {spec}")
+    return made
+
+
+def _number(text: str, spec: str) -> int:
+    if not text.isdecimal() or int(text) > 99:
+        raise PlugError(f"{text!r} is no number of a bus: {spec}")
+    return int(text)

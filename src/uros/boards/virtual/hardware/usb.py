@@ -1,0 +1,390 @@
+"""The board's USB device, and the host's port that it is plugged into.
+
+The line is a real pseudo-terminal under a name that stays the same. As with a real USB serial port
+it is there only while the device is plugged in and configured, unplugging hangs up on whoever has
+it open, and the board knows whether a program has it open (DTR). While none has, nothing is sent:
+:meth:`UsbCdc.write` takes 0, as an endpoint whose packets nobody fetches, and what a program left
+unread is thrown away when it closes. So no stale bytes await the next one.
+
+What the firmware does not read is held back, not lost: first in 2048 bytes on the board, then at
+the host, until the program's writes wait.
+
+Enumeration takes a few milliseconds. A host that finds the descriptors wrong does not configure
+the device and says why (:attr:`UsbCdc.error`).
+
+Only Linux tells whether a program has a pseudo-terminal open. Elsewhere a configured port counts
+as open, and a program that opens it has to flush it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import tempfile
+import termios
+import threading
+import tty
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from ....middleware.wakeup_fd import Wake
+from .clock import BoardClock
+from .usb_descriptors import (
+    CONFIGURATION_DESCRIPTOR,
+    DEVICE_DESCRIPTOR,
+    PACKET,
+    STRINGS,
+    DescriptorError,
+    UsbIdentity,
+    check_descriptors,
+)
+
+__all__ = [
+    "ATTACHED",
+    "CONFIGURATION_DESCRIPTOR",
+    "CONFIGURED",
+    "DETACHED",
+    "DEVICE_DESCRIPTOR",
+    "ENUMERATION_US",
+    "RECEIVE_BUFFER",
+    "STRINGS",
+    "SUSPENDED",
+    "DescriptorError",
+    "UsbCdc",
+    "UsbIdentity",
+    "check_descriptors",
+]
+
+RECEIVE_BUFFER: Final = 2048
+ENUMERATION_US: Final = 5_000
+
+DETACHED: Final = "detached"
+ATTACHED: Final = "attached"
+CONFIGURED: Final = "configured"
+SUSPENDED: Final = "suspended"
+
+_TELLS_OPEN: Final = sys.platform == "linux"
+
+
+class _Line:
+    """A pseudo-terminal with the board at its master, and a link to its slave."""
+
+    def __init__(self, path: Path) -> None:
+        self.master, slave = os.openpty()
+        self._slave = -1
+        self._path = path
+        try:
+            tty.setraw(slave)
+            os.set_blocking(self.master, False)
+            self.device = os.ttyname(slave)
+            fresh = path.with_name(f"{path.name}.{os.getpid()}")
+            with contextlib.suppress(FileNotFoundError):
+                fresh.unlink()
+            fresh.symlink_to(self.device)
+            os.replace(fresh, path)
+        except BaseException:
+            os.close(self.master)
+            os.close(slave)
+            raise
+        # Without the slave, Linux says at the master whether others have it open.
+        if _TELLS_OPEN:
+            os.close(slave)
+        else:
+            self._slave = slave
+        self._was_open = False
+        self._hang_up = select.poll()
+        self._hang_up.register(self.master, 0)
+
+    def is_open(self) -> bool:
+        return not _TELLS_OPEN or not self._hang_up.poll(0)
+
+    def notice(self) -> bool:
+        """Whether it was opened or closed since the last call. What a program that has closed it
+        did not read is thrown away."""
+        is_open = self.is_open()
+        if is_open == self._was_open:
+            return False
+        self._was_open = is_open
+        if not is_open:
+            with contextlib.suppress(OSError):
+                slave = os.open(self.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+                try:
+                    termios.tcflush(slave, termios.TCIFLUSH)
+                finally:
+                    os.close(slave)
+        return True
+
+    def read(self, size: int) -> bytes:
+        try:
+            return os.read(self.master, size)
+        except OSError:  # nothing there, or closed by the program
+            return b""
+
+    def write(self, data: bytes | bytearray | memoryview) -> int:
+        try:
+            return os.write(self.master, data)
+        except OSError:
+            return 0
+
+    def close(self) -> None:
+        """Hang up."""
+        with contextlib.suppress(OSError):
+            if os.readlink(self._path) == self.device:
+                self._path.unlink()
+        os.close(self.master)
+        if self._slave >= 0:
+            os.close(self._slave)
+            self._slave = -1
+
+
+class UsbCdc:
+    """A USB serial port, from both ends.
+
+    The firmware's side is :meth:`enable` to :meth:`wait`. As on a microcontroller without a USB
+    task, enumeration ends and bytes are taken only when one of them is called. Any method may be
+    called from any thread, but only one thread waits.
+
+    ``path`` is where the link to the line will be, by default in a folder of its own that
+    :meth:`close` removes. A link that is there is replaced, anything else is left alone
+    (FileExistsError, from here).
+    """
+
+    def __init__(
+        self,
+        clock: BoardClock | None = None,
+        path: str | Path | None = None,
+        name: str = "board",
+    ) -> None:
+        self._clock = clock if clock is not None else BoardClock()
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        if path is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="uros-")
+            path = Path(self._folder.name) / name
+        self.path = Path(path)
+        if self.path.exists() and not self.path.is_symlink():
+            raise FileExistsError(f"{self.path} is there and no link; it is left alone")
+        self.plugged = True
+        self.error = ""
+        self.identity: UsbIdentity | None = None
+        self._lock = threading.RLock()
+        self._waiting = 0
+        self._wake = Wake()
+        # At the master of a terminal that nobody has open, "hung up" is always to be read, so
+        # that only a change of it must end a wait.
+        self._epoll = select.epoll() if _TELLS_OPEN else None
+        if self._epoll is not None:
+            self._epoll.register(self._wake.fileno(), select.EPOLLIN)
+        self._changes = 0  # counts what wait() has to tell
+        self._told = 0
+        self._enabled: tuple[bytes, bytes, tuple[str, ...]] | None = None
+        self._ready_at: int | None = None  # when enumeration ends
+        self._line: _Line | None = None
+        self._suspended = False
+        self._received = bytearray()
+        self._closed = False
+
+    # The firmware's side.
+
+    def enable(
+        self, device_descriptor: bytes, configuration: bytes, strings: Sequence[str]
+    ) -> None:
+        """Switch the device on. ``strings[0]`` is the one with index 1. If it was on, the host
+        sees it leave and come back."""
+        with self._lock:
+            self.disable()
+            self._enabled = bytes(device_descriptor), bytes(configuration), tuple(strings)
+            self._enumerate()
+
+    def disable(self) -> None:
+        """Switch the device off: to the host, it is gone."""
+        with self._lock:
+            self._enabled = None
+            self.error = ""
+            self._detach()
+
+    @property
+    def state(self) -> str:
+        """DETACHED: not plugged in, or off; ATTACHED: the host has not configured it, yet or at all
+        (see :attr:`error`); CONFIGURED; SUSPENDED."""
+        with self._lock:
+            self._poll()
+            if self._line is not None:
+                return SUSPENDED if self._suspended else CONFIGURED
+            return ATTACHED if self.plugged and self._enabled is not None else DETACHED
+
+    def is_open(self) -> bool:
+        """Whether a program on the host has the port open; also while suspended."""
+        with self._lock:
+            self._poll()
+            return self._line is not None and self._line.is_open()
+
+    def write(self, data: bytes | bytearray | memoryview) -> int:
+        """Send, without waiting. Returns how many bytes were taken: 0 unless the port is
+        configured, not suspended and open."""
+        with self._lock:
+            self._poll()
+            if self._line is None or self._suspended or not self._line.is_open() or not data:
+                return 0
+            return self._line.write(data)
+
+    def read(self, size: int) -> bytes:
+        """Up to ``size`` bytes that have come, without waiting."""
+        with self._lock:
+            self._poll()
+            out = bytes(memoryview(self._received)[:size])
+            del self._received[: len(out)]
+            return out
+
+    def any(self) -> int:
+        """How many bytes can be read, up to the size of the buffer."""
+        with self._lock:
+            self._poll()
+            return len(self._received)
+
+    def wait(self, seconds: float | None) -> bool:
+        """Wait up to so long (None: for ever) until there is something to read, or the line
+        has changed since the last wait: plugged, unplugged, configured, suspended, resumed, closed
+        by a program. Returns whether it is so. That a program has opened the port ends no wait
+        before its first byte comes."""
+        clock = self._clock
+        deadline = None if seconds is None else clock.host_ns() + round(seconds * 1e9)
+        while True:
+            with self._lock:
+                if self._closed:
+                    return True
+                self._wake.clear()
+                if self._epoll is not None:
+                    self._epoll.poll(0)
+                self._poll()
+                if self._received or self._told != self._changes:
+                    self._told = self._changes
+                    return True
+                now = clock.host_ns()
+                if deadline is not None and now >= deadline:
+                    return False
+                until = deadline
+                if self._ready_at is not None:
+                    ready = now + 1000 * (self._ready_at - clock.world_us())
+                    until = ready if until is None else min(until, ready)
+                fds = self._watched()
+                self._waiting += 1
+            try:
+                clock.select(fds, None if until is None else max(0, until - now) / 1e9)
+            finally:
+                with self._lock:
+                    self._waiting -= 1
+                    self._close_waiting()
+
+    # The host's side.
+
+    def plug(self) -> None:
+        """Put the cable in; the host enumerates the device if it is switched on."""
+        with self._lock:
+            if not self.plugged and not self._closed:
+                self.plugged = True
+                self._enumerate()
+
+    def unplug(self) -> None:
+        """Pull the cable: programs that have the port open see it hang up."""
+        with self._lock:
+            self.plugged = False
+            self._detach()
+
+    def suspend(self) -> None:
+        """The host lets the device sleep: the port stays, data waits. Nothing where there is no
+        configured device."""
+        with self._lock:
+            if self._line is not None and not self._suspended:
+                self._suspended = True
+                self._changed()
+
+    def resume(self) -> None:
+        """Data goes on."""
+        with self._lock:
+            if self._suspended:
+                self._suspended = False
+                self._changed()
+
+    @property
+    def suspended(self) -> bool:
+        return self._suspended
+
+    def close(self) -> None:
+        """Unplug for good. A wait ends."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self.plugged = False
+            self._detach()
+            self._close_waiting()
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    # With the lock held.
+
+    def _changed(self) -> None:
+        self._changes += 1
+        self._wake.set()
+
+    def _watched(self) -> list[int]:
+        if self._epoll is not None:
+            return [self._epoll.fileno()]
+        fds = [self._wake.fileno()]
+        if self._line is not None and not self._suspended:
+            fds.append(self._line.master)
+        return fds
+
+    def _close_waiting(self) -> None:
+        """When closed, the last one to leave a wait closes what it waits with."""
+        if self._closed and not self._waiting:
+            self._wake.close()
+            if self._epoll is not None:
+                self._epoll.close()
+
+    def _enumerate(self) -> None:
+        if self.plugged and self._enabled is not None:
+            self.error = ""
+            self._ready_at = self._clock.world_us() + ENUMERATION_US
+            self._changed()
+
+    def _detach(self) -> None:
+        self._ready_at = None
+        self._suspended = False
+        self.identity = None
+        self._received.clear()
+        self._changed()
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+
+    def _poll(self) -> None:
+        """What the device does by itself: end enumeration, take packets."""
+        if self._ready_at is not None and self._clock.world_us() >= self._ready_at:
+            self._ready_at = None
+            self._configure()
+        if self._line is None or self._suspended:
+            return
+        while len(self._received) + PACKET <= RECEIVE_BUFFER:
+            chunk = self._line.read(RECEIVE_BUFFER - len(self._received))
+            if not chunk:
+                break
+            self._received += chunk
+        if self._line.notice():
+            self._changed()
+
+    def _configure(self) -> None:
+        assert self._enabled is not None
+        try:
+            self.identity = check_descriptors(*self._enabled)
+            self._line = _Line(self.path)
+            if self._epoll is not None:
+                self._epoll.register(self._line.master, select.EPOLLIN | select.EPOLLET)
+        except DescriptorError as error:
+            self.error = str(error)
+        except OSError as error:
+            self.error = f"no line: {error}"
+        self._changed()

@@ -1,0 +1,94 @@
+"""The virtual boards that there are, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+
+class BoardError(ValueError):
+    """There is no such board; the text lists what there is."""
+
+
+@dataclass(frozen=True)
+class BoardSpec:
+    """A board that there is.
+
+    ``hardware`` is the module of this package that wires it, ``firmware`` the folder of its
+    program, ``ports`` the MicroPython ports that it is written for. ``plugs`` are plugged in from
+    the start (see `uros.boards.virtual.hardware.peripherals`). ``agent`` is the address at which
+    its program looks for the
+    agent in its network, "" where it does so on a serial line.
+    """
+
+    name: str
+    text: str
+    mcu: str
+    hardware: str
+    ports: tuple[str, ...]
+    plugs: tuple[str, ...] = ()
+    agent: str = ""
+
+    @property
+    def firmware(self) -> str:
+        """The folder in firmware/, which has the board's name."""
+        return self.name
+
+
+_RA6M5: Final = ("EK-RA6M5 (R7FA6M5BH3CFC)", "ra6m5", ("renesas-ra",))
+_ESP32: Final = ("ESP32-DevKitC (ESP32)", "esp32", ("esp32",))
+# A Spresense has no MicroPython: this board stands for it.
+_SPRESENSE: Final = ("ESP32-S3-DevKitC-1 (for a Spresense)", "spresense", ("esp32",))
+_ROVER: Final = (_SPRESENSE[0], "sprturtlebot", ("esp32",))
+_MODEMS: Final = ("gs2200:spi=1,ready=14,cs=21", "esp8266:uart=2")
+_AGENT: Final = "192.168.1.10:8888"
+
+_LIST: Final = (
+    BoardSpec("ra6m5_sensor_node", "three I2C sensors as a micro-ROS node over USB", *_RA6M5),
+    BoardSpec(
+        "ra6m5_usb_text", "the same sensors as a line of text a second over USB, without ROS",
+        *_RA6M5,
+    ),
+    BoardSpec("spresense_publisher", "a number that counts up, ten a second", *_SPRESENSE),
+    BoardSpec(
+        "spresense_publisher_wifi", "the same over a Wi-Fi modem, GS2200 or ESP8266",
+        *_SPRESENSE, _MODEMS, _AGENT,
+    ),
+    BoardSpec("spresense_subscriber", "an LED that a number switches", *_SPRESENSE),
+    BoardSpec("spresense_camera", "a picture a second", *_SPRESENSE),
+    BoardSpec("spresense_service_server", "a service that switches an LED", *_SPRESENSE),
+    BoardSpec("spresense_service_client", "calls a service every two seconds", *_SPRESENSE),
+    BoardSpec(
+        "spresense_sensors", "ten kinds of sensor messages",
+        _SPRESENSE[0], "spresense_sensors", ("esp32",),
+    ),
+    BoardSpec(
+        "sprturtlebot", "a rover with a camera, driven by cmd_vel, over Wi-Fi",
+        *_ROVER, ("gs2200:spi=1,ready=14,cs=21",), _AGENT,
+    ),
+    BoardSpec(
+        "sprturtlebot_pid", "the rover's wheels, tuned by a visualiser over Wi-Fi",
+        *_ROVER, ("wlan",), "192.168.1.10:10001",
+    ),
+    BoardSpec("esp32_publisher", "a number that counts up, once a second", *_ESP32),
+    BoardSpec("esp32_publisher_reconnect", "the same, and it finds its agent again", *_ESP32),
+    BoardSpec("esp32_subscriber", "an LED whose brightness comes from ROS", *_ESP32),
+    BoardSpec("esp32_subscriber_reconnect", "the same, and it finds its agent again", *_ESP32),
+    BoardSpec(
+        "esp32_button_led", "a button switches an LED, whose brightness comes from ROS", *_ESP32
+    ),
+    BoardSpec(
+        "esp32_wifi_publisher", "a number that counts up, over an access point of the board's own",
+        *_ESP32, ("wlan",), "10.16.1.2:8888",
+    ),
+    BoardSpec("esp32_tf_clock", "a transform, and the ROS time on the board", *_ESP32),
+)  # fmt: skip
+
+BOARDS: Final = {it.name: it for it in _LIST}
+
+
+def find(name: str) -> BoardSpec:
+    """Raises BoardError."""
+    if name not in BOARDS:
+        raise BoardError(f"there is no board {name}; there are {', '.join(BOARDS)}")
+    return BOARDS[name]

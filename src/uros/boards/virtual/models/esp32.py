@@ -1,0 +1,37 @@
+"""An ESP32-DevKitC on a breadboard: an LED at pin 22, a button or a second LED at pin 23, a knob at
+pin 34, and a USB adapter at UART 2, or its own WLAN."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from ..hardware.pins import Button, Led, Pin, Potentiometer
+
+if TYPE_CHECKING:
+    from ..hardware.board import VirtualBoard
+
+_PINS: Final = (*range(6), *range(12, 20), *range(21, 24), *range(25, 28), *range(32, 40))
+_AGENT_UART: Final = 2
+_LED: Final = "22"
+_SECOND: Final = "23"
+_KNOB: Final = "34"
+_WITH_BUTTON: Final = "esp32_button_led"
+
+
+def wire(board: VirtualBoard) -> None:
+    """Put everything on the board."""
+    board.unique_id = b"\x24" + board.number(5)
+    for number in _PINS:
+        board.add_pin(Pin(str(number)))
+    board.bridge(_AGENT_UART)
+    knob = Potentiometer("knob", board.seed)
+    board.parts.add(knob)
+    board.add_pin(Pin(_KNOB, "knob", analog=knob.analog))
+    board.add_led(_LED, Led("led", board.changed), "LED")
+    if board.name == _WITH_BUTTON:
+        button = Button("button", board.seed)
+        board.parts.add(button)
+        button.pin.name = _SECOND
+        board.add_pin(button.pin)
+    else:
+        board.add_led(_SECOND, Led("error_led", board.changed), "second LED")

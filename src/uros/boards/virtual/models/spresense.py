@@ -1,0 +1,37 @@
+"""An ESP32-S3-DevKitC-1 that stands for a Sony Spresense, which has no MicroPython: its four LEDs,
+the line to the agent at UART 1, and what else a program needs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from ..devices.camera import Camera
+from ..hardware.pins import Led, Pin
+from ..world.arena import Arena
+from ..world.renderer import Scene
+
+if TYPE_CHECKING:
+    from ..hardware.board import VirtualBoard
+
+_PINS: Final = (*range(22), *range(33, 49))
+_AGENT_UART: Final = 1
+_BAUD: Final = 115_200
+LEDS: Final = ("38", "39", "40", "41")
+
+_WITH_CAMERA: Final = "spresense_camera"
+# A picture of 20,000 octets a second is more than the usual rate carries.
+_CAMERA_BAUD: Final = 921_600
+
+
+def wire(board: VirtualBoard) -> None:
+    """Put everything on the board."""
+    camera = board.name == _WITH_CAMERA
+    board.unique_id = b"\x34" + board.number(5)
+    for number in _PINS:
+        board.add_pin(Pin(str(number)))
+    board.bridge(_AGENT_UART, _CAMERA_BAUD if camera else _BAUD)
+    for index, pin in enumerate(LEDS):
+        board.add_led(pin, Led(f"led{index}", board.changed), f"LED{index}")
+    if camera:
+        scene = Scene(Arena(board.seed), ball=True)
+        board.add_camera(Camera("camera", scene, seed=board.seed))

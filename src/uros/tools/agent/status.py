@@ -1,0 +1,311 @@
+"""``uros agent status``: how a running agent is, and the boards that it serves."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+import time
+from typing import Any, Final
+
+from ...printable import printable_ascii as plain
+from ...printable import unguarded
+from ..common import positive_float, positive_int
+
+NAME: Final = "status"
+_HELP: Final = "show a running agent: its transports, boards, and who was refused"
+_WATCH: Final = 2.0
+# A column of text is cut to no less than this where the terminal is narrow.
+_LEAST: Final = 8
+
+Snapshot = dict[str, Any]
+
+
+def add_parser(transports: Any) -> None:
+    """One more word in the place of the transport; no transport may follow it."""
+    parser = transports.add_parser(NAME, help=_HELP, description=_HELP)
+    parser.add_argument(
+        "--agent", type=positive_int, metavar="PID", help="which one, where several run here"
+    )
+    parser.add_argument(
+        "--watch", nargs="?", type=positive_float, const=_WATCH, metavar="SECONDS",
+        help=f"show it again every so many seconds (default {_WATCH:g}), until Ctrl-C",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print the agent's answer as it is")
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="show the topics and services of each board"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    from .running_agents import ask, find_agent
+
+    agent = find_agent(args.agent)
+    before: Snapshot | None = None
+    while True:
+        snapshot = ask(agent, "status")
+        if args.json:
+            print(json.dumps(snapshot), flush=True)
+        else:
+            wide = sys.stdout.isatty()
+            width = shutil.get_terminal_size().columns if wide else 10_000
+            text = "\n".join(page(snapshot, before, args.verbose, width))
+            # Home, and clear what is below: no flicker.
+            if wide and args.watch:
+                print(f"\033[H\033[J{text}", file=unguarded(sys.stdout), flush=True)
+            else:
+                print(text, flush=True)
+            if args.watch and not wide:
+                print(flush=True)
+        if args.watch is None:
+            return 0
+        before = snapshot
+        time.sleep(args.watch)
+
+
+# --- the page ---------------------------------------------------------------------------------
+
+
+def page(
+    snapshot: Snapshot, before: Snapshot | None = None, verbose: bool = False, width: int = 80
+) -> list[str]:
+    """The lines of a page, none wider than ``width``. With the snapshot ``before`` it, rates are
+    over the time between."""
+    lines = [_cut(_head(snapshot, before), width), ""]
+    lines += _table(_transports(snapshot), width, "<<>><", 1, 4)
+    lines.append("")
+    clients = snapshot["clients"]
+    if not clients:
+        lines.append("No boards. Their firmware must know this host's address and the port.")
+    else:
+        lines += _boards(_clients(snapshot, before), width)
+        lines.append(_cut(f"  in/s, out/s: messages a second{_over(snapshot, before)}", width))
+    if snapshot["refused"]:
+        lines += ["", *_refused(snapshot, width)]
+    if verbose:
+        for client in clients:
+            lines += ["", *_endpoints(client, width)]
+    return lines
+
+
+def _head(snapshot: Snapshot, before: Snapshot | None) -> str:
+    parts = [
+        f"agent {snapshot['pid']}",
+        f"up {duration(snapshot['uptime'])}",
+        f"middleware {snapshot['middleware']}",
+    ]
+    passed = snapshot["uptime"] - before["uptime"] if before else 0
+    if before and passed > 0:
+        parts.append(f"CPU {100 * (snapshot['cpu'] - before['cpu']) / passed:.1f} %")
+    else:
+        parts.append(f"CPU {duration(snapshot['cpu'])}")
+    if snapshot["rss"] is not None:
+        parts.append(f"RSS {octets(snapshot['rss'])}")
+    if snapshot["fds"] is not None:
+        parts.append(f"{snapshot['fds']} fds")
+    return ", ".join(parts)
+
+
+def _transports(snapshot: Snapshot) -> list[list[str]]:
+    rows = [["TRANSPORT", "WHERE", "MESSAGES", "BYTES", ""]]
+    for it in snapshot["transports"]:
+        about = []
+        if it.get("connections"):
+            about.append(f"{it['connections']} connected")
+        for name, text in (
+            ("refused", "refused"), ("crc_errors", "CRC errors"), ("malformed", "malformed"),
+            ("foreign", "for others"), ("skipped", "bytes between frames"),
+            ("dropped", "not sent"),
+        ):  # fmt: skip
+            if it.get(name):
+                about.append(f"{it[name]} {text}")
+        rows.append(
+            [it["name"], plain(it["label"]), f"{it['messages']:,}", octets(it["bytes"]),
+             ", ".join(about)]
+        )  # fmt: skip
+    return rows
+
+
+def _clients(snapshot: Snapshot, before: Snapshot | None) -> list[list[str]]:
+    rows = [
+        ["BOARD", "ADDRESS", "NODES", "HEARD", "IN/S", "OUT/S", "LOST", "RESENT", "WAITING"]
+    ]
+    earlier = {it["key"]: it for it in before["clients"]} if before else {}
+    for it in snapshot["clients"]:
+        rate_in, rate_out = _rates(it, earlier.get(it["key"]))
+        nodes = [node_name(node) for node in it["nodes"]]
+        queues = it["queues"]
+        rows.append(
+            [it["key"], plain(it["address"]), " ".join(nodes) or "-",
+             duration(it["heard_ago"]), f"{rate_in:.1f}", f"{rate_out:.1f}",
+             str(it["received"]["lost"] + it["received"]["given_up"]), str(it["sent"]["resent"]),
+             str(queues["unacknowledged"] + queues["stalled"] + queues["early"])]
+        )  # fmt: skip
+    return rows
+
+
+def _boards(rows: list[list[str]], width: int) -> list[str]:
+    """The table of boards. Where it is too wide, the nodes stand below each."""
+    lines = _table(rows, 10_000, "<<<>>>>>>")
+    if max(map(len, lines)) <= width:
+        return lines
+    lines = _table([row[:2] + row[3:] for row in rows], width, "<<>>>>>>", 1)
+    below = [f"  {row[2]}" for row in rows]
+    return [
+        _cut(line, width)
+        for pair in zip(lines, below, strict=True)
+        for line in pair
+        if line != "  -"
+    ]
+
+
+def node_name(node: dict[str, Any]) -> str:
+    """As a page shows it, with its domain unless that is 0."""
+    name = plain(node["name"])
+    return f"{name}@{node['domain']}" if node["domain"] else name
+
+
+def _rates(client: dict[str, Any], before: dict[str, Any] | None) -> tuple[float, float]:
+    passed = client["age"] - before["age"] if before else 0
+    if before is None or passed <= 0:
+        return client["received"]["rate"], client["sent"]["rate"]
+    return (
+        (client["received"]["messages"] - before["received"]["messages"]) / passed,
+        (client["sent"]["messages"] - before["sent"]["messages"]) / passed,
+    )
+
+
+def _over(snapshot: Snapshot, before: Snapshot | None) -> str:
+    if before:
+        return ", since the look before"
+    longest = max(it["rate_over"] for it in snapshot["clients"])
+    return f", over the last {duration(longest)}"
+
+
+def _remedy(why: str) -> str:
+    """What to do about a refusal."""
+    from ...agent.policy.admission import ADDRESS_NOT_ALLOWED, KEY_IN_USE, KEY_NOT_ALLOWED
+
+    remedies = (
+        (KEY_IN_USE, "another board answers with this key: give each its own (uros: key=,"
+         " micro-ROS: rmw_uros_options_set_client_key), or end that one"),
+        (KEY_NOT_ALLOWED, "let it in by --allow-key, or take the key off a board that is none of"
+         " yours"),
+        (ADDRESS_NOT_ALLOWED, "let its network in by --allow-net"),
+        ("over ", "raise --max-clients, or start another agent"),
+        ("memory", "raise --max-memory, or see which board holds so much (-v)"),
+        ("MTU", "give its transport a larger MTU"),
+        ("", "is it a micro-ROS client, of XRCE 1?"),
+    )  # fmt: skip
+    return next(text for start, text in remedies if why.startswith(start))
+
+
+def _refused(snapshot: Snapshot, width: int) -> list[str]:
+    rows = [["REFUSED", "ADDRESS", "TIMES", "LAST", "WHY"]]
+    rows += [
+        [it["key"], plain(it["address"]), str(it["times"]), f"{duration(it['ago'])} ago",
+         plain(it["why"])]
+        for it in snapshot["refused"]
+    ]  # fmt: skip
+    lines = _table(rows, width, "<<>><", 4, 1)
+    for why in dict.fromkeys(it["why"] for it in snapshot["refused"]):
+        lines += _wrapped(f"{plain(why)}: {_remedy(why)}", width)
+    return lines
+
+
+def _wrapped(text: str, width: int, first: str = "  ") -> list[str]:
+    import textwrap
+
+    return textwrap.wrap(text, min(width, 100), initial_indent=first, subsequent_indent="  ")
+
+
+def _endpoints(client: dict[str, Any], width: int) -> list[str]:
+    objects = ", ".join(
+        f"{count} {kind}{'s' * (count > 1)}" for kind, count in client["objects"].items()
+    )
+    head = (
+        f"{client['key']}: session {client['session_id']}, {client['transport']}, MTU"
+        f" {client['mtu']}, for {duration(client['age'])}; {objects or 'no objects'}"
+    )
+    queues = client["queues"]
+    waits = [
+        f"{queues[name]} {text}"
+        for name, text in (
+            ("unacknowledged", "sent and not acknowledged"), ("stalled", "wait for the network"),
+            ("early", "came early"),
+        )
+        if queues[name]
+    ]  # fmt: skip
+    lines = _wrapped(head, width, "")
+    if waits:
+        lines.append(_cut(f"  messages: {', '.join(waits)}", width))
+    if queues["fragments"]:
+        lines.append(f"  bytes of fragments: {queues['fragments']}")
+    if client["sent"]["dropped"]:
+        lines.append(_cut(f"  dropped: {client['sent']['dropped']}", width))
+    if client["clock_offset"] is not None:
+        lines.append(_cut(f"  its clock minus ours: {client['clock_offset']:+.3f} s", width))
+    rows = [
+        ["  " + it["kind"], plain(it["topic"]), plain(it["type"]), f"{it['samples']:,}"]
+        for it in client["endpoints"]
+    ]
+    if rows:
+        header = ["  ENDPOINT", "TOPIC", "TYPE", "SAMPLES"]
+        lines += _table([header, *rows], width, "<<<>", 2, 1)
+    if client.get("endpoints_left_out"):
+        lines.append(f"  and {client['endpoints_left_out']} more")
+    return lines
+
+
+# --- text ------------------------------------------------------------------------------------
+
+
+def duration(seconds: float) -> str:
+    """``0.1 s``, ``42 s``, ``3 min``, ``2 h 5 min``, ``3 d 4 h``."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    whole = int(seconds)
+    if whole < 120:
+        return f"{whole} s"
+    if whole < 7200:
+        return f"{whole // 60} min"
+    if whole < 172_800:
+        return f"{whole // 3600} h {whole % 3600 // 60} min"
+    return f"{whole // 86_400} d {whole % 86_400 // 3600} h"
+
+
+def octets(count: int) -> str:
+    """``950 B``, ``12.3 kB``, ``4.5 MB``."""
+    if count < 1000:
+        return f"{count} B"
+    size = float(count)
+    for unit in ("kB", "MB", "GB"):
+        size /= 1000
+        if size < 999.95:
+            return f"{size:.1f} {unit}"
+    return f"{size / 1000:.1f} TB"
+
+
+def _cut(text: str, width: int) -> str:
+    return text if len(text) <= width else text[: max(0, width - 3)] + "..."
+
+
+def _table(rows: list[list[str]], width: int, aligned: str, *narrow: int) -> list[str]:
+    """Rows under each other. Where they are too wide, the columns ``narrow`` are cut, the first
+    one first."""
+    sizes = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for column in narrow:
+        over = sum(sizes) + 2 * (len(sizes) - 1) - width
+        if over > 0:
+            sizes[column] = max(min(sizes[column], _LEAST), sizes[column] - over)
+    return [
+        _cut(
+            "  ".join(
+                f"{_cut(cell, size):{way}{size}}"
+                for cell, size, way in zip(row, sizes, aligned, strict=True)
+            ).rstrip(),
+            width,
+        )
+        for row in rows
+    ]

@@ -1,0 +1,134 @@
+"""``uros board build``"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from pathlib import Path
+from typing import Final
+
+from ..common import add_interfaces, know_interfaces
+from ..errors import ToolError, did_you_mean
+from .target import add_named, named
+
+_EPILOG: Final = """\
+A program is a folder with a main.py. What it imports of uros and of ROS interfaces is written
+beside it, shrunk, and nothing else.
+
+examples:
+
+  uros board build ra6m5_sensor_node build/ra6m5_sensor_node --mpy
+  uros board build my_program build/my_program --interfaces my_msgs
+  uros board build my_program build/my_program --mpy --mip
+
+'uros board deploy' does this, and copies the files.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EPILOG + _passes_help()
+    parser.add_argument(
+        "program", metavar="NAME", help="see 'uros board list'; or a folder with a main.py"
+    )
+    parser.add_argument(
+        "out", metavar="OUT", help="folder to write; what was built there before is replaced"
+    )
+    add_named(parser)
+    add_build(parser)
+    parser.add_argument(
+        "--mip", action="store_true",
+        help="also write a package.json, by which mip and 'mpremote mip' install the files",
+    )  # fmt: skip
+
+
+def add_build(parser: argparse.ArgumentParser) -> None:
+    """How to build."""
+    parser.add_argument(
+        "--mpy", action="store_true",
+        help="bytecode, which loads faster and takes less memory (default: text)",
+    )  # fmt: skip
+    add_interfaces(parser)
+    parser.add_argument(
+        "--provided", metavar="MODULE", action="append", default=[],
+        help="a module that the board's firmware brings, so that no import of it is a fault; may be"
+        " repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--without", metavar="PASS", action="append", default=[],
+        help="leave out one of the passes over uros's modules, listed by 'uros board build"
+        " --help'; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-lean", dest="without", action="append_const", const="terse-errors",
+        help="keep the words of errors, which take memory: --without terse-errors",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-bundle", dest="without", action="append_const", const="bundle",
+        help="with --mpy, a file for each module, not one for all of uros: --without bundle",
+    )  # fmt: skip
+
+
+def _passes_help() -> str:
+    """What ``--without`` can leave out, for an epilog."""
+    from ...boards.builder.pipeline import PASSES
+
+    lines = [
+        f"  {it.name:<15} {it.purpose}{' (--mpy)' if it.bytecode else ''}" for it in PASSES
+    ]
+    return "\n".join(["", "passes over uros's modules, in this order:", "", *lines, ""])
+
+
+def run(args: argparse.Namespace) -> int:
+    """Build, and say what to do next. Raises ToolError and InterfaceError."""
+    named(args)
+    program, out = program_folder(args.program), Path(args.out)
+    files = build_files(args, program, out)
+    size = sum(file.stat().st_size for file in files)
+    print(f"{out}: {len(files)} file{'s' if len(files) > 1 else ''}, {size} bytes")
+    if args.mip:
+        from ...boards.deploy.mip import write_manifest
+
+        manifest = shlex.quote(str(write_manifest(out, files)))
+        print("\nNext, with the port of the board's console in place of PORT:\n")
+        print(f"  mpremote connect PORT mip install --target . {manifest}")
+        return 0
+    print("\nNext, with the port of the board's console in place of PORT:\n")
+    print(f"  uros board deploy {shlex.quote(str(out))} --port PORT")
+    print("\nor with MicroPython's own tool:\n")
+    print(f"  mpremote connect PORT cp -r {shlex.quote(str(out))}/* :")
+    print("  mpremote connect PORT reset")
+    return 0
+
+
+def build_files(args: argparse.Namespace, program: Path, out: Path) -> list[Path]:
+    """Build as the options say. Raises ToolError and InterfaceError."""
+    from ...boards.builder.resolver import BuildError, build
+
+    know_interfaces(args)
+    form = "mpy" if args.mpy else "py"
+    try:
+        return build(program, out, form, without=args.without, provided=args.provided)
+    except BuildError as error:
+        raise ToolError(str(error)) from error
+    except OSError as error:
+        raise ToolError(f"{error.filename or out}: {error.strerror or error}") from error
+
+
+def program_folder(name: str) -> Path:
+    """The program's folder. Raises ToolError."""
+    from ...boards.virtual.engine.runner import firmware_folder
+    from ...boards.virtual.models.catalog import BOARDS, BoardError
+
+    if name in BOARDS:
+        try:
+            return firmware_folder(BOARDS[name])
+        except BoardError as error:
+            raise ToolError(str(error)) from error
+    folder = Path(name)
+    if not folder.is_dir():
+        close = did_you_mean(name, BOARDS) or f" (boards are {', '.join(BOARDS)})"
+        raise ToolError(f"there is no board or folder {name!r}{close}")
+    if not (folder / "main.py").is_file():
+        raise ToolError(f"{folder}: no main.py in it, which is what a board starts")
+    return folder

@@ -1,0 +1,246 @@
+"""``uros board console``, which is also how ``uros board deploy`` ends: what a board prints."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final
+
+from ...printable import printable, unguarded
+from ..common import positive_float, positive_int
+from ..errors import ToolError
+
+if TYPE_CHECKING:
+    from ...transport.serial_host import OpenPort
+
+_EPILOG: Final = """\
+Shows what the board prints, and sends it what is typed. Frames for a micro-ROS agent on the same
+line are left out and counted. It goes on when the board was unplugged and is back.
+
+Ctrl-C or Ctrl-] leaves; Ctrl-X interrupts the program (the board gets Ctrl-C), Ctrl-D at its prompt
+starts it anew.
+
+examples:
+
+  uros board console --port /dev/ttyACM0
+  uros board console --port /dev/ttyUSB0 --baudrate 921600
+"""
+
+_BAUD: Final = 115200
+# As long as nothing comes, what looked like the beginning of a frame is one no more.
+_HOLD_SECONDS: Final = 0.2
+_WAIT_MS: Final = 50
+_BACK_SECONDS: Final = 0.2
+_LEAVE: Final = b"\x03\x1d"
+_INTERRUPT: Final = b"\x18"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EPILOG
+    add_port(parser)
+    add_seconds(parser)
+
+
+def add_port(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--port", "-p", metavar="DEV",
+        help="the board's console: /dev/ttyACM0, COM3, or a URL of pyserial's; without it those"
+        " that are there are listed",
+    )  # fmt: skip
+    parser.add_argument(
+        "--baudrate", "-b", metavar="N", type=positive_int, default=_BAUD,
+        help=f"where the console is a UART (default: {_BAUD})",
+    )  # fmt: skip
+
+
+def add_seconds(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--seconds", metavar="S", type=positive_float,
+        help="leave the console after so long (default: Ctrl-C)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Until Ctrl-C or the end of the time. Raises ToolError."""
+    port = open_port(args, "uros board console")
+    try:
+        show(port, args.port, args.seconds)
+    finally:
+        port.close()
+    return 0
+
+
+# --- the port -------------------------------------------------------------------------
+
+
+def open_port(args: argparse.Namespace, command: str) -> OpenPort:
+    """The port of ``--port``, open. Raises ToolError, without ``--port`` with what there is."""
+    from ...agent.transports.base import TransportError
+    from ...transport.serial_host import device_port
+
+    if args.port is None:
+        raise ToolError(_which(command))
+    try:
+        port = device_port(args.port, args.baudrate)
+        port.open()
+    except TransportError as error:
+        raise ToolError(str(error)) from error
+    except OSError as error:
+        raise ToolError(f"{args.port}: {_why(args.port, error)}") from error
+    return port
+
+
+def _which(command: str) -> str:
+    from ..doctor.serial import ports
+
+    found = ports()
+    if not found:
+        return (
+            "no --port is given, and no serial port is there: plug the board in with a cable that"
+            " carries data"
+        )
+    known = ", ".join(f"{it} ({text})" if (text := _describe(it)) else it for it in found)
+    return f"no --port is given; there are {known}: {command} ... --port {found[0]}"
+
+
+def _describe(device: str) -> str:
+    """What a USB device says that it is, as far as this system tells."""
+    folder = os.path.realpath(
+        os.path.join("/sys/class/tty", os.path.basename(os.path.realpath(device)), "device", "..")
+    )
+    words = []
+    for name in ("manufacturer", "product"):
+        try:
+            with open(os.path.join(folder, name), encoding="utf-8", errors="replace") as file:
+                words.append(" ".join(file.read(80).split()))
+        except OSError:
+            continue
+    return " ".join(words)
+
+
+def _why(device: str, error: OSError) -> str:
+    """Who holds it, where that is known; else what the system says."""
+    from ..doctor.finding import NOTE, PROBLEM
+    from ..doctor.serial import check_device
+
+    for finding in check_device(device, touch=False):
+        if finding.mend and finding.state in (PROBLEM, NOTE):
+            return f"{finding.what}: {finding.mend}"
+    return str(error.strerror or error)
+
+
+# --- the console ----------------------------------------------------------------------
+
+
+def show(port: OpenPort, device: str, seconds: float | None) -> None:
+    """Print what comes and send what is typed, until Ctrl-C, Ctrl-] or the end of the time."""
+    from ...boards.deploy.console import ConsoleText
+
+    text = ConsoleText()
+    end = None if seconds is None else time.monotonic() + seconds
+    try:
+        with _keys() as keys:
+            if keys is not None:
+                _say(f"the console of {device}; Ctrl-C leaves, Ctrl-X interrupts the program")
+            _carry(port, device, text, keys, end)
+    except KeyboardInterrupt:
+        pass
+    _print(text.flush() + "\n", False)
+    if text.frames:
+        _say(
+            f"{text.frames} XRCE frames passed: now the agent can have the line:"
+            f" uros agent serial --dev {device}"
+        )
+
+
+def _carry(port: OpenPort, device: str, text: Any, keys: int | None, end: float | None) -> None:
+    heard = time.monotonic()
+    while end is None or time.monotonic() < end:
+        try:
+            port.wait(_WAIT_MS)
+            data = port.read(4096) or b""
+            typed = _typed(keys)
+            if any(it in typed for it in _LEAVE):
+                return
+            if typed:
+                port.write(typed.replace(_INTERRUPT, b"\x03"))
+        except OSError as error:
+            _say(f"the line is gone ({error.strerror or error}); it goes on when it is back")
+            if not _reopen(port, keys, end):
+                return
+            _say(f"{device} is back")
+            continue
+        now = time.monotonic()
+        shown = text.feed(data)
+        if data:
+            heard = now
+        elif text.holding and now - heard > _HOLD_SECONDS:
+            shown += text.flush()
+        if shown:
+            _print(shown, keys is not None)
+
+
+def _print(text: str, live: bool) -> None:
+    """``live``: to a terminal on which somebody types, which needs the editor's sequences."""
+    if live:
+        out = unguarded(sys.stdout)  # `ConsoleText` has cleaned it
+        out.write(text)
+        out.flush()
+        return
+    # Where this is no terminal, pieces may end between the two.
+    print(printable(text.replace("\r", ""), "\n\t"), end="", flush=True)
+
+
+def _reopen(port: OpenPort, keys: int | None, end: float | None) -> bool:
+    while end is None or time.monotonic() < end:
+        if any(it in _typed(keys) for it in _LEAVE):
+            return False
+        try:
+            port.open()
+            return True
+        except OSError:
+            time.sleep(_BACK_SECONDS)
+    return False
+
+
+def _say(text: str) -> None:
+    print(f"uros: {text}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _keys() -> Iterator[int | None]:
+    """The terminal, giving each key as it is pressed; None where there is none, or on Windows."""
+    try:
+        import termios
+        import tty
+
+        fd = sys.stdin.fileno()
+        if not os.isatty(fd) or os.tcgetpgrp(fd) != os.getpgrp():
+            raise OSError("no terminal of ours")
+        before = termios.tcgetattr(fd)
+    except (ImportError, OSError, ValueError):
+        yield None
+        return
+    try:
+        tty.setcbreak(fd)
+        now = termios.tcgetattr(fd)
+        now[3] &= ~termios.ISIG
+        now[3] &= ~termios.ICANON
+        now[0] &= ~(termios.IXON | termios.ICRNL)
+        termios.tcsetattr(fd, termios.TCSANOW, now)
+        yield fd
+    finally:
+        termios.tcsetattr(fd, termios.TCSADRAIN, before)
+
+
+def _typed(keys: int | None) -> bytes:
+    if keys is None:
+        return b""
+    import select
+
+    return os.read(keys, 256) if select.select([keys], [], [], 0)[0] else b""

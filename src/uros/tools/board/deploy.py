@@ -1,0 +1,256 @@
+"""``uros board deploy``"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ...printable import printable, unguarded
+from ..errors import ToolError
+from .build import add_build, build_files, program_folder
+from .console import add_port, add_seconds, open_port, show
+from .target import add_named, named
+
+if TYPE_CHECKING:
+    from ...boards.deploy.deploy import Device, Plan
+    from ...boards.deploy.raw_repl import NoRepl, RawRepl
+    from ...transport.serial_host import OpenPort
+
+_EPILOG: Final = """\
+Builds the program as 'uros board build' does, and copies what differs by the console of a board
+that has MicroPython. New files are complete and compared on the board before one of the old ones is
+touched. Then the program starts, and its console is shown; Ctrl-C leaves it.
+
+examples:
+
+  uros board deploy ra6m5_sensor_node --port /dev/ttyUSB0 --mpy
+  uros board deploy my_program --port /dev/ttyACM0 --board pico_w
+  uros board deploy my_program --port COM3 --no-console
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EPILOG
+    parser.add_argument(
+        "program", metavar="FOLDER",
+        help="a folder with a main.py, one that 'uros board build' has written, or a name of"
+        " 'uros board list'",
+    )  # fmt: skip
+    add_port(parser)
+    add_named(parser)
+    add_build(parser)
+    parser.add_argument(
+        "--clean", action="store_true",
+        help="remove everything else from the board's file system",
+    )  # fmt: skip
+    parser.add_argument(
+        "--in-place", action="store_true",
+        help="remove the old files before the new ones are there, where there is no room for both",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-reset", dest="reset", action="store_false",
+        help="leave the board at its prompt: the program does not start, no console is shown",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-console", dest="console", action="store_false", help="end when the program starts"
+    )
+    add_seconds(parser)
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object, and show no console"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Copy, start, show. Raises ToolError and InterfaceError."""
+    from ...boards.deploy.deploy import DeployError
+    from ...boards.deploy.raw_repl import NoRepl, RawRepl, ReplError
+
+    board = named(args)
+    files = _files(args)
+    port = open_port(args, f"uros board deploy {args.program}")
+    try:
+        repl = RawRepl(port)
+        try:
+            repl.enter(waiting=_ask_for_reset)
+            done = _deploy(repl, args, files, board.port if board else "")
+        except NoRepl as error:
+            raise ToolError(f"{args.port}: {_silence(args, error)}") from error
+        except (DeployError, ReplError) as error:
+            raise ToolError(f"{args.port}: {_remedied(error)}") from error
+        if args.json:
+            print(json.dumps(done))
+        elif args.console and args.reset:
+            _show(port, args)
+    finally:
+        port.close()
+    return 0
+
+
+def _show(port: OpenPort, args: argparse.Namespace) -> None:
+    show(port, args.port, args.seconds)
+
+
+def _files(args: argparse.Namespace) -> dict[str, bytes]:
+    """The board's file system. Raises ToolError and InterfaceError."""
+    from ...boards.builder.resolver import is_built
+
+    if is_built(Path(args.program)):
+        return _read(Path(args.program))
+    folder = program_folder(args.program)
+    with tempfile.TemporaryDirectory(prefix="uros-") as scratch:
+        out = Path(scratch, "files")
+        build_files(args, folder, out)
+        return _read(out)
+
+
+def _read(folder: Path) -> dict[str, bytes]:
+    from ...boards.deploy.mip import MANIFEST
+
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not path.name.startswith(".") and path != folder / MANIFEST
+    }
+
+
+def _deploy(
+    repl: RawRepl, args: argparse.Namespace, files: dict[str, bytes], wanted: str
+) -> dict[str, Any]:
+    from ...boards.deploy.deploy import carry_out, check, check_room, look, make_plan
+
+    device = look(repl)
+    say = (lambda text: None) if args.json else _say
+    say(f"{args.port}: {device.machine or device.platform}, MicroPython {device.version}")
+    _check_port(device, args, wanted)
+    check(device, files)
+    plan = make_plan(repl, device, files, args.clean)
+    if not args.in_place:
+        check_room(device, plan, files)
+    if plan.changes:
+        progress = _Progress(not args.json)
+        carry_out(repl, device, plan, files, progress, args.in_place)
+        progress.end()
+    say(_summary(plan, files))
+    repl.leave(restart=args.reset)
+    return {
+        "port": args.port, "machine": device.machine, "platform": device.platform,
+        "version": device.version, "root": device.root, "free": device.free,
+        "copied": plan.write, "kept": plan.keep, "removed": plan.remove,
+        "bytes": sum(len(files[path]) for path in plan.write), "started": args.reset,
+    }  # fmt: skip
+
+
+def _check_port(device: Device, args: argparse.Namespace, wanted: str) -> None:
+    from ...boards.deploy.known_boards import PLATFORMS
+
+    port = PLATFORMS.get(device.platform, device.platform)
+    if wanted and port != wanted:
+        raise ToolError(
+            f"{args.port}: {args.board} has MicroPython for {wanted}, and this board's is for"
+            f" {port} ({device.machine}): plug the other board in, or mend --board or --port"
+        )
+
+
+def _summary(plan: Plan, files: dict[str, bytes]) -> str:
+    size = sum(len(files[path]) for path in plan.write)
+    parts = []
+    if plan.write:
+        parts.append(f"{_count(plan.write)} copied and compared ({size} bytes)")
+    if plan.keep:
+        parts.append(f"{_count(plan.keep)} there already")
+    if plan.remove:
+        parts.append(f"{_count(plan.remove)} removed")
+    return ", ".join(parts)
+
+
+def _count(paths: list[str]) -> str:
+    return f"{len(paths)} file{'s' * (len(paths) > 1)}"
+
+
+def _say(text: str) -> None:
+    print(printable(text), flush=True)
+
+
+def _ask_for_reset() -> None:
+    print(
+        "uros: the board does not answer yet; press its reset button now", file=sys.stderr,
+        flush=True,
+    )  # fmt: skip
+
+
+class _Progress:
+    """On a terminal one line that grows, else a line a file."""
+
+    def __init__(self, visible: bool) -> None:
+        self._visible = visible
+        self._live = visible and sys.stdout.isatty()
+        self._last = ""
+
+    def __call__(self, path: str, done: int, size: int) -> None:
+        if self._live:
+            line = f"{100 * done // max(size, 1):3} %  {printable(path)}"
+            self._draw(f"\r{line:{len(self._last)}}")
+            self._last = line
+        elif self._visible and path != self._last:
+            self._last = path
+            print(f"  {path}", flush=True)
+
+    def end(self) -> None:
+        if self._live and self._last:
+            self._draw("\r" + " " * len(self._last) + "\r")
+
+    def _draw(self, text: str) -> None:
+        print(text, end="", file=unguarded(sys.stdout), flush=True)
+
+
+def _silence(args: argparse.Namespace, error: NoRepl) -> str:
+    """Why there is no prompt, by what came instead."""
+    from ..doctor.serial import NOISE, SOUND, TEXT, judge
+
+    heard = judge(error.heard)
+    if heard.kind == SOUND:
+        return (
+            "no MicroPython prompt, but XRCE frames come: a micro-ROS program has this line. If its"
+            " console is another port, give that one; else press the board's reset button while"
+            " this tries again"
+        )
+    if heard.kind == TEXT:
+        return (
+            f"no MicroPython prompt, but text ({heard.sample!r}): a program that Ctrl-C does not"
+            " end, or firmware that is not MicroPython. Press the board's reset button while this"
+            " tries again, or flash MicroPython: docs/ports.md"
+        )
+    if heard.kind == NOISE:
+        return (
+            f"no MicroPython prompt, but {heard.size} bytes that are no text: another baud rate"
+            " (--baudrate), or firmware that is not MicroPython: docs/ports.md"
+        )
+    return (
+        "nothing answers: the board has no MicroPython (docs/ports.md says how to flash it), or its"
+        " console is another port, or a program keeps it from answering: press its reset button"
+        " while this tries again"
+    )
+
+
+def _remedied(error: Exception) -> str:
+    from ...boards.deploy.raw_repl import LineLost, Raised, WrongAnswer
+
+    if isinstance(error, WrongAnswer):
+        return (
+            f"{error}: this is not how MicroPython answers. What the board had is as it was. Press"
+            " its reset button and repeat the command; if it stays so, see docs/ports.md for"
+            " firmware, or give --baudrate"
+        )
+    if isinstance(error, LineLost):
+        return (
+            f"{error}. What the board had is as it was, unless it was about to start: plug it in"
+            " again, and repeat the command"
+        )
+    if isinstance(error, Raised):
+        return f"the board raised {error.last}: press its reset button, and repeat the command"
+    return str(error)

@@ -1,0 +1,59 @@
+"""``uros board index``"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from pathlib import Path
+from typing import Final
+
+from ..common import add_interfaces, know_interfaces
+from ..errors import ToolError
+
+_EPILOG: Final = """\
+A package index for MicroPython's installer mip: the client ('uros'), its further modules one by one
+('uros-parameters'), and message types ('std_msgs/msg/Int32', or all of 'std_msgs'). Any web server
+can offer the folder; boards on a network install from it by themselves.
+
+  uros board index build/mip
+  python3 -m http.server --directory build/mip 8000
+
+on the board:
+
+  import mip
+  mip.install("uros", index="http://192.168.1.2:8000")
+  mip.install("std_msgs/msg/Int32", index="http://192.168.1.2:8000")
+
+'uros board build' and 'deploy' make smaller files, since they know the program.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EPILOG
+    parser.add_argument("out", metavar="OUT", help="folder to write; what is in it stays")
+    parser.add_argument(
+        "--py", dest="mpy", action="store_false",
+        help="text only, for which no mpy-cross is needed (default: bytecode as well)",
+    )  # fmt: skip
+    add_interfaces(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write it, and say how it is used. Raises ToolError and InterfaceError."""
+    from ...boards.builder.resolver import BuildError
+    from ...boards.deploy.mip import write_index
+
+    know_interfaces(args)
+    out = Path(args.out)
+    try:
+        names = write_index(out, ("py", "mpy") if args.mpy else ("py",))
+    except BuildError as error:
+        raise ToolError(str(error)) from error
+    except OSError as error:
+        raise ToolError(f"{error.filename or out}: {error.strerror or error}") from error
+    own = [name for name in names if name.startswith("uros")]
+    print(f"{out}: {len(names)} packages; of uros: {', '.join(own)}")
+    print("\nNext, with the port of the board's console in place of PORT:\n")
+    print(f"  mpremote connect PORT mip install --index {shlex.quote(str(out))} uros std_msgs")
+    return 0

@@ -1,0 +1,83 @@
+"""``uros board list``"""
+
+from __future__ import annotations
+
+import argparse
+
+from ..errors import ToolError, did_you_mean
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "board", metavar="NAME", nargs="?",
+        help="only this board, with all that can be made to go wrong with it",
+    )  # fmt: skip
+    parser.add_argument(
+        "--ports", action="store_true",
+        help="boards to buy instead: which MicroPython each has, and why some have none",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print a table, or all about one board. Raises ToolError."""
+    from ...boards.virtual.models.catalog import BOARDS
+
+    if args.ports:
+        from .target import print_ports
+
+        print_ports()
+        return 0
+    if args.board is None:
+        width = max(map(len, BOARDS))
+        mcu = ""
+        for spec in BOARDS.values():
+            if spec.mcu != mcu:
+                print(f"\n{spec.mcu}:" if mcu else f"{spec.mcu}:")
+                mcu = spec.mcu
+            print(f"  {spec.name:{width}}  {spec.text}")
+        print("\n'uros board list --ports' has boards to buy.")
+        print("'uros board run NAME' runs one; 'uros board list NAME' tells more about it.")
+        return 0
+    check_name(args.board)
+    _describe(args.board)
+    return 0
+
+
+def check_name(name: str) -> None:
+    """Raises ToolError where there is no such board."""
+    from ...boards.virtual.models.catalog import BOARDS
+
+    if name not in BOARDS:
+        close = did_you_mean(name, BOARDS) or f" (there are {', '.join(BOARDS)})"
+        raise ToolError(f"there is no board {name!r}{close}")
+
+
+def _describe(name: str) -> None:
+    from ...boards.virtual.engine.runner import firmware_folder
+    from ...boards.virtual.hardware.board import VirtualBoard
+    from ...boards.virtual.models.catalog import BoardError
+
+    board = VirtualBoard(name)
+    try:
+        spec = board.spec
+        try:
+            folder = str(firmware_folder(spec))
+        except BoardError:
+            folder = f"{spec.firmware} (not installed)"
+        print(f"{spec.name}: {spec.text}\n")
+        print(f"MCU       {spec.mcu}")
+        print(f"firmware  {folder}")
+        print(f"ports     MicroPython for {', '.join(spec.ports)}")
+        pins = [f"{pin.name} {pin.function}" for pin in board.pins.values() if pin.function]
+        print(f"pins      {', '.join(pins)}")
+        acts, faults = board.acts(), board.faults()
+        width = max(len(it.spec) for it in (*acts, *faults))
+        print("\nWhat can be done by hand, while it runs or with --fault:")
+        for it in acts:
+            print(f"  {it.spec:{width}}  {it.text}")
+        print("\nWhat can go wrong:")
+        for it in faults:
+            print(f"  {it.spec:{width}}  {it.text}")
+        print("NAME:off heals a part, all:off everything.")
+    finally:
+        board.close()

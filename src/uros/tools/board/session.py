@@ -1,0 +1,421 @@
+"""Virtual boards, the agent for them, and the person at the terminal: one session."""
+
+from __future__ import annotations
+
+import os
+import queue
+import shlex
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ..agent.process import AgentProcess
+from ..errors import ToolError
+from .screen import Row, Screen
+
+if TYPE_CHECKING:
+    from ...boards.virtual.engine.runner import RunningBoard
+
+AGENT_PORT: Final = 8888
+_REDRAW_SECONDS: Final = 0.25
+_ASK_SECONDS: Final = 1.0
+# Without a table, what a part shows is told no more often.
+_TELL_SECONDS: Final = 1.0
+# What the agent logs.
+_WARNINGS: Final = 3
+_INFO: Final = 4
+_HELP: Final = (
+    "type what is to happen, one a line: {example}; or reset, heap, quit ('uros board list {name}'"
+    " tells what can happen)"
+)
+
+
+@dataclass
+class Plan:
+    """A board that is to run. ``title`` is what it is called in the session."""
+
+    title: str
+    board: str
+    firmware: str | None = None
+    engine: str = "cpython"
+    seed: int = 0
+    happen: Sequence[str] = ()
+    plugs: Sequence[str] = ()
+    interfaces: Sequence[str] = ()
+    link: str | None = None
+    speed: float = 1.0
+    namespace: str = ""
+
+
+def titles(names: Sequence[str]) -> list[str]:
+    """What boards of these names are called: the second one of a name is ``name#2``."""
+    counts: dict[str, int] = {}
+    out = []
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        out.append(name if counts[name] == 1 else f"{name}#{counts[name]}")
+    return out
+
+
+@dataclass
+class _Seat:
+    """A board of the session, and what is known of it."""
+
+    plan: Plan
+    board: RunningBoard
+    address: str  # its own one, in the network of this host
+    program: str = "runs"
+    failed: bool = False
+    shows: dict[str, str] = field(default_factory=dict)
+    told: dict[str, tuple[float, str]] = field(default_factory=dict)
+
+
+class Session:
+    """Runs ``plans`` until Ctrl-C, or for ``seconds``.
+
+    ``agent`` is whether there is an agent for them, None: if any of their programs talks to one.
+    ``port`` is where it listens for boards with Wi-Fi.
+    """
+
+    def __init__(
+        self, plans: Sequence[Plan], agent: bool | None = None, port: int = AGENT_PORT,
+        seconds: float | None = None,
+    ) -> None:  # fmt: skip
+        self._plans = plans
+        self._seconds = seconds
+        self._port = port
+        self._wanted = any(map(talks_to_agent, plans)) if agent is None else agent
+        self._events: queue.Queue[tuple[_Seat | None, dict[str, Any]]] = queue.Queue()
+        self._seats: list[_Seat] = []
+        self._screen = Screen()
+        self._agent: AgentProcess | None = None
+        self._clients: dict[str, dict[str, Any]] = {}  # of the agent, by address
+        self._asked = 0.0
+        self._rules: tempfile.TemporaryDirectory[str] | None = None
+
+    def run(self) -> int:
+        """The exit status: 1 if a program has ended with an error. Raises ToolError."""
+        from ...boards.virtual.engine.runner import StartError
+        from ...boards.virtual.models.catalog import BoardError
+
+        try:
+            for index, plan in enumerate(self._plans):
+                seat = self._seat(index, plan)
+                self._seats.append(seat)
+                seat.board.start()
+            if self._wanted:
+                self._start_agent()
+            if self._screen.live:
+                self._screen.show(self._table())  # what is said then stands below it
+            self._introduce()
+            threading.Thread(target=_read_input, args=(self._events,), daemon=True).start()
+            self._loop()
+        except (StartError, BoardError) as error:
+            raise ToolError(str(error)) from error
+        except KeyboardInterrupt:
+            if not self._screen.live:
+                print()
+        finally:
+            self._close()
+        return int(any(seat.failed for seat in self._seats))
+
+    def _seat(self, index: int, plan: Plan) -> _Seat:
+        from ...boards.virtual.engine.runner import RunningBoard
+        from ...boards.virtual.models.catalog import find
+
+        # Each has an address of its own, as in a real network, where this system has so many.
+        address = f"127.0.0.{10 + index}" if sys.platform == "linux" and index < 240 else ""
+        wanted = find(plan.board).agent.rpartition(":")[2]
+        port = self._port if wanted in ("", str(AGENT_PORT)) else int(wanted)
+        seat: _Seat
+        board = RunningBoard(
+            plan.firmware or plan.board, plan.board, plan.engine,
+            happen=plan.happen, link=plan.link, seed=plan.seed, plugs=plan.plugs,
+            interfaces=plan.interfaces, speed=plan.speed, agent=("127.0.0.1", port),
+            address=address, on_event=lambda event: self._events.put((seat, event)),
+        )  # fmt: skip
+        seat = _Seat(plan, board, address)
+        return seat
+
+    # --- the agent --------------------------------------------------------------------
+
+    def _start_agent(self) -> None:
+        from ...boards.virtual.models.catalog import find
+        from ...middleware.base import environment_domain
+
+        lines = [
+            str(seat.board.path)
+            for seat in self._seats
+            if not find(seat.plan.board).agent and talks_to_agent(seat.plan)
+        ]
+        arguments = []
+        if len(lines) == 1:
+            arguments += ["serial", "--dev", lines[0]]
+        elif lines:
+            arguments += ["multiserial", "--devs", *lines]
+        if any(find(it.board).agent or it.plugs for it in self._plans) or not lines:
+            arguments += ["udp4", "--port", str(self._port)]
+        # The table shows who is there: beside it, only what is wrong.
+        arguments += ["--verbose", str(_WARNINGS if self._screen.live else _INFO)]
+        rules = self._write_rules()
+        if rules is not None:
+            arguments += ["--control", str(rules)]
+        self._agent = AgentProcess(
+            arguments, environment_domain(),
+            lambda line: self._events.put((None, {"event": "agent", "line": line})),
+        )  # fmt: skip
+
+    def _write_rules(self) -> Path | None:
+        """A file that puts boards into their namespaces."""
+        rules = [
+            f"[[client]]\naddress = {address!r}\nnamespace = {seat.plan.namespace!r}\n"
+            for seat in self._seats
+            if seat.plan.namespace
+            for address in (str(seat.board.path), seat.address)
+            if address
+        ]
+        if not rules:
+            return None
+        self._rules = tempfile.TemporaryDirectory(prefix="uros-session-")
+        file = Path(self._rules.name) / "rules.toml"
+        file.write_text("\n".join(rules), encoding="utf-8")
+        return file
+
+    def _look_after_agent(self) -> None:
+        """Raises ToolError where it has ended; it has said why."""
+        if self._agent is not None and self._agent.ended:
+            self._close()
+            raise ToolError("the agent has ended; what it said stands above")
+
+    def _ask_agent(self) -> None:
+        """Who the agent's boards are, now and then."""
+        from ..agent.running_agents import ask, find_agent
+
+        now = time.monotonic()
+        if self._agent is None or now - self._asked < _ASK_SECONDS:
+            return
+        self._asked = now
+        try:
+            snapshot = ask(find_agent(self._agent.pid), "status")
+        except ToolError:
+            self._clients = {}
+            return
+        self._clients = {it["address"]: it for it in snapshot["clients"]}
+
+    def _client(self, seat: _Seat) -> dict[str, Any] | None:
+        line = f"{seat.board.path} ("  # and the number that it has on that line
+        for address, client in self._clients.items():
+            where, _, port = address.rpartition(":")
+            if address.startswith(line) or port.isdecimal() and where == seat.address:
+                return client
+        return None
+
+    # --- what is shown ----------------------------------------------------------------
+
+    def _say(self, seat: _Seat | None, text: str) -> None:
+        alone = len(self._seats) == 1
+        name = "board" if seat is None or alone else seat.plan.title
+        self._screen.say(f"{name}: {text}")
+
+    def _introduce(self) -> None:
+        for seat in self._seats:
+            line = seat.board.path
+            self._say(seat, f"{seat.plan.board} runs on {seat.plan.engine}; its USB line is {line}")
+        if self._wanted:
+            self._say(None, "an agent runs beside it; Ctrl-C ends both")
+        for seat in self._seats:
+            command = self._next(seat)
+            if command:
+                self._say(seat, f"next, in another terminal: {command}")
+        self._say(None, self._help())
+
+    def _next(self, seat: _Seat) -> str:
+        """What a board still needs at its other end; "" for nothing."""
+        from ...boards.virtual.models.catalog import find
+        from ...middleware.base import environment_domain
+        from ..rover.pid import PORT
+
+        path = shlex.quote(str(seat.board.path))
+        wants = find(seat.plan.board).agent.rpartition(":")[2]
+        if not talks_to_agent(seat.plan):
+            return "uros pid" if wants == str(PORT) else f"cat {path}"
+        if self._wanted:
+            return ""
+        how = f"udp4 --port {self._port}" if wants else f"serial --dev {path}"
+        domain = environment_domain()
+        return f"uros agent {how}" + (f" --domain {domain}" if domain else "")
+
+    def _help(self) -> str:
+        seat = self._seats[0]
+        what = seat.board.happenings[0]
+        if len(self._seats) > 1:
+            what = f"{seat.plan.title} {what}"
+        return _HELP.format(example=what, name=seat.plan.board)
+
+    def _table(self) -> list[Row]:
+        from ..agent.status import node_name
+
+        self._ask_agent()
+        rows = [Row(("BOARD", "PROGRAM", "USB", "NODE", "IN/S", "OUT/S"))]
+        for seat in self._seats:
+            client = self._client(seat)
+            node, came, went = "-", "-", "-"
+            if client is not None:
+                node = " ".join(node_name(it) for it in client["nodes"]) or "-"
+                if client["rate_over"] < client["age"]:  # else it has the burst of creation
+                    came = f"{client['received']['rate']:.1f}"
+                    went = f"{client['sent']['rate']:.1f}"
+            seen = ", ".join(f"{name} {shows}" for name, shows in seat.shows.items() if shows)
+            cells = (seat.plan.title, seat.program, seat.board.usb, node, came, went)
+            rows.append(Row(cells, seen))
+        return rows
+
+    # --- what happens -----------------------------------------------------------------
+
+    def _loop(self) -> None:
+        end = None if self._seconds is None else time.monotonic() + self._seconds
+        drawn = 0.0
+        while True:
+            now = time.monotonic()
+            if end is not None and now >= end:
+                return
+            if now - drawn >= _REDRAW_SECONDS:
+                drawn = now
+                self._look_after_agent()
+                self._tell_shows(now)
+                if self._screen.live:
+                    self._screen.show(self._table())
+            wait = _REDRAW_SECONDS if end is None else min(_REDRAW_SECONDS, end - now)
+            try:
+                seat, event = self._events.get(timeout=wait)
+            except queue.Empty:
+                continue
+            self._on_event(seat, event)
+
+    def _on_event(self, seat: _Seat | None, event: dict[str, Any]) -> None:
+        kind = event["event"]
+        if kind == "agent":
+            self._screen.say(event["line"])
+        elif kind == "input":
+            self._obey(event["line"])
+        elif seat is not None:
+            self._on_board(seat, kind, event)
+
+    def _on_board(self, seat: _Seat, kind: str, event: dict[str, Any]) -> None:
+        if kind == "console":
+            alone = len(self._seats) == 1
+            line = event["line"]
+            self._screen.say(line if alone else f"{seat.plan.title}: {line}")
+        elif kind == "usb":
+            error = f" ({event['error']})" if event["error"] else ""
+            self._say(seat, f"USB {event['state']}{error}")
+        elif kind == "part":
+            if event["name"] not in seat.shows:  # how it is at first is no news
+                seat.told[event["name"]] = (0.0, event["shows"])
+            seat.shows[event["name"]] = event["shows"]
+        elif kind == "reset":
+            seat.failed = False
+            seat.program = "runs"
+            self._say(seat, "reset: the program starts anew")
+        elif kind == "ended":
+            seat.failed = bool(event["traceback"])
+            seat.program = "failed" if seat.failed else "ended"
+            self._say(seat, "the program has ended; Ctrl-C switches the board off")
+        elif kind == "happened":
+            still = ", ".join(event["still"])
+            done = f"done: {event['spec']}" + (f"; still so: {still}" if still else "")
+            self._say(seat, event["error"] or done)
+        elif kind == "heap":
+            used = event["used"] - event["base"]
+            self._say(seat, f"heap: {used} bytes in use by the program")
+        elif kind == "gone":
+            raise ToolError(f"{seat.plan.title}: the board's process has ended")
+
+    def _tell_shows(self, now: float) -> None:
+        """Without a table: what parts show, where it has changed."""
+        if self._screen.live:
+            return
+        for seat in self._seats:
+            for name, shows in seat.shows.items():
+                when, what = seat.told[name]
+                if shows != what and now - when >= _TELL_SECONDS:
+                    seat.told[name] = (now, shows)
+                    self._say(seat, f"{name} {shows}")
+
+    def _obey(self, line: str) -> None:
+        if not line:
+            return
+        if line in ("help", "?"):
+            self._say(None, self._help())
+            return
+        if line in ("quit", "exit"):
+            raise KeyboardInterrupt
+        title, _, rest = line.partition(" ")
+        meant = [it for it in self._seats if it.plan.title == title]
+        if meant:
+            line = rest.strip()
+        else:
+            part = line.partition(":")[0] + ":"
+            having = [
+                it for it in self._seats if any(s.startswith(part) for s in it.board.happenings)
+            ]
+            meant = self._seats if len(self._seats) == 1 else having
+        if line == "all:off":
+            for seat in meant or self._seats:
+                seat.board.press("happen", spec=line)
+            return
+        if len(meant) != 1:
+            known = ", ".join(it.plan.title for it in self._seats)
+            self._say(None, f"say which board, a space, and what: {known}")
+            return
+        seat = meant[0]
+        if line == "heap" and seat.plan.engine != "micropython":
+            self._say(seat, "only the engine micropython knows its heap")
+        elif line in ("reset", "heap"):
+            seat.board.press(line)
+        else:
+            seat.board.press("happen", spec=line)
+
+    def _close(self) -> None:
+        self._screen.close()
+        for seat in self._seats:
+            seat.board.stop()
+        agent, self._agent = self._agent, None
+        if agent is not None:
+            agent.close()
+            while not self._events.empty():
+                _, event = self._events.get()
+                if event["event"] == "agent":
+                    self._screen.say(event["line"])
+        if self._rules is not None:
+            self._rules.cleanup()
+
+
+def talks_to_agent(plan: Plan) -> bool:
+    """Whether the program is a ROS node, as far as its imports tell."""
+    from ...boards.virtual.engine.runner import firmware_folder
+    from ...boards.virtual.models.catalog import find
+
+    folder = Path(plan.firmware) if plan.firmware else firmware_folder(find(plan.board))
+    return any("uros.client" in it.read_text(encoding="utf-8") for it in folder.rglob("*.py"))
+
+
+def _read_input(events: queue.Queue[tuple[_Seat | None, dict[str, Any]]]) -> None:
+    """Lines of standard input, as events. Not through sys.stdin, whose lock a thread that reads
+    would keep at exit."""
+    try:
+        if os.isatty(0) and os.tcgetpgrp(0) != os.getpgrp():
+            return  # reading in the background would stop us
+        rest = b""
+        while chunk := os.read(0, 4096):
+            *lines, rest = (rest + chunk).split(b"\n")
+            for line in lines:
+                text = line.decode("utf-8", "replace").strip()
+                events.put((None, {"event": "input", "line": text}))
+    except OSError:
+        pass  # closed

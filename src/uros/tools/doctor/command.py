@@ -1,0 +1,284 @@
+"""``uros doctor``: why boards and ROS 2 nodes do not meet on this machine, and what mends it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import textwrap
+import time
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Final
+
+from ...agent.transports.base import DEFAULT_PORT
+from ...printable import printable, unguarded
+from ..common import domain as domain_number
+from ..common import positive_float, positive_int
+from .finding import NOTE, OK, PROBLEM, UNKNOWN, Finding, problem, unknown
+from .snapshots import Agents
+
+if TYPE_CHECKING:
+    from .graph import End
+
+_SECONDS: Final = 3.0
+# As in agent/transports/baud.py, which cannot be imported where there is no termios.
+_MAX_BAUD: Final = 50_000_000
+_WIDTH: Final = 100
+_LEAST_WIDTH: Final = 60
+_COLOURS: Final = {OK: "\033[32m", NOTE: "\033[33m", PROBLEM: "\033[1;31m", UNKNOWN: "\033[35m"}
+_INDENT: Final = " " * 24
+# How often agents are asked for boards that push each other out, in seconds.
+_LOOK_AGAIN: Final = 0.5
+_EPILOG: Final = """\
+One line a check, and what mends it where something is wrong. With --dev it listens on the line,
+which may reset the board; an agent must not be using it. Nothing is changed. The exit status is 1
+where there is a problem.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EPILOG
+    parser.add_argument("--dev", metavar="DEVICE", help="serial device of a board, to listen on")
+    parser.add_argument(
+        "--baudrate", type=_baudrate, default=115200, metavar="N",
+        help="rate that the board should have (default 115200)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--port", type=_port, metavar="N",
+        help=f"port that an agent should have (default {DEFAULT_PORT})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--domain", type=domain_number, metavar="N", action="append", default=[],
+        help="domain of your ROS 2 nodes; may be repeated (default: ROS_DOMAIN_ID, and 0)",
+    )  # fmt: skip
+    parser.add_argument("--agent", type=positive_int, metavar="PID", help="look at this agent only")
+    parser.add_argument(
+        "--seconds", type=positive_float, default=_SECONDS, metavar="S",
+        help=f"how long to listen, each time (default {_SECONDS:g})",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
+
+
+def _baudrate(text: str) -> int:
+    if not text.isdecimal() or len(text) > 8 or not 0 < int(text) <= _MAX_BAUD:
+        raise argparse.ArgumentTypeError(f"{text!r} is no baud rate, such as 115200")
+    return int(text)
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or len(text) > 5 or not 0 < int(text) < 65536:
+        raise argparse.ArgumentTypeError(f"{text!r} is no port (1 to 65535)")
+    return int(text)
+
+
+def run(args: argparse.Namespace, agents: Agents | None = None) -> int:
+    """Make all checks; 1 where one has found a problem."""
+    doctor = Doctor(args, agents or Agents(args.agent), None if args.json else _print)
+    doctor.examine()
+    problems = sum(it.state == PROBLEM for it in doctor.findings)
+    if args.json:
+        told = [it.plain() for it in doctor.findings]
+        print(json.dumps({"version": 1, "problems": problems, "findings": told}, indent=2))
+    else:
+        print(_summary(doctor.findings))
+    return 1 if problems else 0
+
+
+def _print(finding: Finding) -> None:
+    width = _WIDTH
+    coloured = sys.stdout.isatty()
+    if coloured:
+        width = max(_LEAST_WIDTH, min(_WIDTH, shutil.get_terminal_size().columns))
+    text = lines(finding, width)
+    if coloured and not os.environ.get("NO_COLOR"):
+        text = f"{_COLOURS[finding.state]}{finding.state}\033[0m" + text[len(finding.state) :]
+    print(text, file=unguarded(sys.stdout) if coloured else sys.stdout, flush=True)
+
+
+def lines(finding: Finding, width: int = _WIDTH) -> str:
+    """A finding as it is printed: the sentence, and what mends it, each on a line of its own
+    that is not broken within commands."""
+    head = f"{finding.state:<9}{finding.check:<15}"
+    told = textwrap.wrap(
+        printable(finding.what), width - len(head), break_long_words=False, break_on_hyphens=False
+    )
+    out = [head + f"\n{_INDENT}".join(told)]
+    if finding.mend:
+        out.append(f"{'':<9}{'mend:' if finding.state in (PROBLEM, UNKNOWN) else 'hint:':<15}"
+                   + printable(finding.mend))  # fmt: skip
+    return "\n".join(out)
+
+
+def _summary(findings: list[Finding]) -> str:
+    def count(state: str, one: str, more: str) -> str:
+        number = sum(it.state == state for it in findings)
+        return f"{number} {one if number == 1 else more}"
+
+    told = [count(PROBLEM, "problem", "problems")]
+    if any(it.state == NOTE for it in findings):
+        told.append(count(NOTE, "note", "notes"))
+    if any(it.state == UNKNOWN for it in findings):
+        told.append(count(UNKNOWN, "check", "checks") + " could not be made")
+    return "\n" + ", ".join(told)
+
+
+class Doctor:
+    """One examination. ``tell`` hears of each finding as soon as it is made."""
+
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        agents: Agents,
+        tell: Callable[[Finding], object] | None = None,
+    ) -> None:
+        self.findings: list[Finding] = []
+        self._args = args
+        self._agents = agents
+        self._tell = tell
+
+    def _found(self, findings: Iterable[Finding]) -> None:
+        for finding in findings:
+            if finding not in self.findings:
+                self.findings.append(finding)
+                if self._tell is not None:
+                    self._tell(finding)
+
+    def _say(self, text: str) -> None:
+        print(f"... {printable(text)}", file=sys.stderr, flush=True)
+
+    def examine(self) -> None:
+        from . import agents as doctor_agents
+        from . import clock
+
+        began = time.monotonic()
+        agents = self._agents
+        agents.look()
+        self._found(agents.failed)
+        if not agents.failed:
+            self._found([doctor_agents.check_agents(agents.now)])
+        self._serial()
+        port = self._args.port or DEFAULT_PORT
+        self._found(doctor_agents.check_port(port, agents.pids, self._args.port is not None))
+        wanted = self._wanted()
+        self._environment(wanted[0] if wanted else 0)
+        self._graphs(wanted)
+        self._keys(began)
+        for check in (
+            doctor_agents.check_refused,
+            doctor_agents.check_middleware,
+            doctor_agents.check_lines,
+            doctor_agents.check_clocks,
+        ):
+            self._found(check(agents.now))
+        self._found([clock.check_host()])
+
+    # --- lines ----------------------------------------------------------------------------------
+
+    def _serial(self) -> None:
+        from . import serial
+
+        args, agents = self._args, self._agents.pids
+        if args.dev is None:
+            for device in serial.ports():
+                self._found(serial.check_device(device, agents, touch=False))
+            return
+        found = serial.check_device(args.dev, agents)
+        self._found(found)
+        if found[-1].state == OK:
+            line = serial.DeviceLine(args.dev)
+            self._found(
+                [serial.check_line(args.dev, line, args.baudrate, args.seconds, self._say)]
+            )
+
+    # --- discovery ------------------------------------------------------------------------------
+
+    def _environment(self, domain: int) -> None:
+        from . import network as doctor_network
+        from . import process
+
+        here = os.environ
+        places = [(here, doctor_network.SHELL)]
+        for pid in sorted(self._agents.pids - {os.getpid()}):
+            there = process.environment(pid)
+            names = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "CYCLONEDDS_URI",
+                     "ROS_STATIC_PEERS", "ROS_SECURITY_ENABLE")  # fmt: skip
+            if there is not None and any(here.get(it, "") != there.get(it, "") for it in names):
+                places.append((there, f"the agent {pid}"))  # type: ignore[arg-type]
+        for environment, whose in places:
+            self._found(doctor_network.check_range(environment, whose))
+            self._found(doctor_network.check_cyclone(environment, whose))
+            self._found(doctor_network.check_security(environment, whose))
+        self._found(doctor_network.check_multicast(here, domain))
+        self._found(doctor_network.check_firewall())
+
+    def _wanted(self) -> list[int]:
+        """The domains of the user's own nodes."""
+        from ...middleware.base import MiddlewareError, environment_domain
+
+        if self._args.domain:
+            return list(dict.fromkeys(self._args.domain))
+        try:
+            return [environment_domain()]
+        except MiddlewareError as error:
+            self._found([problem("domain", str(error), "export ROS_DOMAIN_ID=0")])
+            return []
+
+    def _graphs(self, wanted: list[int]) -> None:
+        """Look at every domain in which boards or nodes may be."""
+        from . import graph
+
+        boards = self._agents.nodes()
+        besides = [] if self._args.domain else [0]
+        domains = list(dict.fromkeys([*wanted, *(it for _, it in boards), *besides]))
+        found = {}
+        for domain in domains:
+            ends = self._graph(domain, boards)
+            if ends is not None:
+                found[domain] = ends
+        if wanted and found:
+            self._found(graph.check_domains(found, boards, wanted))
+
+    def _graph(self, domain: int, boards: list[tuple[str, int]]) -> list[End] | None:
+        """The checks within one domain; the ends of its topics, or None where we cannot join."""
+        from ...host.network import Network
+        from ...middleware.base import MiddlewareError
+        from . import clock, graph, qos
+
+        names = {name for name, its in boards if its == domain}
+        known = names if self._agents.now else None
+        self._say(f"looking at domain {domain}")
+        try:
+            with Network(domain) as network:
+                network.settle()
+                ours = {it for it in network.graph.nodes() if it == f"/_uros_{os.getpid()}"}
+                picture = graph.Picture(network.graph, ours)
+                self._found(graph.check_types(picture, domain))
+                self._found(qos.check_qos(picture, domain, names))
+                ends = graph.ends(picture)
+                self._found(
+                    clock.check_stamps(
+                        network, picture, self._args.seconds, known, self._say
+                    )
+                )
+                return ends
+        except MiddlewareError as error:
+            self._found([unknown("graph", f"domain {domain} cannot be looked at: {error}")])
+            return None
+
+    # --- boards ---------------------------------------------------------------------------------
+
+    def _keys(self, began: float) -> None:
+        """Look at the agents until boards that push each other out have done so."""
+        from .agents import check_keys
+
+        agents = self._agents
+        if agents.now:
+            end = began + self._args.seconds
+            agents.look()
+            while agents.now and time.monotonic() < end:
+                time.sleep(_LOOK_AGAIN)
+                agents.look()
+        self._found(check_keys(agents.looks))

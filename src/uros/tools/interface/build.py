@@ -1,0 +1,111 @@
+"""``uros interface build``"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from pathlib import Path
+from typing import Final
+
+from ..common import add_interfaces, know_interfaces
+from ..errors import ToolError
+
+_EPILOG: Final = """\
+Each type becomes a module of its own, so a program pays for those that it imports:
+
+  from my_msgs.msg import Reading
+
+examples:
+
+  uros interface build my_msgs --for-board build/lib --mpy
+  uros interface build my_msgs my_msgs/msg/Reading --for-board build/lib
+  uros interface build sensor_msgs/msg/Imu std_srvs --for-board build/lib
+
+The modules need uros on the board. 'uros board build' brings both, and of types only those that a
+program imports, in less memory.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EPILOG
+    parser.add_argument(
+        "what", metavar="DIR|TYPE", nargs="+",
+        help="folder of .msg, .srv and .action files; a type or a package of known ones. Where"
+        " types are given, of the folders only these are written",
+    )  # fmt: skip
+    parser.add_argument(
+        "--for-board", metavar="OUT", required=True,
+        help="folder to write, such as one that goes to /lib of a board; files in it that are"
+        " not of these types stay",
+    )  # fmt: skip
+    parser.add_argument(
+        "--mpy", action="store_true",
+        help="bytecode, which loads faster and takes less memory (default: text)",
+    )  # fmt: skip
+    add_interfaces(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write, and say what to do next. Raises ToolError and InterfaceError."""
+    from ...interfaces.package import module_texts
+
+    know_interfaces(args)
+    names, out = _names(args.what), Path(args.for_board)
+    files = {path: text.encode() for path, text in module_texts(names).items()}
+    if args.mpy:
+        files = dict(_compiled(path, data.decode()) for path, data in files.items())
+    try:
+        _write(out, files)
+    except OSError as error:
+        raise ToolError(f"{error.filename or out}: {error.strerror or error}") from error
+    size = sum(map(len, files.values()))
+    print(f"{out}: {len(names)} type{'s' * (len(names) > 1)}, {len(files)} files, {size} bytes")
+    print("\nNext, with the port of the board's console in place of PORT:\n")
+    print("  mpremote connect PORT fs mkdir :/lib  # an error if it is there already")
+    print(f"  mpremote connect PORT cp -r {shlex.quote(str(out))}/* :/lib/")
+    return 0
+
+
+def _names(what: list[str]) -> list[str]:
+    """The types to write. Raises ToolError and InterfaceError."""
+    from ...interfaces import add_folder, registry
+    from .package import types_of
+
+    folders = [name for name in what if Path(name).is_dir()]
+    found = [type_name for folder in folders for type_name in add_folder(folder)]
+    named: list[str] = []
+    for name in what:
+        if name in folders:
+            continue
+        if ("/" in name or "::" in name) and not name.startswith((".", "/", "~")):
+            full = registry.file_type(registry.normalize(name))
+            registry.definition(full)
+            named.append(full)
+        elif name in registry.packages():
+            named += types_of(name)
+        else:
+            raise ToolError(
+                f"there is no folder, type or package {name!r}; types are written as"
+                " std_msgs/msg/Int32, see: uros interface list"
+            )
+    return list(dict.fromkeys(named or found))
+
+
+def _compiled(path: str, text: str) -> tuple[str, bytes]:
+    from ...boards.builder.resolver import CompilerError, bytecode
+
+    try:
+        return path.replace(".py", ".mpy"), bytecode(text, path, path)
+    except CompilerError as error:
+        raise ToolError(str(error)) from error
+
+
+def _write(out: Path, files: dict[str, bytes]) -> None:
+    """Write the files, and remove what an earlier call wrote in the other form: a board takes the
+    text where there are both."""
+    for name, data in files.items():
+        path = out / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        path.with_suffix(".mpy" if path.suffix == ".py" else ".py").unlink(missing_ok=True)

@@ -1,0 +1,32 @@
+"""``uros interface package``"""
+
+from __future__ import annotations
+
+import argparse
+
+from ..common import add_interfaces, know_interfaces
+from ..errors import ToolError, did_you_mean
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("package", metavar="PACKAGE", help="name of a package, such as std_msgs")
+    add_interfaces(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    know_interfaces(args)
+    for name in types_of(args.package):
+        print(name)
+    return 0
+
+
+def types_of(package: str) -> list[str]:
+    """The names of a package's types. Raises ToolError where it has none."""
+    from ...interfaces import list_types, registry
+
+    names = [name for name in list_types() if name.startswith(package + "/")]
+    if not names:
+        close = did_you_mean(package, registry.packages())
+        remedy = "; give the folder of its definitions by --interfaces DIR"
+        raise ToolError(f"there is no package {package!r}{close or remedy}")
+    return names

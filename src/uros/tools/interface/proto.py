@@ -1,0 +1,27 @@
+"""``uros interface proto``"""
+
+from __future__ import annotations
+
+import argparse
+
+from ..common import add_interfaces, add_type, know_interfaces
+from ..values import plain
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_type(parser)
+    parser.add_argument("--no-quotes", action="store_true", help="without the quotes around it")
+    add_interfaces(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ...interfaces import load
+    from ..values.yaml_text import dump
+
+    know_interfaces(args)
+    found = load(args.type)
+    if not plain.is_message(found):  # what one sends to a service, or to an action
+        found = found.Request if hasattr(found, "Request") else found.Goal
+    text = dump(plain.plain(found(), plain.Show(truncate=None)))
+    print(text if args.no_quotes else f'"{text}"')
+    return 0

@@ -1,0 +1,79 @@
+"""``uros interface show``"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from ..common import add_interfaces, add_type, know_interfaces
+
+if TYPE_CHECKING:
+    from ...interfaces.parse import Message
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_type(parser)
+    comments = parser.add_mutually_exclusive_group()
+    comments.add_argument(
+        "--all-comments", action="store_true", help="with the comments of nested messages as well"
+    )
+    comments.add_argument("--no-comments", action="store_true", help="without any comment")
+    add_interfaces(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ...interfaces import registry
+
+    know_interfaces(args)
+    name = registry.normalize(args.type)
+    parts = registry.definition(name).parts
+    for part in parts:
+        registry.closure(part)  # what it nests is there, and sound
+    if name == registry.file_type(name):
+        lines = _of_file(name, not args.no_comments, args.all_comments)
+    else:
+        lines = (line for at, part in enumerate(parts) for line in _of_part(part, at > 0))
+    for line in lines:
+        print(line)
+    return 0
+
+
+def _of_file(name: str, comments: bool, all_comments: bool) -> Iterator[str]:
+    """The lines of a type's file, and below each field those of the message it holds."""
+    from ...interfaces import registry
+    from ...interfaces.parse import strip_comment
+
+    types = [{f.name: f.type for f in part.fields} for part in registry.definition(name).parts]
+    for raw in registry.source(name)[0].lstrip("\ufeff").splitlines():
+        line = strip_comment(raw.replace("\t", " ")).strip()
+        if line == "---":
+            del types[0]
+        if comments or line:
+            yield (raw.rstrip() if comments else line)
+        field = re.fullmatch(r"\S+ +(\w+)( +[^ =].*)?", line)
+        if field and not (type_ := types[0][field[1]]).primitive:
+            for inner in _of_file(type_.name, all_comments, all_comments):
+                yield "\t" + inner
+
+
+def _of_part(part: Message, behind: bool) -> Iterator[str]:
+    """The lines of what no file has by itself, such as an action's ``Name_SendGoal_Request``."""
+    from ...interfaces import registry
+
+    if behind:
+        yield "---"
+    for constant in part.constants:
+        yield f"{constant.type} {constant.name}={constant.value!r}"
+    for field in part.fields:
+        default = list(field.default) if isinstance(field.default, tuple) else field.default
+        yield f"{field.type} {field.name}" + (f" {default!r}" if default is not None else "")
+        if field.type.primitive:
+            continue
+        if registry.file_type(field.type.name) == field.type.name:
+            inner = _of_file(field.type.name, False, False)
+        else:
+            inner = _of_part(registry.message(field.type.name), False)
+        for line in inner:
+            yield "\t" + line

@@ -1,0 +1,53 @@
+"""``uros node info``"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from ..common import add_common, discover, join, remedy
+from ..errors import ToolError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("node", metavar="NODE", help="full name of the node, such as /talker")
+    add_common(parser)
+    parser.add_argument(
+        "--include-hidden",
+        action="store_true",
+        help="show topics, services and actions with a part that begins with _ as well",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    from ... import names
+
+    name = names.absolute(args.node)
+    with join(args) as network:
+        discover(network, args)
+        nodes = network.graph.nodes()
+        info = network.graph.node(name)
+        if info is None:
+            raise ToolError(f"there is no node {name!r}{remedy(network, name, nodes)}")
+    if nodes.count(name) > 1:
+        print(
+            f"there are {nodes.count(name)} nodes with the name {name!r}; this is one of them",
+            file=sys.stderr,
+        )
+    print(name)
+    for title, belongings in (
+        ("Subscribers", info.subscribers),
+        ("Publishers", info.publishers),
+        ("Service Servers", info.service_servers),
+        ("Service Clients", info.service_clients),
+        ("Action Servers", info.action_servers),
+        ("Action Clients", info.action_clients),
+    ):
+        print(f"  {title}:")
+        lines = [
+            f"    {one}: {', '.join(types)}"
+            for one, types in belongings.items()
+            if args.include_hidden or not names.is_hidden(one)
+        ]
+        print("\n".join(lines))  # an empty section is an empty line, as in ros2
+    return 0

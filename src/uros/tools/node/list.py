@@ -1,0 +1,37 @@
+"""``uros node list``"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from ..common import add_common, discover, join
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_common(parser)
+    parser.add_argument(
+        "-a", "--all", action="store_true", help="list nodes whose name begins with _ as well"
+    )
+    parser.add_argument(
+        "-c", "--count-nodes", action="store_true", help="print only how many nodes there are"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    with join(args) as network:
+        discover(network, args)
+        nodes = network.graph.nodes()
+    if not args.all:
+        nodes = [name for name in nodes if not name.rpartition("/")[2].startswith("_")]
+    if args.count_nodes:
+        print(len(nodes))
+        return 0
+    if len(set(nodes)) < len(nodes):
+        print(
+            "WARNING: some nodes bear the same name; what is sent to one of them may reach another",
+            file=sys.stderr,
+        )
+    for name in nodes:
+        print(name)
+    return 0

@@ -1,0 +1,124 @@
+"""``uros run``: the nodes that come with uros, each a file that shows how one is written."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
+
+from ..common import domain
+from ..errors import ToolError, did_you_mean
+from ..waiting import warn
+
+if TYPE_CHECKING:
+    from ...client.remap import Remap
+    from ...host.direct import Direct
+
+
+class Program(NamedTuple):
+    help: str
+    module: str
+    node: str  # the class
+    serves: bool = False
+
+
+PROGRAMS: Final = {
+    "talker": Program("publishes Hello World on chatter, once a second", "talker", "Talker"),
+    "listener": Program("prints what is said on chatter", "listener", "Listener"),
+    "trigger_service": Program(
+        "serves srv_trigger_py (std_srvs/Trigger)", "trigger_service", "TriggerService", True
+    ),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "name", metavar="NAME", nargs="?", help=f"which node: {', '.join(PROGRAMS)}"
+    )
+    parser.add_argument("--list", action="store_true", help="list the nodes and their files")
+    parser.add_argument(
+        "--domain", type=domain, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, or 0)"
+    )
+    parser.add_argument(
+        "-r", "--remap", metavar="OLD:=NEW", action="append", default=[],
+        help="another name: chatter:=/news, __node:=other, __ns:=/lab; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--ros-args", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument(
+        "-m", "--middleware", choices=("auto", "dds", "ros2"),
+        help="what it is on, as with 'uros agent' (default: dds; auto for what serves)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.list:
+        for name, program in PROGRAMS.items():
+            print(f"{name:<17}{program.help} (uros.tools.run.{program.module})")
+        return 0
+    if args.name not in PROGRAMS:
+        what = "say which node" if args.name is None else f"there is no node {args.name!r}"
+        hint = "" if args.name is None else did_you_mean(args.name, PROGRAMS)
+        raise ToolError(f"{what}{hint} (nodes: {', '.join(PROGRAMS)})")
+    program = PROGRAMS[args.name]
+    remap = _remap(args.remap)
+    make: Any = getattr(import_module(f"uros.tools.run.{program.module}"), program.node)
+    options: dict[str, Any] = {"domain_id": args.domain, "remap": remap}
+    middleware = args.middleware or ("auto" if program.serves else "dds")
+    if middleware != "dds":
+        options["transport"] = on_ros2(args.domain, middleware)
+    lines = _Lines(sys.stdout)
+    try:
+        with contextlib.redirect_stdout(lines):
+            node = make(**options)
+            try:
+                while not lines.ended:
+                    node.spin_once()
+            finally:
+                node.destroy_node()
+    except KeyboardInterrupt:
+        pass  # that is how it ends
+    if lines.ended:
+        raise BrokenPipeError
+    return 0
+
+
+class _Lines(io.TextIOBase):
+    """Standard output for a node: each line at once. That nobody reads them any more is no error
+    there, which would be logged again, but ``ended``."""
+
+    def __init__(self, out: TextIO) -> None:
+        self.ended = False
+        self._out = out
+
+    def write(self, text: str) -> int:
+        try:
+            if not self.ended:
+                self._out.write(text)
+                self._out.flush()
+        except BrokenPipeError:
+            self.ended = True
+        return len(text)
+
+
+def _remap(rules: list[str]) -> Remap | None:
+    from ...client.remap import Remap
+
+    try:
+        return Remap(*rules) if rules else None
+    except ValueError as error:
+        raise ToolError(f"--remap: {error}") from error
+
+
+def on_ros2(domain: int | None = None, middleware: str = "auto") -> Direct:
+    """What a node of a host is given as its ``transport``, for services that rclpy's nodes are to
+    reach as well: with ``auto`` they are rclpy's where that can be imported."""
+    from ...host.direct import Direct
+    from ...middleware import open_middleware
+    from ...middleware.base import environment_domain
+
+    opened = open_middleware(middleware)
+    opened.on_notice = lambda text: warn(text.replace("services of boards", "this node's services"))
+    return Direct(opened, environment_domain() if domain is None else domain)

@@ -1,0 +1,37 @@
+"""A service that a board can call: ``srv_trigger_py``, a std_srvs/Trigger.
+
+Its answers succeed and fail by turns, beginning with success, and their messages count:
+``Response[0]``, ``Response[1]`` ... ``uros run trigger_service`` runs it.
+"""
+
+from typing import Any
+
+import uros
+from uros.interfaces import load
+
+Trigger = load("std_srvs/srv/Trigger")
+
+
+class TriggerService(uros.Node):
+    """``options`` are a node's: ``domain_id``, ``namespace``, ``remap``, ``transport`` ..."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("trigger_service", **options)
+        self.count = 0
+        self.create_service(Trigger, "srv_trigger_py", self.triggered)
+
+    def triggered(self, request: Any, response: Any) -> Any:
+        self.get_logger().info("incoming request")
+        response.success = self.count % 2 == 0
+        response.message = f"Response[{self.count}]"
+        self.count += 1
+        self.get_logger().info(response.message)
+        return response
+
+
+if __name__ == "__main__":
+    from uros.tools.run.command import on_ros2
+
+    node = TriggerService(transport=on_ros2())
+    node.spin()
+    node.destroy_node()

@@ -1,0 +1,26 @@
+"""``uros service type``"""
+
+from __future__ import annotations
+
+import argparse
+
+from ..common import add_common, add_service, discover, join, remedy
+from ..errors import ToolError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_service(parser)
+    add_common(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    with join(args) as network:
+        discover(network, args)
+        known = network.graph.services()
+        if args.service not in known:
+            raise ToolError(
+                f"there is no service {args.service!r}{remedy(network, args.service, known)}"
+            )
+    for type_name in known[args.service]:
+        print(type_name)
+    return 0

@@ -1,0 +1,58 @@
+"""``uros topic list``"""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from ..common import add_common, discover, join
+
+if TYPE_CHECKING:
+    from ...host.graph import Graph, NamesAndTypes
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_common(parser)
+    parser.add_argument("-t", "--show-types", action="store_true", help="show the types as well")
+    parser.add_argument(
+        "-c", "--count-topics", action="store_true", help="print only how many topics there are"
+    )
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="show types, publishers and subscribers"
+    )
+    parser.add_argument(
+        "--include-hidden-topics",
+        action="store_true",
+        help="list topics with a part that begins with _ as well",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    from ...names import is_hidden
+
+    with join(args) as network:
+        discover(network, args)
+        topics = {
+            name: types
+            for name, types in network.graph.topics().items()
+            if args.include_hidden_topics or not is_hidden(name)
+        }
+        if args.count_topics:
+            print(len(topics))
+        elif args.verbose and topics:
+            print(_section(network.graph, topics, True))
+            print(_section(network.graph, topics, False))
+        else:
+            for name, types in topics.items():
+                print(f"{name} [{', '.join(types)}]" if args.show_types else name)
+    return 0
+
+
+def _section(graph: Graph, topics: NamesAndTypes, published: bool) -> str:
+    lines = ["Published topics:" if published else "Subscribed topics:"]
+    for name, types in topics.items():
+        count = len(graph.publishers(name) if published else graph.subscriptions(name))
+        if count:
+            what = ("publisher" if published else "subscriber") + "s" * (count > 1)
+            lines.append(f" * {name} [{', '.join(types)}] {count} {what}")
+    return "\n".join(lines) + "\n"

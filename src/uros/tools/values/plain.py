@@ -1,0 +1,171 @@
+"""Messages as plain values, as CSV, and their fields: what ``topic echo`` prints.
+
+The conversions are those of ROS 2's rosidl_runtime_py: a ``byte`` is a character, what is long is
+cut off and ends with ``...``, and left-out arrays and strings are described.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ...printable import printable
+from .yaml_text import Value
+
+_ARRAY: Final = re.compile(r"(?P<inner>.+)\[(?P<size>\d+)\]")
+_SEQUENCE: Final = re.compile(r"sequence<(?P<inner>.+?)(?:, (?P<bound>\d+))?>")
+_CODES: Final = {
+    "uint8": "B",
+    "int8": "b",
+    "uint16": "H",
+    "int16": "h",
+    "uint32": "I",
+    "int32": "i",
+    "uint64": "Q",
+    "int64": "q",
+    "float": "f",
+    "double": "d",
+}
+_CUT: Final = "..."
+
+
+@dataclass(frozen=True)
+class Show:
+    """``truncate``: length to which strings and arrays are cut, None: not at all."""
+
+    truncate: int | None = 128
+    no_arr: bool = False
+    no_str: bool = False
+
+
+def plain(message: Any, show: Show) -> dict[str, Value]:
+    """The message as nested dicts and lists of numbers and strings."""
+    return {name: _plain(value, kind, show) for name, kind, value in fields(message)}
+
+
+def fields(message: Any) -> list[tuple[str, str, Any]]:
+    """(name, type, value) of each field; the type as rclpy spells it."""
+    return [
+        (name, kind, getattr(message, slot))
+        for (name, kind), slot in zip(message._FIELDS, message.__slots__, strict=True)
+    ]
+
+
+def _plain(value: Any, kind: str, show: Show) -> Value:
+    inner = element(kind)
+    if inner:
+        if show.no_arr:
+            return describe_array(kind, len(value))
+        cut = show.truncate is not None and len(value) > show.truncate
+        items: list[Value] = [_plain(item, inner, show) for item in value[: show.truncate]]
+        return [*items, _CUT] if cut else items
+    if kind == "octet":
+        return _cut(chr(value), show)
+    if isinstance(value, str):
+        return describe_string(value) if show.no_str else _cut(value, show)
+    if isinstance(value, (bool, int, float)):
+        return value
+    return plain(value, show)
+
+
+def element(kind: str) -> str:
+    """The type of an array's elements, empty for what is no array."""
+    match = _ARRAY.fullmatch(kind) or _SEQUENCE.fullmatch(kind)
+    return match["inner"] if match else ""
+
+
+def describe_array(kind: str, length: int) -> str:
+    """What stands for a left-out array."""
+    match = _ARRAY.fullmatch(kind)
+    if match:
+        return f"<array type: {_type_name(match['inner'])}[{match['size']}]>"
+    match = _SEQUENCE.fullmatch(kind)
+    assert match, "only arrays are described"
+    bound = f"[{match['bound']}]" if match["bound"] else ""
+    return f"<sequence type: {_type_name(match['inner'])}{bound}, length: {length}>"
+
+
+def _type_name(kind: str) -> str:
+    package, slash, name = kind.partition("/")
+    return f"{package}/msg/{name}" if slash and "/" not in name else kind.partition("<")[0]
+
+
+def describe_string(text: str) -> str:
+    """What stands for a left-out string."""
+    return f"<string length: <{len(text)}>>"
+
+
+def _cut(text: str, show: Show) -> str:
+    if show.truncate is None or len(text) <= show.truncate:
+        return text
+    return text[: show.truncate] + _CUT
+
+
+# --- CSV ------------------------------------------------------------------------
+
+
+def csv(message: Any, show: Show) -> str:
+    """All values of the message, at any depth, with commas between them."""
+    return ",".join([_csv(value, kind, show) for _name, kind, value in fields(message)])
+
+
+def _csv(value: Any, kind: str, show: Show) -> str:
+    inner = element(kind)
+    if inner:
+        if show.no_arr:
+            return describe_array(kind, len(value))
+        cells = [_csv(item, inner, show) for item in value[: show.truncate]]
+        if show.truncate is not None and len(value) > show.truncate:
+            cells.append(_CUT)
+        return ",".join(cells)
+    if kind == "octet":
+        return str(bytes([value]))
+    if isinstance(value, str):
+        # One line a message, whatever is in its strings.
+        return describe_string(value) if show.no_str else printable(_cut(value, show))
+    if isinstance(value, (bool, int, float)):
+        return str(value)
+    return csv(value, show)
+
+
+# --- one field --------------------------------------------------------------------
+
+
+class FieldError(ValueError):
+    """A field that the message does not have; the text says which and what there is."""
+
+
+def select(message: Any, path: list[str]) -> tuple[Any, str]:
+    """The value that ``path`` leads to, and its type; "" where it is a message.
+
+    Raises FieldError.
+    """
+    value, kind = message, ""
+    for depth, step in enumerate(path):
+        if not is_message(value):
+            raise FieldError(f"{'.'.join(path[:depth])} is a {kind}, which has no fields")
+        known = {name: (found, type_name) for name, type_name, found in fields(value)}
+        if step not in known:
+            raise FieldError(
+                f"{value._TYPE} has no field {step!r}; it has {', '.join(known) or 'none'}"
+            )
+        value, kind = known[step]
+    return value, "" if is_message(value) else kind
+
+
+def is_message(value: Any) -> bool:
+    return hasattr(value, "_FIELDS")
+
+
+def text(value: Any, kind: str) -> str:
+    """A single value as rclpy's would be printed; of a string, line ends and tabs stay."""
+    if kind == "octet":
+        return str(bytes([value]))
+    match = _SEQUENCE.fullmatch(kind)
+    if match and match["inner"] in _CODES:
+        return str(array(_CODES[match["inner"]], value))
+    if element(kind) == "octet":
+        return str([bytes([item]) for item in value])
+    return printable(str(list(value)) if element(kind) else str(value), "\n\t")

@@ -1,0 +1,90 @@
+"""The ``--qos-…`` options: a profile by name, single policies, the rest as publishers have it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+from ..common import unsigned_int
+
+if TYPE_CHECKING:
+    from ...qos import QoSProfile
+
+# Deep enough for a burst that comes while a screen is slow; a publisher's depth is not known.
+_DEFAULT_DEPTH: Final = 100
+
+# name → (depth, best effort, transient local), from rmw/qos_profiles.h
+PRESETS: Final = {
+    "default": (10, False, False),
+    "system_default": (1, True, False),
+    "sensor_data": (5, True, False),
+    "services_default": (10, False, False),
+    "parameters": (1000, False, False),
+    "parameter_events": (1000, False, False),
+    "action_status_default": (1, False, True),
+    "rosout_default": (1000, False, True),
+    "best_available": (10, True, False),
+}
+_ADAPTS: Final = "best_available"
+
+
+def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "quality of service",
+        "Reliability and durability follow the publishers unless they are given.",
+    )
+    group.add_argument(
+        "--qos-profile",
+        choices=tuple(PRESETS),
+        metavar="NAME",
+        help=f"a preset: {', '.join(PRESETS)} (default: sensor_data, {_DEFAULT_DEPTH} deep)",
+    )
+    group.add_argument(
+        "--qos-depth", metavar="N", type=unsigned_int, help="how many messages may wait"
+    )
+    group.add_argument(
+        "--qos-history",
+        choices=("system_default", "keep_last", "keep_all"),
+        help="keep the last --qos-depth messages, or all",
+    )
+    group.add_argument(
+        "--qos-reliability", choices=("system_default", "reliable", "best_effort", _ADAPTS)
+    )
+    group.add_argument(
+        "--qos-durability", choices=("system_default", "transient_local", "volatile", _ADAPTS)
+    )
+
+
+def choose(args: argparse.Namespace, offered: Sequence[QoSProfile]) -> tuple[QoSProfile, list[str]]:
+    """The profile to listen with, and what the user should know about the choice."""
+    from ...host.matching import adapt
+    from ...qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+    depth, best_effort, transient_local = PRESETS[args.qos_profile or "sensor_data"]
+    if args.qos_profile is None:
+        depth = _DEFAULT_DEPTH
+    reliability = args.qos_reliability if args.qos_reliability != _ADAPTS else None
+    durability = args.qos_durability if args.qos_durability != _ADAPTS else None
+    if reliability is not None:
+        best_effort = reliability != "reliable"
+    if durability is not None:
+        transient_local = durability == "transient_local"
+    profile = QoSProfile(
+        depth=args.qos_depth or depth,
+        history=(
+            HistoryPolicy.KEEP_ALL if args.qos_history == "keep_all" else HistoryPolicy.KEEP_LAST
+        ),
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE
+        ),
+    )
+    notes = adapt(profile, offered, reliability is not None, durability is not None)
+    if reliability == "reliable" and not all(qos.reliable for qos in offered):
+        notes.append("publishers that are best effort will not be heard: reliable was asked for")
+    if durability == "transient_local" and not all(qos.transient_local for qos in offered):
+        notes.append(
+            "publishers that are volatile will not be heard: transient local was asked for"
+        )
+    return profile, notes

@@ -1,0 +1,83 @@
+"""The ``--qos-…`` options of what publishes: a profile by name, and single policies."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Final
+
+from ..common import positive_float, unsigned_int
+from .qos_options import PRESETS
+
+if TYPE_CHECKING:
+    from ...qos import QoSProfile
+
+_SYSTEM: Final = "system_default"
+_ADAPTS: Final = "best_available"
+
+
+def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("quality of service")
+    group.add_argument(
+        "--qos-profile",
+        choices=tuple(PRESETS),
+        metavar="NAME",
+        default="default",
+        help=f"a preset: {', '.join(PRESETS)} (default: default)",
+    )
+    group.add_argument(
+        "--qos-depth", metavar="N", type=unsigned_int, help="how many messages are kept"
+    )
+    group.add_argument(
+        "--qos-history",
+        choices=(_SYSTEM, "keep_last", "keep_all"),
+        help="keep the last --qos-depth messages, or all",
+    )
+    group.add_argument("--qos-reliability", choices=(_SYSTEM, "reliable", "best_effort", _ADAPTS))
+    group.add_argument(
+        "--qos-durability",
+        choices=(_SYSTEM, "transient_local", "volatile", _ADAPTS),
+        help="transient_local: who comes later gets the last --qos-depth messages",
+    )
+    group.add_argument(
+        "--qos-liveliness", choices=(_SYSTEM, "automatic", "manual_by_topic", _ADAPTS)
+    )
+    group.add_argument(
+        "--qos-liveliness-lease-duration-seconds",
+        metavar="S",
+        type=positive_float,
+        help="who publishes nothing for so long is taken for dead, with manual_by_topic",
+    )
+
+
+def choose(args: argparse.Namespace) -> QoSProfile:
+    """The profile to publish with. What is left to the system, or to whoever subscribes, is
+    reliable, volatile and automatic: all match that, but those that want more."""
+    from ...qos import (
+        DurabilityPolicy,
+        HistoryPolicy,
+        LivelinessPolicy,
+        QoSProfile,
+        ReliabilityPolicy,
+    )
+
+    depth, best_effort, transient_local = PRESETS[args.qos_profile]
+    if args.qos_profile in (_SYSTEM, _ADAPTS):
+        best_effort = False
+    if args.qos_reliability is not None:
+        best_effort = args.qos_reliability == "best_effort"
+    if args.qos_durability is not None:
+        transient_local = args.qos_durability == "transient_local"
+    manual = args.qos_liveliness == "manual_by_topic"
+    lease = args.qos_liveliness_lease_duration_seconds
+    return QoSProfile(
+        depth=args.qos_depth or depth,
+        history=(
+            HistoryPolicy.KEEP_ALL if args.qos_history == "keep_all" else HistoryPolicy.KEEP_LAST
+        ),
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE
+        ),
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC if manual else LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_ms=None if lease is None else max(1, round(lease * 1000)),
+    )

@@ -1,0 +1,286 @@
+"""A board that finds its agent by itself: it asks a multicast group, or addresses that it knows.
+
+    from uros.transport.discovery import DiscoveringTransport
+
+    node = Node("node", DiscoveringTransport(), key=0x1001)
+
+The agent must have been started with ``--discovery``. Who answers is believed, as with micro-ROS:
+in a network that others share, give the address of the agent instead, or TLS. Runs on MicroPython
+ports that have a network; to ask a group, a board need not join it.
+"""
+
+import errno
+import select
+import socket
+
+from ..ticks import ticks_ms
+from ..wire import ids
+from ..wire.cdr import Reader
+from ..wire.errors import DecodeError
+from ..wire.header import pull_header, pull_subheader
+from ..wire.session import pull_info
+from ..wire.streams import ticks_add, ticks_diff
+from .udp import UdpTransport
+
+try:
+    from typing import Any, Callable, Final, Sequence
+
+    from ..wire.cdr import Buffer
+except ImportError:  # MicroPython
+    pass
+
+# Where agents listen for questions, eProsima's too.
+AGENTS: Final = (("239.255.0.2", 7400),)
+# GET_INFO outside of any session, request 9, about the agent: what it is and what it does.
+QUESTION: Final = b"\x80\0\0\0\2\1\x08\0\0\x09\xff\xfd\3\0\0\0"
+_REQUEST: Final = 9
+# Questions and answers get lost: so long from one question to the next.
+_AGAIN_MS: Final = 250
+# 64 locators, more than any agent tells.
+_LARGEST: Final = 600
+# What is no answer is passed over, but a flood of it must not hold a program up.
+_BURST: Final = 16
+_LOOPBACK: Final = "0:0:0:0:0:0:0:1"
+_REMEDY: Final = "start one with --discovery in this network, and look at firewalls"
+_SILENT: Final = "look at firewalls, and whether it speaks UDP there or TCP"
+
+
+def discover_agent(
+    timeout_ms: int = 1000,
+    addresses: "Sequence[tuple[str, int]]" = AGENTS,
+    interface: str = "",
+) -> "tuple[str, int] | None":
+    """Wait for the first agent that answers, at most so long; its ``(host, port)``, or None.
+
+    ``addresses`` are asked four times a second: groups, and addresses or names of hosts (of IPv4).
+    ``interface`` is the board's own address in the network to ask, where it has several. Raises
+    OSError where nobody can be asked: the network is down.
+    """
+    end = ticks_add(ticks_ms(), timeout_ms)
+    search = _Search(addresses, interface)
+    try:
+        while True:
+            search.ask()
+            left = ticks_diff(end, ticks_ms())
+            again = ticks_add(ticks_ms(), min(left, _AGAIN_MS))
+            while True:
+                left = ticks_diff(again, ticks_ms())
+                found = search.take(max(0, left))
+                if found:
+                    return found[0]
+                if left <= 0:
+                    break
+            if ticks_diff(end, ticks_ms()) <= 0:
+                return None
+    finally:
+        search.close()
+
+
+class DiscoveringTransport:
+    """Messages to and from the first agent that answers; where that one is lost, it looks anew.
+
+    ``addresses`` and ``interface`` are those of :func:`discover_agent`. ``make(host, port, mtu)``
+    is the transport to the agent: an INFO does not say whether UDP or TCP is spoken at its
+    locators. ``agent`` is the ``(host, port)`` in use, None while there is none. Nothing waits but
+    the look-up of names. Who does not answer for ``patience_ms`` is given up: of an agent's
+    several locators the next is tried.
+    """
+
+    def __init__(
+        self,
+        addresses: "Sequence[tuple[str, int]]" = AGENTS,
+        interface: str = "",
+        mtu: int = 512,
+        patience_ms: int = 3000,
+        make: "Callable[[str, int, int], Any]" = UdpTransport,
+    ) -> None:
+        self.mtu = mtu
+        self.agent: "Any" = None
+        self._addresses = addresses
+        self._interface = interface
+        self._patience_ms = patience_ms
+        self._make = make
+        self._turn = 0  # which of an agent's locators
+        self._search: "Any" = None
+        self._line: "Any" = None  # the transport to the agent, once there is one
+        self._kept = b""  # what is to be said to it first
+        self._again = 0
+        self._until: "int | None" = None  # when we lose patience
+
+    def open(self) -> None:
+        """Raises OSError where nobody can be asked: the network is down."""
+        self.close()
+        self._search = _Search(self._addresses, self._interface)
+        try:
+            self._ask()
+        except OSError:
+            self.close()
+            raise
+        self._until = ticks_add(ticks_ms(), self._patience_ms)
+
+    def _ask(self) -> None:
+        self._again = ticks_add(ticks_ms(), _AGAIN_MS)
+        self._search.ask()
+
+    def close(self) -> None:
+        """Twice is once."""
+        search, line = self._search, self._line
+        self._search = self._line = self.agent = None
+        self._kept = b""
+        if search is not None:
+            search.close()
+        if line is not None:
+            line.close()
+
+    def send(self, message: "Buffer", size: int = -1) -> None:
+        """See :class:`uros.client.connection.Transport`. Without a size, all of it.
+
+        While there is no agent, the last message is kept for it, and the question is repeated.
+        """
+        if self._line is not None:
+            self._line.send(message, size)
+            return
+        self._kept = bytes(message if size < 0 else memoryview(message)[:size])
+        if ticks_diff(self._again, ticks_ms()) <= 0:
+            self._ask()
+
+    def receive(self, timeout_ms: int) -> "bytes | None":
+        """See :class:`uros.client.connection.Transport`."""
+        end = ticks_add(ticks_ms(), timeout_ms)
+        if self._line is None:
+            found = self._search.take(timeout_ms)
+            if not found:
+                if self._late():
+                    where = ", ".join(["%s port %d" % it for it in self._addresses])
+                    raise OSError(errno.ETIMEDOUT, "no agent answers at %s: %s" % (where, _REMEDY))
+                return None
+            self._link(found)
+        message: "bytes | None" = self._line.receive(max(0, ticks_diff(end, ticks_ms())))
+        if message is None:
+            if self._late():
+                trouble = "an agent says that it is at %s port %d, and is silent there: %s"
+                raise OSError(errno.ETIMEDOUT, trouble % (self.agent + (_SILENT,)))
+        elif self._until is not None:
+            self._until = None  # from now on the node decides how long is too long
+            self._turn -= 1
+        return message
+
+    def _link(self, found: "list[tuple[str, int]]") -> None:
+        agent = found[self._turn % len(found)]
+        self._turn += 1  # the next one, unless something is heard from this one
+        self._search.close()
+        line = self._make(agent[0], agent[1], self.mtu)
+        line.open()
+        self._line = line
+        self.agent = agent
+        self._until = ticks_add(ticks_ms(), self._patience_ms)
+        if self._kept:
+            line.send(self._kept, len(self._kept))
+            self._kept = b""
+
+    def _late(self) -> bool:
+        return self._until is not None and ticks_diff(self._until, ticks_ms()) <= 0
+
+
+class _Search:
+    """A socket that asks for agents and takes their answers."""
+
+    def __init__(self, addresses: "Sequence[tuple[str, int]]", interface: str) -> None:
+        self._addresses = addresses
+        self._socket: "Any" = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            if interface:
+                # Also what chooses the interface for a group; ports have no option for that.
+                self._socket.bind(_address(interface, 0))
+            self._socket.setblocking(False)
+            self._poll = select.poll()
+            self._poll.register(self._socket, select.POLLIN)
+        except OSError:
+            self._socket.close()
+            raise
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def ask(self) -> None:
+        """Raises OSError where not one question is on its way."""
+        trouble = OSError(errno.EINVAL, "there is no address to ask for an agent: give one")
+        sent = False
+        for host, port in self._addresses:
+            try:
+                self._socket.sendto(QUESTION, _address(host, port))
+                sent = True
+            except OSError as error:
+                trouble = error
+        if not sent:
+            raise trouble
+
+    def take(self, timeout_ms: int) -> "list[tuple[str, int]]":
+        """Where the next agent that answers is, the likeliest first; empty: none has, so long."""
+        end = ticks_add(ticks_ms(), timeout_ms)
+        for _ in range(_BURST):
+            if not self._poll.poll(max(0, ticks_diff(end, ticks_ms()))):
+                break
+            try:
+                answer, source = self._socket.recvfrom(_LARGEST)
+                # A port that has no text for it has bytes.
+                host = source[0] if isinstance(source, tuple) else ""
+                found = agents_of(answer, host)
+            except (OSError, DecodeError):  # nobody there; somebody else
+                continue
+            if found:
+                return found
+        return []
+
+
+def _address(host: str, port: int) -> "Any":
+    """As sockets want it. Questions go over IPv4, where agents listen for them."""
+    for it in socket.getaddrinfo(host, port, 0, socket.SOCK_DGRAM):
+        if it[0] == socket.AF_INET:
+            return it[-1]
+    raise OSError(errno.EINVAL, "%s has no address of IPv4" % host)
+
+
+def agents_of(answer: "Buffer", source: str = "") -> "list[tuple[str, int]]":
+    """``(host, port)`` of each place where an agent says it is, the likeliest first.
+
+    ``answer`` came from ``source``. eProsima's agent tells all addresses of its machine: that we
+    have heard from comes first, and stands for "all addresses"; then others of IPv4, of IPv6, and
+    loopback, unless that is where we are. Raises DecodeError for what is no answer to QUESTION.
+    """
+    size = len(answer)
+    at = pull_header(answer, size)[4]
+    kind, flags, start, stop = pull_subheader(answer, at, size)
+    if kind != ids.INFO:
+        raise DecodeError("submessage %d is no answer" % kind)
+    r = Reader(answer, start, stop, bool(flags & ids.FLAG_LITTLE_ENDIAN))
+    request, subject, status, _, locators = pull_info(r)
+    if request != _REQUEST or subject != ids.OBJECT_AGENT or status > ids.STATUS_OK_MATCHED:
+        raise DecodeError("an answer to something else")
+    found: "list[tuple[int, int, str, int]]" = []
+    for octets, port in locators:
+        host = source if octets == bytes(len(octets)) else _text(octets)
+        if not host or not 0 < port < 0x10000:
+            continue
+        rank = 2 if ":" in host else 1
+        if host == source:
+            rank = 0
+        elif host.startswith("127.") or host == _LOOPBACK:
+            rank = 1 if source.startswith("127.") else 3
+        # The position keeps their order: MicroPython's sort does not.
+        found.append((rank, len(found), host, port))
+    found.sort()
+    agents: "list[tuple[str, int]]" = []
+    for _, _, host, port in found:
+        if (host, port) not in agents:
+            agents.append((host, port))
+    return agents
+
+
+def _text(octets: bytes) -> str:
+    """An address; empty for one that nobody is at: of a group, or of one link only."""
+    if len(octets) == 4:
+        return "" if octets[0] >= 224 else "%d.%d.%d.%d" % tuple(octets)
+    if octets[0] == 0xFF or (octets[0] == 0xFE and octets[1] & 0xC0 == 0x80):
+        return ""
+    return ":".join(["%x" % (octets[i] << 8 | octets[i + 1]) for i in range(0, 16, 2)])

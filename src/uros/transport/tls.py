@@ -1,0 +1,144 @@
+"""A board's end of TCP in TLS. Runs on MicroPython ports that have a network and ``ssl``.
+
+    TlsTransport("agent.example", 8888, ca="ca.pem", cert="board.pem", key="board.key")
+
+A board that looks at certificates looks at their dates too: set its clock first
+(``ntptime.settime()``), since the agent can tell the time only to those who trust it.
+"""
+
+import binascii
+import ssl
+
+from .tcp import TcpTransport
+
+try:
+    from typing import Any, Final
+
+    from ..wire.cdr import Buffer
+except ImportError:  # MicroPython
+    pass
+
+_CHUNK: Final = 1024
+
+
+class _Never(Exception):
+    pass
+
+
+# CPython raises these where MicroPython's read and write give None.
+_WANT_READ: Final = getattr(ssl, "SSLWantReadError", _Never)
+_WANT_WRITE: Final = getattr(ssl, "SSLWantWriteError", _Never)
+
+
+_BEGIN: Final = b"-----BEGIN "
+
+
+def _bytes_of(what: "Any") -> bytes:
+    """A file's, where it is the name of one."""
+    if isinstance(what, str):
+        with open(what, "rb") as file:
+            return file.read()
+    data: bytes = what
+    return data
+
+
+def _der(data: bytes) -> bytes:
+    """The first thing of a PEM text, or what is DER already: all that MicroPython 1.27 knows."""
+    at = data.find(_BEGIN)
+    if data[at:].startswith(_BEGIN + b"EC PARA"):  # openssl puts these before a key
+        at = data.find(_BEGIN, at + 1)
+    if at < 0:
+        return data
+    start = data.find(b"\n", at)
+    stop = data.find(b"-----END ", at)
+    if start < 0 or stop < 0:
+        raise ValueError("PEM without an end")
+    return binascii.a2b_base64(data[start:stop])
+
+
+def _refused(error: Exception) -> OSError:
+    """For MicroPython's ValueError, of several lines."""
+    return OSError("the agent's certificate is refused: " + str(error).strip())
+
+
+class TlsTransport(TcpTransport):
+    """A :class:`~uros.transport.tcp.TcpTransport` in TLS.
+
+    ``ca`` is the certificate that the agent's must be signed with, or that itself: the name of a
+    file, or its bytes, PEM or DER. ``name`` is what the agent's certificate must be for, ``host``
+    if not given. ``cert`` and ``key`` are the board's own, for agents that ask for them: names of
+    files, PEM (on MicroPython DER too). Files are read at each :meth:`open`. ``verify=False``
+    trusts whoever answers, which is for a bench only.
+    """
+
+    def __init__(
+        self, host: str, port: int = 8888, mtu: int = 512, ca: "str | bytes | None" = None,
+        cert: "str | None" = None, key: "str | None" = None, name: "str | None" = None,
+        verify: bool = True, patience_ms: int = 10000,
+    ) -> None:  # fmt: skip
+        super().__init__(host, port, mtu, patience_ms)
+        if verify and ca is None:
+            raise ValueError("ca is missing: the certificate to know the agent by")
+        if (cert is None) != (key is None):
+            raise ValueError("cert and key belong together")
+        self._ca = ca
+        self._cert = cert
+        self._key = key
+        self._name = name or host
+        self._verify = verify
+        self._context: "Any" = None
+
+    def open(self) -> None:
+        """Raises OSError too where a certificate cannot be used."""
+        try:
+            self._context = self._make_context()
+        except ValueError as error:
+            raise OSError("a certificate or key cannot be used: %s" % error)
+        super().open()
+
+    def _make_context(self) -> "Any":
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        full = hasattr(context, "check_hostname")  # CPython's
+        if self._verify:
+            context.verify_mode = ssl.CERT_REQUIRED  # MicroPython begins with CERT_NONE
+            ca = _bytes_of(self._ca)
+            pem = full and _BEGIN in ca
+            context.load_verify_locations(cadata=ca.decode() if pem else _der(ca))
+        else:
+            if full:
+                context.check_hostname = False
+            context.verify_mode = ssl.CERT_NONE
+        if self._cert is not None and full:
+            context.load_cert_chain(self._cert, self._key)
+        elif self._cert is not None:
+            context.load_cert_chain(_der(_bytes_of(self._cert)), _der(_bytes_of(self._key)))
+        return context
+
+    def _begin(self, sock: "Any") -> "Any":
+        return self._context.wrap_socket(
+            sock, server_hostname=self._name, do_handshake_on_connect=False
+        )
+
+    # The first of these calls that find something to do make the handshake, at both Pythons.
+
+    def _read(self) -> "bytes | None":
+        try:
+            data: "bytes | None" = self._line.read(_CHUNK)
+            return data
+        except _WANT_READ:
+            return None
+        except _WANT_WRITE:
+            self._writing = True
+            return None
+        except ValueError as error:
+            raise _refused(error)
+
+    def _write(self, data: "Buffer") -> "int | None":
+        try:
+            return self._line.write(data) or 0
+        except _WANT_READ:
+            return None
+        except _WANT_WRITE:
+            return 0
+        except ValueError as error:
+            raise _refused(error)

@@ -1,0 +1,424 @@
+"""Captures: what is in the file, two files of a size, full and slow disks, a killed agent."""
+
+import io
+import json
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from support.agent import running_agent
+from support.client import XrceClient
+from support.lines import SECONDS, UdpLine
+from support.recorded import load as load_recorded
+from support.tshark import packets
+from support.waiting import eventually
+from unit.agent.helpers import get_info, message
+
+from uros.agent.log import Log
+from uros.agent.observability import capture as captures
+from uros.agent.observability.capture import Capture, CaptureError, is_capture
+from uros.agent.observability.message_hooks import AGENT, CLIENT, Taps
+from uros.agent.observability.pcapng import MAX_PAYLOAD
+from uros.agent.transports.base import ServerTransport
+from uros.agent.transports.memory import MemoryServer
+from uros.agent.transports.udp import UdpServer
+from uros.tools.capture.recordings import read
+
+PING = message([get_info()], 0, 0)
+HUGE = 10**9
+
+
+class Named(ServerTransport):
+    """Whose peers are what ``address`` says they are."""
+
+    name = "TestAgent"
+    kind = "TEST"
+
+    def open(self, host): ...
+
+    def send(self, peer, datagram): ...
+
+    def address(self, peer):
+        return peer
+
+    def close(self): ...
+
+
+class Desk:
+    """A capture with nothing around it."""
+
+    def __init__(self, path, limit=HUGE):
+        self.said = io.StringIO()
+        self.taps = Taps(Log(4, self.said))
+        self.path = str(path)
+        self.capture = Capture(self.path, limit, Log(4, self.said), self.taps)
+
+    def say(self, data=PING, peer="1.2.3.4:5", transport=None, direction=CLIENT, key=0):
+        self.taps(transport or Named(), peer, direction, data, len(data), key)
+
+    def close(self):
+        self.capture.close()
+        return self.said.getvalue()
+
+
+# --- what is written ----------------------------------------------------------------------------
+
+
+def test_text_has_the_lines_of_recordings_and_says_more(tmp_path):
+    path = tmp_path / "one.jsonl"
+    desk = Desk(path)
+    board, other = Named(), MemoryServer()
+    desk.say(transport=board, peer="/dev/ttyACM0 (1)", key=0x4B0CBE99)
+    desk.say(b"answer", transport=board, peer="/dev/ttyACM0 (1)", direction=AGENT)
+    desk.say(transport=other, peer=7)
+    assert "capture closed" in desk.close()
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [list(it) for it in lines] == [
+        ["t", "from", "client", "transport", "address", "key", "hex"],
+        ["t", "from", "client", "transport", "address", "hex"],
+        ["t", "from", "client", "transport", "address", "hex"],
+    ]
+    assert lines[0]["key"] == "0x4B0CBE99" and lines[0]["hex"] == PING.hex()
+    assert [it["from"] for it in lines] == ["client", "agent", "client"]
+    assert [it["client"] for it in lines] == [0, 0, 1]
+    assert [it["address"] for it in lines] == ["/dev/ttyACM0 (1)"] * 2 + ["memory:7"]
+    assert abs(lines[0]["t"] - time.time()) < 60
+    # The player of recorded conversations takes it as it is.
+    assert [it.data for it in load_recorded(path)] == [PING, b"answer", PING]
+
+
+@pytest.mark.parametrize("name", ["it.jsonl", "it.pcapng"])
+def test_it_is_for_its_owner_alone(name, tmp_path):
+    """Whatever the umask says; both files of two."""
+    before = os.umask(0)
+    try:
+        desk = Desk(tmp_path / name, limit=1)
+        for _ in range(3):
+            desk.say()
+        desk.close()
+        Desk(tmp_path / name).close()
+    finally:
+        os.umask(before)
+    modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+    assert modes == {name: 0o600, f"{name}.1": 0o600}
+
+
+@pytest.mark.parametrize("name", ["it.jsonl", "it.pcapng"])
+def test_a_peer_that_is_called_by_escapes_is_so_in_plain_letters(name, tmp_path):
+    """As the name in a client's certificate is."""
+    desk = Desk(tmp_path / name)
+    desk.say(peer="192.0.2.7:1 (CN=\x1b[2J\r\n\u202eleft\udc80)")
+    desk.close()
+    content = (tmp_path / name).read_bytes()
+    assert b"\\x1b" in content or b"\\u001b" in content
+    assert b"\x1b[2J" not in content and "\u202e".encode() not in content
+    assert len(list(read(tmp_path / name))) == 1
+
+
+def test_pcapng_by_an_independent_reader(tmp_path):
+    path = tmp_path / "one.pcapng"
+    desk = Desk(path)
+    udp, serial = UdpServer(8888, "192.0.2.1"), Named()
+    six = UdpServer(9999, "::")
+    desk.say(transport=udp, peer=("192.0.2.7", 2018), key=0x4B0CBE99)
+    desk.say(b"odd", transport=udp, peer=("192.0.2.7", 2018), direction=AGENT)
+    desk.say(transport=serial, peer="/dev/ttyACM0 (1)")
+    desk.say(transport=serial, peer="/dev/ttyACM0 (2)", direction=AGENT)
+    desk.say(transport=six, peer=("::1", 5, 0, 0))
+    desk.close()
+    found = packets(path)
+    assert all(it.checksums_good for it in found)
+    assert [(it.source, it.destination, it.payload) for it in found] == [
+        (("192.0.2.7", 2018), ("192.0.2.1", 8888), PING),
+        (("192.0.2.1", 8888), ("192.0.2.7", 2018), b"odd"),
+        (("127.2.0.1", 8888), ("127.0.0.1", 8888), PING),
+        (("127.0.0.1", 8888), ("127.2.0.2", 8888), PING),
+        (("::1", 5), ("::1", 9999), PING),
+    ]
+    assert [it.comment for it in found] == [
+        "UDPv4Agent 192.0.2.7:2018 key 0x4B0CBE99", "UDPv4Agent 192.0.2.7:2018",
+        "TestAgent /dev/ttyACM0 (1)", "TestAgent /dev/ttyACM0 (2)", "UDPv6Agent [::1]:5",
+    ]  # fmt: skip
+    assert [it.outbound for it in found] == [False, True, False, True, False]
+    names = ["UDPv4Agent"] * 2 + ["TestAgent"] * 2 + ["UDPv6Agent"]
+    assert [it.interface for it in found] == names
+    assert all(abs(float(it.time) - time.time()) < 60 for it in found)
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 3, 4, 511, 1472, 20_001, MAX_PAYLOAD])
+def test_payloads_of_any_size_have_good_checksums(tmp_path, size):
+    path = tmp_path / "one.pcapng"
+    desk = Desk(path)
+    for fill in (b"\0", b"\xff", b"\x5a"):
+        desk.say(fill * size)
+    desk.close()
+    assert [it.message for it in read(path)] == [f * size for f in (b"\0", b"\xff", b"\x5a")]
+    if size:  # of an empty one tshark shows no payload
+        found = packets(path)
+        assert all(it.checksums_good for it in found)
+        assert [len(it.payload) for it in found] == [size] * 3
+
+
+def test_a_message_that_no_packet_holds_is_cut_and_the_comment_says_so(tmp_path):
+    path = tmp_path / "one.pcapng"
+    desk = Desk(path)
+    desk.say(bytes(65535))
+    desk.close()
+    (packet,) = packets(path)
+    assert len(packet.payload) == MAX_PAYLOAD
+    assert packet.comment == "TestAgent 1.2.3.4:5 (cut, of 65535 bytes)"
+    (record,) = read(path)
+    assert record.address == "1.2.3.4:5"
+
+
+# --- two files ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["one.pcapng", "one.txt"])
+def test_a_full_file_makes_room_for_the_next_and_two_are_kept(tmp_path, name):
+    path = tmp_path / name
+    desk = Desk(path, limit=4000)
+    for number in range(200):
+        desk.say(PING + number.to_bytes(4, "little"))
+    desk.close()
+    assert sorted(os.listdir(tmp_path)) == [name, f"{name}.1"]
+    assert 0 < os.path.getsize(path) <= 4000 and os.path.getsize(f"{path}.1") <= 4000
+    numbers = [
+        int.from_bytes(it.message[-4:], "little")
+        for part in (f"{path}.1", path)
+        for it in read(part)
+    ]
+    assert numbers == list(range(200 - len(numbers), 200)) and len(numbers) > 20
+    if name.endswith(".pcapng"):
+        assert packets(path)[0].comment == "TestAgent 1.2.3.4:5"
+
+
+def test_an_older_capture_is_kept_as_the_second_file(tmp_path):
+    # An agent that crashed and is started again by systemd must not destroy what led to it.
+    path = tmp_path / "one.txt"
+    for count in (3, 2, 1):
+        desk = Desk(path)
+        for _ in range(count):
+            desk.say()
+        desk.close()
+    assert sorted(os.listdir(tmp_path)) == ["one.txt", "one.txt.1"]
+    assert len(list(read(path))) == 1 and len(list(read(f"{path}.1"))) == 2
+
+
+def test_a_capture_in_which_nothing_is_does_not_push_out_the_second_file(tmp_path):
+    path = tmp_path / "one.txt"
+    for count in (3, 0, 1):
+        desk = Desk(path)
+        for _ in range(count):
+            desk.say()
+        desk.close()
+    assert len(list(read(path))) == 1 and len(list(read(f"{path}.1"))) == 3
+
+
+@pytest.mark.parametrize("name", ["one.pcapng", "one.pcapng.1"])
+def test_what_is_no_capture_is_not_overwritten(tmp_path, name):
+    (tmp_path / name).write_text("the only copy of my thesis")
+    with pytest.raises(CaptureError, match=rf"{name} is there already and no capture.*remove"):
+        Desk(tmp_path / "one.pcapng")
+    assert (tmp_path / name).read_text() == "the only copy of my thesis"
+
+
+@pytest.mark.parametrize("name", ["not/there.txt", ".", "nul\0.txt"])
+def test_a_file_that_cannot_be_made(tmp_path, name):
+    with pytest.raises(CaptureError, match="name a file in a folder that exists"):
+        Desk(f"{tmp_path}/{name}")
+
+
+def test_what_a_capture_is(tmp_path):
+    path = tmp_path / "file"
+    for content, yes in (
+        (b"", True), (b"\x0a\x0d\x0d\x0a....", True), (b'{"t": 0.0, "from": "agent"', True),
+        (b'{"some": "json"}', False), (b"\x7fELF", False),
+    ):  # fmt: skip
+        path.write_bytes(content)
+        assert is_capture(path) == yes
+
+
+# --- disks --------------------------------------------------------------------------------------
+
+
+def test_a_full_disk_ends_the_capture_and_not_the_agent():
+    with running_agent("udp", "memory") as agent:
+        capture = Capture("/dev/full", HUGE, agent.agent.log, agent.agent.taps)
+        client = XrceClient(agent.line(), 0xCAFE)
+        client.open()
+        eventually(lambda: "capture ends" in agent.said.getvalue())
+        assert client.ping() == 1
+        assert not agent.agent.taps
+        capture.close()
+    said = agent.said.getvalue()
+    assert "No space left on device (make room, or capture to another disk" in said
+    assert said.count("capture ends") == 1
+
+
+@pytest.mark.parametrize("name", ["one.pcapng", "one.txt"])
+def test_a_file_that_may_grow_no_more_ends_at_a_whole_message(tmp_path, name):
+    """A real agent, whose files the system limits to 20 kB."""
+    path = tmp_path / name
+    with agent_process(path, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000,) * 2)) as (
+        process, port,
+    ):  # fmt: skip
+        line = UdpLine(port)
+        client = XrceClient(line, 0xCAFE)
+        client.open()
+        said = ""
+        while "capture ends" not in said:
+            for _ in range(50):
+                assert client.ping() == 1
+            if select.select([process.stdout], [], [], 0)[0]:
+                said += process.stdout.readline().decode()
+        assert "raise the limit on files (ulimit -f)" in said
+        assert client.ping() == 1
+        line.close()
+    assert 19_000 < path.stat().st_size <= 20_000
+    rest = []
+    records = list(read(path, rest.append))
+    assert not rest
+    assert f"the {len(records)} messages in it are whole" in said
+    if name.endswith(".pcapng"):
+        assert len(packets(path)) == len(records)
+
+
+@pytest.mark.parametrize("name", ["one.pcapng", "one.txt"])
+def test_an_agent_that_is_killed_leaves_a_readable_file(tmp_path, name):
+    path = tmp_path / name
+    with agent_process(path) as (process, port):
+        line = UdpLine(port)
+        client = XrceClient(line, 0xCAFE)
+        client.open()
+        for _ in range(200):
+            client.ping()
+        eventually(lambda: path.stat().st_size > 200 * 2 * 20)
+        process.send_signal(signal.SIGKILL)
+        process.wait(SECONDS)
+        line.close()
+    rest = []
+    records = list(read(path, rest.append))
+    assert not rest and len(records) > 200
+    assert len({it.address for it in records}) == 1
+
+
+def test_a_slow_disk_loses_messages_and_says_how_many(tmp_path, monkeypatch):
+    """A pipe that nobody reads is as slow as a disk can be."""
+    monkeypatch.setattr(captures, "MAX_WAITING", 100_000)
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    desk = Desk(path)
+    said = before = 0
+    while said < 5000 or desk.capture.lost == before:  # the last one is lost
+        before = desk.capture.lost
+        desk.say(said.to_bytes(4, "little") * 25)
+        said += 1
+    lost = desk.capture.lost
+    assert 0 < lost < said
+    assert desk.said.getvalue().count("messages not captured") == 1
+    records = []
+    reading = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    content = bytearray()
+
+    def drain():
+        try:
+            content.extend(os.read(reading, 1 << 20))
+        except BlockingIOError:
+            pass
+        return content.count(b"\n") >= said - lost
+
+    eventually(drain)
+    desk.say(b"later")
+    eventually(lambda: drain() and content.count(b"\n") == said + 1 - lost)
+    os.close(reading)
+    desk.close()
+    records = [json.loads(line) for line in content.splitlines()]
+    assert sum(it.get("lost", 0) for it in records) == lost
+    assert records[-1]["lost"] > 0 and records[-1]["hex"] == b"later".hex()
+
+
+@pytest.mark.parametrize("said", [True, False])
+def test_a_second_agent_on_the_same_file_is_told_and_spoils_nothing(tmp_path, said):
+    path = tmp_path / "one.pcapng"
+    first = Desk(path, 2000)
+    for count in (1, 100):  # before its file is another one, and after
+        if said:
+            for _ in range(count):
+                first.say(bytes(50))
+            eventually(lambda: first.capture.written and first.capture._put == first.capture._taken)
+        with pytest.raises(CaptureError, match="another agent captures into it: end that one"):
+            Desk(path)
+    first.close()
+    assert sorted(os.listdir(tmp_path)) == (["one.pcapng", "one.pcapng.1"] if said else [path.name])
+    assert is_capture(path)
+    if said:
+        assert all(it.message == bytes(50) for it in read(path))
+    Desk(path).close()  # now it is free
+
+
+def test_an_end_does_not_wait_for_a_disk_for_ever(tmp_path, monkeypatch):
+    monkeypatch.setattr(captures, "_STILL", 0.05)
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    desk = Desk(path)
+    desk.say(bytes(60_000))
+    desk.say(bytes(60_000))
+    assert "capture is cut off" in desk.close()
+    reading = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    eventually(lambda: not (desk.capture._thread.is_alive() and drained(reading)))
+    os.close(reading)
+
+
+def drained(reading):
+    try:
+        os.read(reading, 1 << 20)
+    except BlockingIOError:
+        pass
+    return True
+
+
+def test_a_fault_of_ours_ends_the_capture_and_is_told(tmp_path):
+    class Broken(Named):
+        def address(self, peer):
+            raise ZeroDivisionError("a slip")
+
+    desk = Desk(tmp_path / "one.txt")
+    desk.say(transport=Broken())
+    eventually(lambda: "ZeroDivisionError: a slip; the capture ends" in desk.said.getvalue())
+    desk.say()
+    assert not desk.taps
+    desk.close()
+
+
+# --- a process ----------------------------------------------------------------------------------
+
+
+class agent_process:
+    """An agent on memory that captures: (its process, its port)."""
+
+    def __init__(self, path, before=None):
+        self._args = [
+            sys.executable, "-m", "uros", "agent", "udp4", "--port", "0", "-m", "memory",
+            "--capture", str(path),
+        ]  # fmt: skip
+        self._before = before
+
+    def __enter__(self):
+        self._process = subprocess.Popen(
+            self._args, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0,
+            preexec_fn=self._before,
+        )  # fmt: skip
+        while b"port: " not in (line := self._process.stdout.readline()):
+            assert line, "the agent has ended"
+        return self._process, int(line.rpartition(b"port: ")[2])
+
+    def __exit__(self, *_):
+        self._process.kill()
+        self._process.wait(SECONDS)
+        self._process.stdout.close()

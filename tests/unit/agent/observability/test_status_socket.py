@@ -1,0 +1,370 @@
+"""The socket that an agent's owner asks: what it answers, and that no asker hurts the agent."""
+
+import json
+import os
+import select
+import socket
+import stat
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.agent import RunningAgent, serving
+from support.client import XrceClient
+from support.lines import SECONDS
+from support.waiting import eventually
+
+from uros.agent.observability import status_socket as module
+from uros.agent.observability.status_socket import Inspection, folders, sockets
+from uros.tools.agent import running_agents as tool
+from uros.tools.agent.running_agents import PATIENCE, ask, find_agent, find_agents, stream
+from uros.tools.errors import ToolError
+from uros.wire import ids
+
+TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
+
+
+@contextmanager
+def inspected(folder=None):
+    """An agent on UDP that may be looked into."""
+    running = RunningAgent("udp", "memory", 0, 4)
+    running.inspection = Inspection(folder)
+    running.server.attachments.append(running.inspection)
+    with serving(running):
+        yield running
+
+
+def connect(running):
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    sock.settimeout(SECONDS)
+    sock.connect(str(running.inspection.path))
+    return sock
+
+
+def here(running):
+    """It, as tools find it."""
+    return tool.RunningAgent(os.getpid(), running.inspection.path)
+
+
+def ours():
+    """What is found of this process: others may have agents on this machine."""
+    return [it for it in find_agents() if it.pid == os.getpid()]
+
+
+def line_of(sock):
+    found = b""
+    while not found.endswith(b"\n"):
+        chunk = sock.recv(1)
+        assert chunk, f"it was cut off after {found!r}"
+        found += chunk
+    return json.loads(found)
+
+
+def tracing(running, count=1):
+    """So many watch now."""
+    eventually(lambda: sum(it.tracing for it in list(running.inspection._askers)) == count)
+
+
+def served(running, key=0x51):
+    """A board gets its answer."""
+    client = XrceClient(running.line(), key)
+    assert client.open() == ids.STATUS_OK
+    assert client.ping() == 1
+    return client
+
+
+# --- finding it ---------------------------------------------------------------------
+
+
+def test_an_agent_is_found_and_asked_and_gone_when_it_ends():
+    assert ours() == []
+    with inspected() as running:
+        assert len(ours()) == 1
+        served(running, 0x1234)
+        answer = ask(find_agent(os.getpid()), "status")
+        assert answer["pid"] == os.getpid()
+        assert [it["key"] for it in answer["clients"]] == ["0x00001234"]
+        path = running.inspection.path
+        assert stat.S_IMODE(os.stat(path).st_mode) == 0o600
+        assert stat.S_IMODE(os.stat(path.parent).st_mode) == 0o700
+        assert path.name == f"agent-{os.getpid()}.sock" and len(os.listdir(path.parent)) == 1
+        assert "may be looked into" in running.said.getvalue()
+    assert ours() == [] and os.listdir(path.parent) == []
+
+
+def test_without_a_runtime_folder_it_is_in_tmp(monkeypatch, tmp_path):
+    inside = tmp_path / "uros"
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    own = folders()[-1]
+    assert folders() == [inside, own] and str(own) == f"/tmp/uros-{os.getuid()}"
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "none"))
+    assert folders() == [own]
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    assert folders() == [own]
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(os, "getuid", lambda: 12345)  # after sudo -E, it is another's
+    assert [str(it) for it in folders()] == ["/tmp/uros-12345"]
+
+
+def test_what_ended_agents_have_left_is_removed_and_not_found(tmp_path):
+    folder = tmp_path / "uros"
+    folder.mkdir(mode=0o700)
+    for name in ("agent-999999.sock", "agent-999998.sock.new", f"agent-{os.getpid()}.sock"):
+        with socket.socket(socket.AF_UNIX) as sock:
+            sock.bind(str(folder / name))
+    (folder / "notes.txt").write_text("mine")
+    with inspected(folder) as running:
+        served(running)
+        assert sorted(os.listdir(folder)) == [f"agent-{os.getpid()}.sock", "notes.txt"]
+        with connect(running) as sock:
+            sock.sendall(b'{"ask":"status"}\n')
+            assert line_of(sock)["pid"] == os.getpid()
+
+
+def test_the_socket_of_another_agent_that_runs_stays(tmp_path):
+    folder = tmp_path / "uros"
+    folder.mkdir(mode=0o700)
+    with socket.socket(socket.AF_UNIX) as sock:
+        sock.bind(str(folder / "agent-1.sock"))
+        sock.listen(1)
+        with inspected(folder):
+            assert sorted(sockets(folder)) == [1, os.getpid()]
+
+
+def test_a_folder_that_others_may_enter_is_closed_to_them(tmp_path):
+    folder = tmp_path / "uros"
+    folder.mkdir(mode=0o755)
+    os.chmod(folder, 0o777)
+    assert sockets(folder) == {}
+    with inspected(folder):
+        assert stat.S_IMODE(os.stat(folder).st_mode) == 0o700
+
+
+def trouble(folder):
+    """What an agent warns of that cannot have its socket there; boards are served."""
+    with inspected(folder) as running:
+        served(running)
+        assert running.inspection.path is None
+        return running.said.getvalue()
+
+
+def test_a_folder_that_cannot_be_had_is_a_warning(tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    for folder, why in (
+        (tmp_path / "none" / "uros", "No such file"),
+        (tmp_path / "file", "exists"),
+        (tmp_path / "link", "is no folder: remove it"),
+        (tmp_path / ("x" * 120), "too long"),
+    ):
+        said = trouble(folder)
+        (warning,) = [it for it in said.splitlines() if "warning" in it]
+        assert "not to be looked into" in warning and why in warning, warning
+        assert "'uros agent status' will not find this agent; set XDG_RUNTIME_DIR" in warning
+    assert os.listdir(tmp_path / "real") == []
+
+
+def test_a_folder_of_somebody_else_is_not_used(tmp_path, monkeypatch):
+    """As a user plants it in /tmp."""
+    folder = tmp_path / "uros"
+    folder.mkdir(mode=0o700)
+    monkeypatch.setattr(os, "getuid", lambda: 4711)
+    assert "belongs to somebody else" in trouble(folder)
+
+
+def test_a_system_without_unix_sockets(monkeypatch, tmp_path):
+    with monkeypatch.context() as patch:
+        patch.delattr(socket, "AF_UNIX")
+        with inspected(tmp_path / "uros") as running:
+            served(running)
+            assert running.inspection.path is None
+            assert "warning" not in running.said.getvalue()
+
+
+# --- questions ----------------------------------------------------------------------
+
+
+def test_questions_are_answered_in_turn():
+    with inspected() as running, connect(running) as sock:
+        deep = b"[" * (module.MAX_LINE - 1)
+        sock.sendall(b'{"ask":"status"}\n\n{"ask":"weather"}\n' + deep + b'\n{"ask":')
+        assert line_of(sock)["version"] == 1
+        for _ in range(2):
+            assert line_of(sock)["error"].startswith("not understood: ask ")
+        sock.sendall(b'"status","more":[1]}\n')
+        assert line_of(sock)["version"] == 1
+
+
+def test_who_ends_his_questions_still_gets_the_answer():
+    """As with nc -U."""
+    with inspected() as running, connect(running) as sock:
+        sock.sendall(b'{"ask":"status"}\n')
+        sock.shutdown(socket.SHUT_WR)
+        assert line_of(sock)["version"] == 1
+        assert sock.recv(1) == b""
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory):
+    with inspected(tmp_path_factory.mktemp("one") / "uros") as running:
+        yield running
+
+
+@given(
+    st.one_of(
+        st.binary(max_size=3000),
+        st.lists(
+            st.sampled_from(
+                [b'{"ask":', b'"status"', b'"trace"', b"}", b"\n", b"[" * 900, b"null", b"\xff"]
+            ),
+            max_size=30,
+        ).map(b"".join),
+    )
+)
+def test_whatever_is_asked_the_next_is_answered(one, data):
+    with connect(one) as sock:
+        try:
+            sock.sendall(data)
+            sock.shutdown(socket.SHUT_WR)
+            while sock.recv(65536):
+                if b'"trace"' in data:
+                    break
+        except (ConnectionError, TimeoutError):
+            assert b'"trace"' in data or len(data) > module.MAX_LINE
+    assert ask(here(one), "status")["pid"] == os.getpid()
+    assert "internal error" not in one.said.getvalue()
+
+
+@pytest.mark.parametrize("data", [b"x" * 100_000, b"\n" * 1000, b'{"ask":"status"}\n' * 1000])
+def test_a_mad_asker_is_cut_off(data):
+    with inspected() as running, connect(running) as sock:
+        try:
+            sock.sendall(data)
+            while sock.recv(65536):
+                pass
+        except ConnectionError:
+            pass
+        eventually(lambda: not running.inspection._askers)
+        served(running)
+        assert ask(here(running), "status")["version"] == 1
+
+
+def test_more_askers_than_may_be_are_refused_and_may_come_again():
+    with inspected() as running:
+        held = [connect(running) for _ in range(module.MAX_ASKERS)]
+        held[-1].sendall(b'{"ask":"status"}\n')
+        assert line_of(held[-1])["version"] == 1
+        with pytest.raises(ToolError, match=f"over {module.MAX_ASKERS} ask already"):
+            ask(here(running), "status")
+        held.pop().close()
+        eventually(lambda: len(running.inspection._askers) < module.MAX_ASKERS)
+        assert ask(here(running), "status")["version"] == 1
+        for sock in held:
+            sock.close()
+
+
+# --- slow ones ----------------------------------------------------------------------
+
+
+def large(running, count=300):
+    """Boards with many endpoints, so that an answer is larger than any socket's buffer."""
+    clients = [served(running, 0x1000 + it) for it in range(3)]
+    for client in clients:
+        for number in range(count):
+            client.writer("n", f"rt/{'x' * 150}{number}", TYPE)
+    return clients
+
+
+def test_an_asker_that_does_not_read_costs_little_and_is_cut_off(monkeypatch):
+    monkeypatch.setattr(module, "RATE_SECONDS", 0.1)
+    monkeypatch.setattr(module, "PATIENCE", 0.3)
+    monkeypatch.setattr(module, "_CHUNK", 4096)
+    with inspected() as running:
+        large(running)
+        with connect(running) as slow:
+            slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            slow.sendall(b'{"ask":"status"}\n' * 20)
+            eventually(lambda: running.inspection._askers)
+            (asker,) = running.inspection._askers
+            most = 0
+            deadline = time.monotonic() + SECONDS
+            while running.inspection._askers:
+                most = max(most, len(asker.out))
+                assert time.monotonic() < deadline
+                assert len(ask(here(running), "status")["clients"]) == 3
+            assert 0 < most < 200_000  # a chunk, and one client's part
+        served(running)
+
+
+# --- messages that pass -------------------------------------------------------------
+
+
+def test_messages_that_pass_are_told_to_those_who_watch():
+    with inspected() as running, connect(running) as one, connect(running) as two:
+        for sock in (one, two):
+            sock.sendall(b'{"ask":"trace"}\n')
+        tracing(running, 2)
+        served(running, 0xABCDEF)
+        for sock in (one, two):
+            told = [line_of(sock) for _ in range(4)]
+            assert [it["from"] for it in told] == ["client", "agent", "client", "agent"]
+            assert told[2]["key"] == "0x00ABCDEF" and told[2]["transport"] == "UDPv4Agent"
+            assert bytes.fromhex(told[2]["hex"])[0] == 0x81
+        one.sendall(b'{"ask":"status"}\n')
+        assert line_of(one)["version"] == 1
+        assert len(running.agent.taps) == 1
+        one.close()
+        two.close()
+        eventually(lambda: not running.agent.taps)  # nobody watches: it costs nothing
+        served(running, 2)
+
+
+def test_the_tools_stream():
+    with inspected() as running:
+        lines = stream(here(running), "trace", PATIENCE)
+        client = None
+        got = []
+        thread = threading.Thread(target=lambda: got.append(next(lines)))
+        thread.start()
+        tracing(running)
+        client = served(running)
+        thread.join(SECONDS)
+        assert b'"from": "client"' in got[0] or b'"from":"client"' in got[0]
+        lines.close()
+        assert client.ping() == 1
+
+
+def test_a_watcher_that_does_not_read_loses_messages_and_hears_how_many(monkeypatch):
+    monkeypatch.setattr(module, "MAX_PASSING", 10)
+    monkeypatch.setattr(module, "_CHUNK", 4096)
+    with inspected() as running, connect(running) as sock:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        sock.sendall(b'{"ask":"trace"}\n')
+        tracing(running)
+        client = served(running)
+        (asker,) = running.inspection._askers
+        writer = client.writer("n", "rt/x", TYPE)
+        sent = 0
+        deadline = time.monotonic() + SECONDS
+        while asker.lost < 50:
+            client.write(writer, bytes(400), stream=ids.STREAM_BEST_EFFORT)
+            sent += 1
+            if not sent % 50:
+                assert client.ping() == 1  # the agent keeps up
+            assert time.monotonic() < deadline
+        assert len(asker.passing) <= 10 and len(asker.out) < 3 * 4096
+        lost = 0
+        # Once it reads again, it is told so with the first message behind the gap.
+        while not lost:
+            while select.select([sock], [], [], 0)[0]:
+                lost = line_of(sock).get("lost", 0)
+                if lost:
+                    break
+            else:
+                client.ping()
+            assert time.monotonic() < deadline + SECONDS
+        assert lost >= 50

@@ -1,0 +1,27 @@
+"""What the state file keeps of a client: where it talks from."""
+
+import pytest
+
+from uros.agent.persistence.records import About, Kept, can_be_kept
+
+# UDP over IPv4 and IPv6, a serial line, a listener of lines, custom transports with one board, with
+# several, and with a stream of bytes.
+PLACES = [
+    ("192.168.1.7", 2018), ("fe80::1", 2018, 0, 3), 1, ("/dev/rfcomm0", 1), None, "board",
+    (None, 1), ("board", 1),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("peer", PLACES, ids=str)
+def test_a_place_that_is_the_same_after_a_restart(peer):
+    assert can_be_kept(peer)
+    kept = Kept()
+    kept._apply(About(1, 0x81, 512, "UDPv4Agent port 8888", peer).payload())
+    assert kept.about.peer == peer and type(kept.about.peer) is type(peer)
+
+
+@pytest.mark.parametrize(
+    "peer", [object(), (object(), 1), b"board", 1.5], ids=["thing", "pair", "bytes", "float"]
+)
+def test_a_place_that_is_not(peer):
+    assert not can_be_kept(peer)

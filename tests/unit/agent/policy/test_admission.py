@@ -1,0 +1,338 @@
+"""Who may come in by key, network and number, and the record of those who may not."""
+
+import re
+import socket
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.agent import RunningAgent, serving
+from support.client import XrceClient
+from support.lines import SECONDS, Line, UdpLine
+from support.paths import ROOT
+from unit.agent.helpers import (
+    KEY,
+    Board,
+    Desk,
+    create_client,
+    get_info,
+    message,
+    parse,
+    participant,
+    sub,
+)
+
+from uros.agent.agent import key_of_newcomer
+from uros.agent.policy.admission import MAX_REFUSALS, Admission, Refusals, make_admission
+from uros.agent.policy.rules import Control, ControlError
+from uros.agent.transports.discovery import DiscoveryServer
+from uros.agent.transports.udp import UdpServer
+from uros.wire import ids
+
+OK, DENIED = ids.STATUS_OK, ids.STATUS_ERR_DENIED
+
+
+def create_status(desk, *args, peer=1, **more):
+    ((to, sent),) = desk.hear(create_client(*args, **more), peer)
+    assert to == peer
+    return parse(sent)[1][0][2][0]
+
+
+# --- what the lists say ----------------------------------------------------------------------
+
+
+def test_empty_lists_let_all_in():
+    one = Admission()
+    assert one.admits_key(1) and one.admits_host("192.0.2.1") and one.admits_host("fe80::1%lo")
+    assert one.max_clients == 4096
+
+
+@pytest.mark.parametrize(
+    "host, inside",
+    [
+        ("192.168.1.77", True),
+        ("192.168.2.77", False),
+        ("10.1.2.3", True),
+        ("10.1.2.4", False),
+        ("::ffff:192.168.1.77", True),
+        ("::ffff:192.168.2.77", False),
+        ("fd00::1234", True),
+        ("fe80::1%eth0", True),
+        ("fe90::1%eth0", False),
+        ("2001:db8::1", False),
+        ("", False),
+        ("nonsense", False),
+    ],
+)
+def test_networks(host, inside):
+    one = make_admission(networks=["192.168.1.0/24", "10.1.2.3", "fd00::/8", "fe80::1/64"])
+    assert one.admits_host(host) is inside
+    assert one.admits_host(host) is inside  # as remembered
+
+
+def test_a_network_may_be_written_by_an_address_in_it():
+    one = make_admission(networks=["192.168.1.7/24"])
+    assert one.admits_host("192.168.1.200")
+
+
+def test_addresses_without_end_are_not_all_remembered():
+    one = make_admission(networks=["10.0.0.0/8"])
+    for number in range(5000):
+        assert one.admits_host(f"10.0.{number >> 8}.{number & 255}")
+    assert len(one._hosts) <= 1024
+
+
+def test_files_and_the_command_line_add_up_and_its_number_counts():
+    one = make_admission(
+        [
+            ("a.toml", {"keys": ["0x11", 0x22], "max_clients": 9}),
+            ("b.toml", {"keys": 0x33, "networks": "10.0.0.0/8", "max_clients": 7}),
+        ],
+        ["0x44", "85"],
+        ["fd00::/8"],
+        5,
+    )
+    assert one.keys == {0x11, 0x22, 0x33, 0x44, 0x55}
+    assert [str(it) for it in one.networks] == ["10.0.0.0/8", "fd00::/8"]
+    assert one.max_clients == 5
+
+
+@pytest.mark.parametrize(
+    "table, said",
+    [
+        ({"keys": []}, "keys is empty, which would let nobody in: leave it out for all"),
+        ({"networks": []}, "networks is empty"),
+        ({"keys": ["0x1FFFFFFFF"]}, "key is '0x1FFFFFFFF', not a whole number"),
+        ({"keys": [-1]}, "key is -1"),
+        ({"keys": [True]}, "key is True"),
+        ({"networks": ["192.168.1.0/33"]}, 'is no network, such as "192.168.1.0/24"'),
+        ({"networks": ["wlan0"]}, "'wlan0' is no network"),
+        ({"networks": [7]}, "7 is no network"),
+        ({"max_clients": 0}, "max_clients is 0, not a whole number from 1 to 4096"),
+        ({"max_clients": 4097}, "max_clients is 4097"),
+        ({"max_clients": "10"}, "max_clients is '10'"),
+        ({"key": [1]}, "it has no 'key'; did you mean 'keys'?"),
+        ([{}], "it is a table, with one bracket on each side"),
+        (7, "it is a table"),
+    ],
+)
+def test_mistakes_are_named(table, said):
+    with pytest.raises(ControlError, match=r"rules.toml: \[admission\]: ") as caught:
+        make_admission([("rules.toml", table)])
+    assert said in str(caught.value)
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda it: st.lists(it, max_size=3) | st.dictionaries(st.text(max_size=8), it, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(st.sampled_from(["keys", "networks", "max_clients", "x"]), VALUES) | VALUES)
+def test_whatever_a_table_holds_it_is_lists_or_refused(table):
+    try:
+        one = make_admission([("file", table)])
+    except ControlError as error:
+        assert len(str(error)) < 400
+    else:
+        assert 1 <= one.max_clients <= 4096
+
+
+@given(st.lists(st.text(max_size=30)), st.lists(st.text(max_size=30)))
+def test_whatever_the_command_line_holds_it_is_lists_or_refused(keys, networks):
+    try:
+        one = make_admission((), keys, networks)
+    except ControlError:
+        return
+    assert all(0 <= it <= 0xFFFFFFFF for it in one.keys)
+
+
+@given(st.text(max_size=60))
+def test_any_host_is_inside_or_outside(host):
+    assert make_admission(networks=["10.0.0.0/8"]).admits_host(host) in (True, False)
+
+
+def test_a_file_may_hold_the_table_alone_or_beside_rules(tmp_path):
+    file = tmp_path / "rules.toml"
+    file.write_text('[admission]\nkeys = ["0x4B0CBE99"]\n')
+    control = Control()
+    assert control.load(file) == 0
+    file.write_text('[admission]\nnetworks = ["10.0.0.0/8"]\n[[client]]\ndomain = 3\n')
+    assert control.load(file) == 1
+    one = make_admission(control.admission)
+    assert one.keys == {0x4B0CBE99} and len(one.networks) == 1
+    assert control.settings(1, "x", "/n").domain == 3
+    file.write_text("[[admission]]\nkeys = [1]\n")
+    control = Control()
+    control.load(file)
+    with pytest.raises(ControlError, match="with one bracket on each side"):
+        make_admission(control.admission)
+
+
+def test_the_table_of_the_page(tmp_path):
+    page = ROOT / "docs" / "agent.md"
+    (text,) = re.findall(r"^```toml\n(.+?)^```$", page.read_text("utf-8"), re.M | re.S)
+    file = tmp_path / "rules.toml"
+    file.write_text(text)
+    control = Control()
+    control.load(file)
+    one = make_admission(control.admission)
+    assert one.keys == {0x4B0CBE99, 0x4B0CBE9A, 7} and one.max_clients == 20
+    assert [str(it) for it in one.networks] == ["192.168.1.0/24", "fd00::/8"]
+
+
+# --- keys and numbers --------------------------------------------------------------------------
+
+
+def test_a_key_that_is_not_allowed_is_denied_and_told_what_to_do():
+    desk = Desk(admission=make_admission(keys=["0x11"]))
+    assert create_status(desk, 0x11, peer=1) == OK
+    for _ in range(50):
+        assert create_status(desk, 0x22, peer=2) == DENIED
+    assert list(desk.agent.clients) == [0x11]
+    assert desk.log().count("client key not allowed") == 1
+    assert "client_key: 0x00000022, address: peer 2 (to let it in: --allow-key 0x00000022)" in (
+        desk.log()
+    )
+    assert desk.agent.refusals[0x22][:3] == ("client key not allowed", "peer 2", 50)
+    desk.close()
+
+
+def test_no_more_clients_than_the_owner_wants():
+    desk = Desk(admission=make_admission(max_clients=3))
+    for key in (1, 2, 3):
+        assert Board(desk, key, key).ask(participant()) == [OK]
+    assert create_status(desk, 4, peer=4) == ids.STATUS_ERR_RESOURCES
+    assert "over 3 clients" in desk.log()
+    assert "(see --max-clients, which can be 4096)" in desk.log()
+    assert desk.agent.refusals[4].why == "over 3 clients"
+    desk.agent.delete_client(2)
+    assert create_status(desk, 4, peer=4) == OK
+    desk.close()
+
+
+def test_one_that_made_nothing_leaves_for_a_newcomer_and_not_all_of_them():
+    desk = Desk(admission=make_admission(max_clients=3))
+    for key in (1, 2, 3, 4):
+        desk.clock += 10
+        assert create_status(desk, key, peer=key) == OK
+    assert set(desk.agent.clients) == {2, 3, 4}
+    desk.close()
+
+
+# --- the record --------------------------------------------------------------------------------
+
+
+def test_refusals_count_and_are_bounded():
+    kept = Refusals()
+    for when in range(3):
+        kept.note(7, "why", f"peer {when}", when)
+    assert kept[7] == ("why", "peer 2", 3, 2)
+    kept.note(7, "else", "peer 9", 3)
+    assert kept[7].times == 1
+    for key in range(100, 100 + MAX_REFUSALS - 1):
+        kept.note(key, "why", "x", 0)
+    kept.note(7, "else", "x", 0)  # the latest again
+    for key in range(1000, 1000 + MAX_REFUSALS - 1):
+        kept.note(key, "why", "x", 0)
+    assert len(kept) == MAX_REFUSALS and 7 in kept
+
+
+@given(st.binary(max_size=80))
+def test_the_key_of_whoever_knocks(data):
+    key_of_newcomer(memoryview(data))
+
+
+def test_the_key_of_a_newcomer():
+    assert key_of_newcomer(memoryview(create_client(0x1234))) == 0x1234
+    assert key_of_newcomer(memoryview(message([get_info()], 0))) is None
+    assert key_of_newcomer(memoryview(message([sub(0)], 0, 0, 0x80))) is None
+
+
+# --- networks, over real sockets ---------------------------------------------------------------
+
+
+class FromLine(UdpLine):
+    """A UDP line from an address of ours: all of 127.0.0.0/8 is this machine."""
+
+    def __init__(self, port, source):
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((source, 0))
+        self._socket.connect(("127.0.0.1", port))
+        Line.__init__(self, self._socket.fileno())
+
+
+def serving_with(transport, **lists):
+    running = RunningAgent(transport, "memory", 0, 4)
+    running.agent.admission = make_admission(**lists)
+    return serving(running)
+
+
+@pytest.mark.parametrize("session_id", [0x81, 0x05])
+def test_who_comes_from_elsewhere_gets_no_answer_to_anything(session_id):
+    with serving_with("udp", networks=["127.0.0.8/30"]) as running:
+        inside = XrceClient(FromLine(running.transport.port, "127.0.0.9"), 1, session_id)
+        outside = FromLine(running.transport.port, "127.0.0.2")
+        running.lines += [inside.line, outside]
+        assert inside.open() == OK
+        inside.participant("n")
+        # An insider's session is nothing to those outside, whatever they know of it.
+        for datagram in (
+            create_client(2), message([get_info()], 0, 0, 0x80), message([get_info()], 0, 0, 0, 1),
+            message([get_info()], 0, 0, session_id, 1), b"", b"\x80", create_client(1),
+        ):  # fmt: skip
+            outside.send(datagram)
+        assert inside.ping() == 1  # what was sent before has been handled
+        assert outside.receive(0) is None
+        assert list(running.agent.clients) == [1]
+        assert running.agent.refusals[2].why == "address not allowed"
+        assert running.agent.refusals[2].address.startswith("127.0.0.2:")
+        said = running.said.getvalue()
+        assert said.count("address not allowed") == 1
+        assert "it is in no network of --allow-net, client_key: 0x00000002" in said
+
+
+def test_a_tcp_connection_from_elsewhere_is_closed_at_once():
+    with serving_with("tcp", networks=["127.0.0.8/30"]) as running:
+        where = ("127.0.0.1", running.transport.port)
+        with socket.create_connection(where, SECONDS, ("127.0.0.2", 0)) as outside:
+            assert outside.recv(1) == b""
+        inside = socket.create_connection(where, SECONDS, ("127.0.0.9", 0))
+        with inside:
+            datagram = create_client(1)
+            inside.sendall(len(datagram).to_bytes(2, "little") + datagram)
+            assert inside.recv(100)
+        assert "it is in no network of --allow-net, refused: 1" in running.said.getvalue()
+
+
+def test_a_serial_line_is_no_network():
+    with serving_with("pseudoterminal", networks=["10.0.0.0/8"]) as running:
+        one = XrceClient(running.line(), 1)
+        assert one.open() == OK
+        assert one.ping() == 1
+
+
+def test_discovery_tells_nothing_to_those_outside():
+    udp = UdpServer(0, "127.0.0.1")
+    discovery = DiscoveryServer([udp], 0)
+    running = RunningAgent(udp, "memory", 0, 4)
+    running.server.transports.append(discovery)
+    running.agent.admission = make_admission(networks=["127.0.0.8/30"])
+    with serving(running):
+        outside = FromLine(discovery.port, "127.0.0.2")
+        inside = FromLine(discovery.port, "127.0.0.9")
+        running.lines += [outside, inside]
+        question = message([get_info()], 0, 0, 0x80)
+        outside.send(question)
+        inside.send(question)
+        assert inside.receive(time.monotonic() + SECONDS) is not None
+        assert outside.receive(0) is None
+
+
+def test_all_may_talk_where_no_network_is_named():
+    with serving_with("udp") as running:
+        assert running.transport.admits is None
+        one = XrceClient(running.line(), KEY)
+        assert one.open() == OK

@@ -1,0 +1,261 @@
+"""What waits in readers of the middleware: octets, bounded and part of the account."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from unit.agent.helpers import (
+    READER,
+    REPLIER,
+    SUBSCRIBER,
+    WRITER,
+    Board,
+    Desk,
+    delete,
+    group,
+    of,
+    participant,
+    publisher_entities,
+    read_data,
+    service,
+    subscriber_entities,
+    xml,
+)
+
+from uros.agent.policy import reader_backlog as module
+from uros.agent.policy.limits import Limits
+from uros.agent.policy.memory_budget import MESSAGE_BYTES, Budget, unlimited
+from uros.agent.policy.reader_backlog import Backlog
+from uros.middleware.base import Service
+from uros.qos import HistoryPolicy, QoSProfile, services_profile
+from uros.wire import ids
+
+MB = 1024 * 1024
+KEEP_ALL = (
+    "<data_reader><topic><name>rt/chatter</name><dataType>T</dataType>"
+    "<historyQos><kind>KEEP_ALL</kind></historyQos></topic>"
+    "<qos><reliability><kind>RELIABLE</kind></reliability></qos></data_reader>"
+)
+
+
+class Reader:
+    """A reader of a middleware: it keeps so many of the last samples, given by their sizes."""
+
+    def __init__(self, depth):
+        self.depth = depth
+        self.samples = []
+        self.untold = 0
+
+    def put(self, *sizes):
+        self.samples += sizes
+        self.untold += len(sizes)
+        del self.samples[: max(0, len(self.samples) - self.depth)]
+
+    def take(self, limit):
+        taken, self.samples = self.samples[:limit], self.samples[limit:]
+        self.untold = min(self.untold, len(self.samples))
+        return taken
+
+    def arrived(self, limit):
+        untold = min(self.untold, len(self.samples))
+        told = min(untold, limit)
+        self.untold = untold - told
+        return self.samples[len(self.samples) - untold :][:told]
+
+
+def octets(*sizes):
+    return sum(sizes) + MESSAGE_BYTES * len(sizes)
+
+
+def test_what_waits_is_counted_and_charged_and_given_back_when_it_is_taken():
+    reader, budget = Reader(10), unlimited()
+    backlog = Backlog(reader, 10, budget, pytest.fail)
+    reader.put(100, 200)
+    assert not backlog.look()
+    assert backlog.octets == budget.since == octets(100, 200)
+    assert not backlog.look() and budget.since == octets(100, 200)
+    backlog.took(len(reader.take(1)))
+    assert backlog.octets == octets(200) and not backlog.empty
+    backlog.took(len(reader.take(5)))
+    backlog.took(len(reader.take(5)))
+    assert not backlog.octets and backlog.empty
+
+
+def test_what_the_depth_pushes_out_is_counted_no_more():
+    reader, budget = Reader(3), unlimited()
+    backlog = Backlog(reader, 3, budget, pytest.fail)
+    for size in range(1, 10):
+        reader.put(size * 1000)
+        backlog.look()
+    assert backlog.octets == octets(7000, 8000, 9000)
+    assert budget.since == backlog.octets  # what stays the same is charged once
+
+
+def test_over_the_limit_the_oldest_go_and_one_stays_whatever_its_size():
+    said = []
+    reader, budget = Reader(5000), unlimited()
+    backlog = Backlog(reader, 5000, budget, said.append)
+    for _ in range(316):
+        reader.put(MB)
+        backlog.look()
+    assert backlog.octets <= module.MAX_UNREAD_BYTES
+    assert sum(reader.samples) > module.MAX_UNREAD_BYTES - 2 * MB
+    assert len(said) == 316 - len(reader.samples) and "1 samples that wait" in said[0]
+    assert budget.freed
+    reader.put(100 * MB)
+    backlog.look()
+    assert reader.samples == [100 * MB]
+
+
+def test_a_reader_has_an_eighth_of_what_all_may_have_at_most():
+    backlog = Backlog(Reader(9), 9, Budget(8 * MB, lambda: (), lambda *_: None), lambda _: None)
+    assert backlog._most == MB
+
+
+def test_not_all_is_looked_at_in_one_turn():
+    reader = Reader(5000)
+    backlog = Backlog(reader, 5000, unlimited(), pytest.fail)
+    reader.put(*[1] * (module.MAX_LOOKED_AT + 5))
+    assert backlog.look() and not backlog.look()
+    assert backlog.octets == octets(*[1] * (module.MAX_LOOKED_AT + 5))
+
+
+@given(st.lists(st.tuples(st.sampled_from("plt"), st.integers(1, 6)), max_size=80))
+def test_the_count_is_never_less_than_what_waits_and_right_when_it_is_empty(steps):
+    reader = Reader(7)
+    backlog = Backlog(reader, 7, unlimited(), pytest.fail)
+    for what, count in steps:
+        if what == "p":
+            reader.put(*[10] * count)
+        elif what == "l":
+            while backlog.look():
+                pass
+            assert backlog.octets >= octets(*reader.samples)
+        else:
+            backlog.took(len(reader.take(count)))
+        assert backlog.octets <= octets(*[10] * 7)
+    while backlog.look():
+        pass
+    backlog.empty = False
+    while not backlog.empty:
+        backlog.took(len(reader.take(3)))
+    assert not backlog.octets
+
+
+# --- at the agent ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small():
+    made = Desk(limits=Limits(memory=64 * MB))
+    yield made
+    made.close()
+
+
+def far_writer(desk, topic="rt/chatter", type_name="T"):
+    node = desk.middleware.create_node(0, "/", "far")
+    return node.create_writer(topic, type_name, QoSProfile(history=HistoryPolicy.KEEP_ALL))
+
+
+def keeping_all(desk, peer=1, key=1):
+    board = Board(desk, peer, key, mtu=60_000)
+    assert board.ask(participant(), group(SUBSCRIBER), xml(READER, KEEP_ALL, SUBSCRIBER)) == [0] * 3
+    return board
+
+
+def unread_of(board, object_id=READER):
+    reader = of(board).objects[object_id].endpoint
+    return sum(map(len, (reader._reader)._samples))
+
+
+def flood(desk, writer, count=316, size=MB):
+    for _ in range(count):
+        writer.write(b"\0\1\0\0" + bytes(size))
+        desk.settle()
+        desk.agent.budget.settle(desk.clock)
+
+
+@pytest.mark.parametrize("asked", ["never", "once"])
+def test_a_reader_that_keeps_all_is_bounded_in_octets_and_counted(small, asked):
+    board = keeping_all(small)
+    board.polite = False  # it acknowledges nothing: its window is soon full
+    if asked == "once":
+        board.send(read_data(READER))
+    flood(small, far_writer(small))
+    assert 7 * MB < unread_of(board) <= 8 * MB  # an eighth
+    assert unread_of(board) <= of(board).held() < 64 * MB
+    assert "samples dropped" in small.log()
+    assert small.log().count("samples dropped") < 10
+    assert small.agent.budget.freed
+
+
+def test_what_is_read_is_given_back_and_so_is_what_goes_with_its_reader(small):
+    board, writer = keeping_all(small), far_writer(small)
+    bare = of(board).held()
+    flood(small, writer, 6, 200_000)
+    assert of(board).held() > bare + 6 * 200_000
+    board.send(read_data(READER))
+    board.wait(1000)
+    assert len(board.samples()) == 6
+    assert of(board).held() == bare
+    board.send(read_data(READER, control=(0, 0, 0, 0)))
+    flood(small, writer, 6)
+    assert of(board).held() > bare + 6 * MB
+    small.agent.budget.freed = False
+    board.ask(delete(READER))
+    assert of(board).held() < bare and small.agent.budget.freed
+
+
+def test_readers_of_many_clients_meet_the_limit_of_all(small):
+    for number in range(1, 21):
+        keeping_all(small, number, number)
+    flood(small, far_writer(small), 30)
+    held = sum(client.held() for client in small.agent.clients.values())
+    assert held <= 64 * MB and len(small.agent.clients) < 20
+    assert "memory used up" in small.log()
+
+
+def test_a_client_that_reads_costs_no_look(desk, monkeypatch):
+    board = Board(desk)
+    board.ask(*subscriber_entities())
+    board.send(read_data(READER))
+    monkeypatch.setattr(Backlog, "look", pytest.fail)
+    writer = far_writer(desk, type_name="std_msgs::msg::dds_::Int32_")
+    for number in range(50):
+        writer.write(b"\0\1\0\0" + number.to_bytes(4, "little"))
+        board.settle()
+    assert len(board.samples()) == 50
+
+
+def test_requests_that_wait_are_counted(small):
+    board = Board(small)
+    board.ask(participant(), service(REPLIER))
+    bare = of(board).held()
+    node = small.middleware.create_node(0, "/", "far")
+    pair = of(board).objects[REPLIER].named
+    one = Service(pair[0], pair[1], "rr/addReply", "example::srv::dds_::Add_Response_")
+    requester = node.create_requester(one, services_profile(), lambda: None)
+    for _ in range(20):
+        requester.request(b"\0\1\0\0" + bytes(MB))
+        small.settle()
+    assert bare + 7 * MB < of(board).held() < bare + 9 * MB
+    board.send(read_data(REPLIER))
+    board.wait(1000)
+    assert of(board).held() == bare
+
+
+def test_what_a_transient_local_writer_keeps_for_others_is_counted(small):
+    board = Board(small, mtu=60_000)
+    entities = publisher_entities()[:3]
+    text = (
+        "<data_writer><topic><name>rt/chatter</name><dataType>T</dataType>"
+        "<historyQos><kind>KEEP_LAST</kind><depth>3</depth></historyQos></topic>"
+        "<qos><durability><kind>TRANSIENT_LOCAL</kind></durability></qos></data_writer>"
+    )
+    assert board.ask(*entities, xml(WRITER, text, ids.KIND_PUBLISHER | 0x10)) == [0] * 4
+    bare = of(board).held()
+    write = of(board).session.writers[WRITER]
+    for size in (1000, 2000, 3000, 4000):
+        assert write(memoryview(bytes(size)))
+    assert of(board).held() == bare + octets(2000, 3000, 4000)
+    board.ask(delete(WRITER))
+    assert of(board).held() < bare

@@ -1,0 +1,200 @@
+"""TCP at its worst: split lengths, endless ones, closed and stuffed connections."""
+
+import errno
+import random
+import select
+import socket
+import struct
+
+import pytest
+from support.agent import running_agent
+from support.client import XrceClient
+from support.lines import SECONDS
+from unit.agent.helpers import create_client, get_info, message
+from unit.agent.transports.faults import TYPE, wait_for
+
+from uros.agent.transports import tcp as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.tcp import TcpServer
+from uros.wire import ids
+from uros.wire.framing import LengthDeframer
+
+PING = message([get_info()], 0, 0, 0x80)
+
+
+@pytest.fixture(scope="module")
+def agent():
+    with running_agent("tcp", "memory") as running:
+        yield running
+
+
+def framed(datagram):
+    return len(datagram).to_bytes(2, "little") + datagram
+
+
+def answers(sock, count):
+    deframer, got = LengthDeframer(), []
+    while len(got) < count:
+        chunk = sock.recv(65536)
+        assert chunk, "the agent closed the connection"
+        got += deframer.feed(chunk)
+    return got
+
+
+def test_a_message_in_single_bytes(raw):
+    for byte in framed(PING):
+        raw.sendall(bytes([byte]))
+    assert answers(raw, 1)[0][4] == ids.INFO
+
+
+def test_messages_cut_anywhere(raw):
+    rng = random.Random(3)
+    stream = framed(PING) * 200
+    while stream:
+        size = rng.randrange(1, 60)
+        raw.sendall(stream[:size])
+        stream = stream[size:]
+    assert len(answers(raw, 200)) == 200
+
+
+def test_empty_messages_are_passed_over(raw):
+    raw.sendall(b"\0\0" * 10_000 + framed(PING))
+    assert len(answers(raw, 1)) == 1
+
+
+def test_a_length_that_never_comes_true(raw, bystanders):
+    raw.sendall(b"\xff\xff" + bytes(60_000))
+    bystanders.check()
+    raw.sendall(bytes(5535) + framed(PING))
+    assert len(answers(raw, 1)) == 1
+
+
+def test_random_bytes(raw):
+    rng = random.Random(4)
+    for _ in range(50):
+        raw.sendall(rng.randbytes(4000))
+
+
+@pytest.mark.parametrize("sent", [b"", b"\x10", framed(PING)[:-3]])
+def test_an_abrupt_end(agent, bystanders, sent):
+    sock = socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS)
+    sock.sendall(framed(create_client(0x77)) + sent)
+    answers(sock, 1)
+    closed = agent.said.getvalue().count("session closed")
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    sock.close()  # RST
+    wait_for(agent.said.getvalue, "session closed", closed + 1)
+    bystanders.check()
+
+
+def test_a_half_closed_connection_ends_its_session(agent, raw):
+    raw.sendall(framed(create_client(0x78)))
+    answers(raw, 1)
+    raw.shutdown(socket.SHUT_WR)
+    assert raw.recv(10) == b""
+    wait_for(agent.said.getvalue, "client_key: 0x00000078", 4)  # the last line is its end
+    assert 0x78 not in agent.agent.clients
+
+
+def test_who_does_not_read_is_cut_off_and_only_he(agent, bystanders, monkeypatch):
+    monkeypatch.setattr(module, "MAX_UNSENT", 200_000)
+    line = agent.line()
+    line._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    slow = XrceClient(line, 0x79, mtu=60_000)
+    assert slow.open() == 0
+    reader = slow.reader("slow", "rt/slow", TYPE, depth=1)
+    slow.read(reader, stream=ids.STREAM_BEST_EFFORT)
+    writer = bystanders.publisher.writer("publisher", "rt/slow", TYPE)
+    for _ in range(400):
+        bystanders.publisher.write(writer, bytes(50_000))
+        if "does not read what it is sent" in agent.said.getvalue():
+            break
+    assert "does not read what it is sent" in agent.said.getvalue()
+    wait_for(agent.said.getvalue, "session closed                 | client_key: 0x00000079")
+    assert 0x79 not in agent.agent.clients
+
+
+def test_connections_over_the_limit_are_refused(agent, raw, monkeypatch):
+    raw.sendall(framed(PING))
+    answers(raw, 1)
+    monkeypatch.setattr(module, "MAX_CONNECTIONS", len(agent.transport._connections))
+    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as other:
+        assert other.recv(1) == b""
+    assert "connection refused" in agent.said.getvalue()
+    monkeypatch.undo()
+    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as other:
+        other.sendall(framed(PING))
+        assert answers(other, 1)
+
+
+def test_a_flood_of_connections_over_the_limit_is_no_flood_of_lines(agent, raw, monkeypatch):
+    before = agent.said.getvalue().count("connection refused")
+    monkeypatch.setattr(module, "MAX_CONNECTIONS", len(agent.transport._connections))
+    for _ in range(64):
+        with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as other:
+            assert other.recv(1) == b""
+    assert agent.said.getvalue().count("connection refused") - before < 10
+
+
+def test_what_comes_behind_the_message_that_ends_the_connection_is_not_handled(
+    agent, raw, monkeypatch
+):
+    """A session on a connection that is gone would be there for good."""
+    monkeypatch.setattr(module, "MAX_UNSENT", 0)  # the first answer is one too many
+    raw.sendall(framed(PING) + framed(create_client(0x7C)))
+    assert raw.recv(1) == b""
+    assert 0x7C not in agent.agent.clients
+
+
+def test_without_descriptors_it_waits_and_does_not_spin():
+    """accept() fails and goes on failing; the listener is left alone for a while."""
+
+    class Host:
+        def __init__(self):
+            self.watched, self.later, self.said = [], [], []
+
+        def watch(self, fileno, ready, writing=False):
+            self.watched.append(fileno)
+
+        def unwatch(self, fileno):
+            self.watched.remove(fileno)
+
+        def wake_at(self, seconds, call):
+            self.later.append(call)
+
+        def note(self, *words):
+            self.said.append(words)
+
+    class Full:
+        def __init__(self, sock):
+            self.sock = sock
+
+        def accept(self):
+            raise OSError(errno.EMFILE, "Too many open files")
+
+        def __getattr__(self, name):
+            return getattr(self.sock, name)
+
+    host = Host()
+    server = TcpServer(0, "127.0.0.1")
+    server.open(host)
+    try:
+        listener = server._socket
+        server._socket = Full(listener)
+        server._accept()
+        assert host.watched == []
+        assert "Too many open files; connections wait" in host.said[-1][-1]
+        server._socket = listener
+        host.later.pop()()
+        assert host.watched == [listener.fileno()]
+    finally:
+        server.close()
+    assert not select.select([], [], [], 0)[0]
+
+
+def test_a_port_in_use_says_what_to_do():
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(TransportError) as caught:
+            TcpServer(port, "127.0.0.1").open(None)
+    assert f"TCP port {port} is in use" in str(caught.value)

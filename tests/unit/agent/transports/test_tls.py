@@ -1,0 +1,626 @@
+"""TLS at the agent's end: who gets in, what is said to those who do not, and what harms nobody."""
+
+import datetime
+import random
+import socket
+import ssl
+import struct
+import subprocess
+import threading
+import time
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.agent import RunningAgent, running_agent, serving
+from support.certificates import Authority, authority, own_certificates
+from support.client import XrceClient
+from support.lines import SECONDS, TlsLine
+from unit.agent.helpers import create_client
+from unit.agent.transports import test_tcp as plain
+from unit.agent.transports.bare_host import BareHost
+from unit.agent.transports.faults import TYPE, Bystanders, wait_for
+from unit.agent.transports.test_tcp import answers, framed
+
+from uros.agent.policy.rules import _is_at
+from uros.agent.transports import certificates as files_module
+from uros.agent.transports import tcp
+from uros.agent.transports import tls as module
+from uros.agent.transports.base import TransportError
+from uros.agent.transports.certificates import Certificates
+from uros.agent.transports.tls import TlsServer, _name_in, tls_server
+from uros.wire import ids
+
+PING = plain.PING
+HELLO_BYTES = b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"
+
+
+@pytest.fixture(scope="module")
+def agent():
+    with running_agent("tls", "memory") as running:
+        yield running
+
+
+@pytest.fixture
+def strict(tmp_path):
+    """(agent, authority): an agent that wants certificates of its CA."""
+    made = Authority(tmp_path)
+    server = TlsServer(0, "127.0.0.1", Certificates(*made.agent(), made.ca))
+    with serving(RunningAgent(server, "memory", 0, 4)) as running:
+        yield running, made
+
+
+def connected(port, context):
+    sock = socket.create_connection(("127.0.0.1", port), SECONDS)
+    try:
+        return context.wrap_socket(sock, server_hostname="127.0.0.1")
+    except BaseException:
+        sock.close()
+        raise
+
+
+def is_closed(sock):
+    """Whether the agent ends the connection, whatever it says before."""
+    try:
+        while sock.recv(65536):
+            pass
+    except ConnectionResetError:
+        pass
+    except ssl.SSLError:
+        pass
+    return True
+
+
+# --- who gets in --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", ["TLSv1_2", "TLSv1_3"])
+def test_a_client_without_a_certificate_where_none_is_asked_for(agent, version):
+    context = authority().client()
+    context.minimum_version = context.maximum_version = ssl.TLSVersion[version]
+    with connected(agent.transport.port, context) as sock:
+        sock.sendall(framed(PING))
+        assert answers(sock, 1)[0][4] == ids.INFO
+        assert sock.version() == version.replace("_", ".")
+
+
+@pytest.mark.parametrize("version", ["TLSv1_2", "TLSv1_3"])
+def test_the_name_in_a_clients_certificate_stands_in_the_log(strict, version):
+    agent, made = strict
+    context = made.client("left arm")
+    context.minimum_version = context.maximum_version = ssl.TLSVersion[version]
+    line = TlsLine(agent.transport.port, context)
+    client = XrceClient(line, 0x11)
+    assert client.open() == ids.STATUS_OK
+    address = agent.agent.address(0x11)
+    port = line._socket.getsockname()[1]
+    assert address == f"127.0.0.1:{port} (CN=left arm)"
+    wait_for(agent.said.getvalue, f"session established            | client_key: 0x00000011,"
+             f" address: {address}")  # fmt: skip
+    for pattern in ("127.0.0.0/8", "127.0.0.1", "*(CN=left arm)", f"*:{port}", "127.0.0.1:*"):
+        assert _is_at(address, pattern), pattern
+    for pattern in ("*(CN=right arm)", "10.0.0.0/8", "*:1"):
+        assert not _is_at(address, pattern), pattern
+    line.close()
+    wait_for(agent.said.getvalue, "session closed")
+
+
+def test_names_that_would_look_like_another():
+    def named(*values):
+        return _name_in({"subject": tuple((("commonName", it),) for it in values)})
+
+    assert named("a) (CN=b") == "a%29 %28CN%3Db"
+    assert named("a\n[0.1] info\x1b[31m") == "a%0A%5B0.1%5D info%1B%5B31m"
+    assert named("x" * 64) == "x" * 64
+    long = [named("x" * 100), named("x" * 101)]
+    assert all(it.startswith("x" * 47 + "-") and len(it) == 64 for it in long)
+    assert long[0] != long[1]
+    assert named("Müller") == "M%C3%BCller" != named("Möller")
+    assert named("50%") == "50%25"
+    assert named() == "?" and _name_in(None) == ""
+    assert _name_in({"subjectAltName": (("DNS", "left.local"),)}) == "left.local"
+
+
+def test_openssl_s_client_gets_its_answer(strict):
+    """Software that is not ours at all: a ping by its length, and the agent's INFO."""
+    agent, made = strict
+    cert, key = made.issue("bench")
+    done = subprocess.Popen(
+        ["openssl", "s_client", "-quiet", "-connect", f"127.0.0.1:{agent.transport.port}",
+         "-CAfile", made.ca, "-verify_return_error", "-verify_ip", "127.0.0.1",
+         "-cert", cert, "-key", key],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    with done:
+        done.stdin.write(framed(PING))
+        done.stdin.flush()
+        size = int.from_bytes(done.stdout.read(2), "little")
+        answer = done.stdout.read(size)
+        done.terminate()
+    assert answer[4] == ids.INFO
+
+
+# --- who does not, and what is said ---------------------------------------------------------------
+
+
+def refusals(strict, context):
+    """What the log says of a client that does not get in, which gets no answer either."""
+    agent, _ = strict
+    with pytest.raises((ssl.SSLError, ConnectionError)):
+        with connected(agent.transport.port, context) as sock:
+            sock.sendall(framed(PING))
+            if not sock.recv(1):
+                raise ConnectionResetError
+    wait_for(agent.said.getvalue, "no TLS connection")
+    assert agent.agent.clients == {}
+    return agent.said.getvalue()
+
+
+VERSIONS = pytest.mark.parametrize("version", ["TLSv1_2", "TLSv1_3"])
+
+
+def at(context, version):
+    context.minimum_version = context.maximum_version = ssl.TLSVersion[version]
+    return context
+
+
+@VERSIONS
+def test_no_certificate_where_one_is_asked_for(strict, version):
+    said = refusals(strict, at(strict[1].client(), version))
+    assert "it shows no certificate, which --tls-ca demands: give its program cert and key" in said
+
+
+@VERSIONS
+def test_a_certificate_of_another_ca(strict, version, tmp_path):
+    context = Authority(tmp_path / "other").client("left", trust=strict[1].ca)
+    said = refusals(strict, at(context, version))
+    assert "its certificate is refused (unable to get local issuer certificate)" in said
+    assert "that the CA of --tls-ca has signed" in said
+
+
+@VERSIONS
+def test_an_expired_certificate(strict, version):
+    now = datetime.datetime.now(datetime.timezone.utc)
+    cert, key = strict[1].issue("old", not_after=now - datetime.timedelta(days=1))
+    context = at(strict[1].client(), version)
+    context.load_cert_chain(cert, key)
+    said = refusals(strict, context)
+    assert "its certificate is refused (certificate has expired)" in said
+
+
+@VERSIONS
+def test_a_client_that_does_not_trust_the_agent(strict, version, tmp_path):
+    context = at(Authority(tmp_path / "other").client(), version)
+    said = refusals(strict, context)
+    assert "it refuses the agent's certificate (tlsv1 alert unknown ca)" in said
+    assert "give the board the CA that has signed it" in said
+
+
+def test_tls_of_yesterday(strict):
+    """A hello that offers TLS 1.1: OpenSSL's own clients have it no more."""
+    agent, _ = strict
+    suites = b"\x00\x2f\x00\x35"
+    body = b"\x03\x02" + bytes(32) + b"\0" + struct.pack(">H", len(suites)) + suites + b"\1\0"
+    hello = b"\1" + len(body).to_bytes(3, "big") + body
+    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as sock:
+        sock.sendall(b"\x16\x03\x01" + struct.pack(">H", len(hello)) + hello)
+        assert is_closed(sock)
+    wait_for(agent.said.getvalue, "it has no TLS 1.2 or later")
+    assert "(unsupported protocol): update its TLS" in agent.said.getvalue()
+
+
+def test_a_client_without_tls_is_told_of_in_the_log(agent, raw):
+    raw.sendall(framed(create_client(0x77)))
+    assert is_closed(raw)
+    wait_for(agent.said.getvalue, "it speaks no TLS, which this port requires")
+    assert "TlsTransport" in agent.said.getvalue()
+    assert 0x77 not in agent.agent.clients
+
+
+@pytest.mark.parametrize("version", ["TLSv1_2", "TLSv1_3"])
+def test_a_client_with_tls_on_a_port_without(version):
+    with running_agent("tcp", "memory") as agent:
+        others = Bystanders(agent)
+        with pytest.raises((ssl.SSLError, ConnectionError)):
+            connected(agent.transport.port, at(authority().client(), version))
+        wait_for(agent.said.getvalue, "it begins TLS, which this port does not speak")
+        assert "--tls-cert and --tls-key" in agent.said.getvalue()
+        for _ in range(30):
+            with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as sock:
+                sock.sendall(HELLO_BYTES)
+                assert is_closed(sock)
+        assert agent.said.getvalue().count("it begins TLS") < 8
+        others.check()
+
+
+def test_only_a_hello_is_taken_for_one():
+    assert tcp.is_client_hello(HELLO_BYTES)
+    for size in range(9):
+        assert not tcp.is_client_hello(HELLO_BYTES[:size])
+    for at_ in (0, 1, 3, 4, 5, 6, 7, 8):
+        spoilt = bytearray(HELLO_BYTES)
+        spoilt[at_] ^= 1
+        assert not tcp.is_client_hello(bytes(spoilt))
+    assert not tcp.is_client_hello(framed(PING))
+
+
+# --- what harms nobody --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [b"", b"\x16", b"\x16\x03", HELLO_BYTES, HELLO_BYTES[:6], b"\x16\x03\x03\xff\xff" + bytes(99)],
+)
+def test_half_a_handshake_and_an_abrupt_end(agent, bystanders, sent):
+    sock = socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS)
+    sock.sendall(sent)
+    bystanders.check()
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    sock.close()  # RST
+    bystanders.check()
+    deadline = time.monotonic() + SECONDS
+    while len(agent.transport._connections) > 2:
+        assert time.monotonic() < deadline
+        bystanders.check()
+    assert not agent.transport._shaking
+
+
+def recorded_hello():
+    """A whole ClientHello of OpenSSL's."""
+    incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+    client = authority().client().wrap_bio(incoming, outgoing, server_hostname="localhost")
+    with pytest.raises(ssl.SSLWantReadError):
+        client.do_handshake()
+    return outgoing.read()
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_whatever_comes_instead_of_a_handshake(agent, bystanders, data):
+    hello = recorded_hello()
+    chunk = st.one_of(
+        st.binary(max_size=300),
+        st.integers(0, len(hello)).map(lambda it: hello[:it]),
+        st.tuples(st.integers(0, len(hello) - 1), st.integers(1, 255)).map(
+            lambda it: hello[: it[0]] + bytes([hello[it[0]] ^ it[1]]) + hello[it[0] + 1 :]
+        ),
+        st.tuples(st.integers(20, 24), st.binary(max_size=60)).map(
+            lambda it: bytes([it[0]]) + b"\x03\x03" + struct.pack(">H", len(it[1])) + it[1]
+        ),
+    )
+    chunks = data.draw(st.lists(chunk, min_size=1, max_size=4))
+    shut = data.draw(st.booleans())
+    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as sock:
+        try:
+            for it in chunks:
+                sock.sendall(it)
+            if shut:
+                sock.shutdown(socket.SHUT_WR)
+                is_closed(sock)
+        except (ConnectionError, OSError):
+            pass
+    bystanders.check()
+
+
+def test_random_bytes_behind_the_handshake(agent, bystanders):
+    """Records that nobody has signed, over the socket below TLS."""
+    rng = random.Random(7)
+    for kind in (20, 21, 22, 23, 24, 0x80):
+        with connected(agent.transport.port, authority().client()) as sock:
+            sock.sendall(framed(PING))
+            answers(sock, 1)
+            with socket.socket(fileno=socket.dup(sock.fileno())) as below:
+                below.settimeout(SECONDS)
+                below.sendall(bytes([kind]) + b"\x03\x03\0\x40" + rng.randbytes(64))
+                assert is_closed(below)
+        bystanders.check()
+
+
+def test_messages_cut_anywhere_and_records_of_many(agent, bystanders):
+    with connected(agent.transport.port, authority().client()) as sock:
+        for byte in framed(PING):
+            sock.sendall(bytes([byte]))
+        assert len(answers(sock, 1)) == 1
+        sock.sendall(framed(PING) * 1500)  # two records, and one of them full
+        assert len(answers(sock, 1500)) == 1500
+    bystanders.check()
+
+
+def test_what_openssl_has_decrypted_already_is_not_left_there(agent, monkeypatch):
+    """A chunk smaller than a record: no further byte comes that would wake the selector."""
+    monkeypatch.setattr(tcp, "_CHUNK", 100)
+    with connected(agent.transport.port, authority().client()) as sock:
+        sock.sendall(framed(PING) * 300)
+        assert len(answers(sock, 300)) == 300
+
+
+def test_a_client_that_wants_to_negotiate_again_is_cut_off(agent, bystanders):
+    """openssl's R does it, with TLS 1.2."""
+    command = ["openssl", "s_client", "-tls1_2", "-connect", f"127.0.0.1:{agent.transport.port}"]
+    done = subprocess.run(
+        [*command, "-CAfile", authority().ca, "-legacy_renegotiation"],
+        input=b"R\n", capture_output=True, timeout=SECONDS,
+    )  # fmt: skip
+    said = done.stdout + done.stderr
+    assert b"RENEGOTIATING" in said
+    assert b"no renegotiation" in said or b"handshake failure" in said, said
+    bystanders.check()
+
+
+def test_keys_that_are_changed_for_ever(agent, bystanders):
+    """TLS 1.3 has KeyUpdate instead: openssl's k asks for one, which is answered."""
+    command = ["openssl", "s_client", "-tls1_3", "-connect", f"127.0.0.1:{agent.transport.port}"]
+    subprocess.run(
+        [*command, "-CAfile", authority().ca], input=b"K\n" * 200, capture_output=True,
+        timeout=SECONDS,
+    )  # fmt: skip
+    bystanders.check()
+
+
+def test_who_does_not_read_is_cut_off_and_only_he(agent, bystanders, monkeypatch):
+    monkeypatch.setattr(tcp, "MAX_UNSENT", 200_000)
+    line = agent.line()
+    line._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    slow = XrceClient(line, 0x79, mtu=60_000)
+    assert slow.open() == 0
+    reader = slow.reader("slow", "rt/slow", TYPE, depth=1)
+    slow.read(reader, stream=ids.STREAM_BEST_EFFORT)
+    writer = bystanders.publisher.writer("publisher", "rt/slow", TYPE)
+    for _ in range(400):
+        bystanders.publisher.write(writer, bytes(50_000))
+        if "does not read what it is sent" in agent.said.getvalue():
+            break
+    wait_for(agent.said.getvalue, "session closed                 | client_key: 0x00000079")
+    bystanders.check()
+
+
+def test_who_reads_slowly_gets_it_all(agent):
+    """More than a socket takes at once, in records that are sent by and by."""
+    line = agent.line()
+    line._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    slow = XrceClient(line, 0x7A, mtu=60_000)
+    assert slow.open() == 0
+    reader = slow.reader("slow", "rt/large", TYPE)
+    slow.read(reader)
+    writer = slow.writer("slow", "rt/large", TYPE)
+    payload = random.Random(5).randbytes(100_000)
+    slow.write(writer, payload)
+    assert slow.sample(reader) == payload
+    assert slow.close() == 0
+
+
+def test_a_farewell_is_said(agent):
+    """So that the other end knows that nobody has cut the connection."""
+    with connected(agent.transport.port, authority().client()) as sock:
+        sock.suppress_ragged_eofs = False
+        sock.sendall(framed(PING))
+        answers(sock, 1)
+        connection = max(agent.transport._names, key=lambda it: it.whole)
+        agent.server.wake_at(0.0, lambda: agent.transport._drop(connection))
+        agent.server._wake.set()
+        assert sock.recv(1) == b""
+
+
+def test_not_many_sessions_are_kept(monkeypatch):
+    """OpenSSL would keep 20,000, with the clients' certificates."""
+    monkeypatch.setattr(files_module, "MAX_SESSIONS", 5)
+    files = own_certificates()
+    with serving(RunningAgent(TlsServer(0, "127.0.0.1", files), "memory", 0, 4)) as agent:
+        seen = set()
+        for _ in range(20):
+            with connected(agent.transport.port, at(authority().client(), "TLSv1_2")) as sock:
+                sock.sendall(framed(PING))
+                answers(sock, 1)
+                try:
+                    sock.unwrap()  # with a farewell, or it would not be kept
+                except (OSError, ValueError):
+                    pass
+            seen.add(files.context().session_stats()["number"])
+        assert 3 <= max(seen) <= 6
+
+
+def test_a_new_certificate_is_taken_without_a_restart(tmp_path):
+    old, new = Authority(tmp_path / "old"), Authority(tmp_path / "new")
+    cert, key = old.agent()
+    with serving(RunningAgent(tls_server(0, "127.0.0.1", cert, key, None), "memory", 0, 4)) as it:
+        stays = connected(it.transport.port, old.client())
+        for path, made in zip((cert, key), new.agent(), strict=True):
+            with open(path, "wb") as out, open(made, "rb") as text:
+                out.write(text.read())
+        with connected(it.transport.port, new.client()) as sock:
+            sock.sendall(framed(PING))
+            answers(sock, 1)
+        with stays:
+            stays.sendall(framed(PING))
+            answers(stays, 1)
+        with open(cert, "w") as out:
+            out.write("a slip of the editor")
+        for _ in range(3):
+            with connected(it.transport.port, new.client()) as sock:
+                sock.sendall(framed(PING))
+                answers(sock, 1)
+        said = it.said.getvalue()
+        assert said.count("cannot use new files") == 1
+        assert "holds no sound certificate" in said and "the former ones stay in use" in said
+
+
+def test_an_expired_certificate_of_the_agents_own_is_told_at_the_start(tmp_path):
+    now = datetime.datetime.now(datetime.timezone.utc)
+    files = Authority(tmp_path).agent(not_after=now - datetime.timedelta(days=1))
+    with serving(RunningAgent(tls_server(0, "127.0.0.1", *files, None), "memory", 0, 4)) as agent:
+        said = agent.said.getvalue()
+        assert "boards will not trust this agent" in said and "certificate has expired" in said
+
+
+@pytest.mark.parametrize(("given", "missing"), [((1, 0, 0), "key"), ((0, 1, 0), "cert"),
+                                                ((0, 0, 1), "cert")])  # fmt: skip
+def test_options_that_belong_together(given, missing):
+    names = [name if it else None for it, name in zip(given, ("c", "k", "a"), strict=True)]
+    with pytest.raises(TransportError) as caught:
+        tls_server(0, "127.0.0.1", *names)
+    assert caught.value.strerror.startswith(f"--tls-{missing} is missing: TLS needs --tls-cert")
+
+
+# --- limits: with a clock of our own --------------------------------------------------------------
+
+
+class Host(BareHost):
+    def gone(self, transport, peer):
+        pass
+
+
+class Times:
+    """The time, and the thread's share of it: between two looks at that, ``cost`` goes by."""
+
+    def __init__(self):
+        self.now = 100.0
+        self.cpu = 0.0
+        self.cost = 0.0
+
+    def look(self):
+        self.cpu += self.cost
+        return self.cpu
+
+
+@pytest.fixture
+def made():
+    """(server, its host, times)."""
+    host, times = Host(), Times()
+    server = TlsServer(0, "127.0.0.1", own_certificates(), lambda: times.now, times.look)
+    server.open(host)
+    socks = []
+
+    def connect(*, source="127.0.0.1", hello=True):
+        sock = socket.socket()
+        sock.bind((source, 0))
+        sock.connect(("127.0.0.1", server.port))
+        sock.settimeout(SECONDS)
+        socks.append(sock)
+        here = sock.getsockname()
+        host.until(lambda: here in [it.address for it in server._connections], "the connection")
+        if hello:
+            sock.sendall(recorded_hello())
+        return sock
+
+    yield server, host, times, connect
+    for sock in socks:
+        sock.close()
+    server.close()
+    host.close()
+
+
+def is_over(sock):
+    sock.setblocking(False)
+    try:
+        while sock.recv(65536):
+            pass
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        pass
+    return True
+
+
+def test_a_handshake_has_its_time(made):
+    server, host, times, connect = made
+    sock = connect()
+    host.until(lambda: server._shaking)
+    times.now += module.HANDSHAKE_SECONDS - 0.5
+    host.fire()
+    assert server._shaking and not is_over(sock)
+    times.now += 1.0
+    host.fire()
+    assert not server._shaking and not server._connections
+    host.until(lambda: is_over(sock))
+    assert "no handshake within 10 s" in host.said()
+
+
+def test_handshakes_at_once_are_limited_and_the_greedy_go_first(made, monkeypatch):
+    server, host, times, connect = made
+    monkeypatch.setattr(module, "MAX_HANDSHAKES", 4)
+    greedy = [connect(source="127.0.0.2") for _ in range(4)]
+    host.until(lambda: len(server._shaking) == 4)
+    more = connect(source="127.0.0.2")
+    host.until(lambda: is_over(more))
+    assert "over 4 handshakes at once: it may try again" in host.said()
+    others = [connect(source=f"127.0.0.{number}") for number in (3, 4, 5)]
+    host.until(lambda: len({it.network for it in server._shaking}) == 4)
+    assert [is_over(it) for it in greedy] == [True, True, True, False]
+    assert not any(is_over(it) for it in others)
+    late = connect(source="127.0.0.6")  # all have one: who has begun may go on
+    host.until(lambda: is_over(late))
+    assert not any(is_over(it) for it in others) and len(server._shaking) == 4
+
+
+def test_handshakes_have_their_share_of_the_time_and_who_had_least_goes_first(made):
+    server, host, times, connect = made
+    times.cost = 0.1
+    greedy = [connect(source="127.0.0.2") for _ in range(5)]
+    host.until(lambda: len(server._shaking) == 5)
+    assert len(server._waiting) == 2  # three steps of 0.1 s, and 0.25 s were saved
+    modest = connect(source="127.0.0.3")
+    host.until(lambda: len(server._waiting) == 3)
+    host.fire()
+    assert len(server._waiting) == 3  # no time has gone by
+    times.now += 0.3  # 75 ms, of which 50 are debts
+    host.fire()
+    assert {it.network for it in server._waiting} == {"127.0.0.2"}
+    assert len(server._waiting) == 2
+    modest.setblocking(False)
+    host.until(lambda: modest.recv(5)[:1] == b"\x16")  # the server's hello
+    for _ in range(3):
+        times.now += 0.5
+        host.fire()
+    assert not server._waiting
+    for sock in greedy:
+        assert sock.recv(5)[:1] == b"\x16"
+    times.now += 5.0
+    server._refill()
+    assert not server._spent  # nobody is in want: what was, is past
+
+
+def test_what_waits_for_its_turn_and_goes_away(made):
+    server, host, times, connect = made
+    times.cost = 0.5
+    first, second = connect(), connect()
+    host.until(lambda: len(server._waiting) == 1)
+    first.close()
+    second.close()
+    times.now += module.HANDSHAKE_SECONDS + 1
+    host.fire()
+    host.turn()
+    assert not server._waiting and not server._shaking and not server._connections
+
+
+def test_a_silent_connection_costs_no_handshake(made):
+    server, host, times, connect = made
+    connect(hello=False)
+    host.turn(0.01)
+    assert not server._shaking and len(server._connections) == 1
+
+
+def test_boards_that_come_all_at_once():
+    """After a restart of the agent: everybody gets in."""
+    with running_agent("tls", "memory") as agent:
+        lines, failed = [], []
+
+        def come(number):
+            try:
+                line = TlsLine(agent.transport.port, authority().client())
+                lines.append(line)
+                assert XrceClient(line, number).open() == ids.STATUS_OK
+            except Exception as error:
+                failed.append(error)
+
+        threads = [threading.Thread(target=come, args=(it,)) for it in range(1, 41)]
+        for it in threads:
+            it.start()
+        for it in threads:
+            it.join(SECONDS)
+        assert not failed and len(agent.agent.clients) == 40
+        for line in lines:
+            line.close()
+
+

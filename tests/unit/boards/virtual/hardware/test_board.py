@@ -1,0 +1,235 @@
+"""Boards by name, their wiring, and faults by name."""
+
+import errno
+
+import pytest
+
+from uros.boards.virtual.devices.sht3x import crc8
+from uros.boards.virtual.hardware.board import FaultError, VirtualBoard
+from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.hardware.i2c import BusError
+from uros.boards.virtual.hardware.pins import IN, OUT
+from uros.boards.virtual.hardware.usb import (
+    CONFIGURATION_DESCRIPTOR,
+    CONFIGURED,
+    DETACHED,
+    DEVICE_DESCRIPTOR,
+    ENUMERATION_US,
+    STRINGS,
+)
+from uros.boards.virtual.models.catalog import BOARDS, BoardError
+from uros.boards.virtual.world.room import Room
+
+
+@pytest.fixture
+def board(tmp_path):
+    clock = ManualClock()
+    board = VirtualBoard("ra6m5_sensor_node", clock, tmp_path / "line")
+    clock.advance(10**6)
+    yield board
+    board.close()
+
+
+def room_celsius(board):
+    data = board.i2c[2].transfer(0x44, b"\x2c\x06", 6)
+    assert crc8(data[:2]) == data[2] and crc8(data[3:5]) == data[5]
+    return -45 + 175 * int.from_bytes(data[:2], "big") / 65535
+
+
+def active(board):
+    return {it.spec for it in board.faults() if it.active}
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_every_board_is_whole(name, tmp_path):
+    spec = BOARDS[name]
+    assert spec.name == name and spec.text and spec.mcu and spec.firmware and spec.ports
+    board = VirtualBoard(name, ManualClock(), tmp_path / "line")
+    try:
+        assert board.spec is spec and board.unique_id
+        specs = [it.spec for it in (*board.faults(), *board.acts())]
+        assert len(specs) == len(set(specs)) and "usb:unplug" in specs
+        for it in board.faults():
+            assert it.text and not it.active
+            board.happen(it.spec)
+        board.clock.advance(2_000_000)
+        board.advance()
+        board.reset()
+        board.happen("all:off")
+        assert not [it for it in board.faults() if it.active]
+        for part in board.parts:
+            assert isinstance(part.shows(), str)
+    finally:
+        board.close()
+
+
+@pytest.mark.parametrize("name", ["ra6m5_sensor_node", "ra6m5_usb_text"])
+def test_both_boards_have_the_three_sensors(name, tmp_path):
+    board = VirtualBoard(name, ManualClock(), tmp_path / "line")
+    board.clock.advance(2000)
+    assert board.i2c[2].scan() == [0x13, 0x44, 0x67]
+    board.close()
+
+
+def test_an_unknown_board():
+    with pytest.raises(BoardError, match="no board esp; there are ra6m5_sensor_node, ra6m5_usb"):
+        VirtualBoard("esp")
+
+
+def test_the_sensors_look_at_the_room(board):
+    room = board.room
+    assert room_celsius(board) == pytest.approx(room.temperature(1), abs=0.1)
+    hot = int.from_bytes(board.i2c[2].transfer(0x67, b"\x00", 2), "big") / 16
+    assert hot == pytest.approx(room.hot(0.96), abs=0.4)
+    board.i2c[2].transfer(0x13, b"\x80\x18", 0)
+    board.clock.advance(100_000)
+    data = board.i2c[2].transfer(0x13, b"\x85", 4)
+    assert int.from_bytes(data[:2], "big") / 4 == pytest.approx(room.daylight(1.1), rel=0.05)
+    assert int.from_bytes(data[2:], "big") > 10_000
+
+
+def test_a_room_and_a_seed_of_ones_own(tmp_path):
+    def values(seed, room=None):
+        board = VirtualBoard("ra6m5_sensor_node", ManualClock(), tmp_path / "line", seed, room)
+        board.clock.advance(2000)
+        out = room_celsius(board)
+        ids.add(board.unique_id)
+        board.close()
+        return out
+
+    ids = set()
+    assert values(1) == values(1) != values(2)
+    assert values(1, Room(start_hour=15)) > values(1) + 1
+    assert len(ids) == 2 and {len(it) for it in ids} == {16}
+
+
+@pytest.mark.parametrize("device, address", [("sht3x", 0x44), ("mcp9600", 0x67), ("vcnl4010", 19)])
+@pytest.mark.parametrize(
+    "kind, number",
+    [
+        ("absent", errno.ENODEV),
+        ("nack", errno.EIO),
+        ("stretch", errno.ETIMEDOUT),
+        ("stuck", errno.ETIMEDOUT),
+    ],
+)
+def test_a_fault_of_a_sensor_and_its_healing(board, device, address, kind, number):
+    board.happen(f"{device}:{kind}")
+    assert active(board) == {f"{device}:{kind}"}
+    command = b"\x2c\x06" if device == "sht3x" else b"\x85"
+    with pytest.raises(BusError) as caught:
+        board.i2c[2].transfer(address, command, 2)
+    assert caught.value.errno == number
+    board.happen(f"{device}:off")
+    board.clock.advance(100_000)
+    assert not active(board)
+    assert len(board.i2c[2].transfer(address, command, 2)) == 2
+
+
+def test_faults_of_one_device_leave_the_others_alone(board):
+    board.happen("mcp9600:absent")
+    board.happen("vcnl4010:nack")
+    room_celsius(board)
+    assert active(board) == {"mcp9600:absent", "vcnl4010:nack"}
+    board.happen("all:off")
+    assert not active(board)
+
+
+def test_faults_of_one_device_add_up(board):
+    board.happen("sht3x:noise")
+    board.happen("sht3x:crc")
+    assert active(board) == {"sht3x:noise", "sht3x:crc"}
+
+
+def test_wrong_checksums_and_an_open_thermocouple_exist_only_where_they_can(board):
+    board.happen("sht3x:crc")
+    with pytest.raises(AssertionError):
+        room_celsius(board)
+    board.happen("mcp9600:open")
+    with pytest.raises(FaultError, match="no vcnl4010:crc; there are vcnl4010:absent, "):
+        board.happen("vcnl4010:crc")
+
+
+def test_a_stuck_bus(board):
+    board.happen("bus:stuck")
+    assert active(board) == {"bus:stuck"}
+    with pytest.raises(BusError) as caught:
+        room_celsius(board)
+    assert caught.value.errno == errno.ETIMEDOUT
+    assert board.pins["P414"].value() == 0
+    board.happen("bus:off")
+    assert board.pins["P414"].value() == 1
+    room_celsius(board)
+
+
+@pytest.mark.parametrize("spec", ["", "sht3x", "sht:nack", ":", "nack", "all:nack", "usb:nack"])
+def test_unknown_faults_say_what_there_is(board, spec):
+    with pytest.raises(FaultError) as caught:
+        board.happen(spec)
+    assert "sht3x:" in str(caught.value) or "usb:unplug" in str(caught.value)
+    assert not active(board)
+
+
+def test_every_fault_in_the_list_can_be_planted_and_healed(board):
+    for fault in board.faults():
+        assert fault.text
+        board.happen(fault.spec)
+    board.happen("all:off")
+    assert not active(board)
+    board.clock.advance(10**6)
+    room_celsius(board)
+
+
+def configure(board):
+    board.usb.enable(DEVICE_DESCRIPTOR, CONFIGURATION_DESCRIPTOR, STRINGS)
+    board.clock.advance(ENUMERATION_US)
+    assert board.usb.state == CONFIGURED
+
+
+def test_faults_of_usb(board):
+    configure(board)
+    board.happen("usb:suspend")
+    assert active(board) == {"usb:suspend"} and board.usb.suspended
+    board.happen("usb:resume")
+    assert not active(board)
+    board.happen("usb:unplug")
+    assert active(board) == {"usb:unplug"} and board.usb.state == DETACHED
+    for heals in ("usb:plug", "usb:off"):
+        board.happen("usb:unplug")
+        board.happen(heals)
+        board.clock.advance(ENUMERATION_US)
+        assert board.usb.state == CONFIGURED and not active(board)
+
+
+def test_a_reset(board):
+    configure(board)
+    rtc = board.clock.epoch_ns()
+    board.pins["P006"].mode = OUT
+    board.reset()
+    assert board.usb.state == DETACHED and not board.usb.path.is_symlink()
+    assert board.clock.ticks_us() == 0 and board.clock.epoch_ns() == rtc
+    assert board.pins["P006"].mode == IN
+    configure(board)
+
+
+def test_an_output_keeps_its_level_and_an_input_is_pulled_up(board):
+    led, button = board.pins["P006"], board.pins["P005"]
+    led.mode = OUT
+    assert [led.value(), led.value(5), led.value(), led.value(0)] == [0, 1, 1, 0]
+    assert button.value() == 1
+
+
+def test_a_program_frees_a_stuck_bus_by_its_pins(board):
+    bus = board.i2c[2]
+    board.happen("sht3x:stuck")
+    with pytest.raises(BusError):
+        room_celsius(board)
+    sda, scl = board.pins["P414"], board.pins["P415"]
+    assert (sda.value(), scl.value()) == (0, 1)
+    scl.mode = OUT
+    for _ in range(9):
+        scl.value(0)
+        assert scl.value() == 0
+        scl.value(1)
+    assert sda.value() == 1
+    assert bus.transfer(0x13, b"\x81", 1) == b"\x21"

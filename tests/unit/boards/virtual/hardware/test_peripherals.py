@@ -1,0 +1,177 @@
+"""What is plugged into a virtual board: lines that take their time, and a radio."""
+
+import errno
+
+import pytest
+
+from uros.boards.virtual.hardware.board import FaultError, VirtualBoard
+from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.hardware.peripherals import PlugError, Radio, Spi, Uart
+from uros.boards.virtual.modems.radio_network import Air
+
+BOARD = "ra6m5_sensor_node"
+
+
+class Device:
+    def __init__(self):
+        self.heard = b""
+        self.says = b""
+
+    def read(self, size):
+        some, self.says = self.says[:size], self.says[size:]
+        return some or None
+
+    def write(self, data):
+        self.heard += data
+        return len(data)
+
+
+@pytest.fixture
+def line():
+    clock, device = ManualClock(), Device()
+    return clock, device, Uart(device, 115200, clock)
+
+
+def test_octets_take_their_time(line):
+    """115200 baud are 11520 octets a second."""
+    clock, device, uart = line
+    assert uart.write(bytes(100)) == 100 and device.heard == b""
+    clock.advance(5_000)
+    uart.any()
+    assert len(device.heard) == 57
+    clock.advance(5_000)
+    uart.any()
+    assert len(device.heard) == 100
+    device.says = bytes(300)
+    clock.advance(10_000)
+    assert uart.any() == 115
+
+
+def test_what_is_written_is_taken_as_far_as_there_is_room(line):
+    clock, device, uart = line
+    assert uart.write(bytes(1000)) == 256 and uart.write(b"x") == 0
+    clock.advance(1_000_000)
+    assert uart.write(b"x") == 1
+    assert len(device.heard) == 256
+
+
+def test_what_comes_into_a_full_buffer_is_lost_and_counted(line):
+    clock, device, uart = line
+    uart.init(115200, 64)
+    device.says = bytes(range(100))
+    clock.advance(1_000_000)
+    assert uart.read(1000) == bytes(range(64)) and uart.overruns == 36
+
+
+def test_at_another_rate_both_hear_noise(line):
+    clock, device, uart = line
+    uart.init(9600, 256)
+    uart.write(b"AT\r\n")
+    device.says = b"\r\nOK\r\n"
+    clock.advance(1_000_000)
+    assert uart.read(100) not in (b"", b"\r\nOK\r\n")
+    assert len(device.heard) == 4 and device.heard != b"AT\r\n"
+
+
+def test_a_bus_in_the_wrong_mode_or_without_selection_gives_nothing():
+    class Modem:
+        written = b""
+
+        def write(self, data):
+            self.written += data
+
+        def readinto(self, into, octet):
+            into[:] = b"m" * len(into)
+
+    modem = Modem()
+    bus = Spi(modem)
+    for mode in (0, 2, 3):
+        bus.init(mode)
+        bus.write(b"no")
+        assert bus.read(2, 0) == b"\xff\xff"
+    bus.init(1)
+    bus.selected = False
+    bus.write(b"no")
+    assert bus.read(2, 0) == b"\xff\xff" and modem.written == b""
+    bus.selected = True
+    bus.write(b"yes")
+    assert bus.read(2, 0) == b"mm" and modem.written == b"yes"
+
+
+def test_a_radio_joins_after_a_moment():
+    now = [0]
+    radio = Radio(Air({"robots": "secret99"}), lambda: now[0])
+    assert radio.status() == Radio.IDLE
+    for ssid, password, status in (
+        ("robots", "no", Radio.WRONG_PASSWORD), ("cafe", "", Radio.NO_AP_FOUND),
+        ("robots", "secret99", Radio.GOT_IP),
+    ):  # fmt: skip
+        radio.connect(ssid, password)
+        assert radio.status() == Radio.CONNECTING
+        now[0] += 1000
+        assert radio.status() == status
+    radio.faults.add("lost")
+    assert radio.status() == Radio.NO_AP_FOUND
+    radio.faults.clear()
+    radio.disconnect()
+    assert radio.status() == Radio.IDLE
+
+
+def test_sockets_need_a_network_and_have_a_bound():
+    radio = Radio(Air({"robots": "secret99"}), lambda: 1000)
+    handles = [radio.open(2) for _ in range(16)]
+    assert len(set(handles)) == 16
+    with pytest.raises(OSError, match="no room"):
+        radio.open(1)
+    with pytest.raises(OSError) as caught:
+        radio.of(handles[0])
+    assert caught.value.errno == errno.EHOSTUNREACH
+    radio.reset()
+    with pytest.raises(OSError) as caught:
+        radio.of(handles[0])
+    assert caught.value.errno == errno.EBADF and radio.fd(handles[0]) == -1
+
+
+def test_faults_of_plugs_are_faults_of_the_board():
+    board = VirtualBoard(BOARD, ManualClock(), plugs=["esp8266:uart=1", "wlan"])
+    try:
+        modem = board.parts["esp8266"].device
+        modem.joined = "robots"
+        board.happen("esp8266:lost")
+        board.happen("wlan:lost")
+        assert modem.joined == "" and modem.air.networks == {}
+        active = {it.spec for it in board.faults() if it.active}
+        assert active == {"esp8266:lost", "wlan:lost"}
+        board.happen("all:off")
+        assert modem.air.networks == {"robots": "secret99"}
+        assert not [it for it in board.faults() if it.active]
+        with pytest.raises(FaultError, match="esp8266:dead"):
+            board.happen("esp8266:nonsense")
+    finally:
+        board.close()
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("nothing", "there are esp8266, gs2200, wlan"), ("esp8266", "say which"),
+        ("esp8266:uart=-1", "no number"), ("gs2200:spi=1", "say which"),
+        ("wlan:uart=1", "no option uart"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_plugged_in_is_told(spec, said):
+    with pytest.raises(PlugError, match=said):
+        VirtualBoard(BOARD, ManualClock(), plugs=[spec])
+
+
+@pytest.mark.parametrize("fault", ["alone", "deaf", "lost"])
+def test_nobody_joins_an_access_point_that_fails(fault):
+    now = [0]
+    radio = Radio(Air({}), lambda: now[0])
+    radio.start("board", "secret99")
+    now[0] = 10_000
+    assert radio.guests() == 1
+    radio.faults.add(fault)
+    assert radio.guests() == 0
+    radio.faults.clear()
+    assert radio.guests() == 1

@@ -1,0 +1,406 @@
+"""The second readers that Fast DDS writers meet: when they are there, for how long, how many.
+
+Cyclone's own writers stand for those of Fast DDS here; tests/interop/test_late_match.py has real
+ones.
+"""
+
+import ctypes
+import select
+import time
+
+import pytest
+
+from uros.middleware.base import MiddlewareError
+from uros.middleware.dds import (
+    cyclone,
+    discovery,
+    late_writer_heartbeat,
+    participant,
+    service_forms,
+)
+from uros.middleware.dds import middleware as module
+from uros.middleware.dds.middleware import DdsMiddleware
+from uros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+TYPE = "std_msgs::msg::dds_::String_"
+OTHER_TYPE = "std_msgs::msg::dds_::Int32_"
+KEPT = QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LOSSY = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT)
+SAMPLE = bytes.fromhex("00010000" "02000000" "4100" "0000")  # fmt: skip
+SECONDS = 10.0
+
+
+class World:
+    """A middleware that reads, another that writes, and the second readers of the first."""
+
+    def __init__(self, domain, monkeypatch):
+        self.now = 1000.0
+        for where in (module, participant, late_writer_heartbeat):
+            monkeypatch.setattr(where, "time", self)
+        monkeypatch.setattr(late_writer_heartbeat, "FAST_DDS", b"\x01\x10")
+        self.seconds = {}  # entity: (topic, type, QoS)
+        self.made = 0
+        self._count_readers(monkeypatch)
+        self.middleware, self.other = DdsMiddleware(), DdsMiddleware()
+        self.node = self.middleware.create_node(domain, "/", "reading")
+        self.theirs = self.other.create_node(domain, "/", "writing")
+
+    def _count_readers(self, monkeypatch):
+        create = participant.SharedParticipant.create_reader
+        delete = participant.SharedParticipant.delete_reader
+
+        def created(one, topic, type_name, qos, data):
+            entity = create(one, topic, type_name, qos, data)
+            if data == service_forms.OFFER:
+                self.seconds[entity] = topic, type_name, qos
+                self.made += 1
+            return entity
+
+        def deleted(one, entity, *about):
+            if entity in self.seconds:
+                assert self.seconds.pop(entity) == about
+            delete(one, entity, *about)
+
+        monkeypatch.setattr(participant.SharedParticipant, "create_reader", created)
+        monkeypatch.setattr(participant.SharedParticipant, "delete_reader", deleted)
+
+    def monotonic(self):
+        return self.now
+
+    def reader(self, topic="rt/x", qos=None, type_name=TYPE):
+        return self.node.create_reader(topic, type_name, qos or QoSProfile(), lambda: None)
+
+    def writer(self, topic="rt/x", qos=None, type_name=TYPE):
+        """A writer of theirs, heard of at once."""
+        one = self.theirs.create_writer(topic, type_name, qos or QoSProfile())
+        self.hear()
+        return one
+
+    def hear(self):
+        """What :meth:`dispatch` does when the waiting thread has noticed; see the first test."""
+        for one in self.middleware._offers.values():
+            one._on_ready()
+
+    def due(self):
+        return self.middleware.next_deadline()
+
+    def go_on(self, seconds):
+        """Let time pass, and do what is due meanwhile."""
+        end = self.now + seconds
+        while (due := self.due()) is not None and due <= end:
+            self.now = max(self.now, due)
+            self.middleware.tick()
+        self.now = end
+
+    def settled(self):
+        """Until nothing is due any more."""
+        for _ in range(1000):
+            due = self.due()
+            if due is None:
+                return
+            self.now = max(self.now, due)
+            self.middleware.tick()
+        raise AssertionError("something is always due")
+
+    def close(self):
+        self.middleware.close()
+        self.other.close()
+
+
+@pytest.fixture
+def world(own_domain_id, monkeypatch):
+    one = World(own_domain_id, monkeypatch)
+    yield one
+    one.close()
+
+
+def test_a_writer_that_comes_later_meets_a_second_reader_for_a_moment(world):
+    world.reader()
+    world.settled()
+    world.theirs.create_writer("rt/x", TYPE, QoSProfile())
+    deadline = time.monotonic() + SECONDS
+    while world.due() is None:
+        assert time.monotonic() < deadline, "nobody heard of the writer"
+        if select.select([world.middleware.fileno()], [], [], 0.1)[0]:
+            world.middleware.dispatch()
+    world.go_on(0.019)
+    assert not world.seconds
+    world.go_on(0.002)
+    assert list(world.seconds.values()) == [("rt/x", TYPE, QoSProfile(depth=1))]
+    world.go_on(0.28)
+    assert world.seconds
+    world.go_on(0.03)
+    assert not world.seconds and world.due() is None
+
+
+def test_no_node_is_said_to_have_it(world):
+    world.reader()
+    world.settled()
+    told = []
+    world.node.participant.changed = lambda: told.append(1)
+    world.writer()
+    world.settled()
+    assert world.made == 1 and told == []
+    del world.node.participant.changed
+
+
+def test_what_needs_no_heartbeat_gets_no_second_reader(world):
+    world.reader("rt/lossy", LOSSY)
+    world.reader("rt/met")
+    for topic in ("rt/lossy", "rt/unread"):
+        world.writer(topic)
+    world.settled()
+    assert world.made == 0
+    # Who was there before a reader is met by it.
+    world.writer("rt/earlier")
+    world.reader("rt/earlier")
+    world.settled()
+    assert world.made == 0
+
+
+def test_who_was_there_before_the_first_reader_is_met_by_it(world):
+    world.writer()
+    world.reader()
+    world.hear()
+    assert len(world.middleware._offers) == 1
+    world.settled()
+    assert world.made == 0
+
+
+def test_a_reader_that_needs_no_heartbeat_does_not_count_beside_one_that_does(world):
+    world.reader(qos=LOSSY)
+    world.reader()
+    world.writer(qos=LOSSY)
+    world.settled()
+    assert world.made == 0
+
+
+def test_news_may_come_in_any_number(world, monkeypatch):
+    monkeypatch.setattr(late_writer_heartbeat, "_BATCH", 2)
+    for i in range(5):
+        world.reader(f"rt/x{i}")
+    for i in range(5):
+        world.theirs.create_writer(f"rt/x{i}", TYPE, QoSProfile())
+    world.hear()
+    world.settled()
+    assert world.made == 5
+
+
+def test_writers_of_others_than_fast_dds_get_none(world, monkeypatch):
+    monkeypatch.setattr(late_writer_heartbeat, "FAST_DDS", b"\x01\x0f")
+    world.reader()
+    world.writer()
+    world.settled()
+    assert world.made == 0
+
+
+@pytest.mark.parametrize(
+    ("reader", "writer"),
+    [
+        (KEPT, QoSProfile()),
+        (QoSProfile(), LOSSY),
+        (QoSProfile(partitions=("a",)), QoSProfile(partitions=("b",))),
+    ],
+    ids=["durability", "reliability", "partition"],
+)
+def test_a_writer_that_no_reader_hears_is_looked_at_twice_and_forgotten(world, reader, writer):
+    world.reader(qos=reader)
+    world.settled()
+    before = world.now
+    world.writer(qos=writer)
+    world.settled()
+    assert world.made == 0 and world.now - before == pytest.approx(0.32)
+
+
+def test_a_writer_of_another_type_gets_none(world):
+    world.reader()
+    world.writer(type_name=OTHER_TYPE)
+    world.settled()
+    assert world.made == 0
+
+
+def test_one_that_is_connected_only_at_the_second_look_gets_one(world, monkeypatch):
+    world.reader()
+    real, looks = cyclone.heard_writers, []
+    monkeypatch.setattr(
+        cyclone,
+        "heard_writers",
+        lambda reader: real(reader) if looks else looks.append(reader) or set(),
+    )
+    world.writer()
+    world.go_on(0.1)
+    assert looks and not world.seconds
+    world.go_on(0.3)
+    assert len(world.seconds) == 1
+
+
+def test_a_writer_that_leaves_before_it_is_looked_at_is_forgotten(world):
+    world.reader()
+    world.settled()
+    world.writer().close()
+    world.hear()
+    assert world.due() is None
+
+
+def test_the_second_reader_wants_earlier_samples_where_one_of_ours_does(world):
+    """Else the heartbeat for it would begin behind them, and ours would give them up."""
+    world.reader()
+    world.reader(qos=KEPT)
+    world.reader()
+    world.writer(qos=KEPT)
+    world.go_on(0.1)
+    assert [qos.transient_local for _, _, qos in world.seconds.values()] == [True]
+    # Where the one that wants them is not connected, it does not count.
+    world.settled()
+    world.writer()
+    world.go_on(0.1)
+    assert [qos.transient_local for _, _, qos in world.seconds.values()] == [False]
+
+
+def test_it_is_connected_with_the_writers_that_ours_is(world):
+    qos = QoSProfile(
+        depth=100, deadline_ms=5000, ownership_exclusive=True, partitions=("a",), user_data=b"x"
+    )
+    world.reader(qos=qos)
+    world.writer(qos=QoSProfile(deadline_ms=100, ownership_strength=3, partitions=("a",)))
+    world.go_on(0.1)
+    assert list(world.seconds.values()) == [
+        ("rt/x", TYPE, QoSProfile(depth=1, ownership_exclusive=True, partitions=("a",)))
+    ]
+    entity = next(iter(world.seconds))
+    assert len(cyclone.heard_writers(entity)) == 1
+
+
+def test_a_thousand_readers_and_many_writers_at_once_make_one(world):
+    for _ in range(1000):
+        world.reader()
+    for _ in range(40):
+        world.writer()
+        world.now += 0.0004
+    world.settled()
+    assert world.made == 1
+
+
+def test_a_writer_that_comes_while_one_is_there_gets_a_new_one_but_not_too_soon(world):
+    world.reader()
+    world.writer()
+    world.go_on(0.03)
+    first = set(world.seconds)
+    world.writer()
+    world.go_on(0.26)
+    assert set(world.seconds) == first
+    world.go_on(0.1)
+    assert len(world.seconds) == 1 and not first & set(world.seconds)
+    assert world.made == 2
+
+
+def test_writers_that_come_and_go_without_end_make_three_a_second_at_most(world):
+    world.reader()
+    for _ in range(300):  # three seconds
+        world.writer().close()
+        world.writer()
+        world.go_on(0.01)
+        assert len(world.seconds) <= 1
+    assert 9 <= world.made <= 10
+
+
+def test_so_many_topics_have_one_at_once_and_the_others_wait(world, monkeypatch):
+    monkeypatch.setattr(late_writer_heartbeat, "MAX_READERS", 3)
+    for i in range(10):
+        world.reader(f"rt/x{i}")
+    for i in range(10):
+        world.writer(f"rt/x{i}")
+    most = 0
+    while (due := world.due()) is not None:
+        world.now = max(world.now, due)
+        before = set(world.seconds)
+        world.middleware.tick()
+        assert len(before - set(world.seconds)) <= 1  # one deletion, a millisecond, a tick
+        most = max(most, len(world.seconds))
+    assert most == 3 and world.made == 10
+
+
+def test_of_too_many_writers_the_last_have_to_wait_for_their_heartbeat(world, monkeypatch):
+    monkeypatch.setattr(late_writer_heartbeat, "MAX_WRITERS", 5)
+    for i in range(8):
+        world.reader(f"rt/x{i}")
+    for i in range(8):
+        world.writer(f"rt/x{i}")
+    world.settled()
+    assert world.made == 5
+    world.writer("rt/x7")
+    world.settled()
+    assert world.made == 6
+
+
+def test_a_second_reader_that_cannot_be_made_is_done_without(world, monkeypatch):
+    world.reader()
+    world.settled()
+
+    refused = []
+
+    def refuse(*about):
+        refused.append(about)
+        raise MiddlewareError("out of resources")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(participant.SharedParticipant, "create_reader", refuse)
+        world.writer()
+        world.settled()
+    assert len(refused) == 1
+    world.writer()
+    world.settled()
+    assert world.made == 1
+
+
+def test_it_outlives_the_reader_that_it_stands_by(world):
+    reader = world.reader()
+    world.writer()
+    world.go_on(0.1)
+    reader.close()
+    world.node.close()
+    world.settled()
+    assert not world.seconds
+
+
+def test_our_readers_take_every_sample_once_while_it_is_there(world):
+    reader = world.reader()
+    writer = world.writer()
+    world.go_on(0.1)
+    assert world.seconds
+    for _ in range(5):
+        assert writer.write(SAMPLE)
+    assert reader.take(100) == [SAMPLE] * 5
+
+
+def test_looking_leaves_the_status_that_the_waiting_thread_wakes_by(world):
+    """See ``watch_local``: who resets it must look for others' samples."""
+    reader = world.reader()
+    world.theirs.create_writer("rt/x", TYPE, QoSProfile())
+    status = ctypes.c_uint32()
+    for _ in range(2):
+        assert len(cyclone.heard_writers(reader.entity)) == 1
+    cyclone._take_status(reader.entity, ctypes.byref(status), cyclone.STATUS_SUBSCRIPTION_MATCHED)
+    assert status.value == cyclone.STATUS_SUBSCRIPTION_MATCHED
+    # This is what resets it.
+    world.theirs.create_writer("rt/x", TYPE, QoSProfile())
+    assert len(cyclone.matched_writers(reader.entity)) == 2
+    cyclone._take_status(reader.entity, ctypes.byref(status), cyclone.STATUS_SUBSCRIPTION_MATCHED)
+    assert status.value == 0
+
+
+def test_who_lists_the_network_does_not_see_them(own_domain_id):
+    one = DdsMiddleware()
+    node = one.create_node(own_domain_id, "/", "looking")
+    for data in (service_forms.OFFER, b""):
+        node.participant.create_reader("rt/b", TYPE, QoSProfile(), data)
+    seen = discovery.Discovery(one, node.participant, lambda: None)
+    deadline = time.monotonic() + SECONDS
+    while not [end for end in seen.endpoints.values() if end.topic == "rt/b"]:
+        assert time.monotonic() < deadline
+        if select.select([one.fileno()], [], [], 0.1)[0]:
+            one.dispatch()
+    found = [end.qos.user_data for end in seen.endpoints.values() if end.topic == "rt/b"]
+    assert found == [b""]
+    seen.close()
+    one.close()

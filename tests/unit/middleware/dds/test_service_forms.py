@@ -1,0 +1,195 @@
+"""Services exchange nothing with endpoints that speak another form than rmw_cyclonedds's."""
+
+import select
+import time
+
+import pytest
+
+from uros.middleware.base import MiddlewareError, Service
+from uros.middleware.dds import cyclone, service_forms
+from uros.middleware.dds.middleware import DdsMiddleware
+from uros.qos import QoSProfile, services_profile
+
+SERVICE = Service(
+    "rq/addRequest", "pkg::srv::dds_::Add_Request_", "rr/addReply", "pkg::srv::dds_::Add_Response_"
+)
+BODY = bytes.fromhex("000100000a0b0c0d")
+CLIENT = QoSProfile(user_data=b"clientid=1.10.2;")
+SERVER = QoSProfile(user_data=b"serviceid=1.10.3;")
+CYCLONE = b"\x01\x10" + bytes(14)
+DISPOSED = 32  # DDS_NOT_ALIVE_DISPOSED_INSTANCE_STATE
+
+
+@pytest.fixture
+def middleware(own_domain_id):
+    one = DdsMiddleware()
+    one.told = []
+    one.on_notice = one.told.append
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def node(middleware, own_domain_id):
+    return middleware.create_node(own_domain_id, "/", "node")
+
+
+def nothing():
+    pass
+
+
+def until(middleware, done, seconds=10):
+    deadline = time.monotonic() + seconds
+    while not done():
+        left = deadline - time.monotonic()
+        assert left > 0, "it does not come"
+        if select.select([middleware.fileno()], [], [], min(left, 0.1))[0]:
+            middleware.dispatch()
+        middleware.dispatch_local()
+
+
+def collect(middleware, thing, count):
+    got = []
+
+    def enough():
+        got.extend(thing.take(10))
+        return len(got) >= count
+
+    until(middleware, enough)
+    return got
+
+
+@pytest.mark.parametrize(
+    "guid, user_data, mark, known",
+    [
+        (CYCLONE, b"serviceid=1.2;typehash=x;", service_forms.SERVER, True),
+        (CYCLONE, b"clientid=1.2;", service_forms.CLIENT, True),
+        (CYCLONE, b"clientid=1.2;", service_forms.SERVER, False),
+        (CYCLONE, b"", service_forms.SERVER, False),
+        (service_forms.FAST_DDS + bytes(14), b"", service_forms.CLIENT, False),
+        (
+            service_forms.FAST_DDS + bytes(14),
+            b"clientid=1.2;serviceid=1.2;",
+            service_forms.CLIENT,
+            False,
+        ),
+        (b"\x01\x01" + bytes(14), b"", service_forms.SERVER, False),
+    ],
+)
+def test_who_speaks_it(guid, user_data, mark, known):
+    assert service_forms.speaks(guid, user_data, mark) is known
+
+
+def test_a_request_is_not_written_where_a_server_has_no_known_form(node, middleware):
+    requester = node.create_requester(SERVICE, services_profile(), nothing)
+    foreign = node.create_reader(
+        SERVICE.request_topic, SERVICE.request_type, QoSProfile(), nothing
+    )
+    assert requester.refusal().startswith("/add is not called")
+    with pytest.raises(MiddlewareError, match="another form of services"):
+        requester.request(BODY)
+    # Nor where another one is there that would understand.
+    replier = node.create_replier(SERVICE, services_profile(), nothing)
+    with pytest.raises(MiddlewareError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
+        requester.request(BODY)
+    assert not foreign.take(10) and not replier.take(10)
+    foreign.close()
+    assert requester.refusal() == ""
+    assert requester.request(BODY) == 1
+    assert collect(middleware, replier, 1)[0][2] == BODY
+
+
+def test_a_second_reader_of_offers_is_no_server(node):
+    requester = node.create_requester(SERVICE, services_profile(), nothing)
+    qos = QoSProfile(user_data=service_forms.OFFER)
+    node.create_reader(SERVICE.request_topic, SERVICE.request_type, qos, nothing)
+    assert requester.refusal() == ""
+
+
+def test_a_client_that_waits_hears_of_a_foreign_server_that_comes(node, middleware):
+    heard = []
+    requester = node.create_requester(
+        SERVICE, services_profile(), lambda: heard.append(requester.refusal())
+    )
+    assert requester.request(BODY) == 1  # nobody is there
+    node.create_reader(SERVICE.request_topic, SERVICE.request_type, QoSProfile(), nothing)
+    until(middleware, lambda: any(heard))
+    requester.close()
+    assert requester.refusal() == ""
+
+
+def test_a_request_of_a_client_with_no_known_form_is_not_taken(node, middleware):
+    replier = node.create_replier(SERVICE, services_profile(), nothing)
+    wrong = node.create_writer(SERVICE.request_topic, SERVICE.request_type, QoSProfile())
+    right = node.create_writer(SERVICE.request_topic, SERVICE.request_type, CLIENT)
+    request = BODY[:4] + bytes(8) + (7).to_bytes(8, "little") + b"abcd"
+    for _ in range(3):
+        wrong.write(request)
+    right.write(request)
+    assert [it[1:] for it in collect(middleware, replier, 1)] == [(7, BODY[:4] + b"abcd")]
+    (told,) = middleware.told
+    assert told.startswith("a client of /add gets no answer")
+
+
+def test_a_reply_of_a_server_with_no_known_form_is_not_taken(node, middleware):
+    requester = node.create_requester(SERVICE, services_profile(), nothing)
+    requests = node.create_reader(
+        SERVICE.request_topic, SERVICE.request_type, SERVER, nothing
+    )
+    requester.request(BODY)
+    request = collect(middleware, requests, 1)[0]
+    wrong = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, QoSProfile())
+    right = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, SERVER)
+    wrong.write(request[:20] + b"bad!")
+    right.write(request[:20] + b"good")
+    assert collect(middleware, requester, 1) == [(1, BODY[:4] + b"good")]
+
+
+def test_both_ways_are_written_as_disposed_data_which_only_cyclone_reads(node, middleware):
+    """What keeps Fast DDS from a request whatever discovery knows of it; with the real one:
+    tests/interop/test_service_forms.py."""
+    requester = node.create_requester(SERVICE, services_profile(), nothing)
+    replier = node.create_replier(SERVICE, services_profile(), nothing)
+    requests = node.create_reader(SERVICE.request_topic, SERVICE.request_type, SERVER, nothing)
+    replies = node.create_reader(SERVICE.reply_topic, SERVICE.reply_type, CLIENT, nothing)
+    for number in range(1, 6):  # many at once are many
+        assert requester.request(BODY) == number
+    taken = collect(middleware, replier, 5)
+    assert [it[1] for it in taken] == [1, 2, 3, 4, 5]
+    for guid, sequence, body in taken:
+        replier.reply(guid, sequence, body)
+    assert [it[0] for it in collect(middleware, requester, 5)] == [1, 2, 3, 4, 5]
+    for spy in (requests, replies):
+        states = [info.instance_state for _, info in cyclone.take(spy.entity, 10)]
+        assert states == [DISPOSED] * 5
+
+
+def test_replies_to_others_take_no_more_than_their_turn(node, middleware, monkeypatch):
+    """Attack: replies that are not ours, as fast as they can be sent."""
+    requester = node.create_requester(SERVICE, services_profile(), nothing)
+    others = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, SERVER)
+    sample = BODY[:4] + bytes(16) + b"none"
+    asked = 0
+    take = cyclone.take
+
+    def endless(entity, limit):
+        nonlocal asked
+        asked += 1
+        others.write(sample)
+        return take(entity, limit)
+
+    monkeypatch.setattr(cyclone, "take", endless)
+    assert requester.take(10) == []
+    assert asked <= 8
+
+
+def test_what_was_not_taken_for_its_turn_is_announced_again(node, middleware):
+    heard = []
+    requester = node.create_requester(SERVICE, services_profile(), lambda: heard.append(1))
+    middleware.dispatch_local()
+    requester.take(1)
+    heard.clear()
+    requester.again()
+    assert not heard
+    middleware.dispatch_local()
+    assert heard == [1]

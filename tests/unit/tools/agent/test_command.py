@@ -1,0 +1,174 @@
+"""The command line of ``uros agent``: what it takes, and what is made of it."""
+
+import argparse
+
+import pytest
+from unit.agent.transports.test_process import agent as process
+
+from uros.agent.transports import rfcomm
+from uros.agent.transports.base import TransportError
+from uros.middleware import NAMES
+from uros.tools.agent import command
+from uros.tools.agent.options.transports import TRANSPORTS, make, make_discovery
+
+
+def parser():
+    one = argparse.ArgumentParser(prog="uros agent")
+    command.add_arguments(one)
+    return one
+
+
+def parts(line):
+    """The command line, a part for each transport."""
+    return command._parts(parser().parse_args(line.split()))
+
+
+def made(line):
+    """The transports of a command line of one transport."""
+    (part,) = parts(line)
+    return make(part)
+
+
+def options(line):
+    """What is the agent's, of the options of all transports."""
+    return command._common(parts(line))
+
+
+# --- transports -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "line, name, listens_on, port",
+    [
+        ("udp4", "UDPv4Agent", "0.0.0.0", 8888),
+        ("udp4 -p 2019", "UDPv4Agent", "0.0.0.0", 2019),
+        ("udp4 -p2019", "UDPv4Agent", "0.0.0.0", 2019),
+        ("udp6 --port 0", "UDPv6Agent", "::", 0),
+        ("tcp4 --port=65535", "TCPv4Agent", "0.0.0.0", 65535),
+        ("tcp6", "TCPv6Agent", "::", 8888),
+    ],
+)
+def test_ports(line, name, listens_on, port):
+    (one,) = made(line)
+    assert (one.name, one.listens_on, one.port) == (name, listens_on, port)
+
+
+def test_serial_devices():
+    (one,) = made("serial -D /dev/ttyX")
+    assert (one.device, one._baud, one._is_file, one._dtr, one._rts) == (
+        "/dev/ttyX", 115200, False, None, None
+    )  # fmt: skip
+    (one,) = made("serial --file /dev/name --baudrate 921600 --dtr on --rts off")
+    assert (one.device, one._baud, one._is_file, one._dtr, one._rts) == (
+        "/dev/name", 921600, True, True, False
+    )  # fmt: skip
+    with pytest.raises(SystemExit):
+        made("serial -D /dev/ttyX --dtr yes")
+
+
+def test_several_serial_devices(tmp_path):
+    file = tmp_path / "devices"
+    file.write_text("/dev/a\n# the arm\n/dev/b\n")
+    word = parser().parse_args(["multiserial", "-D", "/dev/a /dev/b", "-b", "9600"])
+    for part in (word, *parts("multiserial --devs /dev/a /dev/b -b 9600"),
+                 *parts(f"multiserial -f {file} -b 9600")):  # fmt: skip
+        assert [(it.device, it._baud) for it in make(part)] == [("/dev/a", 9600), ("/dev/b", 9600)]
+
+
+def test_a_can_interface_and_the_id_that_nobody_needs():
+    (one,) = made("canfd --dev can1 --id 0x00000001")
+    assert (one._device, one._interface) == ("can1", "socketcan")
+    (one,) = made("canfd -D PCAN_USBBUS1 -I 5 --interface pcan")
+    assert (one._device, one._interface) == ("PCAN_USBBUS1", "pcan")
+
+
+def test_bluetooth(monkeypatch):
+    monkeypatch.setattr(rfcomm, "bluetooth_socket", lambda: None)
+    (one,) = made("rfcomm")
+    assert type(one) is rfcomm.RfcommListener
+    (one,) = made("rfcomm --address aa:bb:cc:dd:ee:ff --channel 3")
+    assert type(one) is rfcomm.RfcommServer
+    with pytest.raises(SystemExit):
+        made("rfcomm --channel 31")
+    with pytest.raises(TransportError, match="no Bluetooth address"):
+        made("rfcomm --address here")
+
+
+def test_a_transport_of_ones_own(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "class Mine:\n"
+        "    framed = False\n"
+        "    def __init__(self, *words): self.words = words\n"
+        "    def open(self): pass\n"
+        "    def close(self): pass\n"
+        "    def read(self, timeout): pass\n"
+        "    def write(self, data, peer): pass\n"
+    )
+    (part,) = parts(f"custom {file}:Mine -a one --argument two")
+    assert (part.spec, part.arguments) == (f"{file}:Mine", ["one", "two"])
+    assert make(part)[0].kind
+
+
+@pytest.mark.parametrize("name", TRANSPORTS)
+def test_every_transport_has_help(name, capsys):
+    with pytest.raises(SystemExit) as stop:
+        parser().parse_args([name, "--help"])
+    assert stop.value.code == 0
+    assert TRANSPORTS[name] in capsys.readouterr().out
+
+
+# --- options of the agent -----------------------------------------------------------------
+
+
+def test_options_stand_behind_any_transport():
+    got = options("udp4 -v 2 -r a.refs tcp4 -m memory -r b.refs serial -D x -v 6 -d")
+    assert (got.verbose, got.refs, got.middleware) == (6, ["a.refs", "b.refs"], "memory")
+    assert got.discovery == 7400
+    assert options("udp4 -v6").verbose == 6
+    silent = options("udp4")
+    assert (silent.verbose, silent.refs, silent.domain) == (4, [], None)
+    assert silent.discovery is None and silent.p2p is None and not silent.stop_at_eof
+
+
+def test_every_middleware_has_its_name_and_those_of_the_cpp_agent():
+    assert set(command._MIDDLEWARES.values()) <= set(NAMES)
+    for name, opened in command._MIDDLEWARES.items():
+        assert command._MIDDLEWARES[options(f"udp4 -m {name}").middleware] == opened
+    assert command._MIDDLEWARES["rtps"] == "dds" and command._MIDDLEWARES["ced"] == "ced"
+
+
+def test_discovery_and_its_port():
+    assert options("udp4 --discovery 7401").discovery == 7401
+    line = parts("udp4 -d -p 1 tcp6 -p 2")
+    servers = [it for part in line for it in make(part)]
+    found = make_discovery(command._common(line).discovery, servers)
+    assert found.port == 7400 and found._servers == servers
+
+
+def test_options_without_effect_are_taken_and_told():
+    with process("udp4", "-p", 0, "-m", "ced", "-P", 9999) as one:
+        said = one.until(r"warning +\| Root .*\| option ignored +\| (.*)")[1]
+        assert said.startswith("--p2p is not supported")
+        assert one.end() == 0
+
+
+@pytest.mark.parametrize("text, domain", [(None, 0), ("", 0), ("7", 7)])
+def test_the_domain_for_boards_that_leave_it_to_the_agent(text, domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "42")  # which is for tools: boards ask for theirs
+    monkeypatch.delenv("XRCE_DOMAIN_ID_OVERRIDE", raising=False)
+    if text is not None:
+        monkeypatch.setenv("XRCE_DOMAIN_ID_OVERRIDE", text)
+    assert command._domain_of_agent() == domain
+    assert options("udp4").domain is None
+
+
+# --- groups of options ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", command._PARTS, ids=lambda part: part.__name__.split(".")[-1])
+def test_each_part_has_a_default_for_each_of_its_options_and_no_other(part):
+    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
+    part.add_options(common)
+    assert {it.dest for it in common._actions} == set(part.DEFAULTS)
+    assert [it.title for it in common._action_groups if it._group_actions]

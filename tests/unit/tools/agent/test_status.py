@@ -1,0 +1,272 @@
+"""``uros agent status``: the page, and what it says where there is nothing to show."""
+
+import argparse
+import json
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.client import XrceClient
+from support.lines import SECONDS, UdpLine
+from unit.agent.transports.test_process import agent as process
+
+from uros.agent.observability import status_socket
+from uros.tools.agent import command, status
+from uros.tools.agent.status import duration, octets, page
+from uros.tools.errors import ToolError
+from uros.wire import ids
+
+TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
+
+
+def client(key="0x4B0CBE99", received=100, sent=50, age=20.0, **more):
+    return {
+        "key": key, "session_id": "0x81", "transport": "UDPv4Agent",
+        "address": "192.168.100.107:2018", "mtu": 512, "age": age, "heard_ago": 0.25,
+        "nodes": [{"name": "/left/a_board_of_the_hall", "domain": 3}],
+        "objects": {"participant": 1, "topic": 2},
+        "received": {"messages": received, "bytes": 5000, "lost": 3, "given_up": 1, "rate": 10.0},
+        "sent": {"messages": sent, "bytes": 100, "resent": 2, "dropped": 1, "rate": 5.0},
+        "rate_over": 9.6,
+        "queues": {"unacknowledged": 3, "stalled": 1, "early": 2, "fragments": 100},
+        "endpoints": [
+            {"object": "0x001(5)", "kind": "datawriter", "topic": "/sensors/room_temp",
+             "type": "sensor_msgs/msg/Temperature", "samples": 12345}
+        ],
+        "clock_offset": -0.25, **more,
+    }  # fmt: skip
+
+
+def snapshot(**more):
+    return {
+        "version": 1, "pid": 4711, "uptime": 7500.0, "middleware": "auto", "rss": 61_000_000,
+        "cpu": 12.3, "fds": 23, "limits": {},
+        "transports": [
+            {"name": "UDPv4Agent", "kind": "UDP", "label": "port 8888", "messages": 12345,
+             "bytes": 1_200_000},
+            {"name": "SerialAgent", "kind": "SERIAL", "label": "/dev/ttyACM0", "messages": 7,
+             "bytes": 80, "frames": 7, "crc_errors": 3, "foreign": 0, "skipped": 120,
+             "dropped": 0},
+        ],
+        "clients": [client()],
+        "refused": [
+            {"key": "0x00000007", "why": "client key in use", "address": "192.168.1.8:2018",
+             "times": 12, "ago": 3.0}
+        ], **more,
+    }  # fmt: skip
+
+
+def test_the_page():
+    assert "\n".join(page(snapshot(), width=120)) == """\
+agent 4711, up 2 h 5 min, middleware auto, CPU 12 s, RSS 61.0 MB, 23 fds
+
+TRANSPORT    WHERE         MESSAGES   BYTES
+UDPv4Agent   port 8888       12,345  1.2 MB
+SerialAgent  /dev/ttyACM0         7    80 B  3 CRC errors, 120 bytes between frames
+
+BOARD       ADDRESS               NODES                        HEARD  IN/S  OUT/S  LOST  RESENT  WAITING
+0x4B0CBE99  192.168.100.107:2018  /left/a_board_of_the_hall@3  0.2 s  10.0    5.0     4       2        6
+  in/s, out/s: messages a second, over the last 9.6 s
+
+REFUSED     ADDRESS           TIMES       LAST  WHY
+0x00000007  192.168.1.8:2018     12  3.0 s ago  client key in use
+  client key in use: another board answers with this key: give each its own (uros: key=, micro-ROS:
+  rmw_uros_options_set_client_key), or end that one"""  # noqa: E501
+
+
+def test_each_board_with_all_it_has():
+    assert "\n".join(page(snapshot(), verbose=True, width=120)).endswith(
+        """
+0x4B0CBE99: session 0x81, UDPv4Agent, MTU 512, for 20 s; 1 participant, 2 topics
+  messages: 3 sent and not acknowledged, 1 wait for the network, 2 came early
+  bytes of fragments: 100
+  dropped: 1
+  its clock minus ours: -0.250 s
+  ENDPOINT    TOPIC               TYPE                         SAMPLES
+  datawriter  /sensors/room_temp  sensor_msgs/msg/Temperature   12,345"""
+    )
+
+
+def test_rates_are_between_two_looks():
+    before = snapshot()
+    after = snapshot(uptime=7502.0, cpu=12.5, clients=[client(received=120, sent=51, age=22.0)])
+    text = "\n".join(page(after, before, width=120))
+    assert "CPU 10.0 %" in text and "  10.0    0.5  " in text
+    assert "messages a second, since the look before" in text
+    # A session that is another one has no look before.
+    anew = snapshot(uptime=7502.0, clients=[client(received=3, age=1.0)])
+    assert "  10.0    5.0  " in "\n".join(page(anew, before, width=120))
+
+
+@pytest.mark.parametrize("width", [40, 80, 120, 200])
+@pytest.mark.parametrize("verbose", [False, True])
+def test_no_line_is_wider_than_the_terminal(width, verbose):
+    for lines in (
+        page(snapshot(), None, verbose, width),
+        page(snapshot(clients=[client(f"0x{it:08X}") for it in range(9)]), None, verbose, width),
+        page(snapshot(clients=[], refused=[]), None, verbose, width),
+    ):
+        assert max(map(len, lines)) <= width or width < 80
+
+
+def test_on_a_narrow_terminal_the_nodes_stand_below():
+    lines = page(snapshot(), width=80)
+    at = next(it for it, line in enumerate(lines) if line.startswith("0x4B0CBE99"))
+    assert lines[at + 1] == "  /left/a_board_of_the_hall@3"
+    assert "192.168.100.107:2018" in lines[at]
+
+
+@given(st.text(max_size=50))
+def test_texts_of_boards_do_not_reach_the_terminal(text):
+    evil = client(
+        address=text, nodes=[{"name": text, "domain": 0}],
+        endpoints=[{"object": "0x001(5)", "kind": "datawriter", "topic": text, "type": text,
+                    "samples": 1}],
+    )  # fmt: skip
+    for line in page(snapshot(clients=[evil]), None, True, 120):
+        assert line.isascii() and line.isprintable()
+
+
+@pytest.mark.parametrize(
+    "seconds, text",
+    [(0, "0.0 s"), (9.99, "10.0 s"), (10, "10 s"), (119, "119 s"), (120, "2 min"),
+     (7199, "119 min"), (7500, "2 h 5 min"), (172_800, "2 d 0 h"), (1e7, "115 d 17 h")],
+)  # fmt: skip
+def test_durations(seconds, text):
+    assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    "count, text",
+    [(0, "0 B"), (999, "999 B"), (1000, "1.0 kB"), (999_949, "999.9 kB"), (999_960, "1.0 MB"),
+     (12_345_678_901, "12.3 GB"), (5 * 10**15, "5000.0 TB")],
+)  # fmt: skip
+def test_bytes(count, text):
+    assert octets(count) == text
+
+
+@pytest.mark.parametrize(
+    "why",
+    ["client key in use", "client key not allowed", "address not allowed", "over 3 clients",
+     "memory for clients used up", "MTU of 3 is under 32", "invalid cookie"],
+)  # fmt: skip
+def test_every_refusal_has_its_remedy(why):
+    refused = [{"key": "0x01", "why": why, "address": "a", "times": 1, "ago": 0.0}]
+    lines = page(snapshot(refused=refused), width=1000)
+    (remedy,) = [it for it in lines if it.startswith(f"  {why}: ")]
+    assert len(remedy) > len(why) + 20
+
+
+# --- the command ---------------------------------------------------------------------------
+
+
+def run(*arguments):
+    done = subprocess.run(
+        [sys.executable, "-m", "uros", "agent", "status", *map(str, arguments)],
+        capture_output=True, text=True, timeout=3 * SECONDS,
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+def parser():
+    one = argparse.ArgumentParser()
+    command.add_arguments(one)
+    return one
+
+
+def test_status_of_a_running_agent_and_of_one_of_two():
+    with process("udp4", "-p", 0, "-m", "memory") as first:
+        port = int(first.until(r"running\.\.\. +\| port: (\d+)")[1])
+        first.until("may be looked into")
+        pid = first.popen.pid
+        line = UdpLine(port)
+        board = XrceClient(line, 0x1234)
+        assert board.open() == ids.STATUS_OK
+        board.writer("talker", "rt/numbers", TYPE)
+        done = run("--agent", pid, "-v")
+        assert done.returncode == 0
+        for word in (f"agent {pid}, up", f"port {port}", "0x00001234", "/talker", "/numbers"):
+            assert word in done.stdout
+        with process("udp4", "-p", 0, "-m", "memory") as second:
+            second.until("may be looked into")
+            done = run()
+            assert done.returncode == 1 and "choose one with --agent (" in done.stderr
+            assert str(pid) in done.stderr and str(second.popen.pid) in done.stderr
+            assert json.loads(run("--agent", second.popen.pid, "--json").stdout)["clients"] == []
+            assert second.end() == 0
+        done = run("--agent", 1)
+        assert done.returncode == 1
+        assert "there is no agent with pid 1 to ask; there is " in done.stderr
+        line.close()
+        assert first.end() == 0
+
+
+def test_watching_shows_it_again_until_the_agent_ends():
+    with process("udp4", "-p", 0, "-m", "memory") as one:
+        one.until("may be looked into")
+        watching = subprocess.Popen(
+            [sys.executable, "-m", "uros", "agent", "status", "--watch", "0.05",
+             "--agent", str(one.popen.pid)],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        try:
+            heads = 0
+            while heads < 3:
+                line = watching.stdout.readline()
+                assert line
+                heads += line.startswith("agent ")
+            assert one.end() == 0
+            _, said = watching.communicate(timeout=SECONDS)
+            assert watching.returncode == 1 and "Traceback" not in said
+            assert f"the agent with pid {one.popen.pid}" in said
+        finally:
+            watching.kill()
+            watching.communicate()
+
+
+def test_where_no_agent_runs_it_says_what_to_do(monkeypatch):
+    monkeypatch.setattr(status_socket, "folders", list)
+    with pytest.raises(ToolError, match="no agent of uros runs here .*: start one, such as"):
+        command.run(parser().parse_args(["status"]))
+
+
+def test_no_inspection_leaves_no_socket():
+    with process("udp4", "-p", 0, "-m", "memory", "--no-inspection") as one:
+        one.until(r"running\.\.\.")
+        path = status_socket.folders()[0] / f"agent-{one.popen.pid}.sock"
+        assert one.end() == 0
+        assert "may be looked into" not in one.text and not path.exists()
+
+
+def test_status_is_no_transport_among_others():
+    with pytest.raises(ToolError, match="status is no transport"):
+        command.run(parser().parse_args(["udp4", "-p", "0", "status"]))
+    with pytest.raises(SystemExit):
+        parser().parse_args(["status", "udp4"])
+    assert parser().parse_args(["status", "--watch"]).watch == status._WATCH
+
+
+@pytest.mark.parametrize(
+    "text, address",
+    [("9100", ("127.0.0.1", 9100)), ("0.0.0.0:0", ("0.0.0.0", 0)), ("[::1]:80", ("::1", 80)),
+     ("::1:80", ("::1", 80)), ("host.lan:65535", ("host.lan", 65535))],
+)  # fmt: skip
+def test_addresses_for_metrics(text, address):
+    args = parser().parse_args(["udp4", "--metrics", text])
+    assert args.metrics == address
+
+
+@pytest.mark.parametrize("text", ["", "x", "65536", ":80", "host:", "-1", "1e3", "9" * 5000])
+def test_what_is_no_address_for_metrics(text, capsys):
+    with pytest.raises(SystemExit):
+        parser().parse_args(["udp4", f"--metrics={text}"])
+    assert "is no address, such as 9100" in capsys.readouterr().err
+
+
+def test_the_help_of_the_agent_tells_of_it(capsys):
+    with pytest.raises(SystemExit):
+        parser().parse_args(["--help"])
+    assert "uros agent status" in capsys.readouterr().out

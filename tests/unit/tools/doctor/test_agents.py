@@ -1,0 +1,308 @@
+"""`uros doctor`: ports that are taken, and what agents' snapshots tell."""
+
+import os
+import shlex
+import socket
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import pytest
+
+from uros.tools.doctor import process as doctor_process
+from uros.tools.doctor.agents import (
+    check_agents,
+    check_clocks,
+    check_keys,
+    check_lines,
+    check_middleware,
+    check_port,
+    check_refused,
+)
+from uros.tools.doctor.snapshots import Agents
+
+
+def free_port():
+    """A port that is free by UDP and by TCP, and so is the next one."""
+    for _ in range(100):
+        with socket.socket() as sock:
+            sock.bind(("127.0.0.1", 0))
+            port = sock.getsockname()[1]
+        if all(
+            doctor_process.taken_port(protocol, number) is None
+            for protocol in ("udp", "tcp")
+            for number in (port, port + 1)
+        ):
+            return port
+    raise AssertionError("no port is free")
+
+
+@contextmanager
+def taking(kind, port, host="0.0.0.0"):
+    """A process that has the port when the block begins."""
+    code = (
+        "import socket, sys; s = socket.socket("
+        f"socket.{'AF_INET6' if ':' in host else 'AF_INET'}, socket.{kind});"
+        f" s.bind(({host!r}, {port}));"
+        + (" s.listen();" if kind == "SOCK_STREAM" else "")
+        + " print(1, flush=True); sys.stdin.read()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    try:
+        assert process.stdout.readline()
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_free_port():
+    (one,) = check_port(free_port())
+    assert one.state == "ok"
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1", "::1"])
+@pytest.mark.parametrize("kind, protocol", [("SOCK_DGRAM", "udp"), ("SOCK_STREAM", "tcp")])
+def test_a_taken_port(kind, protocol, host):
+    port = free_port()
+    with taking(kind, port, host) as process:
+        (one,) = check_port(port)
+        assert one.state == "problem"
+        assert f"{protocol.upper()} port {port} is in use by" in one.what
+        assert f"(pid {process.pid})" in one.what
+        kill, other = one.mend.split("; or ")
+        # The other port is free, and what frees this one does so.
+        number = int(other.split("--port ")[1].split(",")[0])
+        assert f"uros agent {protocol}4 --port {number}" in other
+        with socket.socket(socket.AF_INET, getattr(socket, kind)) as sock:
+            if kind == "SOCK_STREAM":  # as an agent: connections that have ended leave it free
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            sock.bind(("0.0.0.0", number))
+        subprocess.run(shlex.split(kill), check=True)
+        process.wait(10)
+        assert check_port(port)[0].state == "ok"
+
+
+def test_a_port_that_nobody_asked_about_is_a_note_by_tcp():
+    port = free_port()
+    with taking("SOCK_STREAM", port):
+        (one,) = check_port(port, asked=False)
+        assert one.state == "note"
+
+
+def test_a_connection_from_a_port_does_not_take_it():
+    port = free_port()
+    with socket.create_server(("127.0.0.1", 0)) as there, socket.socket() as sock:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(("127.0.0.1", port))
+        sock.connect(there.getsockname())
+        assert doctor_process.taken_port("tcp", port) is None
+
+
+def test_a_port_that_an_agent_of_ours_has():
+    port = free_port()
+    with taking("SOCK_DGRAM", port) as process:
+        (one,) = check_port(port, {process.pid})
+        assert one.state == "ok" and "an agent of uros" in one.what
+        assert f"kill {process.pid}" in one.mend
+
+
+def test_a_port_that_an_agent_of_this_command_line_has():
+    """Without its socket: by what it is called."""
+    port = free_port()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "uros", "agent", "udp4", "--port", str(port), "-m", "memory"],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    try:
+        for line in process.stdout:
+            if "running" in line:
+                break
+        (one,) = check_port(port)
+        assert one.state == "ok" and f"(pid {process.pid})" in one.what
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def test_a_port_of_eprosimas_agent(monkeypatch):
+    agent = doctor_process.Process(4711, "MicroXRCEAgent", ("/usr/bin/MicroXRCEAgent", "udp4"))
+    monkeypatch.setattr(
+        doctor_process,
+        "taken_port",
+        lambda protocol, port: (
+            doctor_process.Taken(protocol, port, (agent,)) if port == 8888 else None
+        ),
+    )
+    one = check_port(8888)[0]
+    assert one.state == "problem" and "eProsima's agent" in one.what
+    assert one.mend.startswith("kill 4711; or choose another port: uros agent udp4 --port 8889")
+
+
+def test_a_port_of_another_user(monkeypatch):
+    monkeypatch.setattr(doctor_process, "_holders", lambda wanted, own=False: [])
+    port = free_port()
+    with taking("SOCK_DGRAM", port):
+        (one,) = check_port(port)
+    assert one.state == "problem" and "another user" in one.what
+    assert f"sudo ss -lpn 'sport = :{port}'" in one.mend
+
+
+# --- snapshots ----------------------------------------------------------------------------------
+
+
+def board(key, address, *nodes, **more):
+    return {
+        "key": key,
+        "address": address,
+        "nodes": [{"name": name, "domain": domain} for name, domain in nodes],
+        **more,
+    }
+
+
+def snapshot(*clients, pid=7, refused=(), **more):
+    return {"version": 1, "pid": pid, "middleware": "auto", "clients": list(clients),
+            "refused": list(refused), **more}  # fmt: skip
+
+
+A = board("0x0000000A", "10.0.0.5:2018", ("/left", 0))
+B = board("0x0000000B", "10.0.0.6:2018", ("/right", 5))
+
+
+def test_which_agents_run():
+    one = check_agents([])
+    assert one.state == "note" and one.mend == "uros agent udp4 --port 8888"
+    one = check_agents([snapshot()])
+    assert one.state == "note" and "no board has found it" in one.what
+    one = check_agents([snapshot(A, B), snapshot(pid=8)])
+    assert one.state == "ok" and "pid 7 with 2 boards, pid 8 with 0 boards" in one.what
+
+
+def test_keys_that_are_all_different():
+    (one,) = check_keys([[snapshot(A, B)], [snapshot(A, B)]])
+    assert one.state == "ok"
+    assert check_keys([]) == check_keys([[]]) == check_keys([[snapshot()]]) == []
+
+
+def test_a_key_that_is_refused_because_it_is_in_use():
+    refused = {"key": A["key"], "why": "client key in use", "address": "10.0.0.9:2018", "times": 4,
+               "ago": 0.5}  # fmt: skip
+    (one,) = check_keys([[snapshot(A, refused=[refused])]])
+    assert one.state == "problem" and "0x0000000A" in one.what
+    assert "10.0.0.5:2018" in one.what and "10.0.0.9:2018" in one.what
+    assert "rmw_uros_options_set_client_key" in one.mend and "key=KEY" in one.mend
+    assert check_refused([snapshot(A, refused=[refused])]) == []
+
+
+def test_two_boards_that_push_each_other_out():
+    other = dict(A, address="10.0.0.9:2018")
+    (one,) = check_keys([[snapshot(A)], [snapshot(other)], [snapshot(A)]])
+    assert one.state == "problem"
+    assert "10.0.0.5:2018 and 10.0.0.9:2018" in one.what and "key" in one.mend
+
+
+def test_one_key_on_two_agents():
+    (one,) = check_keys([[snapshot(A), snapshot(A, pid=8)]])
+    assert one.state == "problem" and "(agent 7)" in one.what and "(agent 8)" in one.what
+
+
+def test_a_board_that_has_moved_once_is_a_note():
+    (one,) = check_keys([[snapshot(A)], [snapshot(dict(A, address="10.0.0.5:3000"))]])
+    assert one.state == "note" and "has moved" in one.what
+
+
+def test_other_refusals():
+    refused = {"key": "0x000000FF", "why": "not in the list of keys", "address": "10.0.0.9:1",
+               "times": 2, "ago": 0.5}  # fmt: skip
+    (one,) = check_refused([snapshot(refused=[refused])])
+    assert one.state == "problem" and "not in the list of keys" in one.what and one.mend
+
+
+def test_an_agent_that_reaches_nobody():
+    (one,) = check_middleware([snapshot(A, middleware="memory")])
+    assert one.state == "problem" and "-m memory" in one.mend
+    assert check_middleware([snapshot(A), snapshot(middleware="memory")]) == []
+
+
+@pytest.mark.parametrize("offset, word", [(0.3, "ahead of"), (-7200.0, "behind")])
+def test_a_boards_clock_that_is_off(offset, word):
+    (one,) = check_clocks([snapshot(dict(A, clock_offset=offset))])
+    assert one.state == "note" and "/left" in one.what and word in one.what
+    assert "rmw_uros_sync_session" in one.mend
+
+
+@pytest.mark.parametrize("offset", [None, 0.02, -0.1, -1.7e9])
+def test_clocks_of_which_nothing_is_to_be_said(offset):
+    assert check_clocks([snapshot(dict(A, clock_offset=offset))]) == []
+
+
+def line(**counters):
+    return {"name": "SerialAgent", "label": "/dev/ttyACM0", "messages": 0, "bytes": 0,
+            "crc_errors": 0, "foreign": 0, "skipped": 0, "dropped": 0, **counters}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "counters, state, words",
+    [
+        ({"frames": 100, "skipped": 5000}, "ok", "100 sound frames"),
+        ({"frames": 0, "skipped": 5000}, "problem", "5000 bytes came over /dev/ttyACM0"),
+        ({"frames": 100, "crc_errors": 30}, "problem", "30 of 130 frames"),
+        ({"frames": 100, "crc_errors": 2}, "ok", "100 sound frames"),
+    ],
+)
+def test_a_line_that_an_agent_serves(counters, state, words):
+    (one,) = check_lines([snapshot(transports=[line(**counters)])])
+    assert one.state == state and words in one.what
+    if "bytes came" in words:
+        assert one.mend == "kill 7, then: uros doctor --dev /dev/ttyACM0"
+
+
+def test_many_sound_lines_are_one_line_of_the_report():
+    (one,) = check_lines([snapshot(transports=[line(frames=n) for n in range(1, 21)])])
+    assert one.state == "ok" and "over 20 lines" in one.what
+
+
+def test_lines_of_which_nothing_is_to_be_said():
+    udp = {"name": "UDPv4Agent", "label": "port 8888", "messages": 5, "bytes": 99}
+    assert check_lines([snapshot(transports=[udp, line(frames=0, skipped=3)])]) == []
+
+
+# --- asking them --------------------------------------------------------------------------------
+
+
+def test_agents_are_asked_one_after_the_other():
+    told = {"a": snapshot(A, pid=7), "b": snapshot(B, pid=8)}
+    agents = Agents(find=lambda: list(told), ask=told.__getitem__)
+    agents.look()
+    assert agents.pids == {7, 8} and not agents.failed
+    assert agents.nodes() == [("/left", 0), ("/right", 5)]
+    agents.look()
+    assert len(agents.looks) == 2
+    only = Agents(8, find=lambda: list(told), ask=told.__getitem__)
+    only.look()
+    assert only.pids == {8}
+
+
+def test_agents_that_do_not_answer():
+    def ask(which):
+        raise TimeoutError("timed out")
+
+    agents = Agents(find=lambda: ["/run/agent-7.sock"], ask=ask)
+    agents.look()
+    (one,) = agents.failed
+    assert one.state == "unknown" and "/run/agent-7.sock" in one.what and agents.now == []
+
+
+def test_an_agent_that_is_not_there():
+    agents = Agents(os.getpid(), find=lambda: [], ask=lambda which: {})
+    agents.look()
+    (one,) = agents.failed
+    assert one.state == "unknown" and str(os.getpid()) in one.what and one.mend
+
+
+def test_boards_of_a_memory_agent_are_in_no_domain():
+    agents = Agents(find=lambda: [1], ask=lambda which: snapshot(A, middleware="memory"))
+    agents.look()
+    assert agents.nodes() == []

@@ -1,0 +1,60 @@
+import io
+import subprocess
+import sys
+
+import pytest
+
+from uros.tools import cli
+from uros.tools.run import command
+
+TALKER = "import sys; from uros.tools.cli import main; sys.exit(main(['run', 'talker']))"
+
+
+@pytest.mark.parametrize(
+    "arguments, said",
+    [
+        (["run"], "say which node (nodes: talker, listener, trigger_service)"),
+        (["run", "talkr"], "there is no node 'talkr'; did you mean 'talker'?"),
+        (["run", "talker", "-r", "chatter"], "--remap: 'chatter' is no remapping rule"),
+    ],
+)
+def test_what_is_wrong_is_said(arguments, said, capsys):
+    assert cli.main(arguments) == 1
+    assert said in capsys.readouterr().err
+
+
+def test_the_list_says_where_each_node_is(capsys):
+    assert cli.main(["run", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(command.PROGRAMS)
+    assert lines[0].endswith("(uros.tools.run.talker)")
+
+
+def test_a_node_ends_where_nobody_reads_it():
+    process = subprocess.Popen(
+        [sys.executable, "-c", TALKER], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert "Publishing: 'Hello World: 1'" in process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(30) == 141
+        assert process.stderr.read() == ""
+    finally:
+        process.kill()
+        process.wait()
+        process.stderr.close()
+
+
+def test_lines_come_at_once_and_a_closed_pipe_is_no_error():
+    class Gone(io.StringIO):
+        def flush(self):
+            raise BrokenPipeError
+
+    out = io.StringIO()
+    lines = command._Lines(out)
+    print("one", file=lines)
+    assert out.getvalue() == "one\n" and not lines.ended
+    gone = command._Lines(Gone())
+    print("one", file=gone)
+    print("two", file=gone)
+    assert gone.ended

@@ -1,0 +1,144 @@
+import argparse
+
+import pytest
+
+from uros.host.network import Received
+from uros.interfaces import load
+from uros.interfaces.codec import to_cdr
+from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from uros.tools.errors import ToolError
+from uros.tools.topic import echo as topic_echo
+from uros.tools.values.qos_options import choose
+
+STRING = load("std_msgs/String")
+
+
+def options(*arguments):
+    parser = argparse.ArgumentParser()
+    topic_echo.add_arguments(parser)
+    return parser.parse_args(["/x", *arguments])
+
+
+@pytest.fixture
+def echo(capsys):
+    def show(message, *arguments):
+        printer = topic_echo.Printer(options(*arguments))
+        cls = None if "--raw" in arguments else type(message)
+        printer.show(Received(to_cdr(message), 12, 34), cls)
+        return capsys.readouterr().out
+
+    return show
+
+
+def test_yaml(echo):
+    assert echo(STRING(data="kept: yes")) == "data: 'kept: yes'\n---\n"
+
+
+def test_csv(echo):
+    assert echo(STRING(data="a"), "--csv") == "a\n"
+    assert echo(STRING(data="a"), "--csv", "-i") == "12,34,,,a\n"
+
+
+def test_field(echo):
+    assert echo(STRING(data="a: b"), "--field", "data") == "a: b\n---\n"
+    header = load("std_msgs/Header")(frame_id="f")
+    assert echo(header, "--field", "stamp") == "sec: 0\nnanosec: 0\n---\n"
+    assert echo(header, "--field", "stamp", "--csv") == "0,0\n"
+    with pytest.raises(ToolError, match="--field stamp.x: .* has no field 'x'"):
+        echo(header, "--field", "stamp.x")
+    with pytest.raises(ToolError, match="names no field"):
+        echo(header, "--field", ".")
+
+
+def test_raw(echo):
+    assert (
+        echo(STRING(data="a"), "--raw")
+        == "b'\\x00\\x01\\x00\\x00\\x02\\x00\\x00\\x00a\\x00'\n---\n"
+    )
+
+
+def test_message_info(echo):
+    assert echo(STRING(data="a"), "-i") == (
+        "publication_sequence_number: null\nreceived_timestamp: 34\n"
+        "reception_sequence_number: null\nsource_timestamp: 12\n---\ndata: a\n---\n"
+    )
+    assert "---Message data:---\na\n---\n" in echo(STRING(data="a"), "-i", "--field", "data")
+
+
+def test_length_and_style(echo):
+    text = STRING(data="x" * 200)
+    assert echo(text) == f"data: {'x' * 128}...\n---\n"
+    assert echo(text, "-f") == f"data: {'x' * 200}\n---\n"
+    assert echo(text, "-l", "3") == "data: xxx...\n---\n"
+    assert echo(text, "--no-str") == "data: '<string length: <200>>'\n---\n"
+    numbers = load("std_msgs/UInt8MultiArray")(data=b"\1\2")
+    assert echo(numbers, "--flow-style").splitlines()[-2] == "data: [1, 2]"
+    assert "data: '<sequence type: uint8, length: 2>'" in echo(numbers, "--no-arr")
+
+
+def test_once(capsys):
+    printer = topic_echo.Printer(options("--once"))
+    for _ in range(3):
+        printer.show(Received(to_cdr(STRING(data="a")), 0, 0), STRING)
+    assert printer.done
+    assert capsys.readouterr().out == "data: a\n---\n"
+
+
+def test_a_broken_message_does_not_end_it(capsys):
+    printer = topic_echo.Printer(options())
+    printer.show(Received(b"\0\1\0\0\xff\0\0\0", 0, 0), STRING)
+    captured = capsys.readouterr()
+    assert captured.out == "" and "could not be read: std_msgs/msg/String" in captured.err
+    assert not printer.count
+
+
+def test_a_flood_of_broken_messages_is_told_of_in_few_lines(capsys):
+    printer = topic_echo.Printer(options())
+    for _ in range(150):
+        printer.show(Received(b"\0\1\0\0\xff\0\0\0", 0, 0), STRING)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    assert "100 messages could not be read" in lines[2] and "--raw shows the bytes" in lines[2]
+
+
+# --- QoS ------------------------------------------------------------------------
+
+LATCHED = QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LOSSY = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def chosen(*arguments, offered=()):
+    return choose(options(*arguments), offered)
+
+
+def test_without_publishers_it_matches_all():
+    profile, notes = chosen()
+    assert not profile.reliable and not profile.transient_local and not notes
+
+
+def test_it_follows_the_publishers():
+    profile, notes = chosen(offered=[LATCHED])
+    assert profile.reliable and profile.transient_local and not notes
+    profile, notes = chosen(offered=[LATCHED, LOSSY])
+    assert not profile.reliable and not profile.transient_local and len(notes) == 2
+    profile, _ = chosen("--qos-reliability", "best_available", offered=[LATCHED])
+    assert profile.reliable
+
+
+def test_what_is_given_wins():
+    profile, notes = chosen(
+        "--qos-reliability", "best_effort", "--qos-durability", "volatile", offered=[LATCHED]
+    )
+    assert not profile.reliable and not profile.transient_local and not notes
+    profile, notes = chosen("--qos-reliability", "reliable", offered=[LOSSY])
+    assert profile.reliable and "will not be heard" in notes[0]
+    profile, notes = chosen("--qos-durability", "transient_local", offered=[LOSSY])
+    assert profile.transient_local and "will not be heard" in notes[0]
+
+
+def test_depth_and_history():
+    assert chosen("--qos-profile", "sensor_data")[0].depth == 5
+    assert chosen("--qos-depth", "7")[0].depth == 7
+    assert chosen("--qos-history", "keep_all")[0].history == HistoryPolicy.KEEP_ALL
+    profile, _ = chosen("--qos-profile", "action_status_default")
+    assert profile.reliable and profile.transient_local and profile.depth == 1

@@ -1,0 +1,150 @@
+import argparse
+import io
+import subprocess
+import sys
+
+import pytest
+
+from uros.host.network import Network
+from uros.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile
+from uros.tools import cli
+from uros.tools.topic import pub
+from uros.tools.values import qos_publish
+from uros.tools.values.typed_values import load_service, type_and_text
+
+
+def options(*arguments):
+    parser = argparse.ArgumentParser()
+    pub.add_arguments(parser)
+    return parser.parse_args(["/x", *arguments])
+
+
+@pytest.mark.parametrize(
+    "arguments, found",
+    [
+        (["std_msgs/msg/Bool", "data: 1"], ("std_msgs/msg/Bool", "data: 1")),
+        (["std_msgs/Bool"], ("std_msgs/Bool", "")),
+        (["std_msgs::msg::dds_::Bool_"], ("std_msgs::msg::dds_::Bool_", "")),
+        ([], (None, "")),
+        (["data: 1"], (None, "data: 1")),
+        (["{data: a/b}"], (None, "{data: a/b}")),
+        (["data: a/b"], (None, "data: a/b")),
+    ],
+)
+def test_type_and_values_may_be_left_out(arguments, found):
+    assert type_and_text(options(*arguments)) == found
+
+
+def test_values_from_standard_input(monkeypatch, capsys):
+    def give(octets):
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(octets)))
+
+    give("data: ü\n".encode())
+    assert type_and_text(options("std_msgs/String", "--stdin")) == ("std_msgs/String", "data: ü\n")
+    give(b"\xff")
+    assert cli.main(["topic", "pub", "/x", "std_msgs/String", "--stdin"]) == 1
+    assert "standard input is not UTF-8" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments, status, said",
+    [
+        (["/x", "std_msgs/Bool", "data: 2"], 1, "Bool.data takes true or false, 1 or 0 (bool)"),
+        (["/x", "std_msgs/Bool", "{data:1}"], 1, "a blank is missing behind the colon"),
+        (
+            ["/x", "geometry_msgs/msg/Twist", "{linear: {x: 0.0, y: 0.0, z:0.0}}"], 1,
+            "a blank is missing behind the colon of 'z:0.0'",
+        ),
+        (["/x", "geometry_msg/msg/Twist"], 1, "did you mean geometry_msgs/msg/Twist"),
+        (["/x", "std_msgs/Bol"], 1, "std_msgs/msg/Bol"),
+        (["/x", "std_msgs/sg/Bool/x"], 1, "'std_msgs/sg/Bool/x' is no name of a type"),
+        (["/x", "std_srvs/srv/Trigger"], 1, "std_srvs/srv/Trigger is no message"),
+        (["/x", "std_msgs/Bool", "data: 1", "--stdin"], 1, "give either VALUES or --stdin"),
+        (["/x", "std_msgs/Bool", "--max-wait-time-secs", "1"], 1, "goes with -w, --once or"),
+        (["/x", "std_msgs/Bool", "-r", "0"], 2, "'0' is no number above 0"),
+        (["/x", "std_msgs/Bool", "-t", "-1"], 2, "-t"),
+        (["/x", "std_msgs/Bool", "-1", "-t", "2"], 2, "not allowed with argument"),
+        (["/x y", "std_msgs/Bool"], 2, "'/x y' is no topic name"),
+        (["/x", "std_msgs/Bool", "--qos-profile", "best"], 2, "invalid choice: 'best'"),
+    ],
+)
+def test_a_wrong_command_line(arguments, status, said, capsys, own_domain_id):
+    assert cli.main(["topic", "pub", *arguments, "--domain", str(own_domain_id)]) == status
+    captured = capsys.readouterr()
+    assert said in captured.err and captured.out == ""
+
+
+def chosen(*arguments):
+    return qos_publish.choose(options(*arguments))
+
+
+def test_qos():
+    assert (chosen().depth, chosen().reliable, chosen().transient_local) == (10, True, False)
+    assert chosen("--qos-profile", "sensor_data").depth == 5
+    assert not chosen("--qos-profile", "sensor_data").reliable
+    assert chosen("--qos-profile", "sensor_data", "--qos-reliability", "reliable").reliable
+    for adapting in ("system_default", "best_available"):
+        assert chosen("--qos-profile", adapting).reliable
+        assert chosen("--qos-reliability", adapting).reliable
+    latched = chosen("--qos-durability", "transient_local", "--qos-depth", "3")
+    assert latched.durability == DurabilityPolicy.TRANSIENT_LOCAL and latched.depth == 3
+    assert chosen("--qos-history", "keep_all").history == HistoryPolicy.KEEP_ALL
+    lease = chosen(
+        "--qos-liveliness", "manual_by_topic", "--qos-liveliness-lease-duration-seconds", "0.5"
+    )
+    assert lease.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC and lease.liveliness_lease_ms == 500
+
+
+@pytest.mark.parametrize(
+    "name", ["std_srvs/srv/Trigger", "std_srvs/Trigger", "std_srvs::srv::dds_::Trigger_"]
+)
+def test_names_of_services_types(name):
+    assert load_service(name).Request._TYPE == "std_srvs/srv/Trigger_Request"
+
+
+PROBE = (
+    "import sys; from uros.tools.cli import main\n"
+    "for verb in (['topic', 'pub'], ['service', 'call'], ['service', 'list'], ['run']):\n"
+    "    try: main([*verb, '--help'])\n"
+    "    except SystemExit: pass\n"
+    "main(['run', '--list'])\n"
+    "heavy = ('cyclonedds', 'ctypes', 'rclpy', 'yaml', 'uros.middleware', 'uros.interfaces')\n"
+    "print([it for it in heavy if it in sys.modules])\n"
+)
+
+
+def test_help_loads_nothing_heavy():
+    done = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+# --- names that are nearly right ------------------------------------------------------------------
+
+
+@pytest.fixture
+def subscriber(own_domain_id):
+    """Somebody who subscribes to /led_brightness."""
+    with Network(own_domain_id) as network:
+        network.listen("/led_brightness", "std_msgs/msg/Float32", QoSProfile(), print)
+        yield ["--domain", str(own_domain_id)]
+
+
+def test_who_waits_for_subscribers_of_a_misspelt_topic_is_told(subscriber, capsys):
+    wrong = ["topic", "pub", "--once", "--max-wait-time-secs", "3", "/led_brightnes"]
+    assert cli.main([*wrong, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 1
+    said = capsys.readouterr().err
+    assert "nobody subscribes to /led_brightnes in domain" in said
+    assert said.count("did you mean '/led_brightness'?") == 1
+
+
+def test_who_publishes_on_a_misspelt_topic_is_told_once(subscriber, capsys):
+    wrong = ["topic", "pub", "--times", "30", "-w", "0", "-r", "10", "/led_brightnes"]
+    assert cli.main([*wrong, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 0
+    said = capsys.readouterr().err
+    assert said.count("did you mean '/led_brightness'?") == 1
+
+
+def test_who_publishes_to_nobody_hears_nothing_of_it(subscriber, capsys):
+    alone = ["topic", "pub", "--times", "15", "-w", "0", "-r", "10", "/another"]
+    assert cli.main([*alone, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 0
+    assert capsys.readouterr().err == ""
