@@ -267,7 +267,8 @@ class Agent:
         self, key: int, transport: ServerTransport, peer: Any, request: Request | None
     ) -> None:
         """Whoever is there is the client from now on. ``request`` is its CREATE_CLIENT, which
-        is answered; without one it goes on with the session that is known."""
+        is answered; without one it goes on with the session that is known.
+        """
         if request is None:
             self._move(self.clients[key], transport, peer)
             if self.keeper is not None:
@@ -380,7 +381,8 @@ class Agent:
         self, key: int, transport: ServerTransport, peer: Any, request: Request
     ) -> Client:
         """A client of before our start, which goes on without a word. Whether it may come in is
-        asked before."""
+        asked before.
+        """
         self._admit(transport, peer, key, request)
         client = self.clients[key]
         self.lines.watch(client)  # its board may have been unplugged meanwhile

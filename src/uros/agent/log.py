@@ -192,7 +192,8 @@ def unexpected(error: Exception, where: str = "") -> str:
 class RateLimit:
     """Lets a kind of line through at most once in ``seconds``, and ``MAX_LINES`` of
     all kinds; a flood of bad packets must not become a flood of lines, whether one
-    sends them or many."""
+    sends them or many.
+    """
 
     def __init__(self, seconds: float = 1.0) -> None:
         self._seconds = seconds

@@ -188,7 +188,8 @@ class Server:
 
     def _hand_over(self) -> None:
         """Samples of boards are acknowledged that others have not been given yet: with ``--state``
-        these sessions go on, and nobody else has them."""
+        these sessions go on, and nobody else has them.
+        """
         if self.agent.keeper is not None:
             self._dispatch()
             self._attend()

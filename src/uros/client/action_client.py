@@ -32,7 +32,8 @@ except ImportError:  # MicroPython
 
 class ClientGoalHandle:
     """A goal that was sent. ``accepted`` is None until the server has answered, ``stamp`` the
-    server's time of accepting it; ``status`` is what was last heard of it."""
+    server's time of accepting it; ``status`` is what was last heard of it.
+    """
 
     def __init__(
         self, client: "ActionClient", goal_id: "Any",
@@ -57,13 +58,15 @@ class ClientGoalHandle:
 
     def cancel_goal_async(self) -> Future:
         """Ask the server to cancel it. The future's result has ``return_code``, 0 for yes, and
-        ``goals_canceling``, a list of GoalInfo. The goal ends later, and may end otherwise."""
+        ``goals_canceling``, a list of GoalInfo. The goal ends later, and may end otherwise.
+        """
         return self._client._cancel(self.goal_id, None)
 
 
 class ActionClient(End):
     """See the module. ``callback`` of feedback gets the FeedbackMessage, as with rclpy: what the
-    server sent is its ``feedback``."""
+    server sent is its ``feedback``.
+    """
 
     def __init__(
         self,
@@ -100,7 +103,8 @@ class ActionClient(End):
     def server_is_ready(self) -> bool:
         """Whether a goal can be sent now. As far as the agent is concerned: XRCE has no way of
         asking whether somebody serves the action, so a goal may find nobody. Its future then stays
-        as it is, until it is given up by `remove_pending_request`."""
+        as it is, until it is given up by `remove_pending_request`.
+        """
         for part in self.parts:
             if not part.created:
                 return False

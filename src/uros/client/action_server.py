@@ -163,7 +163,8 @@ class ServerGoalHandle:
 
 class _Packed:
     """A message that is packed already: what a program does to its result afterwards is nothing
-    to those who ask for it."""
+    to those who ask for it.
+    """
 
     def __init__(self, message: "Any") -> None:
         self._TYPE = message._TYPE
@@ -494,7 +495,8 @@ class ActionServer(End):
 
     def _on_cancel(self, identity: bytes, request: "Any") -> None:
         """By id and time: with neither of them all goals, with an id alone this one, with a time
-        those accepted until then, and the one of the id."""
+        those accepted until then, and the one of the id.
+        """
         info = request.goal_info
         uuid = bytes(info.goal_id.uuid)
         until = (info.stamp.sec, info.stamp.nanosec)

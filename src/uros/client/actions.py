@@ -51,7 +51,8 @@ class CancelResponse:
 class End:
     """One end of an action: a single handle of the executor. ``made`` are its entities, and
     ``parts`` those that receive; one of them has its turn in a round, an earlier one before a later
-    one. ``states`` is the end of the topic of states."""
+    one. ``states`` is the end of the topic of states.
+    """
 
     invocation = ON_NEW_DATA
     kinds = ()  # type: tuple[int, ...]
@@ -79,7 +80,8 @@ class End:
 
     def make_states(self, make: "Callable[..., Any]", qos: "Any", *arguments: "Any") -> None:
         """Make ``states``. By default their last message is kept for who comes late: on a board a
-        flag says so, which takes less memory than a QoSProfile."""
+        flag says so, which takes less memory than a QoSProfile.
+        """
         connection = self.node.connection
         flags = 0
         if qos is None:
@@ -134,7 +136,8 @@ class End:
 
     def attempt(self, call: "Callable[..., Any]", *arguments: "Any") -> "Any":
         """What the program's ``call`` returns. None where it raises: the executor is told, as of
-        any callback, and the rest goes on."""
+        any callback, and the rest goes on.
+        """
         try:
             return call(*arguments)
         except Exception as error:

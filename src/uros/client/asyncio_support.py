@@ -39,7 +39,8 @@ async def spin_once(
     node: "Any", timeout_sec: "float | None" = None, poll_ms: int = POLL_MS
 ) -> bool:
     """``node.spin_once``, with other tasks running while it waits. Any node will do, a host's
-    too."""
+    too.
+    """
     clock = node.clock
     end = 0
     if timeout_sec is not None:
@@ -67,7 +68,8 @@ async def spin(node: "Any", poll_ms: int = POLL_MS) -> None:
 
 async def result(future: "Any") -> "Any":
     """The result of a call, while another task spins the node: ``await
-    result(client.call_async(request))``. Raises what the call failed with."""
+    result(client.call_async(request))``. Raises what the call failed with.
+    """
     event = asyncio.Event()
     future.add_done_callback(lambda _: event.set())
     if not future.done():

@@ -74,7 +74,8 @@ class Clock:
 
     def set(self, seconds: int, nanoseconds: int) -> None:
         """This is the time now; the nanoseconds may be more than a second. ROS's seconds end in
-        January 2038 and begin anew at 0 here, so that a clock which is wrong stops no publisher."""
+        January 2038 and begin anew at 0 here, so that a clock which is wrong stops no publisher.
+        """
         self._update()
         us = nanoseconds // 1000
         seconds += us // 1000000

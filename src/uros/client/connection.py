@@ -38,7 +38,8 @@ try:
 
         def send(self, message: "Buffer", size: int) -> None:
             """Send the first ``size`` bytes, or lose them; never wait. The buffer is the
-            caller's again afterwards. OSError: the line is gone."""
+            caller's again afterwards. OSError: the line is gone.
+            """
 
         def receive(self, timeout_ms: int) -> "bytes | None":
             """The next message, waiting for it at most so long. OSError: the line is gone."""
@@ -262,7 +263,8 @@ class Connection(Session):
 
     def pump(self, timeout_ms: int) -> None:
         """Do what is due, then take what comes within so long: at most a few datagrams, so that
-        callbacks have their turn; below 0 nothing is taken."""
+        callbacks have their turn; below 0 nothing is taken.
+        """
         try:
             self._pump(timeout_ms)
         except MemoryError:

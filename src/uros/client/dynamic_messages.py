@@ -23,7 +23,8 @@ _WIDTHS = {"B": 1, "?": 1, "i": 4, "I": 4, "q": 8, "Q": 8, "d": 8}
 
 class Shape:
     """A message type. Called with the list of the values it makes a message; what has come gives
-    one with ``values``."""
+    one with ``values``.
+    """
 
     def __init__(self, type_name: str, letters: str) -> None:
         self._TYPE = type_name
@@ -42,7 +43,8 @@ class Shape:
     ) -> "tuple[Shaped, int]":
         """The message at ``buf[offset:end]``, aligned from ``start``, and ``end``. Raises
         ValueError for any fault in the bytes. What is behind the message counts as part of it:
-        rmw_serialize leaves room for more where sequences of wide numbers are empty."""
+        rmw_serialize leaves room for more where sequences of wide numbers are empty.
+        """
         values, _ = _get(self.letters, buf, offset, start, end, "<" if little else ">")
         return Shaped(self, values), end
 

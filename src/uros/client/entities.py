@@ -86,7 +86,8 @@ class Entity:
 
     def create(self, connection: "Any", step: int) -> bool:
         """Make the request of this number, from 0 on, of those that create it: an object each,
-        and behind them what has its samples sent. Whether it was the last."""
+        and behind them what has its samples sent. Whether it was the last.
+        """
         kinds = self.kinds
         last = len(kinds) - (not self.listens)
         if step < len(kinds):
@@ -209,7 +210,8 @@ class _Receiver(Entity):
 
     def _read(self, type: "Any", buf: "Buffer", start: int, stop: int, little: bool) -> "Any":
         """The message in these bytes, or None. What stands behind it is no fault: Fast DDS sends
-        some where sequences of doubles at the end are empty."""
+        some where sequences of doubles at the end are empty.
+        """
         try:
             return type.unpack_from(buf, start, start, stop, little)[0]
         except ValueError as error:
@@ -368,7 +370,8 @@ class Client(_Receiver):
 
     def call_async(self, request: "Any") -> Future:
         """Send a request. The future fails with OSError where it cannot be sent now, when the
-        agent refuses it (its log says why), and when the session ends before the answer."""
+        agent refuses it (its log says why), and when the session ends before the answer.
+        """
         future = Future()
         number = self.created and self.connection.write(
             self.object_id(ids.KIND_REQUESTER), request, b"", self.flags & ids.QOS_RELIABLE

@@ -17,7 +17,8 @@ _RETRY_MS: Final = 100
 class LatchedPublisher(Publisher):
     """Calls ``on_connected()`` in the executor's turn each time that the publisher is there
     again, and once more after a while where that says False or raises. Only then it is a handle of
-    the executor, so that triggers do not wait for it."""
+    the executor, so that triggers do not wait for it.
+    """
 
     invocation = ON_NEW_DATA
 

@@ -69,7 +69,8 @@ class LifecycleState:
 
 class ManagedEntity:
     """Something that follows a node's transitions. Each method is called with the LifecycleState
-    before the transition, and gives a TransitionCallbackReturn."""
+    before the transition, and gives a TransitionCallbackReturn.
+    """
 
     def on_configure(self, state: LifecycleState) -> int:
         return TransitionCallbackReturn.SUCCESS

@@ -10,7 +10,8 @@ except ImportError:  # MicroPython
 
 class LoggerService:
     """The services ``~/get_logger_levels`` and ``~/set_logger_levels`` of a node, as rclpy's with
-    ``enable_logger_service``."""
+    ``enable_logger_service``.
+    """
 
     def __init__(self, node: "Any") -> None:
         self._logger = node.get_logger()

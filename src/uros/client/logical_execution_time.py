@@ -22,7 +22,8 @@ except ImportError:  # MicroPython
 
 class _Cork:
     """A transport, and before it what a round has sent. Messages outside of streams pass: they
-    are the session's own, and wait for no deadline."""
+    are the session's own, and wait for no deadline.
+    """
 
     def __init__(self, line: "Any", limit: int) -> None:
         self.mtu = line.mtu

@@ -120,7 +120,8 @@ class Node:
         qos_profile: "Any" = 10,
     ) -> Service:  # fmt: skip
         """With a profile that is best effort, requests and answers cross the line so; nothing
-        else of it is carried."""
+        else of it is carried.
+        """
         name = self.resolve_topic_name(srv_name, True)
         service = Service(self, name, srv_type, qos_profile, callback)
         self._add(service)
@@ -268,7 +269,8 @@ class Node:
 
     def destroy_node(self) -> None:
         """Take leave of the agent and close the transport; where those are another node's,
-        delete what is ours."""
+        delete what is ours.
+        """
         for entity in reversed(list(self._entities)):
             if self._owner or not hasattr(entity, "kinds"):
                 self.forget(entity)
@@ -308,7 +310,8 @@ class Node:
 
     def resolve_topic_name(self, topic: str, service: bool = False) -> str:
         """The full name that a topic has on the network, remapped. Raises ValueError with the
-        rule of ROS that it breaks."""
+        rule of ROS that it breaks.
+        """
         full = self.resolve(topic)
         if self._remap is not None:
             full = self._remap.name(self, topic, service)
@@ -336,7 +339,8 @@ class Node:
     def spin_once(self, timeout_sec: "float | None" = None) -> bool:
         """Run one round of callbacks, waiting for something to do at most so long (None: for
         ever); whether there was one. While entities are created it returns every time that
-        something has come: what that leaves behind in memory can then be collected."""
+        something has come: what that leaves behind in memory can then be collected.
+        """
         executor = self.executor
         end = None
         if timeout_sec is not None:
@@ -367,7 +371,8 @@ class Node:
 
     def spin_some(self, timeout_sec: float = 0.0) -> int:
         """Wait at most so long for something to do, and do what there is, round after round,
-        while time is left; how many rounds that were."""
+        while time is left; how many rounds that were.
+        """
         end = ticks_add(self.clock.ms(), min(int(timeout_sec * 1000), _LONGEST_MS))
         rounds = 0
         left = ticks_diff(end, self.clock.ms())

@@ -132,7 +132,8 @@ class ParameterServer:
         ignore_override: bool = False,
     ) -> "list[Parameter]":  # fmt: skip
         """Declare (name), (name, value) or (name, value, descriptor) of each, behind
-        ``namespace`` and a dot where there is one."""
+        ``namespace`` and a dot where there is one.
+        """
         out = []
         for one in parameters:
             name = namespace + "." + one[0] if namespace else one[0]
@@ -202,7 +203,8 @@ class ParameterServer:
 
     def list_parameters(self, prefixes: "list[str]", depth: int) -> ListParametersResult:
         """The names below the prefixes (none: all) with fewer than ``depth`` dots behind them (0:
-        any number), sorted."""
+        any number), sorted.
+        """
         names: "list[str]" = []
         found: "list[str]" = []
         for name in sorted(self._parameters):
@@ -277,7 +279,8 @@ class ParameterServer:
         self, callback: "Callable[[list[Parameter]], Any]"
     ) -> None:
         """``callback(parameters)`` gives a SetParametersResult. It decides, and changes nothing:
-        the next one may still refuse."""
+        the next one may still refuse.
+        """
         self._on.insert(0, callback)
 
     def add_post_set_parameters_callback(
@@ -334,7 +337,8 @@ class ParameterServer:
         self, parameters: "list[Parameter]", rules: "dict[str, Any] | None", kind: int
     ) -> "Any":
         """Set all of them or none: what became of it. With ``rules``, what is declared with a
-        type of ``kind``."""
+        type of ``kind``.
+        """
         for parameter in parameters:
             name = parameter.name
             if rules is not None:

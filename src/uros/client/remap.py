@@ -113,7 +113,8 @@ def options(source: "Any") -> "dict[str, Any]":
     """What a Node takes by name, from a JSON file on the board or a dict: ``name``,
     ``namespace``, ``domain_id``, ``key``, ``limit``, ``ping_ms``, ``silence_ms``, ``wait_ms``, and
     ``remap``, a list of rules. Raises OSError where there is no file, ValueError with what is
-    wrong in it."""
+    wrong in it.
+    """
     where = "the node's options"
     if isinstance(source, str):
         where = source

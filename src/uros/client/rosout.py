@@ -140,7 +140,8 @@ class Logger:
 class Rosout:
     """Where the loggers of a node write to. ``console`` gets each line, None: nothing does;
     ``levels`` are those set, by name; ``left_out`` counts the lines that did not come to
-    ``/rosout``."""
+    ``/rosout``.
+    """
 
     def __init__(self, node: "Any") -> None:
         self.console: "Callable[[str], object] | None" = print

@@ -106,7 +106,8 @@ class Session:
 
     def renew(self) -> None:
         """Forget all of the session; the next one has another id, so that no late datagram of
-        this one is taken for its own."""
+        this one is taken for its own.
+        """
         self.id = FIRST_SESSION_ID if self.id >= LAST_SESSION_ID else self.id + 1
         self._reset()
 
@@ -266,7 +267,8 @@ class Session:
 
     def _slot(self, size: int) -> bytearray:
         """The top of the stack, of ``size`` bytes or more: one that is idle, or else a new one in
-        its place. So there are never more than were in flight at once."""
+        its place. So there are never more than were in flight at once.
+        """
         idle = self._idle
         top = self.free
         for i in range(top, 0, -1):
@@ -285,7 +287,8 @@ class Session:
 
     def _put(self, buf: bytearray, size: int, kind: int, flags: int) -> int:
         """A submessage that is complete but for its header: its request id. It goes out now if
-        ``buf`` is the slot of the next number, else as the window reaches it."""
+        ``buf`` is the slot of the next number, else as the window reaches it.
+        """
         # Of more than 64 kB eProsima's agent takes all there is, where the length is 0.
         length = size - _IDS if size - _IDS <= 0xFFFF else 0
         pack_into("<BBH", buf, _SUBHEADER, kind, flags, length)
@@ -297,7 +300,8 @@ class Session:
 
     def defer(self, buf: "Any") -> None:
         """A complete message, or what fills parts of one, that goes out as the window reaches
-        it."""
+        it.
+        """
         self.stack = self._nothing
         self.waiting.append(buf)
         if isinstance(buf, bytearray):
@@ -334,7 +338,8 @@ class Session:
 
     def _flush(self) -> None:
         """Send what waits, in fragments where it is longer than the MTU, as far as the window
-        reaches. Where memory ends it goes on from there at the next time."""
+        reaches. Where memory ends it goes on from there at the next time.
+        """
         while self.waiting and self.flying() < WINDOW:
             whole = self.waiting[0]
             size = len(whole)

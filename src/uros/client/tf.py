@@ -67,7 +67,8 @@ class TransformBroadcaster:
 class StaticTransformBroadcaster:
     """Tells ``/tf_static`` of frames that do not move: all of them each time, and again to each
     new agent. One with the same child frame takes the place of the old one. What was given may be
-    changed afterwards: a copy is kept."""
+    changed afterwards: a copy is kept.
+    """
 
     def __init__(self, node: "Any", qos: "Any" = None) -> None:
         if qos is None:
@@ -78,7 +79,8 @@ class StaticTransformBroadcaster:
 
     def sendTransform(self, transform: "Any") -> bool:
         """Keep one transform, or those of a list, and send all there are. False: they are sent
-        when there is an agent, and room."""
+        when there is an agent, and room.
+        """
         for one in _listed(transform):
             octets = bytearray(one.cdr_size())
             one.pack_into(octets, 0, 0)

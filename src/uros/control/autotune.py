@@ -22,7 +22,8 @@ _KP: Final = 0.7
 
 class Answer:
     """What is known of one motor: ``starts`` is the duty at which it begins to turn, ``dead_zone``
-    and ``kf`` are those of Pid, ``lag`` its time constant in seconds."""
+    and ``kf`` are those of Pid, ``lag`` its time constant in seconds.
+    """
 
     def __init__(self, wheel: Wheel) -> None:
         self.wheel = wheel

@@ -69,7 +69,8 @@ class Calibration:
 
     def measured(self, x: float, y: float, theta: "float | None" = None) -> None:
         """It is there now, seen from where this drive began: x metres ahead, y to the left, turned
-        by theta radians (None: not measured)."""
+        by theta radians (None: not measured).
+        """
         if x - x != 0 or y - y != 0 or (theta is not None and theta - theta != 0):
             raise CalibrationError("a measured pose has to be numbers: metres and radians")
         self._close()
@@ -137,7 +138,8 @@ class Calibration:
 
     def _residuals(self, sizes: "list[float]") -> "list[float]":
         """By how much the measured poses differ from those that follow from the sizes, in units of
-        how well a person measures."""
+        how well a person measures.
+        """
         right = 1 + sizes[0] + sizes[1]
         left = 1 + sizes[0] - sizes[1]
         track = 2 * self._nominal_d * (1 + sizes[2])

@@ -80,7 +80,8 @@ class DiffDrive:
     def command(self, v: float, w: float) -> bool:
         """Drive at v m/s and turn at w rad/s. Whether it is taken: not while the motors are off,
         not what is no number, not in the second after a wheel was stuck. What is faster than the
-        wheels' ``fastest`` becomes slower on the same curve."""
+        wheels' ``fastest`` becomes slower on the same curve.
+        """
         if not (self.powered and is_number(v) and is_number(w)) or self._rest_us > 0:
             return False
         if v == 0 and w == 0:

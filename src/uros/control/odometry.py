@@ -82,7 +82,8 @@ class Odometry:
 
     def _grow(self) -> None:
         """P = F P Fᵀ + G Q Gᵀ, with F the motion's derivative by the pose, G that by the wheels'
-        ways, and Q their variances."""
+        ways, and Q their variances.
+        """
         way = self._way
         right = _DOUBT * self._right
         left = _DOUBT * self._left

@@ -45,7 +45,8 @@ class Pid:
 
     def step(self, target: float, measured: float, dt: float, known: bool = True) -> float:
         """The duty for the next ``dt`` seconds. Where the speed is not ``known`` yet, the motor is
-        taken to do what is expected."""
+        taken to do what is expected.
+        """
         self.expected += (target - self.expected) * (dt / (self.lag + dt))
         if not known:
             measured = self.expected

@@ -93,7 +93,8 @@ class Wheel:
 
     def update(self, now_us: int, target: float = 0.0) -> None:
         """Bring ``moved`` and ``speed`` to this time. ``target`` is the speed that the wheel is
-        driven for; only its sign counts."""
+        driven for; only its sign counts.
+        """
         # The interrupt may come in between: then once more.
         count = self._count - 1
         last = second = third = 0

@@ -22,7 +22,8 @@ class Dimmer:
 
     def set(self, brightness: float) -> None:
         """What is beyond 0 or 1 is taken for that. NaN is refused with ValueError, and changes
-        nothing."""
+        nothing.
+        """
         if brightness != brightness:
             raise ValueError("a brightness is a number from 0 to 1, not nan")
         self.brightness = min(1.0, max(0.0, brightness))
@@ -35,7 +36,8 @@ class Dimmer:
 
 class Signal:
     """An LED on ``pin``, a ``machine.Pin`` that is an output: on while all is well, blinking while
-    something is not."""
+    something is not.
+    """
 
     def __init__(self, pin: "Any") -> None:
         self._pin = pin

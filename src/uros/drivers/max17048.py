@@ -18,7 +18,8 @@ _FULL: Final = 5.0
 
 class MAX17048:
     """``volts``, ``fraction`` from 0.0 to 1.0 of what the cell holds, ``rate`` by which that grows
-    in an hour (negative: it is used up): all of the last good read."""
+    in an hour (negative: it is used up): all of the last good read.
+    """
 
     wait_ms = 10
 

@@ -84,7 +84,8 @@ class MPU6050(Sampled):
     def self_test(self) -> bool:
         """Push the masses and see whether they move as they did in the factory, lying still. False:
         not done, call it again 50 ms later; True: all six axes are fine. Raises SensorError that
-        names those that are not. Readings go on afterwards."""
+        names those that are not. Readings go on afterwards.
+        """
         self.start()
         step, self._testing = self._testing, 0
         self._is_set_up = False  # and so it is set up anew afterwards, whatever comes of it

@@ -54,7 +54,8 @@ def days(year: int, month: int, day: int) -> int:
 
 def fixed(text: str, decimals: int) -> int:
     """A decimal number times ten to the power of ``decimals``; more digits are cut off. ValueError
-    where it is none."""
+    where it is none.
+    """
     negative = text[:1] == "-"
     if negative:
         text = text[1:]
@@ -117,7 +118,8 @@ class NMEA:
 
     def feed(self, data: "bytes | bytearray | memoryview") -> bool:
         """What came on the line. Returns whether a position, or that there is none, is complete
-        with it: a GGA and an RMC of one moment."""
+        with it: a GGA and an RMC of one moment.
+        """
         complete = False
         for octet in data:
             if octet == 0x24:
@@ -140,7 +142,8 @@ class NMEA:
 
     def covariance(self, into: "list[float]") -> None:
         """The position's, of 9 numbers: east, north and up in m², from the dilutions of precision.
-        Without a fix, all 0."""
+        Without a fix, all 0.
+        """
         level = up = 0.0
         if self.status >= 0 and self.hdop:
             level = (self.hdop * self._uere) ** 2 / 2

@@ -18,7 +18,8 @@ _BLINKS: Final = 10
 
 def attempt(build: "Callable[[], Any]", signal: "Any" = None) -> "Any":
     """What ``build()`` returns. Where it raises, the console gets the error, ``signal`` (see
-    `uros.drivers.led.Signal`) blinks for a second, and None is returned: to be tried again."""
+    `uros.drivers.led.Signal`) blinks for a second, and None is returned: to be tried again.
+    """
     try:
         return build()
     except Exception as error:

@@ -28,7 +28,8 @@ _INF: Final = float("inf")
 
 class TFLuna:
     """``range`` in m and ``amplitude`` of the light that came back: of the last good read. Nothing
-    within 8 m is plus infinity, something nearer than 0.2 m minus infinity, as REP 117 has it."""
+    within 8 m is plus infinity, something nearer than 0.2 m minus infinity, as REP 117 has it.
+    """
 
     wait_ms = 20
 

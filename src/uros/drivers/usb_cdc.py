@@ -39,7 +39,8 @@ _INTERFACES: Final = (
 
 class UsbSerial(CDCInterface):  # type: ignore[misc]
     """The only USB device of the board, self-powered; made at once and enumerated by the host in
-    its own time: ``is_open()``. Other USB functions, such as a console's, end here."""
+    its own time: ``is_open()``. Other USB functions, such as a console's, end here.
+    """
 
     def __init__(
         self, vendor: int, product: int, manufacturer: str, name: str, serial: str

@@ -77,7 +77,8 @@ class _Out:
 
 class _Receiving:
     """An end that receives. It takes for its entity when that has nothing to do any more; what
-    comes before waits at the middleware, where QoS rules, and the end among the ``waiting``."""
+    comes before waits at the middleware, where QoS rules, and the end among the ``waiting``.
+    """
 
     def __init__(self, entity: Any, waiting: set[_Receiving]) -> None:
         self._entity = entity

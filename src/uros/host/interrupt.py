@@ -26,7 +26,8 @@ class Interrupt:
     @contextmanager
     def watched(self) -> Iterator[None]:
         """So it is within the block. It changes nothing in threads other than the main one, and
-        in programs with a handler of their own."""
+        in programs with a handler of their own.
+        """
         if (
             threading.current_thread() is not threading.main_thread()
             or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
@@ -54,7 +55,8 @@ class Interrupt:
 
     def wait(self, fileno: int, seconds: float | None) -> bool:
         """Wait until there is something to read, for a signal, or so long (None: for ever);
-        whether there is something."""
+        whether there is something.
+        """
         ours = self._socket
         signals = [] if ours is None else [ours.fileno()]
         ready = select.select([fileno, *signals], [], [], seconds)[0]

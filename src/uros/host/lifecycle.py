@@ -10,7 +10,8 @@ from .node import Node
 
 class LifecycleNode(LifecycleMethods, Node):
     """A host's :class:`~uros.host.node.Node` that is brought up and shut down as a board's:
-    see :mod:`uros.client.lifecycle`, whose names are those of rclpy.lifecycle."""
+    see :mod:`uros.client.lifecycle`, whose names are those of rclpy.lifecycle.
+    """
 
     def __init__(
         self,

@@ -58,7 +58,8 @@ class Node(node.Node):
 
     def spin_once(self, timeout_sec: float | None = None) -> bool:
         """Run one round of callbacks, waiting for something to do at most so long (None: for
-        ever); whether there was one."""
+        ever); whether there was one.
+        """
         with self._interruptible():
             return super().spin_once(timeout_sec)
 

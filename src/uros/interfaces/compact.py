@@ -89,7 +89,8 @@ class Doubles(Message if NAMES_FIELDS else object):  # type: ignore[misc]
 
 def row(values: "Any", n: int) -> "Any":
     """The values as they are, where they are a `Row` of n; else a new one of the same values, or
-    of zeros where there are none."""
+    of zeros where there are none.
+    """
     if values.__class__ is not Row:
         values = Row("d", bytes(8 * n) if values is None else values)
         values.n = len(values)

@@ -1,10 +1,10 @@
-"""Types from the text of their definitions, on a board at run time.
+r"""Types from the text of their definitions, on a board at run time.
 
 ::
 
-    Reading = load("my_msgs/msg/Reading", "std_msgs/Header header\\nfloat32[<=8] values")
+    Reading = load("my_msgs/msg/Reading", "std_msgs/Header header\nfloat32[<=8] values")
     others = {"my_msgs/msg/Reading": Reading}
-    Store = load("my_msgs/srv/Store", "Reading reading\\n---\\nbool kept", others)
+    Store = load("my_msgs/srv/Store", "Reading reading\n---\nbool kept", others)
 
 The classes (see `table`) are used as generated ones are; their octets are the same. The rules for
 definitions are those of `parse`, which has the better words, and so has ``uros interface show``;
@@ -266,7 +266,8 @@ class _Maker:
 
 def _all(kinds: str, text: str) -> bool:
     """Whether a text is of characters of these kinds: a, A, 0, _. An expression (module re) would
-    fill a board's stack by a long one."""
+    fill a board's stack by a long one.
+    """
     for char in text:
         for kind, last in ("az", "AZ", "09"):
             if kind <= char <= last:

@@ -60,7 +60,8 @@ def range_of(name: str) -> tuple[int, int] | None:
 
 def within(var: str, low: int, high: int) -> str:
     """The condition that an integer is in range. Numbers that MicroPython does not keep in a word
-    would take 16 bytes for each place where they stand."""
+    would take 16 bytes for each place where they stand.
+    """
     bits = high.bit_length()
     if bits < 30:
         return f"{low} <= {var} <= {high}"

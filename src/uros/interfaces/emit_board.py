@@ -27,7 +27,8 @@ def methods(
     message: Message, attribute: Attribute, aliases: Aliases, names: Names, load: str
 ) -> list[str]:
     """The sources of the three methods; ``load`` is the name of the one that reads: ``_load``, or
-    where nothing calls that, the public one which it stands for."""
+    where nothing calls that, the public one which it stands for.
+    """
     return [
         _Sizer(attribute, aliases, names).method(message),
         _Packer(attribute, aliases, names).method(message),

@@ -13,7 +13,8 @@ Attribute = Callable[[str], str]
 
 class Run:
     """A method's lines so far, and behind them a run: values whose places are known from its start,
-    gathered until `flush` writes them down as one."""
+    gathered until `flush` writes them down as one.
+    """
 
     def __init__(self, aliases: Aliases) -> None:
         self.aliases = aliases

@@ -94,7 +94,8 @@ class AutoNode(Node):
 
     def end_of(self, late: Late[_End], error: MiddlewareError | None = None) -> _End:
         """The end itself, listed as this node's: on ros2, or on dds where it cannot be there;
-        ``error`` says that it cannot."""
+        ``error`` says that it cannot.
+        """
         self._late.pop(late, None)
         try:
             if error is not None:
@@ -159,7 +160,8 @@ class AutoMiddleware(Middleware):
 
     def services(self) -> Ros2Middleware | None:
         """What carries services, or None where that is dds: rclpy is not to be had, or would
-        bring a second Cyclone into this process to speak what dds speaks already."""
+        bring a second Cyclone into this process to speak what dds speaks already.
+        """
         if os.environ.get("RMW_IMPLEMENTATION") == _CYCLONE:
             return None
         if not self._tried:
@@ -178,7 +180,8 @@ class AutoMiddleware(Middleware):
 
     def hold(self, late: Late[Any]) -> bool:
         """Whether this end must wait; then :meth:`dispatch` makes it when its time has come.
-        Raises MiddlewareError where waiting is in vain."""
+        Raises MiddlewareError where waiting is in vain.
+        """
         if (
             not self.batching
             or os.environ.get("RMW_IMPLEMENTATION") == _CYCLONE

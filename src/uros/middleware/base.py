@@ -80,7 +80,8 @@ class Reader(ABC):
     def arrived(self, limit: int) -> list[int]:
         """The octets of samples that have come and wait here, at most ``limit`` of them, each told
         once; what comes next is announced as after :meth:`take`. An end that cannot tell says
-        nothing."""
+        nothing.
+        """
         return []
 
     @abstractmethod
@@ -91,13 +92,15 @@ class Reader(ABC):
 class Requester(ABC):
     """Sends requests of one service and receives the replies to them.
 
-    ``on_ready`` comes as well when :meth:`refusal` may have become another."""
+    ``on_ready`` comes as well when :meth:`refusal` may have become another.
+    """
 
     __slots__ = ()
 
     def refusal(self) -> str:
         """Why no call is made, and none that waits will be answered: a server is there that would
-        read its arguments wrongly. Empty where calls can be made."""
+        read its arguments wrongly. Empty where calls can be made.
+        """
         return ""
 
     def again(self) -> None:  # noqa: B027  where what is left is announced anyway
@@ -107,14 +110,16 @@ class Requester(ABC):
     def request(self, cdr: Bytes) -> int | None:
         """Send; the sequence number its reply will bear. None: no room now.
 
-        Raises MiddlewareError where there is a :meth:`refusal`."""
+        Raises MiddlewareError where there is a :meth:`refusal`.
+        """
 
     @abstractmethod
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """At most ``limit`` replies to own requests: (sequence number, sample).
 
         Others' replies are passed over. None: there are none, or so many of others that
-        ``on_ready`` comes again for the rest."""
+        ``on_ready`` comes again for the rest.
+        """
 
     def arrived(self, limit: int) -> list[int]:
         """See :meth:`Reader.arrived`."""
@@ -134,7 +139,8 @@ class Replier(ABC):
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
         """At most ``limit`` requests: (16-byte GUID of the asker, number, sample).
 
-        None: there are none, or ``on_ready`` comes again for the rest."""
+        None: there are none, or ``on_ready`` comes again for the rest.
+        """
 
     @abstractmethod
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
@@ -157,7 +163,8 @@ class Node(ABC):
         """Join ``topic`` (DDS name, ``rt/chatter``) as a publisher of
         ``type_name`` (DDS name, ``std_msgs::msg::dds_::String_``).
 
-        Raises MiddlewareError, here and below, where it cannot be done."""
+        Raises MiddlewareError, here and below, where it cannot be done.
+        """
 
     @abstractmethod
     def create_reader(
@@ -223,13 +230,15 @@ class Middleware(ABC):
     def dispatch_local(self) -> None:  # noqa: B027  a short cut that most do not have
         """The same for what this process itself wrote, sooner than by :meth:`fileno`.
 
-        The data plane calls it after each burst of writes."""
+        The data plane calls it after each burst of writes.
+        """
 
     def graph(self, domain: int, on_change: Callable[[], None]) -> LiveSource | None:
         """Watch who is in a domain, until the result is closed; None where that is not known.
 
         ``on_change`` is called from :meth:`tick` or :meth:`dispatch` after news, with a pause
-        between that leaves room for other traffic."""
+        between that leaves room for other traffic.
+        """
         return None
 
     def next_deadline(self) -> float | None:

@@ -40,7 +40,8 @@ class NodeSource(Protocol):
 
 class Source(Protocol):
     """``participants`` maps a GUID to its USER_DATA, ``endpoints`` a GUID to the endpoint,
-    ``announced`` a participant's GUID to its nodes, which may come before the participant."""
+    ``announced`` a participant's GUID to its nodes, which may come before the participant.
+    """
 
     @property
     def participants(self) -> Mapping[bytes, bytes]: ...

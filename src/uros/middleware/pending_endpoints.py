@@ -42,7 +42,8 @@ class Late(Generic[_End]):
 
     def arrive(self, error: MiddlewareError | None) -> None:
         """Its time has come; ``error`` is why it cannot be what was waited for. Raises
-        MiddlewareError where it cannot be at all; whoever writes to it hears the same then."""
+        MiddlewareError where it cannot be at all; whoever writes to it hears the same then.
+        """
         if self._closed:
             return
         try:

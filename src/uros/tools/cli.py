@@ -196,7 +196,8 @@ def without_ros_args(argv: list[str]) -> list[str]:
 
 def _complete_streams() -> None:
     """Put /dev/null where we were started without standard streams (``>&-``): else the next
-    socket would be standard output."""
+    socket would be standard output.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             descriptor = os.open(os.devnull, os.O_RDWR)  # the lowest that is free

@@ -65,7 +65,8 @@ def add_distro(parser: argparse.ArgumentParser, default: str | None = None) -> N
 
 def know_distro(args: argparse.Namespace) -> None:
     """Take the definitions of ``--distro`` or ROS_DISTRO, here and in processes that are started.
-    Raises InterfaceError."""
+    Raises InterfaceError.
+    """
     from ..interfaces.distro import chosen
 
     use_distro(args.distro)

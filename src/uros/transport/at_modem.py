@@ -193,7 +193,8 @@ class ModemTransport:
 
     def _pop(self, taken: int) -> None:
         """Drop the first message. The others move up here and not where there is no room for one
-        more: the modem may be taking a message out of the queue then."""
+        more: the modem may be taking a message out of the queue then.
+        """
         view = memoryview(self._out)
         self._to -= taken
         view[: self._to] = view[taken : taken + self._to]
@@ -206,7 +207,8 @@ class ModemTransport:
 
     def _ask(self, command: str, timeout_ms: int, good: bytes = OK) -> "Any":
         """Give a command: True where the answer is ``good``, False where it is another that ends
-        one, None where there was none. ``_said`` is the last line before it."""
+        one, None where there was none. ``_said`` is the last line before it.
+        """
         end = ticks_add(ticks_ms(), timeout_ms)
         while True:
             self._answers.clear()

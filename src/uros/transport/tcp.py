@@ -98,7 +98,8 @@ class TcpTransport:
 
     def send(self, message: "Buffer", size: int = -1) -> None:
         """See :class:`uros.client.connection.Transport`. What is sent before there is a
-        connection goes out with it. Without a size, all of the message."""
+        connection goes out with it. Without a size, all of the message.
+        """
         if self._line is not None:
             self._push()
         if size < 0:

@@ -40,7 +40,8 @@ _FOUR_WAY: Final = 15
 
 class Over:
     """``transport`` on top of ``link``: a :class:`Station`, an :class:`AccessPoint`, a
-    :class:`Wired`, or whatever has ``check()``, which raises OSError while there is no network."""
+    :class:`Wired`, or whatever has ``check()``, which raises OSError while there is no network.
+    """
 
     def __init__(self, link: "Any", transport: "Any") -> None:
         self.link = link
@@ -126,7 +127,8 @@ class Station:
 class AccessPoint:
     """The board is an access point ``ssid``, which the agent's computer joins; ``password`` has 8
     to 63 characters, None for none. ``address`` is the board's own, of a network of 256 whose other
-    addresses it gives away from the next one on; without it, it is usually 192.168.4.1."""
+    addresses it gives away from the next one on; without it, it is usually 192.168.4.1.
+    """
 
     def __init__(
         self, ssid: str, password: "str | None" = None, channel: "int | None" = None,

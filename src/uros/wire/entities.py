@@ -179,7 +179,8 @@ def pull_binary_endpoint(
     """``(topic id, qos)``; qos is None where the client left it out, else
     ``(flags, depth, deadline ms, lifespan ms, user data, extra, filter)``:
     ``extra`` is a writer's ownership strength or a reader's minimum separation
-    in ms, ``filter`` a reader's content filter expression."""
+    in ms, ``filter`` a reader's content filter expression.
+    """
     topic_id = r.be16()
     if not r.boolean():
         return topic_id, None

@@ -58,7 +58,8 @@ def frame(
     payload: "Buffer", source: int, destination: int, out: bytearray, size: int = -1
 ) -> int:
     """Frame ``payload``, or its first ``size`` bytes, into ``out`` (at least
-    :func:`frame_size` long); the framed length. Boards are 1 and up, the agent is 0."""
+    :func:`frame_size` long); the framed length. Boards are 1 and up, the agent is 0.
+    """
     if size < 0:
         size = len(payload)
     if size > 0xFFFF or not (0 <= source <= 0xFF and 0 <= destination <= 0xFF):

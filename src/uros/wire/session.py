@@ -209,7 +209,8 @@ def pull_info(r: "Reader") -> "tuple[int, int, int, int, list[tuple[bytes, int]]
 
 def push_acknack(w: "Writer", first_unacked: int, missing: int, stream_id: int) -> None:
     """Everything before ``first_unacked`` arrived; bit i of the 16-bit
-    ``missing`` asks for ``first_unacked + i`` again."""
+    ``missing`` asks for ``first_unacked + i`` again.
+    """
     w.u16(first_unacked)
     w.be16(missing)
     w.u8(stream_id)
@@ -278,7 +279,8 @@ def push_timestamp_reply(
     originate: "tuple[int, int]",
 ) -> None:
     """The agent's clock on sending and on receiving, and the client's own
-    stamp; each (seconds since 1970, nanoseconds)."""
+    stamp; each (seconds since 1970, nanoseconds).
+    """
     for seconds, nanoseconds in (transmit, receive, originate):
         push_timestamp(w, seconds, nanoseconds)
 

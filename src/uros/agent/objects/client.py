@@ -312,7 +312,8 @@ class Client:
 
     def on_refusal(self, thing: XrceObject) -> Callable[[list[int], str], None]:
         """What its requester calls for requests that nobody will answer, with the reason. C clients
-        pass a STATUS over that they do not wait for, and the C++ agent sends none."""
+        pass a STATUS over that they do not wait for, and the C++ agent sends none.
+        """
         def refused(request_ids: list[int], why: str) -> None:
             self.fault("request refused", f"{object_label(thing.object_id)}, {why}")
             for request_id in request_ids:

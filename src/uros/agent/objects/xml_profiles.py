@@ -210,7 +210,8 @@ def _text(element: Element, *paths: str) -> str | None:
 
 def read_profile(element: Element, root: Element | None = None) -> Profile:
     """What one element says, whichever of the dialects it is in; what it refers to by name, such
-    as transports, stands in the document ``root``."""
+    as transports, stands in the document ``root``.
+    """
     tag = _ALSO.get(element.tag, element.tag)
     profile = Profile()
     if tag == "participant":

@@ -250,7 +250,8 @@ def _lock(file: int) -> None:
 def _check_free(path: str) -> None:
     """Raises BlockingIOError where another agent captures into the file.
 
-    A second agent that is started by mistake must not spoil it before it finds its port in use."""
+    A second agent that is started by mistake must not spoil it before it finds its port in use.
+    """
     file = os.open(path, os.O_RDONLY)
     try:
         _lock(file)

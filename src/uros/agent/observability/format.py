@@ -93,7 +93,8 @@ class Part(NamedTuple):
 
 class Description(NamedTuple):
     """A message taken apart. ``number`` and ``key`` are None where the header has none;
-    ``trouble`` is what begins where it stops to mean something, with its bytes."""
+    ``trouble`` is what begins where it stops to mean something, with its bytes.
+    """
 
     session: int | None
     stream: int | None

@@ -22,7 +22,8 @@ AGENT: Final = "agent"
 
 class Passing(NamedTuple):
     """One message as it passes. ``now`` is in microseconds since 1970, ``key`` that of the
-    client whose session it is, 0 where nobody knows."""
+    client whose session it is, 0 where nobody knows.
+    """
 
     transport: ServerTransport
     peer: Any

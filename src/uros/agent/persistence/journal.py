@@ -222,7 +222,8 @@ class StateFile:
     def keep_aside(self) -> str | None:
         """Give the damaged file another name, for a person to look at; that name, if it has one.
 
-        The next :meth:`rewrite` makes a new one."""
+        The next :meth:`rewrite` makes a new one.
+        """
         aside = self.path + ".damaged"
         try:
             os.replace(self.path, aside)

@@ -69,7 +69,8 @@ class About:
 
 def can_be_kept(peer: Any) -> bool:
     """Whether an address is the same one after a restart: numbers, texts, and None, which is
-    the one board of a line."""
+    the one board of a line.
+    """
     if isinstance(peer, tuple):
         return all(can_be_kept(it) for it in peer)
     return peer is None or isinstance(peer, (int, str))

@@ -69,7 +69,8 @@ def restore(
     enter: Callable[[Client, Kept], Entry | None], log: Log,
 ) -> Entry | None:  # fmt: skip
     """The client goes on at the agent, where it talked from before. ``enter`` finds it a place in
-    the file. None: it stays away, and the log tells why."""
+    the file. None: it stays away, and the log tells why.
+    """
     about = kept.about
     assert about is not None
     who = f"client_key: {key_label(about.key)}"

@@ -152,7 +152,8 @@ class Keeper:
         properties: list[tuple[str, str]] | None,
     ) -> None:  # fmt: skip
         """The client is new, begins anew or talks from another place; ``properties`` are those of
-        its CREATE_CLIENT, if there was one. It is in the file when this returns."""
+        its CREATE_CLIENT, if there was one. It is in the file when this returns.
+        """
         if self._restoring:
             return
         key, session = client.key, client.session

@@ -46,7 +46,8 @@ class Admission:
 
     def admits_host(self, host: str | None) -> bool:
         """``host`` is an IP address in numbers, as sockets give it; what is none stays out.
-        None: somebody on a line, which is no network."""
+        None: somebody on a line, which is no network.
+        """
         if not self.networks or host is None:
             return True
         known = self._hosts.get(host)

@@ -1,5 +1,6 @@
 """Values that the agent's owner writes, in files and on the command line: what they may be, and
-what is said else."""
+what is said else.
+"""
 
 from __future__ import annotations
 

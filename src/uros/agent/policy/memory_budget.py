@@ -40,7 +40,8 @@ class Holder(Protocol):
 
 class Budget:
     """See the module. ``holders`` gives all clients, ``dismiss`` sends one away, and is told how
-    much it held."""
+    much it held.
+    """
 
     __slots__ = ("_dismiss", "_holders", "freed", "full", "limit", "room", "since", "total")
 
@@ -66,7 +67,8 @@ class Budget:
 
     def admit(self, size: int, pressing: bool = False) -> bool:
         """The same for what is not asked again, an object or a client: counts where it must.
-        Where it is ``pressing``, the worst go at the turn's end: next time there is room."""
+        Where it is ``pressing``, the worst go at the turn's end: next time there is room.
+        """
         if self.full:
             if pressing:
                 self.since = self.room + self.limit // 8

@@ -163,7 +163,8 @@ class Settings:
 
     def name(self, name: str, prefix: str = "rt") -> str:
         """The name of a topic or service for the one that the board uses. ``prefix`` is that of
-        DDS: a service that is called as a topic of :data:`GLOBAL` is in the namespace."""
+        DDS: a service that is called as a topic of :data:`GLOBAL` is in the namespace.
+        """
         to = self._remap.get(name)
         if to is None:
             to = name if prefix == "rt" and name in GLOBAL else self.namespace + name
@@ -238,7 +239,8 @@ class Settings:
 
     def limited(self, write: Write, refused: Callable[[str], None]) -> Write:
         """``write`` under the limits. What is too large is dropped, and ``refused`` says so;
-        what is too much finds no room now, as with a slow network."""
+        what is too much finds no room now, as with a slow network.
+        """
         if self.max_rate is None and self.max_size is None:
             return write
 
@@ -305,7 +307,8 @@ class Control:
 
     def same_rules(self, key: int, one: str, other: str) -> bool:
         """Whether a client that talks from either of two addresses has the same rules, whatever its
-        nodes are called."""
+        nodes are called.
+        """
         return one == other or all(
             rule.is_for(key, one) == rule.is_for(key, other) for rule in self._rules
         )

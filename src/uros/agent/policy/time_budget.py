@@ -66,9 +66,9 @@ class Pace:
 class Account:
     """Of one client::
 
-        if account.open():
-            try: create()
-            finally: account.close()
+    if account.open():
+        try: create()
+        finally: account.close()
     """
 
     __slots__ = ("_all", "_one", "_pace", "_since")

@@ -57,7 +57,8 @@ def fits(whole: bytearray, start: int, first: int, last: int) -> bool:
 
 def beginning(whole: bytearray, first: int, last: int, writers: Container[int]) -> int:
     """Where in ``whole`` its last message begins; 0 where it is one. NONE: where nobody can tell,
-    but it is more than one."""
+    but it is more than one.
+    """
     whole_fits = fits(whole, 0, first, last)
     told = whole[2] or whole[3] or len(whole) - 4 <= 0xFFFF
     if whole_fits and told:

@@ -465,7 +465,8 @@ class Session:
     def streams(self) -> tuple[dict[int, _In], dict[int, ReliableOut], dict[int, int]]:
         """Reliable ones from and to the client, and the next numbers of best-effort ones to it.
 
-        For the keeper, which writes down how far they are. Other dictionaries: they are new."""
+        For the keeper, which writes down how far they are. Other dictionaries: they are new.
+        """
         return self._in, self._out, self._best_effort_out
 
     def resume(
@@ -516,7 +517,8 @@ class Session:
 
     def queues(self) -> tuple[int, int, int, int]:
         """What it holds: messages not acknowledged, messages that wait for a writer's room,
-        messages that came early, and bytes of fragments."""
+        messages that came early, and bytes of fragments.
+        """
         return (
             sum(len(stream) for stream in self._out.values()),
             sum(len(it.stalled) for it in self._in.values()),

@@ -2,16 +2,21 @@
 
 ===================  ============================================================
 ``base``             the contract of an agent's transport
-``udp``, ``tcp``     over IPv4 and IPv6; ``ip`` is what they share
-``tls``              TCP in TLS; ``certificates``: the files it needs
+``udp``              UDP over IPv4 and IPv6
+``tcp``              TCP over IPv4 and IPv6
+``ip``               sockets and addresses that UDP and TCP share
+``tls``              TCP in TLS
+``certificates``     the certificates and keys that TLS needs
 ``discovery``        answers boards that search for an agent
 ``addresses``        the network addresses of this machine
 ``line``             frames in a stream of bytes, and a line that reconnects
 ``serial``           serial devices and pseudo-terminals, by termios
-``terminal``         opens a device and its modem lines; ``baud``: its rates
+``terminal``         opens a device and its modem lines
+``baud``             baud rates, also those that termios does not name
 ``portable_serial``  serial devices and URLs, by pyserial
 ``multiserial``      several serial devices in one agent
-``sockets``          lines over stream sockets; ``rfcomm``: Bluetooth
+``sockets``          serial lines over stream sockets
+``rfcomm``           Bluetooth, over RFCOMM
 ``can``              CAN FD, by python-can
 ``custom``           transports that users write
 ``worker``           threads for lines whose calls may block

@@ -99,7 +99,8 @@ class ServerTransport(ABC):
 
     def counters(self) -> dict[str, int]:
         """What it has counted since it was made; what else than messages, kinds of transport
-        differ in."""
+        differ in.
+        """
         return {"messages": self.messages, "bytes": self.bytes}
 
     @abstractmethod
@@ -124,7 +125,8 @@ class ServerTransport(ABC):
 
     def certificate_of(self, peer: Any) -> str | None:
         """What tells the certificate that the peer has shown from all others (its SHA-256, in hex);
-        None: it has shown none, as nobody does but clients of TLS."""
+        None: it has shown none, as nobody does but clients of TLS.
+        """
         return None
 
     @abstractmethod

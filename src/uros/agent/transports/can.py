@@ -426,7 +426,8 @@ def python_can() -> Any:
 
 def check_socketcan(device: str) -> None:
     """Raises OSError where there is no such interface, or no SocketCAN at all. python-can would
-    print it each time, and leave a socket open."""
+    print it each time, and leave a socket open.
+    """
     if not hasattr(socket, "AF_CAN"):
         raise OSError(errno.EAFNOSUPPORT, "no SocketCAN")
     socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()

@@ -31,7 +31,8 @@ class Tally:
 
 class Seldom:
     """Counts faults of several kinds by time: one that comes often is told each minute, and one
-    that comes after a pause at once."""
+    that comes after a pause at once.
+    """
 
     __slots__ = ("_kinds",)
 

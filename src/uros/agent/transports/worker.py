@@ -98,7 +98,8 @@ class Worker:
 
     def stop(self) -> bool:
         """End the line, and wait for that up to LEAVE seconds; whether it has. No callback comes
-        any more."""
+        any more.
+        """
         if self._wake.fileno() < 0:
             return True
         self._finish(None)

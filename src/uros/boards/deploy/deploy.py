@@ -128,7 +128,8 @@ class DeployError(RuntimeError):
 @dataclass(frozen=True)
 class Device:
     """What is at the other end. ``mpy`` is the version of bytecode that it runs, None for none;
-    ``free`` what its file system has left, None where it does not say."""
+    ``free`` what its file system has left, None where it does not say.
+    """
 
     name: str
     version: str
@@ -294,7 +295,8 @@ def carry_out(
     in_place: bool = False,
 ) -> None:
     """Do it, and compare all files afterwards. ``in_place`` removes old ones first, for want of
-    room. Raises DeployError and ReplError."""
+    room. Raises DeployError and ReplError.
+    """
     size = sum(len(files[path]) for path in plan.write)
     repl.run(f"STAGE = {STAGE!r}\nNOTE = {NOTE!r}\n" + _PUT)
     stage = STAGE + "/"

@@ -14,7 +14,8 @@ from typing import Final
 class NamedBoard:
     """``port`` is MicroPython's name of its port, empty for none; ``image`` what to download for
     it. ``note`` is what to know before buying cables, or where there is no port, why and what to do
-    instead."""
+    instead.
+    """
 
     name: str
     title: str

@@ -75,7 +75,8 @@ def closure(
     but: Container[str] = frozenset(),
 ) -> tuple[set[str], set[str]]:
     """The modules that ``roots`` import, themselves included, and the types of interfaces. ``late``
-    adds what is imported when it is used; ``but`` are there already."""
+    adds what is imported when it is used; ``but`` are there already.
+    """
     names: set[str] = set()
     types: set[str] = set()
     open_ = list(roots)
@@ -106,7 +107,8 @@ def _types(names: Iterable[str]) -> set[str]:
 
 def parts() -> dict[str, tuple[set[str], set[str]]]:
     """Modules and types of each package: the client, and each module beside it with what it needs
-    besides the client."""
+    besides the client.
+    """
     modules = portable()
     core = closure(_CORE, modules, late=False)
     made = {CORE: core}

@@ -1,10 +1,10 @@
-"""MicroPython's raw REPL: runs code on a board by the line of its console.
+r"""MicroPython's raw REPL: runs code on a board by the line of its console.
 
 ::
 
     repl = RawRepl(device_port("/dev/ttyACM0"))
     repl.enter()
-    repl.run("import os; print(os.getcwd())")       -> '/\\r\\n'
+    repl.run("import os; print(os.getcwd())")       -> '/\r\n'
     repl.leave()
 
 What is sent is in MicroPython's documentation under "The MicroPython Interactive Interpreter Mode
@@ -212,7 +212,8 @@ class RawRepl:
 
     def _by_paste(self, code: bytes) -> None:
         """Send code as fast as the board permits: it gives room for ``window`` octets more by each
-        0x01, and ends by 0x04."""
+        0x01, and ends by 0x04.
+        """
         window = int.from_bytes(self._take(2), "little")
         if not window:
             raise WrongAnswer("it gives a window of 0 octets for code")
@@ -294,7 +295,8 @@ class RawRepl:
 
     def _try_until(self, ending: bytes, seconds: float, keep: int = 0) -> tuple[bool, bytes]:
         """Whether ``ending`` came, and what came before it: with ``keep`` its last so many octets,
-        else all, and WrongAnswer for more than `MAX_ANSWER`."""
+        else all, and WrongAnswer for more than `MAX_ANSWER`.
+        """
         end = time.monotonic() + seconds
         parts: list[bytes] = []
         size = 0

@@ -122,7 +122,8 @@ def _take_endpoints(
 
 def matched_reader(writer: int, handle: int) -> tuple[bytes, bytes] | None:
     """(GUID, USER_DATA) of a reader that a writer is matched with; None where it is not (any
-    more)."""
+    more).
+    """
     return _matched(_clayer.ddspy_get_matched_subscription_data, writer, handle)
 
 

@@ -477,14 +477,16 @@ def write(writer: int, cdr: Bytes) -> bool:
 
 def write_disposed(writer: int, cdr: Bytes) -> bool:
     """:func:`write` with the status "disposed": Cyclone's readers take it as data, others as no
-    valid sample; see :mod:`~uros.middleware.dds.service_forms`."""
+    valid sample; see :mod:`~uros.middleware.dds.service_forms`.
+    """
     code: int = _ddspy_writedispose(writer, _filled(cdr) if len(cdr) & 3 else cdr)
     return code == 0 or _refused(code)
 
 
 def _filled(cdr: Bytes) -> bytes:
     """The sample with zeros to a multiple of 4: Cyclone would fill it up with what its memory last
-    held."""
+    held.
+    """
     fill = -len(cdr) & 3
     return bytes(cdr[:3]) + bytes((fill,)) + bytes(cdr[4:]) + bytes(fill)
 
@@ -513,7 +515,8 @@ def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:
 
 def unread(reader: int, limit: int) -> list[int]:
     """The octets of samples that were not read yet, at most ``limit`` of them; they stay, and count
-    as read from now on."""
+    as read from now on.
+    """
     sizes: list[int] = []
     while len(sizes) < limit:
         at_once = _READ_LARGE if sizes and sizes[-1] > _LARGE else _READ
@@ -526,7 +529,8 @@ def unread(reader: int, limit: int) -> list[int]:
 
 def _unfilled(cdr: bytes) -> bytes:
     """A sample without the octets at its end that only make its length a multiple of 4: the last
-    two bits of the encapsulation options count them (XTypes 1.3, 7.6.3.1.2)."""
+    two bits of the encapsulation options count them (XTypes 1.3, 7.6.3.1.2).
+    """
     return cdr[:3] + b"\0" + cdr[4 : -(cdr[3] & 3)]
 
 

@@ -195,7 +195,8 @@ class _ServiceReader(DdsReader):
 
     def take_parsed(self, limit: int) -> tuple[int, list[tuple[bytes, int, bytes]]]:
         """How many samples were taken, and those in our form: (client id as little-endian bytes,
-        sequence number, body as a sample)."""
+        sequence number, body as a sample).
+        """
         taken = self._take(limit)
         out = []
         for sample, info in taken:

@@ -77,7 +77,8 @@ class DdsNode(Node):
 
     def adopt(self, readers: list[bytes], writers: list[bytes]) -> None:
         """Announce endpoints of another participant of this process, by their GUIDs, as this
-        node's, and as nobody else's."""
+        node's, and as nobody else's.
+        """
         self._entities.readers += readers
         self._entities.writers += writers
         self.participant.changed()
@@ -209,7 +210,8 @@ class DdsMiddleware(Middleware):
 
     def expect_offers(self, participant: SharedParticipant) -> None:
         """A reliable reader is about to be made: from now on see to it that writers of its
-        domain do not let it wait; see :mod:`~uros.middleware.dds.late_writer_heartbeat`."""
+        domain do not let it wait; see :mod:`~uros.middleware.dds.late_writer_heartbeat`.
+        """
         if participant.domain not in self._offers:
             self._offers[participant.domain] = Offers(self, participant)
 
@@ -251,7 +253,8 @@ class DdsMiddleware(Middleware):
 
     def watch_local(self, reader: DdsReader) -> None:
         """While a reader hears none but this middleware's own writers, let only the
-        coming of others wake the waiting thread: of our own samples we know first."""
+        coming of others wake the waiting thread: of our own samples we know first.
+        """
         cyclone.wake_on(reader.entity, cyclone.STATUS_SUBSCRIPTION_MATCHED)
         reader.local_only = True
         self._look_for_others(reader)
@@ -278,7 +281,8 @@ class DdsMiddleware(Middleware):
 
     def again(self, reader: Watched) -> None:
         """Announce a reader once more, after others: it has enough for this turn, and something is
-        left."""
+        left.
+        """
         if not self._written:
             self.wake.set()
         self._written[-reader.key] = [reader]

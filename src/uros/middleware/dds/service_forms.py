@@ -32,8 +32,7 @@ MAX_KNOWN: Final = 1024
 
 
 def speaks(guid: bytes, user_data: bytes, mark: bytes) -> bool:
-    """Whether an endpoint has rmw_cyclonedds's form; ``mark`` is :data:`CLIENT` or :data:`SERVER`.
-    """
+    """Whether an endpoint has the form of rmw_cyclonedds; ``mark``: `CLIENT` or `SERVER`."""
     return mark in user_data and not guid.startswith(FAST_DDS)
 
 
@@ -68,7 +67,8 @@ class Senders:
 
     def speaks(self, handle: int) -> bool:
         """Whether the writer of that instance handle speaks the form. One that has left already,
-        and was never heard before, is not believed."""
+        and was never heard before, is not believed.
+        """
         known = self._known.get(handle)
         if known is None:
             about = builtin.matched_writer(self._reader, handle)

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 def create() -> Ros2Middleware:
     """A middleware on rclpy, configured by this process's environment.
 
-    Raises MiddlewareError where rclpy cannot be used."""
+    Raises MiddlewareError where rclpy cannot be used.
+    """
     from .middleware import Ros2Middleware
 
     return Ros2Middleware()

@@ -154,7 +154,8 @@ class RosDomain:
 
     def dispatch(self) -> Exception | None:
         """Call ``on_ready`` of all that is ready. What goes wrong there is returned: others must
-        hear of theirs first."""
+        hear of theirs first.
+        """
         with self._turn:
             failure, self._failure = self._failure, None
             ready = self._ready

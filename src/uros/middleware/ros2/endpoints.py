@@ -165,7 +165,8 @@ class Ros2Reader(_Taking, Reader):
 
 class _ServiceEnd(_Taking):
     """An end of a service. ``readers`` and ``writers`` are its GUIDs, where the RMW is on DDS;
-    ``on_close`` is called when it leaves."""
+    ``on_close`` is called when it leaves.
+    """
 
     __slots__ = ("_name", "_type", "on_close", "readers", "writers")
 
@@ -225,7 +226,8 @@ class Ros2Requester(_ServiceEnd, Requester):
 
 class Ros2Replier(_ServiceEnd, Replier):
     """rclpy hands out the identity of a request as an object that tells nothing but its number, so
-    the GUID given here is one of our own, and stands for that object."""
+    the GUID given here is one of our own, and stands for that object.
+    """
 
     __slots__ = ("_numbers", "_unanswered")
 

@@ -37,8 +37,9 @@ _PATIENCE: Final = 20.0
 
 
 def load() -> Any:
-    """rclpy's classes in C. Raises ImportError where there is none, MiddlewareError where there
-    is one that does not work."""
+    """Rclpy's classes in C. Raises ImportError where there is none, MiddlewareError where there
+    is one that does not work.
+    """
     if _CORE not in sys.modules:
         _try_elsewhere()
     return _load()
@@ -74,7 +75,8 @@ def prepare(package: str, kind: str, name: str) -> None:
 
 def _map() -> None:
     """Have the system load rclpy's library. An import would hold the GIL over it, for 40 ms and
-    more; a call by ctypes does not, and leaves the import little to do."""
+    more; a call by ctypes does not, and leaves the import little to do.
+    """
     spec = find_spec("rclpy")
     places = spec.submodule_search_locations if spec is not None else None
     for place in places or ():
@@ -97,7 +99,8 @@ def _try_elsewhere() -> None:
 
 def _elsewhere(code: str) -> None:
     """Run this in a process of its own. Raises MiddlewareError where that does not outlive it;
-    what it raises does not count: it will be raised here."""
+    what it raises does not count: it will be raised here.
+    """
     import subprocess
 
     try:

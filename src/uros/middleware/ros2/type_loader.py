@@ -66,7 +66,8 @@ class Preparation:
 
     def news(self) -> dict[TypeName, MiddlewareError | None]:
         """What the waiting for is over since the last time, with an error where that type cannot
-        be had. Where rclpy cannot, ``failure`` is set instead."""
+        be had. Where rclpy cannot, ``failure`` is set instead.
+        """
         with self._lock:
             news, self._news = self._news, {}
         self._ready.update(name for name, error in news.items() if error is None)

@@ -234,7 +234,8 @@ def _stop_at_eof(server: Server) -> None:
 def _stop_on_signals(server: Server) -> None:
     """Also where the terminal is closed, or the connection to it lost, unless nohup has said that
     this is to be ignored. Nothing is read again: control files and certificates are looked at
-    as they change, and a log on standard output is turned by what stands behind it."""
+    as they change, and a log on standard output is turned by what stands behind it.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
     hangup = getattr(signal, "SIGHUP", None)  # not on Windows

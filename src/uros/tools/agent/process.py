@@ -13,7 +13,8 @@ _END_SECONDS: Final = 5.0
 
 class AgentProcess:
     """``uros agent`` with ``arguments``, such as ``("serial", "--dev", "/dev/ttyACM0")``, in
-    ``domain``. ``on_line`` gets its log, line by line, from another thread."""
+    ``domain``. ``on_line`` gets its log, line by line, from another thread.
+    """
 
     def __init__(
         self, arguments: Sequence[str], domain: int, on_line: Callable[[str], object]

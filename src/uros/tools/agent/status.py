@@ -71,7 +71,8 @@ def page(
     snapshot: Snapshot, before: Snapshot | None = None, verbose: bool = False, width: int = 80
 ) -> list[str]:
     """The lines of a page, none wider than ``width``. With the snapshot ``before`` it, rates are
-    over the time between."""
+    over the time between.
+    """
     lines = [_cut(_head(snapshot, before), width), ""]
     lines += _table(_transports(snapshot), width, "<<>><", 1, 4)
     lines.append("")
@@ -293,7 +294,8 @@ def _cut(text: str, width: int) -> str:
 
 def _table(rows: list[list[str]], width: int, aligned: str, *narrow: int) -> list[str]:
     """Rows under each other. Where they are too wide, the columns ``narrow`` are cut, the first
-    one first."""
+    one first.
+    """
     sizes = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for column in narrow:
         over = sum(sizes) + 2 * (len(sizes) - 1) - width

@@ -407,7 +407,8 @@ def talks_to_agent(plan: Plan) -> bool:
 
 def _read_input(events: queue.Queue[tuple[_Seat | None, dict[str, Any]]]) -> None:
     """Lines of standard input, as events. Not through sys.stdin, whose lock a thread that reads
-    would keep at exit."""
+    would keep at exit.
+    """
     try:
         if os.isatty(0) and os.tcgetpgrp(0) != os.getpgrp():
             return  # reading in the background would stop us

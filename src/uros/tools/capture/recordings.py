@@ -44,7 +44,8 @@ class RecordingError(ToolError):
 class Record(NamedTuple):
     """One message. ``time`` is in seconds, since 1970 or since the first; ``client`` counts
     the places that clients talk from; ``key`` is 0 where the recording does not say it; ``lost``
-    messages before it are not in the recording."""
+    messages before it are not in the recording.
+    """
 
     time: float
     from_client: bool
@@ -58,7 +59,8 @@ class Record(NamedTuple):
 
 def opening(message: bytes) -> bytes | None:
     """What a CREATE_CLIENT says, from its cookie on and as far as it is there, sound or not; None:
-    the message is another one."""
+    the message is another one.
+    """
     if message[:1] not in (b"\x00", b"\x80"):
         return None
     at = 4 if message[0] else 8

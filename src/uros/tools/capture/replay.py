@@ -240,7 +240,8 @@ class Player:
 
     def _await_answers(self) -> None:
         """Until all that was answered by now then is answered. What does not come in time is
-        not waited for again."""
+        not waited for again.
+        """
 
         def missing() -> list[tuple[int, List]]:
             return [

@@ -34,7 +34,8 @@ List = tuple[str, int]  # "stream" or "data", and which
 
 class Answer(NamedTuple):
     """One submessage of the agent. What cannot be the same twice is zero in ``payload``;
-    ``identity`` is the caller of a service."""
+    ``identity`` is the caller of a service.
+    """
 
     client: int
     list: List

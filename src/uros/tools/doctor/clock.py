@@ -52,7 +52,8 @@ def stamp_of(cdr: bytes) -> tuple[int, int] | None:
 @dataclass
 class Stamps:
     """Of one topic. ``nearest`` is the least distance to our clock, in seconds: how long a message
-    is on its way adds to it."""
+    is on its way adds to it.
+    """
 
     nodes: list[str]
     count: int = 0

@@ -100,7 +100,8 @@ def _print(finding: Finding) -> None:
 
 def lines(finding: Finding, width: int = _WIDTH) -> str:
     """A finding as it is printed: the sentence, and what mends it, each on a line of its own
-    that is not broken within commands."""
+    that is not broken within commands.
+    """
     head = f"{finding.state:<9}{finding.check:<15}"
     told = textwrap.wrap(
         printable(finding.what), width - len(head), break_long_words=False, break_on_hyphens=False

@@ -24,7 +24,8 @@ def word(text: str) -> str:
 @dataclass(frozen=True)
 class Finding:
     """``check``: which one, in a word; ``what``: one sentence; ``mend``: the command or the change
-    that mends it, and empty where there is nothing to mend."""
+    that mends it, and empty where there is nothing to mend.
+    """
 
     check: str
     state: str

@@ -31,7 +31,8 @@ def full_name(endpoint: EndpointInfo) -> str:
 
 class Picture:
     """What a graph has been at one moment, without the nodes in ``ours``: asked once, and looked
-    at by several checks. ``topics`` has those that others have an end of."""
+    at by several checks. ``topics`` has those that others have an end of.
+    """
 
     def __init__(self, graph: Graph, ours: Collection[str] = ()) -> None:
         self.nodes = [it for it in graph.nodes() if it not in ours]

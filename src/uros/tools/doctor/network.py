@@ -358,7 +358,8 @@ def comes_back(it: Interface, port: int) -> bool:
 @contextmanager
 def _receiver(port: int) -> Iterator[tuple[socket.socket, int]]:
     """A socket on the port of discovery, which participants share; on another where one does not:
-    firewalls mind the group more than the port."""
+    firewalls mind the group more than the port.
+    """
     with _udp() as sock:
         try:
             sock.bind((GROUP, port))

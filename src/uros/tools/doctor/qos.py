@@ -35,7 +35,8 @@ _MAX_PAIRS: Final = 20_000
 class Mismatch:
     """One policy that keeps a pair apart, with each side's value in words. ``option`` is the rule
     for a topic of `uros agent --qos` that makes a board's writer (``offer``) or reader
-    (``request``) fit, empty where none does."""
+    (``request``) fit, empty where none does.
+    """
 
     policy: str
     offered: str
@@ -132,7 +133,8 @@ def _list(partitions: Sequence[str]) -> str:
 
 def _meet(ones: Sequence[str], others: Sequence[str]) -> bool:
     """Whether two lists of partitions have one in common. Patterns meet names, and no
-    pattern, not even the same one; no partition is the partition ''."""
+    pattern, not even the same one; no partition is the partition ''.
+    """
     for one in ones or ("",):
         for other in others or ("",):
             if _is_pattern(one) and _is_pattern(other):
@@ -151,7 +153,8 @@ def _is_pattern(partition: str) -> bool:
 
 def check_qos(picture: Picture, domain: int, boards: Collection[str] = ()) -> list[Finding]:
     """All pairs of a domain that do not match. ``boards`` are full names of boards' nodes, which
-    `uros agent --qos` can change."""
+    `uros agent --qos` can change.
+    """
     found: dict[Finding, None] = {}
     pairs = 0
     for topic in picture.topics:

@@ -12,7 +12,8 @@ Snapshot = dict[str, Any]
 
 class Agents:
     """Those that can be asked, or the one with a pid. ``looks`` are what they said, each time that
-    they were asked."""
+    they were asked.
+    """
 
     def __init__(
         self,

@@ -92,7 +92,8 @@ def run(args: argparse.Namespace) -> int:
 
 class Saver:
     """Writes pictures, and knows when enough are written. Raises ToolError for an ``out`` that
-    cannot be."""
+    cannot be.
+    """
 
     def __init__(self, topic: str, out: str, count: int, every: float) -> None:
         self.count = 0

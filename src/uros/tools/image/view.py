@@ -103,7 +103,8 @@ class Shown:
 
     def answer(self, asked: dict[str, str]) -> Answer:
         """``/picture?version=V&picture=N``: what is new since then; the picture where it is not
-        number N."""
+        number N.
+        """
         with self._newest:
             self._newest.wait(number(asked, "version"), _WAIT_SECONDS)
             picture = self._picture

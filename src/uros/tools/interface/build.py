@@ -103,7 +103,8 @@ def _compiled(path: str, text: str) -> tuple[str, bytes]:
 
 def _write(out: Path, files: dict[str, bytes]) -> None:
     """Write the files, and remove what an earlier call wrote in the other form: a board takes the
-    text where there are both."""
+    text where there are both.
+    """
     for name, data in files.items():
         path = out / name
         path.parent.mkdir(parents=True, exist_ok=True)

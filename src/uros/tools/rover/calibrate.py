@@ -148,7 +148,8 @@ class Watched:
 
     def wait(self, seconds: float) -> bool:
         """Let so much time go by, or less if a message comes; whether one came. Raises ToolError
-        where the rover is silent."""
+        where the rover is silent.
+        """
         raise NotImplementedError
 
     def command(self, v: float, w: float) -> None:

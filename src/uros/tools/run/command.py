@@ -87,7 +87,8 @@ def run(args: argparse.Namespace) -> int:
 
 class _Lines(io.TextIOBase):
     """Standard output for a node: each line at once. That nobody reads them any more is no error
-    there, which would be logged again, but ``ended``."""
+    there, which would be logged again, but ``ended``.
+    """
 
     def __init__(self, out: TextIO) -> None:
         self.ended = False
@@ -114,7 +115,8 @@ def _remap(rules: list[str]) -> Remap | None:
 
 def on_ros2(domain: int | None = None, middleware: str = "auto") -> Direct:
     """What a node of a host is given as its ``transport``, for services that rclpy's nodes are to
-    reach as well: with ``auto`` they are rclpy's where that can be imported."""
+    reach as well: with ``auto`` they are rclpy's where that can be imported.
+    """
     from ...host.direct import Direct
     from ...middleware import open_middleware
     from ...middleware.base import environment_domain

@@ -141,7 +141,8 @@ def _wait(
 
 def _tell_close_names(network: Network, topic: str, waiting: bool, said: str) -> str:
     """Where nobody subscribes: it may be misspelt, or, to one who waits, another domain's. What
-    was ``said`` is not said again; the result is what was said last."""
+    was ``said`` is not said again; the result is what was said last.
+    """
     graph = network.graph
     if graph.subscriptions(topic):
         return said

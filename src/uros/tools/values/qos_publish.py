@@ -51,7 +51,8 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
 
 def choose(args: argparse.Namespace) -> QoSProfile:
     """The profile to publish with. What is left to the system, or to whoever subscribes, is
-    reliable, volatile and automatic: all match that, but those that want more."""
+    reliable, volatile and automatic: all match that, but those that want more.
+    """
     from ...qos import (
         DurabilityPolicy,
         HistoryPolicy,

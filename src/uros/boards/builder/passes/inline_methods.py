@@ -120,7 +120,8 @@ def _is_bound_first(name: str, body: list[ast.stmt]) -> bool:
 
 def _binds_itself(name: str, node: ast.stmt) -> bool:
     """Whether each block in a statement binds the name first. A loop over the name has bound it in
-    its body, and so has a handler that gives it to an error."""
+    its body, and so has a handler that gives it to an error.
+    """
     if isinstance(node, ast.For) and name in _plain_names(node.target):
         return not _count(name, [node.iter, *node.orelse])
     blocks = [block for field in _BLOCKS if (block := getattr(node, field, None))]

@@ -211,7 +211,8 @@ class _Attributes(ast.NodeTransformer):
 
 def _loaded_by_bodies(classes: list[ast.ClassDef]) -> set[str]:
     """The names that class bodies load themselves, as decorators are: a method of such a name
-    would hide what is meant."""
+    would hide what is meant.
+    """
     parts: list[ast.AST] = []
     for node in classes:
         for it in node.body:
@@ -268,7 +269,8 @@ def _is_ours(base: ast.expr, ours: set[str]) -> bool:
 
 def _rename_members(node: ast.ClassDef, new: dict[str, str]) -> None:
     """What the class's body binds, and where it reads that itself: not before, when a name is still
-    the module's."""
+    the module's.
+    """
     there: set[str] = set()
     for member in node.body:
         binds = set(bound([member]))

@@ -23,7 +23,8 @@ _QUIET: Final = ("uros.wire.", "uros.interfaces.")
 
 def make_lean(modules: dict[str, Module], spared: str = "-") -> None:
     """Leave out of uros's modules what only says more about an error; those whose names begin with
-    ``spared`` keep it."""
+    ``spared`` keep it.
+    """
     for (name, constant), value in _LEAN.items():
         if not name.startswith(spared):
             set_constant(modules, name, constant, value)

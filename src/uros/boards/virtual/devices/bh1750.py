@@ -30,7 +30,8 @@ _ACCURACY: Final = 0.05  # one sigma of what the datasheet has as 0.96 to 1.44 c
 
 class Bh1750(Device):
     """``light(seconds)`` gives lux at a time since power-on. Without ``noise`` it is only
-    rounded."""
+    rounded.
+    """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,

@@ -66,7 +66,8 @@ class Camera(Part):
 
     def capture(self, width: int = 320, height: int = 240, quality: int = 80) -> bytes:
         """A JPEG picture of what is in front of it now, of ``quality`` 1 to 95; b"" where that
-        failed. Raises ValueError for a size that no OV2640 has, NoPillow."""
+        failed. Raises ValueError for a size that no OV2640 has, NoPillow.
+        """
         if not (16 <= width <= _WIDEST and 16 <= height <= _WIDEST):
             raise ValueError(f"a picture has 16 to {_WIDEST} pixels a side, not {width} x {height}")
         if not 1 <= quality <= 95:

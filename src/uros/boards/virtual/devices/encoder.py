@@ -64,7 +64,8 @@ class Encoder:
 
     def turn(self, t_us: int, step_us: int, before: float, after: float) -> list[tuple[int, int]]:
         """What the line did while the wheel went from one angle to another, in radians, in the
-        ``step_us`` from ``t_us`` on: the time and the new level of each edge. Tells nobody."""
+        ``step_us`` from ``t_us`` on: the time and the new level of each edge. Tells nobody.
+        """
         scale = EDGES / math.tau
         begin, end = before * scale + self._phase, after * scale + self._phase
         cell = self._find(end)

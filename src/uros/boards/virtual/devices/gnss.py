@@ -61,7 +61,8 @@ def angle(degrees: float, digits: int, decimals: int, letters: str) -> str:
 
 class Gnss(Part):
     """``place(seconds)`` says where it is at a time since power-on, which was at ``epoch``, in
-    seconds since 1970. ``read`` and ``write`` are the other end of its UART."""
+    seconds since 1970. ``read`` and ``write`` are the other end of its UART.
+    """
 
     FAULTS: ClassVar[dict[str, str]] = {
         "nofix": "the sky is covered: it sees too few satellites",

@@ -46,7 +46,8 @@ _TESLA: Final = 1e-4  # a gauss
 
 class Lis3mdl(Registers):
     """``field(seconds)`` gives the field in tesla at a time since power-on, ``air(seconds)`` the
-    temperature in °C. Without ``noise`` there is no offset, either."""
+    temperature in °C. Without ``noise`` there is no offset, either.
+    """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,

@@ -47,7 +47,8 @@ _ACCURACY: Final = 0.0025  # V: one sigma of ±7.5 mV
 
 class Max17048(Registers):
     """``cell(seconds)`` gives volts and how full the cell is (0 to 1) at a time since power-on.
-    Without ``noise`` they are only rounded."""
+    Without ``noise`` they are only rounded.
+    """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,

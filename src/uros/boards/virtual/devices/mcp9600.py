@@ -57,7 +57,8 @@ _SHUTDOWN: Final = 1
 
 class Mcp9600(Device):
     """``junctions(seconds)`` gives the temperatures of the hot and the cold junction in °C at a
-    time since power-on. Without ``noise`` they are only rounded."""
+    time since power-on. Without ``noise`` they are only rounded.
+    """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,

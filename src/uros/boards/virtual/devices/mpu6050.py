@@ -69,7 +69,8 @@ def gyro_trim(code: int) -> float:
 class Mpu6050(Registers):
     """``motion(seconds)`` gives the acceleration that is felt (at rest: 1 g upwards) in m/s² and
     the rate of turn in rad/s, x y z each, at a time since power-on; ``air(seconds)`` the
-    temperature around it in °C. Without ``noise`` there are no offsets, either."""
+    temperature around it in °C. Without ``noise`` there are no offsets, either.
+    """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,

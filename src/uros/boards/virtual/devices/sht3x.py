@@ -72,7 +72,8 @@ def word(value: float) -> bytes:
 
 class Sht3x(Device):
     """``air(seconds)`` gives temperature in °C and relative humidity (0 to 1) at a time since
-    power-on. Without ``noise`` they are reported as they are."""
+    power-on. Without ``noise`` they are reported as they are.
+    """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,

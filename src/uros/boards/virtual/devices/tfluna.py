@@ -50,7 +50,8 @@ _BLINDED: Final = 0xFFFF
 class TfLuna(Registers):
     """``target(seconds)`` gives the distance in m of what is before it (infinite: nothing) and how
     much of the light that throws back (0 to 1), at a time since power-on. Without ``noise`` it is
-    only rounded."""
+    only rounded.
+    """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,

@@ -85,7 +85,8 @@ def proximity_counts(distance_mm: float, milliamperes: float) -> int:
 
 class Vcnl4010(Device):
     """``scene(seconds)`` gives the distance of what is before the sensor in mm, and the light on
-    it in lux, at a time since power-on. Without ``noise`` they are only rounded."""
+    it in lux, at a time since power-on. Without ``noise`` they are only rounded.
+    """
 
     def __init__(
         self,

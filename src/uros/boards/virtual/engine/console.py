@@ -38,7 +38,8 @@ class Console:
 
 class Once:
     """Lets the traceback of a fault of one field through once: a program that goes on meets it at
-    each turn of its timer."""
+    each turn of its timer.
+    """
 
     _FAULT: Final = re.compile(r"\w+Error: \w+/(?:msg|srv|action)/\w+(?:[.\w]*:| has no field \w+)")
 

@@ -19,7 +19,8 @@ MOST_NUMBERS: Final = 16  # of one box, so that a program in a loop fills nothin
 
 class Mail:
     """The mailboxes. The newest message of each number waits; they are taken in the order of their
-    numbers."""
+    numbers.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

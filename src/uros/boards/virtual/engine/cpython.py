@@ -56,7 +56,8 @@ def run(root: Path, host: BoardHost) -> None:
 
 def run_core(root: Path, host: BoardHost, name: str) -> None:
     """Run a module of a board's file system on its second core, until Reset ends it, which is
-    raised, or an error, which is reported to the host."""
+    raised, or an error, which is reported to the host.
+    """
     board = _Modules(root, host)
     try:
         board.run_core(name)

@@ -91,7 +91,8 @@ def _remedy(named: str | None, clones: list[Path]) -> str:
 
 class MicroPythonEngine:
     """One run of a program, or where ``core`` is the name of a module, of that on the board's
-    second core. :meth:`stop` and :meth:`ask_heap` may come from another thread."""
+    second core. :meth:`stop` and :meth:`ask_heap` may come from another thread.
+    """
 
     def __init__(
         self, root: Path, host: BoardHost, measure: bool = False, core: str = ""

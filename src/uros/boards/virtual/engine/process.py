@@ -68,7 +68,8 @@ class Options:
     ``plugs`` what is plugged into the board; ``interfaces`` folders of definitions; ``happen``
     what happens before the program starts; ``speed`` that of the board's time; ``agent`` where the
     agent is that the program looks for in its network, a host and a port; ``address`` the board's
-    own on this host."""
+    own on this host.
+    """
 
     program: str
     board: str

@@ -42,7 +42,8 @@ class BoardGone(RuntimeError):
 
 class Heap(NamedTuple):
     """Octets in use on MicroPython's heap. What is reported is without the shims and MicroPython's
-    own, which are ``base``."""
+    own, which are ``base``.
+    """
 
     used: int
     peak: int
@@ -185,7 +186,8 @@ class RunningBoard:
 
     def happen(self, spec: str) -> None:
         """Plant or heal a fault, such as "sht3x:nack", "sht3x:off" or "usb:unplug", or do something
-        by hand, such as "button:press"; it is done when this returns. Raises FaultError."""
+        by hand, such as "button:press"; it is done when this returns. Raises FaultError.
+        """
         self._refused.clear()
         self._command(do="happen", spec=spec)
         self._until(lambda: bool(self._refused), WAIT_SECONDS, "an answer")
@@ -194,7 +196,8 @@ class RunningBoard:
 
     def press(self, what: str, **more: str) -> None:
         """Ask for "reset", "heap" or "happen" (and its ``spec``) without waiting for it: an event
-        will tell."""
+        will tell.
+        """
         self._command(do=what, **more)
 
     def reset(self, timeout: float = WAIT_SECONDS) -> None:
@@ -205,7 +208,8 @@ class RunningBoard:
 
     def heap(self, timeout: float = WAIT_SECONDS) -> Heap:
         """What lives on the heap of MicroPython after a collection; see the engine for programs
-        that can be asked while they run. ``peak`` is 0 unless it is measured."""
+        that can be asked while they run. ``peak`` is 0 unless it is measured.
+        """
         self._heaps.clear()
         self._command(do="heap")
         self._until(lambda: bool(self._heaps), timeout, "the heap")
@@ -225,7 +229,8 @@ class RunningBoard:
 
     def wait(self, text: str, timeout: float = WAIT_SECONDS) -> str:
         """Wait for a line of the console with this text, and return it. Lines before it are
-        dropped; TimeoutError and BoardGone show them."""
+        dropped; TimeoutError and BoardGone show them.
+        """
         seen: list[str] = []
         end = time.monotonic() + timeout
         while True:

@@ -109,7 +109,8 @@ class BoardHost:
 
     def ask_reset(self) -> None:
         """The reset button: raises Reset, at once or at the end of an operation. To be called in
-        the program's thread, by a signal."""
+        the program's thread, by a signal.
+        """
         self._reset_asked = True
         if not self._within:
             raise Reset

@@ -108,7 +108,8 @@ class _Cable(Part):
 
 class Interrupts:
     """Those of one core: what is ``due``, by time, pin and level, and whether its firmware asked
-    for any (``wanted``)."""
+    for any (``wanted``).
+    """
 
     def __init__(self) -> None:
         self.due: deque[tuple[int, Pin, int]] = deque()
@@ -135,7 +136,8 @@ class Interrupts:
 
 class Bridge:
     """A chip that makes a UART of the USB socket, as most boards have one: the board's end. What
-    is sent while no program on the host listens is lost, as with a real one."""
+    is sent while no program on the host listens is lost, as with a real one.
+    """
 
     def __init__(self, usb: UsbCdc) -> None:
         self._usb = usb
@@ -233,7 +235,8 @@ class VirtualBoard:
 
     def add_camera(self, camera: Camera) -> None:
         """A picture without a size is what a driver asks for when it looks whether there is a
-        camera."""
+        camera.
+        """
         self.parts.add(camera)
         self.capture = lambda width, height, quality: (
             camera.capture(width, height, quality) if width else self._start(camera)
@@ -315,7 +318,8 @@ class VirtualBoard:
     def reset(self) -> None:
         """What a reset of the microcontroller does: its USB goes away until the firmware switches
         it on, pins become inputs, ticks start at 0. Parts around it and the real-time clock notice
-        nothing."""
+        nothing.
+        """
         with self.lock:
             if self.usb_inside:
                 self.usb.disable()

@@ -53,7 +53,8 @@ class BoardClock:
 
     def hold(self, world_us: int | None) -> None:
         """It is this moment of the world until told otherwise, for this thread: what a program
-        sees in an interrupt that is carried out later than it was due. None: time goes on."""
+        sees in an interrupt that is carried out later than it was due. None: time goes on.
+        """
         self._holding.ns = None if world_us is None else world_us * 1000
 
     @property
@@ -77,7 +78,8 @@ class BoardClock:
 
     def ticks_us(self) -> int:
         """Microseconds since power-on or :meth:`restart`, as the board's crystal counts them.
-        Never wraps; what a port of MicroPython makes of it is the engine's matter."""
+        Never wraps; what a port of MicroPython makes of it is the engine's matter.
+        """
         return (self._board_ns() - self._restarted) // 1000
 
     def restart(self) -> None:
@@ -109,7 +111,8 @@ class BoardClock:
 
     def select(self, fds: Iterable[int], seconds: float | None) -> list[int]:
         """The descriptors that can be read, waiting up to ``seconds`` (None: for ever) of true
-        time for one."""
+        time for one.
+        """
         poll = select.poll()
         for fd in fds:
             poll.register(fd, select.POLLIN)
@@ -118,7 +121,8 @@ class BoardClock:
 
 class ManualClock(BoardClock):
     """A clock that moves when told: by :meth:`advance`, and by every wait on it, which then takes
-    no time at all."""
+    no time at all.
+    """
 
     def __init__(self, drift_ppm: float = 0.0, start_ns: int = 0) -> None:
         self._now = start_ns
@@ -134,7 +138,8 @@ class ManualClock(BoardClock):
 
     def select(self, fds: Iterable[int], seconds: float | None) -> list[int]:
         """What can be read now; where nothing can, the time is over at once. Waiting for ever
-        for nothing is an error (RuntimeError), because nothing would ever end it."""
+        for nothing is an error (RuntimeError), because nothing would ever end it.
+        """
         ready = super().select(fds, 0)
         if not ready:
             if seconds is None:

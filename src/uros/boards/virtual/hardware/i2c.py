@@ -174,7 +174,8 @@ class I2CBus:
 
     def recover(self) -> bool:
         """Nine clocks and a STOP: a device that waits for the rest of a byte lets go of SDA.
-        Returns whether the bus is free now; a short stays one."""
+        Returns whether the bus is free now; a short stays one.
+        """
         for _ in range(9):
             self.pulse()
         self._clock.sleep_world_us(math.ceil(10 * 1e6 / self.frequency))
@@ -228,7 +229,8 @@ class I2CBus:
 
     def scan(self) -> list[int]:
         """The addresses that are acknowledged, without the reserved ones. Raises BusError where
-        the bus is stuck."""
+        the bus is stuck.
+        """
         found = []
         for address in range(0x08, 0x78):
             try:

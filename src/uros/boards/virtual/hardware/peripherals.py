@@ -49,7 +49,8 @@ class Modem(Protocol):
 
 class Uart:
     """A board's UART, and a line that takes its time. ``overruns`` counts the octets that came
-    when the buffer was full, and are lost."""
+    when the buffer was full, and are lost.
+    """
 
     def __init__(self, device: Modem, baud: int, clock: BoardClock) -> None:
         self.overruns = 0

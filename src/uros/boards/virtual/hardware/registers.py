@@ -12,7 +12,8 @@ from .i2c import Device
 
 class Registers(Device):
     """``memory`` are the registers. Subclasses say what time does to them (`catch_up`), what a
-    write does (`wrote`) and what a read does besides (`was_read`)."""
+    write does (`wrote`) and what a read does besides (`was_read`).
+    """
 
     def __init__(self, name: str, address: int, size: int = 0x100) -> None:
         super().__init__(name, address)

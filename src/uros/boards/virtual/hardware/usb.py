@@ -103,7 +103,8 @@ class _Line:
 
     def notice(self) -> bool:
         """Whether it was opened or closed since the last call. What a program that has closed it
-        did not read is thrown away."""
+        did not read is thrown away.
+        """
         is_open = self.is_open()
         if is_open == self._was_open:
             return False
@@ -192,7 +193,8 @@ class UsbCdc:
         self, device_descriptor: bytes, configuration: bytes, strings: Sequence[str]
     ) -> None:
         """Switch the device on. ``strings[0]`` is the one with index 1. If it was on, the host
-        sees it leave and come back."""
+        sees it leave and come back.
+        """
         with self._lock:
             self.disable()
             self._enabled = bytes(device_descriptor), bytes(configuration), tuple(strings)
@@ -208,7 +210,8 @@ class UsbCdc:
     @property
     def state(self) -> str:
         """DETACHED: not plugged in, or off; ATTACHED: the host has not configured it, yet or at all
-        (see :attr:`error`); CONFIGURED; SUSPENDED."""
+        (see :attr:`error`); CONFIGURED; SUSPENDED.
+        """
         with self._lock:
             self._poll()
             if self._line is not None:
@@ -223,7 +226,8 @@ class UsbCdc:
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
         """Send, without waiting. Returns how many bytes were taken: 0 unless the port is
-        configured, not suspended and open."""
+        configured, not suspended and open.
+        """
         with self._lock:
             self._poll()
             if self._line is None or self._suspended or not self._line.is_open() or not data:
@@ -248,7 +252,8 @@ class UsbCdc:
         """Wait up to so long (None: for ever) until there is something to read, or the line
         has changed since the last wait: plugged, unplugged, configured, suspended, resumed, closed
         by a program. Returns whether it is so. That a program has opened the port ends no wait
-        before its first byte comes."""
+        before its first byte comes.
+        """
         clock = self._clock
         deadline = None if seconds is None else clock.host_ns() + round(seconds * 1e9)
         while True:
@@ -295,7 +300,8 @@ class UsbCdc:
 
     def suspend(self) -> None:
         """The host lets the device sleep: the port stays, data waits. Nothing where there is no
-        configured device."""
+        configured device.
+        """
         with self._lock:
             if self._line is not None and not self._suspended:
                 self._suspended = True

@@ -80,7 +80,8 @@ def _require(condition: bool, why: str) -> None:
 
 def check_descriptors(device: bytes, configuration: bytes, strings: Sequence[str]) -> UsbIdentity:
     """What a host does with the descriptors of a full-speed CDC-ACM device. ``strings[0]`` has
-    the index 1. Raises DescriptorError."""
+    the index 1. Raises DescriptorError.
+    """
     _require(len(device) == 18, f"device descriptor: {len(device)} bytes instead of 18")
     _require(device[0] == 18, f"device descriptor: it says it has {device[0]} bytes, not 18")
     _require(device[1] == _DEVICE, f"device descriptor: its type is {device[1]}, not {_DEVICE}")

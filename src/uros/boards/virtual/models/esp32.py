@@ -1,5 +1,6 @@
 """An ESP32-DevKitC on a breadboard: an LED at pin 22, a button or a second LED at pin 23, a knob at
-pin 34, and a USB adapter at UART 2, or its own WLAN."""
+pin 34, and a USB adapter at UART 2, or its own WLAN.
+"""
 
 from __future__ import annotations
 

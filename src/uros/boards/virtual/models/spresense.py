@@ -1,5 +1,6 @@
 """An ESP32-S3-DevKitC-1 that stands for a Sony Spresense, which has no MicroPython: its four LEDs,
-the line to the agent at UART 1, and what else a program needs."""
+the line to the agent at UART 1, and what else a program needs.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """SprTurtleBot: the board that stands for a Spresense on a rover, with its driver, encoders and
-camera."""
+camera.
+"""
 
 from __future__ import annotations
 

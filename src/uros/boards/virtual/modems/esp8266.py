@@ -76,7 +76,8 @@ class Esp8266(Modem):
 
     def reset(self) -> None:
         """Its power was gone for a moment. The loader talks at another baud rate, then it is
-        ready, and nowhere."""
+        ready, and nowhere.
+        """
         self._forget()
         self._station = False
         self._heard = bytearray()

@@ -13,7 +13,8 @@ except ImportError:  # MicroPython
 
 class Link:
     """A UDP link to one host and port, in memory: ``sent`` is what the board has sent, ``come``
-    what the host has for it."""
+    what the host has for it.
+    """
 
     def __init__(self, host: str = "", port: int = 0, local_port: int = 0) -> None:
         self.where = (host, port, local_port)
@@ -97,7 +98,8 @@ if sys.implementation.name != "micropython":
     class HostAir(Air):
         """Access points whose network is the host's own. A port of the board's own choice is not
         kept: many virtual boards would choose the same. ``routes`` says where a "host:port" of
-        that network really is, ``address`` is the board's own on this host, "" for any."""
+        that network really is, ``address`` is the board's own on this host, "" for any.
+        """
 
         def __init__(
             self, networks: "dict[str, str]", hosts: "tuple[str, ...] | None" = None,

@@ -77,7 +77,8 @@ class RTC:
 
     def datetime(self, moment: "tuple[int, ...] | None" = None) -> "tuple[int, ...] | None":
         """(year, month, day, weekday, hours, minutes, seconds, microseconds), as an ESP32 has it;
-        to be set, the weekday does not count."""
+        to be set, the weekday does not count.
+        """
         if moment is None:
             ns = time.time_ns()
             at = time.gmtime(ns // 1000000000)
@@ -329,7 +330,8 @@ def _register(memaddr: int, addrsize: int) -> bytes:
 
 class UART:
     """A UART by its number; only numbers that something is plugged into exist. No call waits:
-    ``timeout`` is 0. It has room for ``rxbuf`` octets that come while the program does not read."""
+    ``timeout`` is 0. It has room for ``rxbuf`` octets that come while the program does not read.
+    """
 
     def __init__(
         self, id: int, baudrate: int = 9600, bits: int = 8, parity: int | None = None,

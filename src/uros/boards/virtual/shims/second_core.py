@@ -19,7 +19,8 @@ _NUMBERS = {"nan": float("nan"), "inf": float("inf")}
 
 class Mailbox:
     """One way, from one core to the other. The newest message of each number (1 to 255) waits, so
-    a flood of them fills nothing; they are taken in the order of their numbers."""
+    a flood of them fills nothing; they are taken in the order of their numbers.
+    """
 
     def __init__(self, box: int) -> None:
         self.value: Any = None

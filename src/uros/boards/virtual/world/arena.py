@@ -45,7 +45,8 @@ class Box(NamedTuple):
 class Hit(NamedTuple):
     """What a ray meets: how far along, in multiples of the ray's own length, on which box (None is
     a wall), on which side ("n", "e", "s", "w", as seen from the middle of the room or of the box),
-    and how far from that side's left end as one looks at it."""
+    and how far from that side's left end as one looks at it.
+    """
 
     far: float
     box: Box | None
@@ -90,7 +91,8 @@ class Arena:
 
     def look(self, x: float, y: float, dx: float, dy: float) -> list[Hit]:
         """What a ray from inside of the room meets, the farthest first: a wall, and before it the
-        boxes, each once. A box that it begins in is not seen."""
+        boxes, each once. A box that it begins in is not seen.
+        """
         half = self.size / 2
         far, side, along = math.inf, "e", 0.0
         if dx:

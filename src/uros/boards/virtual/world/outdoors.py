@@ -101,7 +101,8 @@ def rest_voltage(full: float) -> float:
 
 class Outdoors:
     """One place. ``t`` is in seconds since power-on; ``epoch`` is the time of that in seconds since
-    1970, by default on a day in June at ``start_hour`` o'clock by the sun there."""
+    1970, by default on a day in June at ``start_hour`` o'clock by the sun there.
+    """
 
     def __init__(
         self, seed: int = 0, start_hour: float = 10.0, epoch: int | None = None, charge: float = 0.9
@@ -191,7 +192,8 @@ class Outdoors:
 
     def target(self, t: float) -> tuple[float, float]:
         """How far the wall is in m (infinite: there is a gap in it), and how much light it throws
-        back."""
+        back.
+        """
         phase = t % _PASS / _PASS
         if phase > 0.85:
             return math.inf, 0.0

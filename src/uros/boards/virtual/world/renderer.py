@@ -53,7 +53,8 @@ def pillow() -> Any:
 
 class Scene:
     """The room ``arena``; with ``ball``, a red ball rolls around in its middle, so that something
-    moves where the camera stands still."""
+    moves where the camera stands still.
+    """
 
     def __init__(self, arena: Arena | None = None, *, ball: bool = False) -> None:
         self.arena = arena if arena is not None else Arena()
@@ -157,7 +158,8 @@ class Scene:
 
     def _draw_floor(self, picture: Image, x: float, y: float, theta: float, focal: float) -> None:
         """The floor under the horizon. A pixel's point there is a quotient of linear functions of
-        its place, which is what Pillow's perspective takes."""
+        its place, which is what Pillow's perspective takes.
+        """
         image_module, _, _ = pillow()
         width, height = picture.size
         # From the row after the horizon on; that one itself is far behind the walls.

@@ -53,7 +53,8 @@ _SUNSET: Final = 20.0
 
 class Room:
     """One room. It is ``start_hour`` o'clock when the board is switched on; ``t`` is in seconds
-    since then."""
+    since then.
+    """
 
     def __init__(self, seed: int = 0, start_hour: float = 9.0) -> None:
         self._seed = seed
@@ -79,7 +80,8 @@ class Room:
 
     def _door_loss(self, t: float) -> float:
         """What the visits up to now have cost, in °C: lost while the door is open, regained
-        exponentially."""
+        exponentially.
+        """
         tau = _DOOR_RECOVERY
         now = math.floor(t / DOOR_INTERVAL)
         loss = 0.0

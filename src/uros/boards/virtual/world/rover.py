@@ -105,7 +105,8 @@ class Rover(Part):
 
     def _masses(self) -> tuple[float, float, float]:
         """The inverse of the matrix that turns the wheels' accelerations into torques: its two
-        diagonal elements and the other one."""
+        diagonal elements and the other one.
+        """
         right_radius, left_radius = self.radii
         rolling, turning = _MASS / 4, _TURNING / (4 * self.half_track**2)
         right = self.motors[RIGHT].inertia + right_radius**2 * (rolling + turning)
@@ -279,7 +280,8 @@ class Rover(Part):
 
     def _stop_forward(self) -> None:
         """It stands against something, and its wheels with it. Where they pull both ways it can
-        turn; where they press it on, it rubs too much for that."""
+        turn; where they press it on, it rubs too much for that.
+        """
         right, left = self.motors
         if right.current * left.current > 0:
             right.speed = left.speed = self.v = self.w = 0.0

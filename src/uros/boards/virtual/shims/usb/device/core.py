@@ -45,7 +45,8 @@ class Device:
 
     def active(self, *value: bool) -> bool:
         """Whether the device is switched on; with a value, switch it. The host may still not have
-        configured it, which an interface's ``is_open()`` tells."""
+        configured it, which an interface's ``is_open()`` tells.
+        """
         if value and bool(value[0]) != self._active:
             self._active = bool(value[0])
             if self._active:
@@ -152,7 +153,8 @@ class Interface:
         self, desc: "Descriptor", itf_num: int, ep_num: int, strs: "list[str | None]"
     ) -> None:
         """Write the descriptors, with interfaces from ``itf_num`` and endpoints from ``ep_num``
-        on. It is called twice, at first only for the length."""
+        on. It is called twice, at first only for the length.
+        """
         raise NotImplementedError
 
     def num_itfs(self) -> int:
@@ -171,7 +173,8 @@ class Interface:
 
     def is_open(self) -> bool:
         """Whether the host has configured the device. Callbacks run from here: a virtual board
-        interrupts nobody."""
+        interrupts nobody.
+        """
         now = bool(_board.number(_board.USB_STATE) & _board.USB_OPEN)
         if now != self._open:
             if now:
