@@ -3,16 +3,7 @@
 import errno
 import time
 
-from sensor_node import (
-    LOOKING,
-    NAME,
-    Bus,
-    Node,
-    SensorNode,
-    StreamTransport,
-    crumbs,
-    open_port,
-)
+from sensor_node import LOOKING, NAME, Bus, Node, SensorNode, StreamTransport, crumbs, open_port
 
 try:
     from typing import Any

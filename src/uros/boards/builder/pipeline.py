@@ -22,6 +22,7 @@ from .passes.inline_methods import unfold
 from .passes.link_imports import link
 from .passes.mangle import fixed_names, rename
 from .passes.merge_classes import flatten
+from .passes.order_names import order
 from .passes.strip import Module, inline
 from .passes.terse_errors import make_lean
 from .passes.tree_shake import shake
@@ -88,6 +89,10 @@ def _flatten(whole: Module, others: list[Module]) -> None:
     flatten(whole.tree, fixed_names(whole.tree, others))
 
 
+def _order(whole: Module, others: list[Module]) -> None:
+    order(whole.tree)
+
+
 def _unfold(whole: Module, others: list[Module]) -> None:
     unfold(whole.tree, fixed_names(whole.tree, others))
 
@@ -101,6 +106,7 @@ PASSES: Final = (
     Pass("merge-classes", "makes one of a class and its only heir", _of_bundle(_flatten), True),
     Pass("inline-methods", "puts a method where its only call is", _of_bundle(_unfold), True),
     Pass("mangle", "gives names that nobody sees shorter ones", _of_bundle(rename), True),
+    Pass("order-names", "gives the names used most the shortest numbers", _of_bundle(_order), True),
 )
 """All passes, in their order."""
 

@@ -16,6 +16,7 @@ from uros.boards.builder.passes.bundle import BUNDLE, NotBundled
 from uros.boards.builder.passes.inline_methods import unfold
 from uros.boards.builder.passes.mangle import rename
 from uros.boards.builder.passes.merge_classes import flatten
+from uros.boards.builder.passes.order_names import order
 from uros.boards.builder.passes.strip import Module, inline, strip
 from uros.boards.builder.passes.tree_shake import shake
 from uros.boards.builder.pipeline import PASSES, Program, run_passes
@@ -1190,6 +1191,49 @@ def test_inner_functions_see_the_new_name() -> None:
     assert scope["f"](4) == 8
     exec(renamed("def f(number):\n def g(number): return number + 1\n return g(number)"), scope)
     assert scope["f"](4) == 5
+
+
+# --- order ---------------------------------------------------------------------------------------
+
+
+def ordered(text: str) -> str:
+    tree = module("whole", text).tree
+    order(tree)
+    return ast.unparse(tree)
+
+
+def test_the_names_used_most_are_named_first_and_never_asked_for() -> None:
+    text = """
+        import os
+        class A:
+            def f(self, n, /, *, key=None):
+                for each in range(n):
+                    self.most += each
+                    self.most -= self.less.most
+                os.most.less("/", "from", "/")
+                global g
+                g = lambda x: (x, g, "from", "format")
+            async def h(self): return self.f(1, key="a text of more than ten octets")
+    """
+    first, rest = ordered(text).split("\n", 1)
+    assert rest == code(text)
+    assert first == "__name__ or [most.os.A.f.self.key.less.g.h, '/', 'from']"
+    exec(first, {"__name__": "uros._all"})
+
+
+def test_only_what_stands_in_several_places_needs_a_short_number() -> None:
+    assert ordered("x = 1") == "x = 1"
+    names = [f"n{i}" for i in range(200)]
+    text = "\n".join(f"f({name}, {name})" for name in names) + "\n" + "\n".join(names)
+    first = ordered(text).split("\n", 1)[0]
+    assert len(re.findall(r"\bn\d+", first)) == 126 and re.search(r"\bf\b", first)
+
+
+def test_short_numbers_make_shorter_bytecode() -> None:
+    rare = "\n".join(f"class C{i}:\n def m{i}(self): pass" for i in range(150))
+    text = rare + "\ndef f(x):\n" + " x.often.more.still()\n" * 500
+    lengths = [len(build_module.bytecode(it, "m.py", "m")) for it in (text, ordered(text))]
+    assert lengths[0] - lengths[1] > 500
 
 
 # --- build ---------------------------------------------------------------------------------------

@@ -1,0 +1,110 @@
+"""Gives the names that stand in most places the shortest numbers in the bundle's bytecode.
+
+Bytecode refers to a name by its number in a table of the file: one octet for the first 128, two for
+the others. mpy-cross fills that table in the order in which it meets the names, so with those of
+class bodies, most of which stand in two places, before any of a method. Hence a first statement
+that has the names that are used most, and does nothing::
+
+    __name__ or [self.args.data, buf.state]
+
+MicroPython frees it together with the module's body, as soon as that has run.
+"""
+
+from __future__ import annotations
+
+import ast
+import keyword
+from collections import Counter
+from collections.abc import Iterable
+from typing import Final
+
+from .strip import bound, parameters
+
+_SHORT: Final = 127
+"""So many names have one octet, besides the file's own."""
+_INTERNED: Final = 10
+"""Strings up to this length are kept as names are (MICROPY_ALLOC_PARSE_INTERN_STRING_LEN)."""
+_CHAIN: Final = 16
+"""Attributes of attributes, so that nobody who walks over the tree gets too deep."""
+
+
+def order(tree: ast.Module) -> None:
+    """Put the statement in front of a module."""
+    count = _Count()
+    count.visit(tree)
+    names = [name for name, times in count.uses.most_common(_SHORT) if times > 1]
+    if not names:
+        return
+    plain = [name for name in names if name.isidentifier() and not keyword.iskeyword(name)]
+    chains = [_chain(plain[i : i + _CHAIN]) for i in range(0, len(plain), _CHAIN)]
+    others = [ast.Constant(name) for name in names if name not in plain]
+    never = ast.List([*chains, *others], ast.Load())
+    whole = ast.BoolOp(ast.Or(), [ast.Name("__name__", ast.Load()), never])
+    tree.body.insert(0, ast.fix_missing_locations(ast.Expr(whole)))
+
+
+def _chain(names: list[str]) -> ast.expr:
+    chain: ast.expr = ast.Name(names[0], ast.Load())
+    for name in names[1:]:
+        chain = ast.Attribute(chain, name, ast.Load())
+    return chain
+
+
+class _Count(ast.NodeVisitor):
+    """In how many places of the bytecode each name stands: local variables have none there."""
+
+    def __init__(self) -> None:
+        self.uses: Counter[str] = Counter()
+        self.local: frozenset[str] = frozenset()
+
+    def inside(self, binds: Iterable[str], parts: Iterable[ast.AST]) -> None:
+        outer, self.local = self.local, frozenset(binds)
+        for part in parts:
+            self.visit(part)
+        self.local = outer
+
+    def function(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> None:
+        body = [node.body] if isinstance(node, ast.Lambda) else node.body
+        for default in (*node.args.defaults, *filter(None, node.args.kw_defaults)):
+            self.visit(default)
+        own = list(parameters(node.args))
+        self.uses.update(own)
+        outside = {name for n in ast.walk(node) if isinstance(n, ast.Global) for name in n.names}
+        self.inside(self.local.union(own, set(bound(body)) - outside), body)
+
+    visit_Lambda = function
+
+    def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
+        self.uses[node.name] += 1 if node.name in self.local else 2
+        for decorator in node.decorator_list:
+            self.visit(decorator)
+        self.function(node)
+
+    visit_AsyncFunctionDef = visit_FunctionDef
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> None:
+        self.uses.update((node.name, node.name, node.name))
+        self.uses.update(("__name__", "__module__", "__qualname__"))
+        for base in node.bases:
+            self.visit(base)
+        self.inside((), node.body)
+
+    def visit_Name(self, node: ast.Name) -> None:
+        if node.id not in self.local:
+            self.uses[node.id] += 1
+
+    def visit_Attribute(self, node: ast.Attribute) -> None:
+        self.uses[node.attr] += 1
+        self.visit(node.value)
+
+    def visit_keyword(self, node: ast.keyword) -> None:
+        if node.arg:
+            self.uses[node.arg] += 1
+        self.visit(node.value)
+
+    def visit_Constant(self, node: ast.Constant) -> None:
+        if isinstance(node.value, str) and len(node.value.encode()) <= _INTERNED:
+            self.uses[node.value] += 1
+
+    def visit_alias(self, node: ast.alias) -> None:
+        self.uses.update((node.name, node.asname or node.name))
