@@ -9,6 +9,8 @@
                     MicroPython has in its ROM
 ``merge_classes``   Makes one class of a base and its only heir, where nothing but the heir
                     names the base
+``order_names``     Gives the names that stand in most places the shortest numbers in the
+                    bundle's bytecode
 ``strip``           Makes modules of uros smaller for a board, without a change of what they do
                     there
 ``terse_errors``    Leaves out of uros's modules, for a board, what only says more about an
