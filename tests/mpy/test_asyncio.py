@@ -12,7 +12,7 @@ from mpy.harness import MicroPython, portable_sources, shared_sources
 SETUP = """
 import asyncio
 from support.board import KEY, Ask, FakeAgent, Number, number_bytes
-from uros.client import AGENT_CONNECTED, aio
+from uros.client import AGENT_CONNECTED, asyncio_support
 from uros.client.clock import Clock
 
 class LiveClock(Clock):
@@ -25,7 +25,7 @@ class LiveClock(Clock):
         assert value - self.us() <= 1000, "it blocks"
 
 agent = FakeAgent(LiveClock())
-node = aio.Node("node", agent, key=KEY, clock=agent.clock)
+node = asyncio_support.Node("node", agent, key=KEY, clock=agent.clock)
 heard = []
 beats = [0]
 faults = []
@@ -92,8 +92,8 @@ async def main():
     future = client.call_async(Ask.Request(1))
     number = [it for it in agent.sent if it[4] == 7][-1][8:10]
     agent.sample(0x07, number + b"\\0\\7" + number_bytes(5))
-    heard.append((await aio.result(future)).value)
-    heard.append(await aio.spin_once(node, 0.02))
+    heard.append((await asyncio_support.result(future)).value)
+    heard.append(await asyncio_support.spin_once(node, 0.02))
 
 asyncio.create_task(guarded(main()))
 """

@@ -24,7 +24,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from ..virtual.engine import literal
+from . import literal
 from .raw_repl import Raised, RawRepl
 
 NOTE: Final = ".uros-files"

@@ -5,8 +5,6 @@
 ``cores``                A board's second core: the mailboxes between the cores, and
                          `engine_host` for them
 ``cpython``              Runs a board's program on CPython, next to the virtual hardware
-``literal``              Reads a value that a board printed by ``repr``: None, a bool, an int, a
-                         text, lists and tuples
 ``micropython``          Runs a board's program on MicroPython, as WebAssembly in a Node process
                          of its own
 ``peripheral_syscalls``  A firmware's UARTs, SPI buses, WLAN and sockets: `engine_host` for what

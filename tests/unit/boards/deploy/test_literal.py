@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uros.boards.virtual.engine.literal import MAX_DEPTH, MAX_ITEMS, parse
+from uros.boards.deploy.literal import MAX_DEPTH, MAX_ITEMS, parse
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers(-(10**18), 10**18) | st.text(),
