@@ -234,6 +234,54 @@ def test_constants_become_literals_across_modules() -> None:
     """))  # fmt: skip
 
 
+def test_constants_of_classes_become_literals() -> None:
+    """A class that is a list of constants, such as a policy of QoS."""
+    result = inlined(**{
+        "p.qos": """
+            class Policy:
+                FIRST = 0
+                LAST = -1
+            default: Final = Policy.LAST
+            def f(x=Policy.FIRST): return x == Policy.LAST, Policy.other
+            def g(Policy): return Policy.FIRST
+        """,
+        "p.use": """
+            from .qos import Policy as Kind
+            from . import qos
+            print(Kind.LAST, qos.Policy.LAST, Kind)
+        """,
+        "own_main": "from p.qos import Policy\nprint(Policy.FIRST)",
+    })
+    assert result["p.qos"] == code("""
+        class Policy:
+            FIRST = 0
+            LAST = -1
+        default = -1
+        def f(x=0): return (x == -1, Policy.other)
+        def g(Policy): return Policy.FIRST
+    """)
+    assert result["p.use"].endswith("print(-1, qos.Policy.LAST, Kind)")
+    assert result["own_main"].endswith("print(Policy.FIRST)")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "class A:\n    X = 1\n    def f(self): pass",
+        "class A:\n    X = 1\n    X = 2",
+        "class A:\n    X = Y = 1",
+        "class A(B):\n    X = 1",
+        "@f\nclass A:\n    X = 1",
+        "class A:\n    X = 'a text of seventeen'",
+        "class A:\n    X = 1\nA.X = 2",
+        "class A:\n    X = 1\nA = 2",
+        "class A:\n    X = 1\ndef f():\n    global A\n    A = 2",
+    ],
+)
+def test_what_a_class_does_besides_keeps_its_constants(text: str) -> None:
+    assert inlined(m=text + "\nprint(A.X)")["m"] == code(text + "\nprint(A.X)")
+
+
 def test_private_constants_go_and_public_ones_stay() -> None:
     assert inlined(
         m="_A: Final = 1\n_B: Final = 2\n_c = 3\nD: Final = 4\nx = _A + _c + D",

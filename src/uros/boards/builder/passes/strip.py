@@ -291,17 +291,19 @@ def inline(modules: dict[str, Module]) -> None:
     for module in ours:
         module.tree = _Fold().visit(module.tree)
     times = {module.name: times_bound(module.tree) for module in ours}
+    classes = {it.name: _classes_of_constants(it, times[it.name], stored) for it in ours}
     again = True
     while again:
         again = False
         for module in ours:
             # Constants made of constants: one more round for each step between them.
             once = times[module.name]
-            found = _constants(module, _visible(module, known, once), once, stored)
+            found = _constants(module, _visible(module, known, classes, once), once, stored)
             again = again or found != known[module.name]
             known[module.name] = found
     for module in ours:
-        module.tree = _Inline(_visible(module, known, times[module.name])).visit(module.tree)
+        seen = _visible(module, known, classes, times[module.name])
+        module.tree = _Inline(seen).visit(module.tree)
         module.tree = _Fold().visit(module.tree)
     used = named_from_outside(modules.values())
     for module in ours:
@@ -311,16 +313,19 @@ def inline(modules: dict[str, Module]) -> None:
 
 @dataclass
 class _Visible:
-    """What a module's top level sees: constants by name, and modules by name."""
+    """What a module's top level sees: constants by name, and modules and classes by name."""
 
     names: dict[str, Scalar]
     objects: dict[str, dict[str, Scalar]]
 
 
 def _visible(
-    module: Module, known: dict[str, dict[str, Scalar]], times: dict[str, int]
+    module: Module,
+    known: dict[str, dict[str, Scalar]],
+    classes: dict[str, dict[str, dict[str, Scalar]]],
+    times: dict[str, int],
 ) -> _Visible:
-    seen = _Visible(dict(known[module.name]), {})
+    seen = _Visible(dict(known[module.name]), dict(classes[module.name]))
     for node in module.tree.body:
         if isinstance(node, ast.ImportFrom):
             base = absolute(node, module)
@@ -330,6 +335,8 @@ def _visible(
                     continue
                 if alias.name in known.get(base, {}):
                     seen.names[here] = known[base][alias.name]
+                elif alias.name in classes.get(base, {}):
+                    seen.objects[here] = classes[base][alias.name]
                 elif f"{base}.{alias.name}" in known:
                     seen.objects[here] = known[f"{base}.{alias.name}"]
         elif isinstance(node, ast.Import):
@@ -391,16 +398,43 @@ def _constants(
             continue
         if target.id not in module.finals and not _is_private(target.id):
             continue
-        value = _value(node.value, seen)
-        if isinstance(value, (str, bytes)) and len(value) > LONGEST:
-            continue
+        value = _small_value(node.value, seen)
         if value is not None:
             found[target.id] = value
     return found
 
 
+def _classes_of_constants(
+    module: Module, times: dict[str, int], stored: set[str]
+) -> dict[str, dict[str, Scalar]]:
+    """The classes of a module that are lists of constants, such as policies of QoS."""
+    found: dict[str, dict[str, Scalar]] = {}
+    for node in module.tree.body:
+        if not isinstance(node, ast.ClassDef) or node.bases or node.keywords:
+            continue
+        values: dict[str, Scalar] = {}
+        for it in node.body:
+            value = None
+            if isinstance(it, ast.Assign):
+                value = _small_value(it.value, _Visible({}, {}))
+            names = list(bound([it]))
+            if value is None or len(names) != 1 or names[0] in stored or names[0] in values:
+                break
+            values[names[0]] = value
+        else:
+            if times[node.name] == 1 and not node.decorator_list:
+                found[node.name] = values
+    return found
+
+
 def _is_private(name: str) -> bool:
     return name.startswith("_") and not name.startswith("__")
+
+
+def _small_value(node: ast.expr, seen: _Visible) -> Scalar | None:
+    """The value of a constant expression, None where it is none or a long text."""
+    value = _value(node, seen)
+    return None if isinstance(value, (str, bytes)) and len(value) > LONGEST else value
 
 
 def _value(node: ast.expr, seen: _Visible) -> Scalar | None:
