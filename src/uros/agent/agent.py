@@ -42,7 +42,7 @@ from .policy.line_loss import Lines
 from .policy.liveliness import DEAD_TIME, LOOK_MS, Liveliness
 from .policy.memory_budget import CLIENT_BYTES, Budget
 from .policy.rules import Control
-from .policy.time_budget import Closing, Pace
+from .policy.time_budget import DeferredCloseQueue, TimeBudget
 from .session.session import MIN_MTU, Session
 from .transports.base import ServerTransport
 
@@ -85,8 +85,8 @@ class Agent:
         self.clients: dict[int, Client] = {}
         self.limits = limits or Limits()
         self.budget = Budget(self.limits.memory, lambda: self.clients.values(), self._dismiss)
-        self.pace = Pace()
-        self.closing = Closing(self.failed)
+        self.time_budget = TimeBudget()
+        self.close_queue = DeferredCloseQueue(self.failed)
         self.heap = Heap()
         self._clock = Clock()
         # Where each client talks from: its transport and address there.

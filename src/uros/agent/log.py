@@ -16,9 +16,11 @@ import select
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Final, TextIO
 
 from ..printable import printable_ascii, unguarded
+from .policy.token_bucket import KeyedTokenBuckets, TokenBucket
 
 CRITICAL: Final = 1
 ERROR: Final = 2
@@ -45,6 +47,8 @@ _MAX_ABOUT: Final = 2000
 # What a file does not take now and may take later: no room, over its quota or size.
 _PASSING: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _BLOCKED_SECONDS: Final = 0.1
+# Attack: faults of ever new kinds. So many kinds' throttled lines are counted.
+_MAX_KINDS: Final = 512
 
 
 class Log:
@@ -62,8 +66,7 @@ class Log:
         self._waiting: queue.Queue[str | None] = queue.Queue(_MAX_WAITING)
         self._thread: threading.Thread | None = None
         self._lost = 0
-        self._info = float(_INFO_BURST)
-        self._info_at = 0.0
+        self._info_limit = TokenBucket(_INFO_BURST, _INFO_RATE)
         self._left_out = 0
         self._put = 0  # characters, by the one thread
         self._taken = 0  # and by the other
@@ -88,7 +91,7 @@ class Log:
             about = f"{about[:_MAX_ABOUT]}... ({len(about)} characters)"
         now = time.time_ns() // 1000
         name = f"{_NAMES[level]:<8}"
-        if self._left_out and (level != INFO or self._info > 1):
+        if self._left_out and (level != INFO or self._info_limit.available(time.monotonic()) > 1):
             about += f" ({self._left_out} lines of info were left out before: too many at once)"
             self._left_out = 0
         if self._colour:
@@ -110,14 +113,10 @@ class Log:
             self._lost += 1
 
     def _admit_info(self) -> bool:
-        now = time.monotonic()
-        self._info = min(_INFO_BURST, self._info + (now - self._info_at) * _INFO_RATE)
-        self._info_at = now
-        if self._info < 1:
-            self._left_out += 1
-            return False
-        self._info -= 1
-        return True
+        if self._info_limit.take(time.monotonic()):
+            return True
+        self._left_out += 1
+        return False
 
     def _drain(self) -> None:
         while True:
@@ -190,39 +189,39 @@ def unexpected(error: Exception, where: str = "") -> str:
 
 
 class RateLimit:
-    """Lets a kind of line through at most once in ``seconds``, and ``MAX_LINES`` of
-    all kinds; a flood of bad packets must not become a flood of lines, whether one
-    sends them or many.
+    """Limits repeated log lines: a flood of bad packets must not become a flood of lines.
+
+    A kind of line is logged ``burst`` times at once and then once in ``seconds``, and
+    :data:`MAX_LINES` of all kinds together in ``seconds``, whether one peer sends the packets or
+    many do.
+
+    Args:
+        seconds: The time from one line of a kind to the next.
+        burst: How many lines of a kind may come at once.
+        clock: Seconds of a monotonic clock; by default :func:`time.monotonic`.
     """
 
-    def __init__(self, seconds: float = 1.0) -> None:
-        self._seconds = seconds
-        self._next: dict[str, float] = {}
+    def __init__(
+        self, seconds: float = 1.0, burst: int = 1, clock: Callable[[], float] | None = None
+    ) -> None:
+        self._clock = clock
+        self._lines = KeyedTokenBuckets((burst, 1 / seconds), (MAX_LINES, MAX_LINES / seconds))
         self._held: dict[str, int] = {}
-        self._ends = 0.0  # of the time in which _lines were let through
-        self._lines = 0
 
     def admit(self, kind: str) -> int:
-        """0: keep silent. Else how many of the kind this line stands for."""
-        now = time.monotonic()
-        if now < self._next.get(kind, 0.0):
+        """Count a line; return the number of lines to report, 0 while throttled."""
+        now = time.monotonic() if self._clock is None else self._clock()
+        if self._lines.take(kind, now):
+            return self._held.pop(kind, 0) + 1
+        if kind in self._lines:
             self._held[kind] = self._held.get(kind, 0) + 1
-            return 0
-        if now >= self._ends:
-            self._ends = now + self._seconds
-            self._lines = 0
-        if self._lines >= MAX_LINES:
-            return 0
-        self._lines += 1
-        if len(self._next) > 256:
-            self._next.clear()
-            self._held.clear()
-        self._next[kind] = now + self._seconds
-        return self._held.pop(kind, 0) + 1
+            if len(self._held) > _MAX_KINDS:
+                self._held.clear()
+        return 0
 
     def times(self, kind: str) -> str | None:
-        """None: keep silent. Else what a line says of the ones it stands for."""
-        kept = self.admit(kind)
-        if not kept:
+        """Count a line; return the text " (n times)" to add to it, None while throttled."""
+        count = self.admit(kind)
+        if not count:
             return None
-        return f" ({kept} times)" if kept > 1 else ""
+        return f" ({count} times)" if count > 1 else ""

@@ -70,8 +70,8 @@ class Server:
         self.turns = 0
         self.asleep = False
         self.thread: int | None = None
-        agent.pace.on = True
-        agent.closing.later = lambda: self.wake_at(PAUSE, agent.closing.work)
+        agent.time_budget.enabled = True
+        agent.close_queue.schedule = lambda: self.wake_at(PAUSE, agent.close_queue.work)
         self.ready = threading.Event()
 
     # --- what transports call (see transport.base.Host) --------------------------
@@ -178,7 +178,7 @@ class Server:
             self.asleep = False
             self.ready.set()
             ends = [attachment.close for attachment in self.attachments]
-            ends += [self.agent.close, self.agent.closing.finish, self._attend]
+            ends += [self.agent.close, self.agent.close_queue.finish, self._attend]
             ends += [transport.close for transport in self.transports]
             ends += [middleware.close, self._selector.close, self._wake.close]
             for end in ends:
@@ -239,7 +239,7 @@ class Server:
         ready = self._selector.select(timeout)
         self.asleep = False
         self.turns += 1
-        agent.closing.turn()
+        agent.close_queue.begin_turn()
         for key, _ in ready:
             try:
                 key.data()

@@ -161,6 +161,37 @@ def test_rate_limit_counts_what_it_held_back(clock):
     assert limit.admit("a") == 1
 
 
+def test_rate_limit_with_a_burst_logs_a_repeated_fault_each_minute_and_after_a_pause_at_once(
+    clock,
+):
+    limit = RateLimit(60.0, 4)
+    said = []
+    for at in range(1, 1001):
+        clock.now += 1.0
+        if count := limit.admit("fault"):
+            said.append((at, count))
+    assert said[:4] == [(1, 1), (2, 1), (3, 1), (4, 1)]
+    assert len(said) < 25 and sum(count for _, count in said) > 940
+    clock.now += 1e6
+    assert limit.admit("fault") and limit.admit("fault") == 1
+
+
+def test_rate_limit_keeps_kinds_apart(clock):
+    limit = RateLimit(60.0)
+    assert limit.admit("one") == 1 and not limit.admit("one")
+    assert limit.admit("other") == 1
+
+
+def test_rate_limit_counts_what_all_kinds_together_held_back_of_a_known_kind(clock):
+    limit = RateLimit(1.0, 2)
+    assert limit.admit("known") == 1
+    for number in range(module.MAX_LINES):
+        limit.admit(f"kind {number}")
+    assert limit.admit("known") == 0
+    clock.now += 1.0
+    assert limit.admit("known") == 2
+
+
 def test_rate_limit_of_all_kinds(clock):
     limit = RateLimit(1.0)
     assert sum(bool(limit.admit(f"kind {i}")) for i in range(10_000)) == module.MAX_LINES
@@ -174,7 +205,7 @@ def test_rate_limit_stays_small(clock):
         clock.now += 0.01
         limit.admit(f"kind {i}")
         limit.admit(f"kind {i}")
-    assert len(limit._next) < 1000 and len(limit._held) < 1000
+    assert len(limit._lines) < 1000 and len(limit._held) < 1000
 
 
 def test_a_file_has_all_lines_once_the_log_is_closed(tmp_path):

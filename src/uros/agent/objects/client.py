@@ -38,7 +38,7 @@ from ..log import INFO, TRACE, WARNING, Log, RateLimit
 from ..policy.limits import Limits, TooMany
 from ..policy.memory_budget import CLIENT_BYTES, OBJECT_BYTES, Budget
 from ..policy.rules import Control, NameRefused
-from ..policy.time_budget import Closing, Pace
+from ..policy.time_budget import DeferredCloseQueue, TimeBudget
 from ..session.delivery import Delivery
 from ..session.session import Session
 from . import representation
@@ -72,8 +72,8 @@ class Surroundings(Protocol):
     control: Control
     limits: Limits
     budget: Budget
-    pace: Pace
-    closing: Closing
+    time_budget: TimeBudget
+    close_queue: DeferredCloseQueue
     keeper: Keeper | None
     domain_of_agent: int
     domain_override: int | None
@@ -113,7 +113,7 @@ class Client:
         self._known = Known(self.objects, agent.references)
         self._maker = Maker(agent, self.objects, self._known)
         self._kept = 0  # bytes of all representations
-        self._account = agent.pace.account()
+        self._time_budget = agent.time_budget.for_client()
 
     # --- what the session reports ---------------------------------------------
 
@@ -126,7 +126,7 @@ class Client:
             self._read_data(r)
         elif kind in (ids.CREATE, ids.DELETE):
             # A farewell is never put off: what it leaves behind is closed in slices.
-            if not self._account.open() and not _is_farewell(kind, payload):
+            if not self._time_budget.start() and not _is_farewell(kind, payload):
                 return False
             try:
                 if kind == ids.CREATE:
@@ -134,7 +134,7 @@ class Client:
                 else:
                     self._delete(r, stream)
             finally:
-                self._account.close()
+                self._time_budget.charge()
         elif kind == ids.GET_INFO:
             self._get_info(r, stream)
         elif kind == ids.TIMESTAMP:
@@ -374,14 +374,14 @@ class Client:
         if thing.endpoint is not None:
             if thing.endpoint.unread:
                 self._agent.budget.freed = True
-            self._agent.closing.add(thing.endpoint.close)
+            self._agent.close_queue.add(thing.endpoint.close)
             thing.endpoint = None
         node, thing.node = thing.node, None
         if node is not None and thing.kind == ids.KIND_PARTICIPANT:
             for child in self.objects.values():
                 if child.node is node:
                     self.close_object(child)
-            self._agent.closing.add(node.close)
+            self._agent.close_queue.add(node.close)
 
     # --- data ------------------------------------------------------------------
 

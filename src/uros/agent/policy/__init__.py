@@ -17,6 +17,7 @@
 ``reader_backlog``  What waits in a reader of the middleware for its client: octets, bounded and
                     charged
 ``rules``           What the agent's owner decides for clients: names, domain, QoS, limits
-``time_budget``     How much of the one thread's time goes into creating and deleting
+``time_budget``     Time budget: how much of the one thread's time goes into creating and deleting
+``token_bucket``    The rate limiter of the agent: token buckets
 ==================  ============================================================================
 """

@@ -44,6 +44,7 @@ from ...qos import (
 )
 from .config_values import ControlError as ControlError
 from .config_values import key_of, listed, only, shown, table_of, whole
+from .token_bucket import TokenBucket
 
 Write = Callable[[memoryview], bool]
 
@@ -141,8 +142,10 @@ class Settings:
             self._qos.extend(rule.qos.items())
             self.max_size = self.max_size if rule.max_size is None else rule.max_size
             self.max_rate = self.max_rate if rule.max_rate is None else rule.max_rate
-        self._tokens = self._room = max(1.0, (self.max_rate or 0) * _BURST)
-        self._at = clock()
+        self._rate_limit: TokenBucket | None = None
+        if self.max_rate is not None:
+            self._rate_limit = TokenBucket(max(1.0, self.max_rate * _BURST), self.max_rate)
+            self._rate_limit.available(clock())
 
     # --- names ------------------------------------------------------------------
 
@@ -227,15 +230,7 @@ class Settings:
 
     def admits(self) -> bool:
         """Whether one more message may pass now; it counts as passed then."""
-        if self.max_rate is None:
-            return True
-        now = self._clock()
-        self._tokens = min(self._room, self._tokens + (now - self._at) * self.max_rate)
-        self._at = now
-        if self._tokens < 1.0:
-            return False
-        self._tokens -= 1.0
-        return True
+        return self._rate_limit is None or self._rate_limit.take(self._clock())
 
     def limited(self, write: Write, refused: Callable[[str], None]) -> Write:
         """``write`` under the limits. What is too large is dropped, and ``refused`` says so;
@@ -252,7 +247,8 @@ class Settings:
                 return False
             if write(sample):
                 return True
-            self._tokens += 1.0  # it comes again
+            if self._rate_limit is not None:
+                self._rate_limit.put_back()  # the message comes again
             return False
 
         return within_limits

@@ -1,12 +1,12 @@
-"""How much of the one thread's time goes into creating and deleting.
+"""Time budget: how much of the one thread's time goes into creating and deleting entities.
 
-An entity on DDS takes about a millisecond, on rclpy several. A client that makes and deletes as
-fast as it can, or many that do, would make all others wait. So each client has an account of time,
-and all have one together; a CREATE or DELETE is done while both are in credit, and costs what it
-took. After that a reliable stream stalls until there is credit again, which the client sees as a
-slow agent; on a best-effort stream the request is lost.
+An entity on DDS takes about a millisecond, on rclpy several. A client that creates and deletes as
+fast as it can, or many that do, would make all others wait. So each client has a token bucket of
+seconds, and all clients share one; a CREATE or DELETE is done while both hold tokens, and is
+charged the time it took. Otherwise a reliable stream stalls until the buckets are refilled, which
+the client sees as a slow agent; on a best-effort stream the request is lost.
 
-Entities of a client that leaves are closed a slice at a time.
+Entities of a client that leaves are closed in slices, see :class:`DeferredCloseQueue`.
 """
 
 from __future__ import annotations
@@ -16,130 +16,122 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-# What may be spent at once, and the part of the time that comes in again: of one client, and of
-# all. The boards of a whole robot start within the second; others wait no longer than for a burst.
+from .token_bucket import TokenBucket
+
+# Burst in seconds and refill rate (share of the time): of one client, and of all together. The
+# boards of a whole robot start within the second; others wait no longer than for a burst.
 BURST_OF_ONE: Final = 0.5
 SHARE_OF_ONE: Final = 0.25
 BURST_OF_ALL: Final = 0.02
 SHARE_OF_ALL: Final = 0.5
-# How long a turn closes what clients have left behind, and how soon it goes on, in seconds.
+# How long a turn closes entities of clients that left, and the pause before it goes on, in seconds.
 SLICE: Final = 0.01
 PAUSE: Final = 0.005
 # Attack: clients that come, create and leave faster than is closed: then each pays for one.
 MAX_CLOSING: Final = 20_000
 
 
-class Bucket:
-    """Seconds to spend: ``burst`` at most, ``share`` of the time comes in."""
+class TimeBudget:
+    """The shared budget of all clients.
 
-    __slots__ = ("_at", "_burst", "_level", "_share")
-
-    def __init__(self, burst: float, share: float) -> None:
-        self._burst = burst
-        self._share = share
-        self._level = burst
-        self._at = 0.0
-
-    def credit(self, now: float) -> bool:
-        """Whether there is something to spend."""
-        self._level = min(self._burst, self._level + max(0.0, now - self._at) * self._share)
-        self._at = now
-        return self._level > 0
-
-    def spend(self, seconds: float) -> None:
-        """It may be more than there was: the debt is waited for. But not for ever."""
-        self._level = max(-self._burst, self._level - seconds)
-
-
-class Pace:
-    """The accounts of all; ``on`` is set by a server, as only there somebody waits."""
-
-    def __init__(self) -> None:
-        self.on = False
-        self._all = Bucket(BURST_OF_ALL, SHARE_OF_ALL)
-
-    def account(self) -> Account:
-        """Of one client."""
-        return Account(self, self._all)
-
-
-class Account:
-    """Of one client::
-
-    if account.open():
-        try: create()
-        finally: account.close()
+    Attributes:
+        enabled: Set by a server, as only there somebody waits; otherwise nothing is limited.
     """
 
-    __slots__ = ("_all", "_one", "_pace", "_since")
+    def __init__(self) -> None:
+        self.enabled = False
+        self.shared = TokenBucket(BURST_OF_ALL, SHARE_OF_ALL)
 
-    def __init__(self, pace: Pace, everybody: Bucket) -> None:
-        self._pace = pace
-        self._all = everybody
-        self._one = Bucket(BURST_OF_ONE, SHARE_OF_ONE)
-        self._since = 0.0
+    def for_client(self) -> ClientTimeBudget:
+        """Make the budget of one client."""
+        return ClientTimeBudget(self)
 
-    def open(self) -> bool:
-        """Whether the client may have something made now."""
-        now = self._since = time.monotonic()
-        if not self._pace.on:
+
+class ClientTimeBudget:
+    """The budget of one client; it also spends the shared one.
+
+    ::
+
+        if budget.start():
+            try:
+                create()
+            finally:
+                budget.charge()
+    """
+
+    __slots__ = ("_budget", "_own", "_started_at")
+
+    def __init__(self, budget: TimeBudget) -> None:
+        self._budget = budget
+        self._own = TokenBucket(BURST_OF_ONE, SHARE_OF_ONE)
+        self._started_at = 0.0
+
+    def start(self) -> bool:
+        """Return whether the client may create or delete now, and start to measure."""
+        now = self._started_at = time.monotonic()
+        if not self._budget.enabled:
             return True
-        return self._one.credit(now) and self._all.credit(now)
+        return self._own.available(now) > 0 and self._budget.shared.available(now) > 0
 
-    def close(self) -> None:
-        """It is made; pay."""
-        spent = time.monotonic() - self._since
-        self._one.spend(spent)
-        self._all.spend(spent)
+    def charge(self) -> None:
+        """Charge the time since :meth:`start`."""
+        seconds = time.monotonic() - self._started_at
+        self._own.spend(seconds)
+        self._budget.shared.spend(seconds)
 
 
-class Closing:
-    """What is left to close: ``failed`` is told what goes wrong, and the rest is closed.
+class DeferredCloseQueue:
+    """Entities that are still to be closed, a slice of time in each turn of the server.
 
-    Without a server all is closed at once; a server sets ``later``, by which it is asked to
-    :meth:`work` soon.
+    Without a server everything is closed at once.
+
+    Attributes:
+        schedule: Set by a server; asks it to call :meth:`work` soon.
+
+    Args:
+        failed: Called with the error when closing raises one; the rest is closed all the same.
     """
 
     def __init__(self, failed: Callable[[Exception], None]) -> None:
-        self.later: Callable[[], None] | None = None
+        self.schedule: Callable[[], None] | None = None
         self._failed = failed
-        self._waiting: deque[Callable[[], None]] = deque()
-        self._spent = 0.0  # in this turn
+        self._queue: deque[Callable[[], None]] = deque()
+        self._spent = 0.0  # seconds, in this turn
 
     def __len__(self) -> int:
-        return len(self._waiting)
+        return len(self._queue)
 
     def add(self, close: Callable[[], None]) -> None:
-        """Close it now, or soon; after all that was added before."""
-        if self.later is None:
+        """Close now or soon, after everything that was added before."""
+        if self.schedule is None:
             self._close(close)
-        elif self._waiting:
-            self._waiting.append(close)
-            if len(self._waiting) > MAX_CLOSING:
-                self._timed(self._waiting.popleft())
+        elif self._queue:
+            self._queue.append(close)
+            if len(self._queue) > MAX_CLOSING:
+                self._timed(self._queue.popleft())
         elif self._spent >= SLICE:
-            self._waiting.append(close)
-            self.later()
+            self._queue.append(close)
+            self.schedule()
         else:
             self._timed(close)
 
     def work(self) -> None:
-        """A slice of what waits. Once a turn."""
+        """Close for one slice. Called once a turn."""
         self._spent = 0.0
-        while self._waiting and self._spent < SLICE:
-            self._timed(self._waiting.popleft())
-        if self._waiting and self.later is not None:
-            self.later()
+        while self._queue and self._spent < SLICE:
+            self._timed(self._queue.popleft())
+        if self._queue and self.schedule is not None:
+            self.schedule()
 
-    def turn(self) -> None:
-        """A new turn has begun."""
-        if not self._waiting:
+    def begin_turn(self) -> None:
+        """Note that a new turn of the server has begun."""
+        if not self._queue:
             self._spent = 0.0
 
     def finish(self) -> None:
-        """All that waits, however long it takes."""
-        while self._waiting:
-            self._close(self._waiting.popleft())
+        """Close everything that waits, however long it takes."""
+        while self._queue:
+            self._close(self._queue.popleft())
 
     def _timed(self, close: Callable[[], None]) -> None:
         start = time.monotonic()
@@ -149,5 +141,5 @@ class Closing:
     def _close(self, close: Callable[[], None]) -> None:
         try:
             close()
-        except Exception as error:  # the middleware's; others' ends must be closed none the less
+        except Exception as error:  # of the middleware; the others must be closed all the same
             self._failed(error)

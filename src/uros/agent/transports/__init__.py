@@ -20,7 +20,7 @@
 ``can``              CAN FD, by python-can
 ``custom``           transports that users write
 ``worker``           threads for lines whose calls may block
-``tally``            counts faults and limits how often they are logged
+``fault_counter``    counts faults of a transport and thins out their log lines
 ``remedies``         what the errno of a line means, and what to do
 ``memory``           boards and agent in one process, for tests
 ===================  ============================================================

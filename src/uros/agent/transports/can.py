@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from ...transport.can import MTU, can_frame
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
-from .tally import Tally
+from .fault_counter import FaultCounter
 from .worker import Worker
 
 # How often an interface that is away is looked for, in seconds.
@@ -68,8 +68,8 @@ class CanServer(ServerTransport):
         self._interface = interface
         self._switch = bitrate_switch
         self._options = options
-        self._malformed = Tally()
-        self._dropped = Tally()
+        self._malformed = FaultCounter()
+        self._dropped = FaultCounter()
         self.foreign = 0
         self._can: Any = None
         self._bus: Any = None

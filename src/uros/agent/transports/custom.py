@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from ...wire.framing import Deframer, frame, frame_size
 from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
-from .tally import Tally
+from .fault_counter import FaultCounter
 from .worker import LEAVE, Worker
 
 AGENT_ADDRESS: Final = 0
@@ -86,8 +86,8 @@ class CustomServer(ServerTransport):
         self._line = line
         self._framed = False
         self._deframers: OrderedDict[Any, Deframer] = OrderedDict()
-        self._malformed = Tally()
-        self._dropped = Tally()
+        self._malformed = FaultCounter()
+        self._dropped = FaultCounter()
         self._worker: Worker | None = None
         self._host: Host | None = None
         self._closed = False

@@ -18,6 +18,8 @@ from ...wire import ids, session
 from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
 from ...wire.header import MessageWriter, pull_header, pull_subheader
+from ..log import RateLimit
+from ..policy.token_bucket import KeyedTokenBuckets
 from . import addresses
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
 from .ip import Address, bind_trouble, family_of, text_of
@@ -29,7 +31,8 @@ DEFAULT_PORT: Final = 7400
 GROUP: Final = "239.255.0.2"
 # What eProsima's clients have room for; as many fit their 200 bytes.
 MAX_LOCATORS: Final = 4
-# Attack: questions in the name of another, who gets the answers, eight times as long. A second:
+# Attack: questions in the name of another, who gets the answers, eight times as long. At once,
+# and a second:
 MAX_ANSWERS: Final = 50
 # Attack: the same in the name of many; so many are remembered, too.
 MAX_ANSWERS_IN_ALL: Final = 500
@@ -67,26 +70,11 @@ def write_answer(question: tuple[int, int, int, int], locators: list[tuple[bytes
     return bytes(w.finish())
 
 
-class AnswerLimit:
-    """So many answers a second to one address, and to all."""
-
-    def __init__(self) -> None:
-        self._counts: dict[str, int] = {}
-        self._in_all = 0
-        self._ends = 0.0
-
-    def admit(self, source: str, now: float) -> bool:
-        """Whether one more may go to ``source``; ``now`` is in seconds."""
-        if now >= self._ends:
-            self._counts.clear()
-            self._in_all = 0
-            self._ends = now + 1.0
-        count = self._counts.get(source, 0)
-        if count >= MAX_ANSWERS or self._in_all >= MAX_ANSWERS_IN_ALL:
-            return False
-        self._counts[source] = count + 1
-        self._in_all += 1
-        return True
+def answer_limit() -> KeyedTokenBuckets:
+    """Make the limit of answers, by the address that asks."""
+    return KeyedTokenBuckets(
+        (MAX_ANSWERS, MAX_ANSWERS), (MAX_ANSWERS_IN_ALL, MAX_ANSWERS_IN_ALL)
+    )
 
 
 class DiscoveryServer(ServerTransport):
@@ -112,14 +100,14 @@ class DiscoveryServer(ServerTransport):
         self._servers = sorted(
             found, key=lambda it: (it.kind != "UDP", family_of(it.listens_on) == socket.AF_INET6)
         )
-        self._limit = AnswerLimit()
+        self._limit = answer_limit()
         self._buf = bytearray(_LARGEST)
         self._group: socket.socket | None = None
         # What is sent to an address and not to the group, by interface; see _own_socket.
         self._own: dict[str, tuple[str, socket.socket]] = {}
         self._joined: dict[str, str] = {}
         self._trouble: dict[str, str] = {}
-        self._next_line = 0.0
+        self._fault_lines = RateLimit(FAULT_PAUSE)
 
     # --- sockets ------------------------------------------------------------------
 
@@ -249,7 +237,7 @@ class DiscoveryServer(ServerTransport):
             except DecodeError as error:
                 self._fault(peer, str(error))
                 continue
-            if self._limit.admit(peer[0], time.monotonic()):
+            if self._limit.take(peer[0], time.monotonic()):
                 locators = self.locators(peer)
                 if locators:
                     self._reply(sock, peer, write_answer(question, locators))
@@ -262,9 +250,7 @@ class DiscoveryServer(ServerTransport):
 
     def _fault(self, peer: Address, about: str) -> None:
         self.faults += 1
-        now = time.monotonic()
-        if now >= self._next_line:
-            self._next_line = now + FAULT_PAUSE
+        if self._fault_lines.admit("fault"):
             self._host.note(
                 WARNING, self.name, "receive", "not a question for agents",
                 f"address: {text_of(peer)}, {about} ({self.faults} so far;"

@@ -14,9 +14,9 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from .base import ERROR, INFO, WARNING, Host, ServerTransport, TransportError
+from .fault_counter import FaultCounter
 from .line import COUNTERS, Line, LineServer, SocketStream
 from .remedies import socket_trouble
-from .tally import Tally
 
 # Until the agent stops waiting for an answer to its connecting, and begins anew, in seconds.
 PATIENCE: Final = 20.0
@@ -165,7 +165,7 @@ class StreamListener(ServerTransport):
         self._host: Host | None = None
         self._closed = False
         self._said = ""
-        self._refused = Tally()
+        self._refused = FaultCounter()
 
     def open(self, host: Host) -> None:
         self._host = host

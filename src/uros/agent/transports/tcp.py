@@ -10,6 +10,7 @@ from typing import Final
 
 from ...wire.framing import LengthDeframer
 from .base import INFO, WARNING, Host, ServerTransport, TransportError
+from .fault_counter import FaultCounter
 from .ip import (
     Address,
     bind_trouble,
@@ -18,7 +19,6 @@ from .ip import (
     text_of,
     warn_without_ipv6,
 )
-from .tally import Tally
 
 # What is handled before it is another socket's turn.
 _CHUNK: Final = 16384
@@ -113,9 +113,9 @@ class TcpServer(ServerTransport):
         self.listens_on = host
         self._socket: socket.socket | None = None
         self._connections: set[_Connection] = set()
-        self._refused = Tally()
-        self._idle = Tally()
-        self._greeted = Tally()  # those who begin TLS
+        self._refused = FaultCounter()
+        self._idle = FaultCounter()
+        self._greeted = FaultCounter()  # those who begin TLS
         self._from: Counter[str] = Counter()  # connections of each network
         self._unsent = 0  # bytes, of all connections
         self._sweeping = False

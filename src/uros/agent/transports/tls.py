@@ -18,10 +18,11 @@ from collections.abc import Callable
 from typing import Any, Final
 from urllib.parse import quote
 
+from ..log import RateLimit
+from ..policy.token_bucket import TokenBucket
 from .base import INFO, WARNING, Host, TransportError
 from .certificates import Certificates
 from .ip import text_of
-from .tally import Seldom
 from .tcp import TcpServer
 
 # Attack: handshakes that stop half-way. A board's own arithmetic takes some seconds.
@@ -35,6 +36,9 @@ _SAVED: Final = 0.25
 # How long those wait that come when the time is used up.
 _PAUSE: Final = 0.05
 _SWEEP_SECONDS: Final = 1.0
+# A kind of fault is logged so many times at once, then once in so many seconds.
+FAULT_BURST: Final = 4
+FAULT_SECONDS: Final = 60.0
 # How many networks' shares are remembered.
 _REMEMBERED: Final = 4096
 # Of a client's name; X.509 has no longer ones, but for those of hosts.
@@ -89,10 +93,10 @@ class TlsServer(TcpServer):
         self._shaking: dict[Any, float] = {}  # since when, the oldest first
         self._waiting: set[Any] = set()  # those of them whose time has not come
         self._spent: dict[str, float] = {}  # seconds, by network
-        self._left = _SAVED
-        self._left_at = clock()
+        self._time_limit = TokenBucket(_SAVED, SHARE)
+        self._time_limit.available(clock())
         self._looking = False  # whether a look at those who take long is due
-        self._told = Seldom()
+        self._faults = RateLimit(FAULT_SECONDS, FAULT_BURST, clock)
 
     def open(self, host: Host) -> None:
         super().open(host)
@@ -126,8 +130,7 @@ class TlsServer(TcpServer):
         """One step of a handshake, when its time has come."""
         if connection not in self._shaking and not self._admitted(connection):
             return
-        self._refill()
-        if self._left <= 0.0 or self._waiting:
+        if self._seconds_left(self._clock()) <= 0.0 or self._waiting:
             self._host.unwatch(connection.sock.fileno())
             if not self._waiting:
                 self._host.wake_at(_PAUSE, self._resume)
@@ -135,17 +138,17 @@ class TlsServer(TcpServer):
             return
         self._step(connection)
 
-    def _refill(self) -> None:
-        now = self._clock()
-        self._left = min(_SAVED, self._left + (now - self._left_at) * SHARE)
-        self._left_at = now
-        if self._left >= _SAVED or len(self._spent) > _REMEMBERED:
-            self._spent.clear()  # nobody is in want: what was, is past
+    def _seconds_left(self, now: float) -> float:
+        """Return the seconds that handshakes may take now."""
+        left = self._time_limit.available(now)
+        if left >= _SAVED or len(self._spent) > _REMEMBERED:
+            self._spent.clear()  # there is time for all, whoever had how much before
+        return left
 
     def _resume(self) -> None:
         """Those who wait, the network first that has had the least."""
-        self._refill()
-        while self._waiting and self._left > 0.0:
+        now = self._clock()
+        while self._waiting and self._seconds_left(now) > 0.0:
             connection = min(
                 self._waiting,
                 key=lambda it: (self._spent.get(it.network, 0.0), self._shaking[it]),
@@ -209,7 +212,7 @@ class TlsServer(TcpServer):
             done = self._go_on(connection)
         finally:
             took = self._cpu() - before
-            self._left -= took
+            self._time_limit.spend(took)
             self._spent[connection.network] = self._spent.get(connection.network, 0.0) + took
         if done:
             del self._shaking[connection]
@@ -269,9 +272,8 @@ class TlsServer(TcpServer):
         self._drop(connection)
 
     def _tell(self, what: str, why: str, where: str = "") -> None:
-        often = self._told.add(why, self._clock())
-        if often:
-            times = f" ({often} times)" if often > 1 else ""
+        times = self._faults.times(why)
+        if times is not None:
             self._host.note(WARNING, self.name, "tls", what, f"{where}{why}{times}")
 
     def _drop(self, connection: Any) -> None:

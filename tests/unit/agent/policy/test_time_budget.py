@@ -3,8 +3,6 @@
 import time
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from support.agent import running_agent
 from support.client import XrceClient
 from unit.agent.helpers import (
@@ -20,7 +18,7 @@ from unit.agent.test_server import TYPE, running
 from uros.agent.agent import Agent
 from uros.agent.log import INFO, WARNING, Log
 from uros.agent.policy import time_budget as module
-from uros.agent.policy.time_budget import Bucket, Closing, Pace
+from uros.agent.policy.time_budget import DeferredCloseQueue, TimeBudget
 from uros.agent.server import Server
 from uros.middleware.memory import MemoryMiddleware, MemoryNode, MemoryWriter
 from uros.wire import ids
@@ -28,7 +26,7 @@ from uros.wire import ids
 
 @pytest.fixture
 def clock(monkeypatch):
-    """``clock.now`` is the time of pace.py."""
+    """``clock.now`` is the time of time_budget.py."""
 
     class Clock:
         now = 50.0
@@ -41,33 +39,20 @@ def clock(monkeypatch):
     return one
 
 
-# --- accounts ---------------------------------------------------------------------------
-
-
-@given(st.lists(st.tuples(st.floats(0, 10), st.floats(0, 10)), max_size=40))
-def test_no_more_is_spent_than_came_in_and_a_debt_has_an_end(steps):
-    bucket, now, spent, start = Bucket(0.5, 0.25), 0.0, 0.0, True
-    for wait, cost in steps:
-        now += wait
-        if bucket.credit(now):
-            assert spent <= 0.5 + now * 0.25 + 10 or start
-            bucket.spend(cost)
-            spent += min(cost, 1.0)
-        start = False
-    assert bucket.credit(now + 2.1)  # whatever it was
+# --- budgets ----------------------------------------------------------------------------
 
 
 def test_one_client_gets_its_part_and_others_theirs(clock):
-    pace = Pace()
-    pace.on = True
-    greedy, modest = pace.account(), pace.account()
+    budget = TimeBudget()
+    budget.enabled = True
+    greedy, modest = budget.for_client(), budget.for_client()
     worked = {greedy: 0, modest: 0}
     for turn in range(2000):  # 10 s
         clock.now += 0.005
         for one in (greedy, modest) if turn % 100 == 0 else (greedy,):
-            if one.open():
+            if one.start():
                 clock.now += 0.001
-                one.close()
+                one.charge()
                 worked[one] += 1
     assert 2000 < 1000 * (module.BURST_OF_ONE + 12 * module.SHARE_OF_ONE) < 4000
     assert worked[greedy] < 1000 * (module.BURST_OF_ONE + 13 * module.SHARE_OF_ONE)
@@ -75,23 +60,23 @@ def test_one_client_gets_its_part_and_others_theirs(clock):
 
 
 def test_all_together_never_work_longer_than_a_burst(clock):
-    pace = Pace()
-    pace.on = True
+    budget = TimeBudget()
+    budget.enabled = True
     start, turn = clock.now, 0
-    for one in [pace.account() for _ in range(100)]:
-        if one.open():
+    for one in [budget.for_client() for _ in range(100)]:
+        if one.start():
             clock.now += 0.001
-            one.close()
+            one.charge()
             turn += 1
     assert clock.now - start <= 5 * module.BURST_OF_ALL and turn < 100
 
 
 def test_without_a_server_nobody_waits(clock):
-    account = Pace().account()
+    budget = TimeBudget().for_client()
     for _ in range(100):
-        assert account.open()
+        assert budget.start()
         clock.now += 1
-        account.close()
+        budget.charge()
 
 
 # --- closing ------------------------------------------------------------------------------
@@ -99,8 +84,8 @@ def test_without_a_server_nobody_waits(clock):
 
 def test_closing_is_done_in_slices_in_order_and_once(clock):
     later, closed, failed = [], [], []
-    closing = Closing(failed.append)
-    closing.later = lambda: later.append(1)
+    closing = DeferredCloseQueue(failed.append)
+    closing.schedule = lambda: later.append(1)
 
     def close(number):
         def it():
@@ -115,7 +100,7 @@ def test_closing_is_done_in_slices_in_order_and_once(clock):
         closing.add(close(number))
     assert 9 <= len(closed) <= 12 and len(later) == 1
     before = len(closed)
-    closing.turn()  # another turn, but what waits goes first
+    closing.begin_turn()  # another turn, but what waits goes first
     closing.add(close(100))
     assert len(closed) == before
     while later:
@@ -129,8 +114,8 @@ def test_closing_is_done_in_slices_in_order_and_once(clock):
 def test_what_waits_has_an_end_and_so_has_the_end(clock, monkeypatch):
     monkeypatch.setattr(module, "MAX_CLOSING", 10)
     closed = []
-    closing = Closing(lambda error: None)
-    closing.later = lambda: None
+    closing = DeferredCloseQueue(lambda error: None)
+    closing.schedule = lambda: None
     closing._spent = 1.0
     for number in range(30):
         closing.add(lambda number=number: closed.append(number))
@@ -238,7 +223,7 @@ def test_a_client_with_many_endpoints_leaves_in_slices(monkeypatch):
         again = server.client(2)
         assert again.writer("a", "rt/a1", TYPE)
         deadline = time.monotonic() + 10
-        while server.call(lambda: len(server.agent.closing)):
+        while server.call(lambda: len(server.agent.close_queue)):
             assert time.monotonic() < deadline
             assert good.ping() == 1
         assert (0, "rt/a0") not in bus.writers
@@ -295,8 +280,8 @@ def test_a_storm_is_not_a_storm_of_lines(desk, monkeypatch):
     from uros.agent import log as log_module
 
     said = io.StringIO()
-    log = Log(INFO, said)
     monkeypatch.setattr(log_module, "_INFO_RATE", 0)
+    log = Log(INFO, said)
     for number in range(2 * log_module._INFO_BURST):
         log.info("ProxyClient", "create_topic", "topic created", str(number))
     assert said.getvalue().count("\n") == log_module._INFO_BURST

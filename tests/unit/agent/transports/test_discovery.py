@@ -27,8 +27,8 @@ from uros.agent.transports.discovery import (
     MAX_ANSWERS_IN_ALL,
     MAX_LOCATORS,
     SCAN_PAUSE,
-    AnswerLimit,
     DiscoveryServer,
+    answer_limit,
     read_question,
     write_answer,
 )
@@ -395,17 +395,18 @@ def test_no_interface_at_all(monkeypatch):
 
 
 def test_answers_to_one_address_are_limited():
-    limit = AnswerLimit()
-    assert sum(limit.admit("192.0.2.1", 5.0 + i / 1000) for i in range(900)) == MAX_ANSWERS
-    assert limit.admit("192.0.2.2", 5.9)
-    assert limit.admit("192.0.2.1", 6.0)
+    limit = answer_limit()
+    assert sum(limit.take("192.0.2.1", 5.0) for _ in range(900)) == MAX_ANSWERS
+    assert limit.take("192.0.2.2", 5.0)
+    assert sum(limit.take("192.0.2.1", 6.0) for _ in range(900)) == MAX_ANSWERS
 
 
 def test_answers_to_all_are_limited_and_so_is_what_is_remembered():
-    limit = AnswerLimit()
-    assert sum(limit.admit(str(i), 5.0) for i in range(9999)) == MAX_ANSWERS_IN_ALL
-    assert len(limit._counts) == MAX_ANSWERS_IN_ALL
-    assert limit.admit("192.0.2.1", 6.0) and len(limit._counts) == 1
+    limit = answer_limit()
+    assert sum(limit.take(str(i), 5.0) for i in range(9999)) == MAX_ANSWERS_IN_ALL
+    assert len(limit) == MAX_ANSWERS_IN_ALL
+    assert sum(limit.take(str(i), 6.0) for i in range(9999)) == MAX_ANSWERS_IN_ALL
+    assert len(limit) <= 2 * MAX_ANSWERS_IN_ALL
 
 
 def test_a_flood_of_questions_is_answered_so_often(monkeypatch):

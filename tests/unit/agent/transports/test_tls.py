@@ -577,7 +577,7 @@ def test_handshakes_have_their_share_of_the_time_and_who_had_least_goes_first(ma
     for sock in greedy:
         assert sock.recv(5)[:1] == b"\x16"
     times.now += 5.0
-    server._refill()
+    server._seconds_left(times.now)
     assert not server._spent  # nobody is in want: what was, is past
 
 
