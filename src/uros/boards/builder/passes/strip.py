@@ -409,21 +409,16 @@ def _classes_of_constants(
 ) -> dict[str, dict[str, Scalar]]:
     """The classes of a module that are lists of constants, such as policies of QoS."""
     found: dict[str, dict[str, Scalar]] = {}
+    nothing = _Visible({}, {})
     for node in module.tree.body:
         if not isinstance(node, ast.ClassDef) or node.bases or node.keywords:
             continue
-        values: dict[str, Scalar] = {}
-        for it in node.body:
-            value = None
-            if isinstance(it, ast.Assign):
-                value = _small_value(it.value, _Visible({}, {}))
-            names = list(bound([it]))
-            if value is None or len(names) != 1 or names[0] in stored or names[0] in values:
-                break
-            values[names[0]] = value
-        else:
-            if times[node.name] == 1 and not node.decorator_list:
-                found[node.name] = values
+        names = list(bound(node.body))
+        given = [_small_value(it.value, nothing) for it in node.body if isinstance(it, ast.Assign)]
+        values = {name: it for name, it in zip(names, given, strict=False) if it is not None}
+        plain = len(values) == len(names) == len(node.body) and not stored.intersection(names)
+        if plain and times[node.name] == 1 and not node.decorator_list:
+            found[node.name] = values
     return found
 
 
