@@ -291,9 +291,9 @@ class Client:
         )  # fmt: skip
         return ids.STATUS_OK
 
-    def limited(self, thing: XrceObject, why: str) -> None:
-        """What the client writes to the object is over a limit of the owner's."""
-        self.fault("message too large", f"{object_label(thing.object_id)}, {why}")
+    def on_too_large(self, object_id: int) -> Callable[[str], None]:
+        """What is called when a message to the object is over ``max_size`` of the rules."""
+        return lambda why: self.fault("message too large", f"{object_label(object_id)}, {why}")
 
     def on_ready(self, thing: XrceObject) -> Callable[[], None]:
         """What its endpoint calls when it has something to read."""
@@ -398,11 +398,11 @@ class Client:
             return True
         thing = self.objects.get(object_id)
         if thing is not None and isinstance(thing.endpoint, (RequesterEndpoint, ReplierEndpoint)):
-            write = thing.settings.limited(
-                partial(thing.endpoint.write, flags), lambda why: self.limited(thing, why)
-            )
+            write, limiter = partial(thing.endpoint.write, flags), thing.settings.limiter
             try:
-                return write(payload)
+                if limiter is None:
+                    return write(payload)
+                return limiter.write(payload, write, self.on_too_large(object_id))
             except MiddlewareError as error:
                 self.fault("middleware error", str(error))
                 return True

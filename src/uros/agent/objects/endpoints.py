@@ -1,6 +1,6 @@
 """What stands behind an XRCE object at the middleware.
 
-A datawriter's samples the session hands over directly; it only counts them. The
+The session hands the samples of a datawriter to :meth:`WriterEndpoint.write`. The
 others turn samples of the middleware into payloads of the client and back:
 plain CDR, for a replier behind the 24 bytes of a SampleIdentity, for a
 requester behind the 4 bytes of the request that is answered.
@@ -15,7 +15,6 @@ from typing import Final
 
 from ...middleware.base import (
     MAX_PAST,
-    Bytes,
     MiddlewareError,
     Node,
     Reader,
@@ -27,6 +26,7 @@ from ...wire.data import SAMPLE_IDENTITY_SIZE, pull_sample_identity, push_sample
 from ...wire.errors import DecodeError
 from ..policy.memory_budget import MESSAGE_BYTES, Budget
 from ..policy.reader_backlog import Backlog
+from ..policy.rules import Limiter
 
 # Requests whose answers are still expected; a service that never answers must
 # not make the agent grow.
@@ -38,49 +38,117 @@ MAX_UNREAD: Final = 5000
 _MAX_MISSES: Final = 4
 
 
-class WriterEndpoint:
-    """A datawriter.
+def _ignore(reason: str) -> None:
+    """Nobody is told."""
 
-    A transient-local one keeps its last samples for readers that come late: their octets are
-    counted as well.
+
+class WriterEndpoint:
+    """A datawriter: hands the client's samples to the middleware and counts them.
+
+    A sample passes, in this order: the gate, the limiter, the middleware's writer, the account
+    of what a transient-local writer keeps for late readers, the recorder. Only a sample that the
+    middleware has taken is counted and recorded.
+
+    Args:
+        writer: The middleware's end.
+        qos: The QoS that it was created with.
+        budget: The memory account of all clients.
+        limiter: The limits that the rules set for the node; None: no limit.
+        on_too_large: Called with the reason when the limiter drops a sample for its size.
     """
 
-    __slots__ = ("_budget", "_past", "_write", "_writer", "unread", "written")
+    __slots__ = ("_budget", "_direct", "_gate", "_limiter", "_on_too_large", "_past",
+                 "_recorder", "_writer", "unread", "written")  # fmt: skip
 
-    def __init__(self, writer: Writer, qos: QoSProfile, budget: Budget) -> None:
+    def __init__(
+        self,
+        writer: Writer,
+        qos: QoSProfile,
+        budget: Budget,
+        limiter: Limiter | None = None,
+        on_too_large: Callable[[str], None] = _ignore,
+    ) -> None:
         self._writer = writer
-        self._write = writer.write
+        self._budget = budget
+        self._limiter = limiter
+        self._on_too_large = on_too_large
+        self._recorder: Callable[[memoryview], None] | None = None
+        self._gate: Callable[[int], bool] | None = None
+        self._past: deque[int] | None = None  # sizes of the samples that are kept
         self.written = 0  # samples; the client may ask
-        self.unread = 0  # octets that are kept for others
+        self.unread = 0  # bytes that are kept for late readers
         if qos.transient_local:
             depth = MAX_PAST if qos.history == HistoryPolicy.KEEP_ALL else max(1, qos.depth)
-            self._past: deque[int] = deque(maxlen=depth)
-            self._budget = budget
-            self._write = self._write_and_count
+            self._past = deque(maxlen=depth)
+        self._choose_path()
 
-    def _write_and_count(self, cdr: Bytes) -> bool:
+    def _choose_path(self) -> None:
+        """Where there is nothing to check or note, a sample goes straight to the middleware."""
+        plain = (
+            self._limiter is None
+            and self._recorder is None
+            and self._gate is None
+            and self._past is None
+        )
+        self._direct = self._writer.write if plain else None
+
+    def set_recorder(self, recorder: Callable[[memoryview], None]) -> None:
+        """Call ``recorder`` with each sample that the middleware has taken from now on."""
+        self._recorder = recorder
+        self._choose_path()
+
+    def set_gate(self, gate: Callable[[int], bool]) -> None:
+        """Hold samples back until ``gate`` returns True for the number of matched readers."""
+        self._gate = gate
+        self._choose_path()
+
+    def write(self, cdr: memoryview) -> bool:
+        """Hand over one sample. False: no room now, the sample must come again."""
+        direct = self._direct
+        if direct is not None:
+            done = direct(cdr)
+            self.written += done
+            return done
+        if self._gate is not None:
+            if not self._gate(self._writer.matched()):
+                return False
+            self._gate = None
+            self._choose_path()
+        if self._limiter is not None:
+            return self._limiter.write(cdr, self._hand_over, self._on_too_large)
+        return self._hand_over(cdr)
+
+    def republish(self, cdr: bytes) -> None:
+        """Hand over the last sample of before a restart, past gate and limiter.
+
+        Called before :meth:`set_recorder`: the state file has the sample already.
+        """
+        self._hand_over(memoryview(cdr))
+
+    def _hand_over(self, cdr: memoryview) -> bool:
         if not self._writer.write(cdr):
             return False
-        size, past = len(cdr) + MESSAGE_BYTES, self._past
+        self.written += 1
+        if self._past is not None:
+            self._account(len(cdr) + MESSAGE_BYTES, self._past)
+        if self._recorder is not None:
+            self._recorder(cdr)
+        return True
+
+    def _account(self, size: int, past: deque[int]) -> None:
         if len(past) == past.maxlen:
             self.unread -= past.popleft()
         else:
             self._budget.since += size
         past.append(size)
         self.unread += size
-        return True
-
-    def write(self, cdr: memoryview) -> bool:
-        """Hand over one sample. False: no room now."""
-        done = self._write(cdr)
-        self.written += done
-        return done
 
     def matched(self) -> int:
         """How many readers the samples reach."""
         return self._writer.matched()
 
     def close(self) -> None:
+        """Close the middleware's end."""
         self._writer.close()
 
 

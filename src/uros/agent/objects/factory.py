@@ -185,11 +185,13 @@ class Maker:
                 client.on_dropped(thing),
             )  # fmt: skip
         writer = WriterEndpoint(
-            node.create_writer(name, topic.type_name, qos), qos, self._agent.budget
+            node.create_writer(name, topic.type_name, qos),
+            qos,
+            self._agent.budget,
+            settings.limiter,
+            client.on_too_large(thing.object_id),
         )
-        client.session.writers[thing.object_id] = settings.limited(
-            writer.write, lambda why: client.limited(thing, why)
-        )
+        client.session.writers[thing.object_id] = writer.write
         return writer
 
     def _topic(self, spec: EndpointSpec) -> TopicSpec:

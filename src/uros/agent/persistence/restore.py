@@ -138,16 +138,16 @@ def _make_objects(entry: Entry, agent: Agent, log: Log) -> None:
             )  # fmt: skip
     entry.hold_until = time.monotonic() + HOLD_SECONDS
     for object_id, thing in list(client.objects.items()):
-        entry.watch_samples(thing, agent.attend)
         endpoint = thing.endpoint
         if not isinstance(endpoint, WriterEndpoint):
             continue
         latched = kept.latched.get(object_id)
         if latched:
-            endpoint.write(memoryview(latched))
+            endpoint.republish(latched)
+        entry.watch_samples(thing, agent.attend)
         readers = kept.matched.get(object_id, 0)
         if readers:
-            _hold(entry, object_id, endpoint, readers)
+            endpoint.set_gate(_open_with(readers, entry.hold_until))
     for object_id, reading in list(kept.reads.items()):
         if client.read(object_id, *reading):
             entry.note_limits(object_id, reading)
@@ -155,15 +155,6 @@ def _make_objects(entry: Entry, agent: Agent, log: Log) -> None:
             del kept.reads[object_id]
 
 
-def _hold(entry: Entry, object_id: int, endpoint: WriterEndpoint, readers: int) -> None:
-    """The writer has no room until it has so many readers, or it has taken too long."""
-    writers, until = entry.client.session.writers, entry.hold_until
-    write = writers[object_id]
-
-    def write_when_matched(sample: memoryview) -> bool:
-        if endpoint.matched() < readers and time.monotonic() < until:
-            return False
-        writers[object_id] = write
-        return write(sample)
-
-    writers[object_id] = write_when_matched
+def _open_with(readers: int, until: float) -> Callable[[int], bool]:
+    """A gate that opens when so many readers have matched, or at ``until``."""
+    return lambda matched: matched >= readers or time.monotonic() >= until

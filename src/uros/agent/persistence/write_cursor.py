@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from ...qos import HistoryPolicy
 from ...wire.streams import MAX_HELD, Fragments
+from ..objects.endpoints import WriterEndpoint
 from ..objects.representation import EndpointSpec
 from ..session.session import Session
 from .journal import SLOT_SIZE
@@ -106,24 +107,22 @@ class Entry:
     def watch_samples(self, thing: XrceObject, attend: Callable[[Session], None]) -> None:
         """Keep the last sample of a writer that late readers can ask for it."""
         spec, object_id, session = thing.spec, thing.object_id, self.client.session
-        writers = session.writers
-        if not isinstance(spec, EndpointSpec) or object_id not in writers or object_id > 0xFFFF:
+        endpoint = thing.endpoint
+        if not isinstance(endpoint, WriterEndpoint) or object_id > 0xFFFF:
             return
+        assert isinstance(spec, EndpointSpec)
         qos = spec.qos
         if not qos.transient_local or qos.history == HistoryPolicy.KEEP_ALL or qos.depth != 1:
             return
-        write, latched, news = writers[object_id], self.kept.latched, self.news
+        latched, news = self.kept.latched, self.news
 
-        def write_and_note(sample: memoryview) -> bool:
-            if not write(sample):
-                return False
+        def record_last_sample(sample: memoryview) -> None:
             # A longer one is not kept, and what was before it is the last no more.
             latched[object_id] = bytes(sample) if len(sample) <= MAX_LATCHED else b""
             news.add(object_id)
             attend(session)
-            return True
 
-        writers[object_id] = write_and_note
+        endpoint.set_recorder(record_last_sample)
 
     def fill(self) -> None:
         """The streams as they were written down, from what the session still holds of them."""

@@ -46,8 +46,6 @@ from .config_values import ControlError as ControlError
 from .config_values import key_of, listed, only, shown, table_of, whole
 from .token_bucket import TokenBucket
 
-Write = Callable[[memoryview], bool]
-
 # Names that mean the same for every robot: a namespace leaves them alone, remapping does not.
 GLOBAL: Final = frozenset(
     {
@@ -123,6 +121,59 @@ class NameRefused(Exception):
     """A topic, service or node may not have this name; the text says why, and the remedy."""
 
 
+class Limiter:
+    """``max_rate`` and ``max_size`` of one node, which all its writers share.
+
+    Args:
+        max_rate: Messages a second; None: no limit.
+        max_size: Bytes of a message; None: no limit.
+        clock: The time in seconds.
+    """
+
+    __slots__ = ("_clock", "_max_size", "_rate")
+
+    def __init__(
+        self, max_rate: float | None, max_size: int | None, clock: Callable[[], float]
+    ) -> None:
+        self._max_size = max_size
+        self._clock = clock
+        self._rate: TokenBucket | None = None
+        if max_rate is not None:
+            self._rate = TokenBucket(max(1.0, max_rate * _BURST), max_rate)
+            self._rate.available(clock())
+
+    def admits(self) -> bool:
+        """Whether one more message may pass now; it counts as passed then."""
+        return self._rate is None or self._rate.take(self._clock())
+
+    def write(
+        self,
+        sample: memoryview,
+        write: Callable[[memoryview], bool],
+        on_too_large: Callable[[str], None],
+    ) -> bool:
+        """Hand ``sample`` to ``write`` within the limits.
+
+        Args:
+            sample: The message.
+            write: Takes the message; False: it has no room now.
+            on_too_large: Called with the reason when the message is dropped for its size.
+
+        Returns:
+            False where the rate or ``write`` has no room now: the message must come again.
+        """
+        if self._max_size is not None and len(sample) > self._max_size:
+            on_too_large(f"{len(sample)} bytes are over max_size {self._max_size}")
+            return True
+        if not self.admits():
+            return False
+        if write(sample):
+            return True
+        if self._rate is not None:
+            self._rate.put_back()  # the message comes again
+        return False
+
+
 class Settings:
     """What the rules come to for one node of one client."""
 
@@ -132,7 +183,6 @@ class Settings:
         self.namespace = ""
         self._remap: dict[str, str] = {}
         self._qos: list[tuple[str, dict[str, int]]] = []
-        self._clock = clock
         self.max_size: int | None = None
         self.max_rate: float | None = None
         for rule in rules:
@@ -142,10 +192,11 @@ class Settings:
             self._qos.extend(rule.qos.items())
             self.max_size = self.max_size if rule.max_size is None else rule.max_size
             self.max_rate = self.max_rate if rule.max_rate is None else rule.max_rate
-        self._rate_limit: TokenBucket | None = None
-        if self.max_rate is not None:
-            self._rate_limit = TokenBucket(max(1.0, self.max_rate * _BURST), self.max_rate)
-            self._rate_limit.available(clock())
+        self.limiter = (
+            None
+            if self.max_rate is None and self.max_size is None
+            else Limiter(self.max_rate, self.max_size, clock)
+        )
 
     # --- names ------------------------------------------------------------------
 
@@ -217,7 +268,7 @@ class Settings:
             service.reply_type,
         )
 
-    # --- QoS and limits ------------------------------------------------------------
+    # --- QoS ------------------------------------------------------------
 
     def apply(self, qos: QoSProfile, dds_name: str) -> None:
         """Set what the rules say of the topic that the board calls ``dds_name``."""
@@ -227,31 +278,6 @@ class Settings:
             if any(fnmatchcase(it, pattern) for it in called):
                 for key, value in fields.items():
                     setattr(qos, key, value)
-
-    def admits(self) -> bool:
-        """Whether one more message may pass now; it counts as passed then."""
-        return self._rate_limit is None or self._rate_limit.take(self._clock())
-
-    def limited(self, write: Write, refused: Callable[[str], None]) -> Write:
-        """``write`` under the limits. What is too large is dropped, and ``refused`` says so;
-        what is too much finds no room now, as with a slow network.
-        """
-        if self.max_rate is None and self.max_size is None:
-            return write
-
-        def within_limits(sample: memoryview) -> bool:
-            if self.max_size is not None and len(sample) > self.max_size:
-                refused(f"{len(sample)} bytes are over max_size {self.max_size}")
-                return True
-            if not self.admits():
-                return False
-            if write(sample):
-                return True
-            if self._rate_limit is not None:
-                self._rate_limit.put_back()  # the message comes again
-            return False
-
-        return within_limits
 
 
 # Where no rule says anything.

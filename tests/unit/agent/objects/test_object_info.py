@@ -147,7 +147,7 @@ def test_the_activity_of_a_writer(full):
 def test_a_sample_that_found_no_room_does_not_count(full):
     thing = of(full).objects[WRITER].endpoint
     answers = iter([False, False, True])
-    thing._write = lambda cdr: next(answers)
+    thing._direct = lambda cdr: next(answers)
     full.send(write_data(WRITER, b"x"))
     full.wait(100)
     assert thing.written == 1

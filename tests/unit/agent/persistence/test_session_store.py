@@ -713,6 +713,21 @@ def test_a_last_sample_is_kept_up_to_its_limit_and_no_longer(world, monkeypatch,
     assert len(late.take(5)) == there
 
 
+def test_a_sample_over_max_size_is_not_the_last_one_after_a_restart(world):
+    """The rules have dropped the sample: nobody has read it, and a late reader must not."""
+    world.desk.agent.control.add({"max_size": 8})
+    qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
+    client = publisher(world, qos=qos, depth=1)
+    client.write(0x15, number(1))
+    client.write(0x15, number(2, 100))
+    settled(client)
+    assert "message too large" in world.desk.log()
+    world.restart()
+    profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert late.take(5) == [b"\0\1\0\0" + number(1)]
+
+
 # --- transports ----------------------------------------------------------------------------------
 
 

@@ -217,55 +217,55 @@ def test_addresses(address, pattern, matches):
     assert Rule(addresses=(pattern,)).matches(1, address, "/n") is matches
 
 
-def test_a_rate_is_a_bucket_that_fills():
+def test_a_rate_is_a_token_bucket():
     now = [0.0]
-    settings = Settings([Rule(max_rate=100.0)], lambda: now[0])
-    assert [settings.admits() for _ in range(26)] == [True] * 25 + [False]
+    limiter = Settings([Rule(max_rate=100.0)], lambda: now[0]).limiter
+    assert [limiter.admits() for _ in range(26)] == [True] * 25 + [False]
     now[0] += 0.01
-    assert settings.admits() and not settings.admits()
-    now[0] += 60.0  # what was not used is not saved up
-    assert [settings.admits() for _ in range(26)] == [True] * 25 + [False]
+    assert limiter.admits() and not limiter.admits()
+    now[0] += 60.0  # the bucket holds a quarter of a second's messages, whatever the pause was
+    assert [limiter.admits() for _ in range(26)] == [True] * 25 + [False]
 
 
-def test_less_than_one_message_a_second_is_a_rate_too():
+def test_a_rate_below_one_message_a_second():
     now = [0.0]
-    settings = Settings([Rule(max_rate=0.1)], lambda: now[0])
-    assert settings.admits() and not settings.admits()
+    limiter = Settings([Rule(max_rate=0.1)], lambda: now[0]).limiter
+    assert limiter.admits() and not limiter.admits()
     now[0] += 10.0
-    assert settings.admits() and not settings.admits()
+    assert limiter.admits() and not limiter.admits()
 
 
-def test_limits_on_a_writer():
+def test_the_limiter_of_a_writer():
     written, refused, now = [], [], [0.0]
 
     def write(sample):
         written.append(bytes(sample))
         return True
 
-    settings = Settings([Rule(max_rate=4.0, max_size=4)], lambda: now[0])
-    limited = settings.limited(write, refused.append)
-    assert limited(memoryview(b"1234")) is True
-    assert limited(memoryview(b"12345")) is True  # dropped: waiting would not make it smaller
-    assert limited(memoryview(b"more")) is False
+    limiter = Settings([Rule(max_rate=4.0, max_size=4)], lambda: now[0]).limiter
+
+    def limited(sample):
+        return limiter.write(memoryview(sample), write, refused.append)
+
+    assert limited(b"1234") is True
+    assert limited(b"12345") is True  # dropped: waiting would not make it smaller
+    assert limited(b"more") is False
     now[0] += 0.25
-    assert limited(memoryview(b"more")) is True
+    assert limited(b"more") is True
     assert written == [b"1234", b"more"]
     assert refused == ["5 bytes are over max_size 4"]
 
 
-def test_what_the_network_does_not_take_costs_nothing():
+def test_a_sample_that_the_network_does_not_take_costs_no_token():
     answers = [False, False, True]
-    limited = Settings([Rule(max_rate=1.0)], lambda: 0.0).limited(
-        lambda sample: answers.pop(0), print
-    )
-    assert [limited(memoryview(b"x")) for _ in range(4)] == [False, False, True, False]
+    limiter = Settings([Rule(max_rate=1.0)], lambda: 0.0).limiter
+    assert [
+        limiter.write(memoryview(b"x"), lambda sample: answers.pop(0), print) for _ in range(4)
+    ] == [False, False, True, False]
 
 
-def test_without_limits_the_writer_is_what_it_was():
-    def write(sample):
-        return True
-
-    assert Settings([Rule(domain=3)]).limited(write, print) is write
+def test_without_limits_there_is_no_limiter():
+    assert Settings([Rule(domain=3)]).limiter is None
 
 
 @pytest.mark.parametrize(
