@@ -16,10 +16,11 @@ from uros.agent.session.session import MAX_HELD, MAX_STREAMS
 from uros.agent.transports.base import ServerTransport
 from uros.middleware.memory import Bus, MemoryMiddleware
 from uros.qos import QoSProfile
+from uros.ticks import TIME_MASK, ticks_diff
 from uros.wire import entities, ids, session
 from uros.wire.cdr import Writer
 from uros.wire.header import MessageWriter, header_size, pull_header, push_header, push_subheader
-from uros.wire.streams import TIME_MASK, WINDOW, ticks_diff
+from uros.wire.streams import WINDOW
 
 WITNESS = 0  # its peer
 WITNESS_KEY = 0x5EC0DD17

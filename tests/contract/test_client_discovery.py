@@ -13,11 +13,10 @@ from uros.agent.transports.discovery import GROUP
 from uros.agent.transports.tcp import TcpServer
 from uros.agent.transports.udp import UdpServer
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
-from uros.ticks import ticks_ms
+from uros.ticks import ticks_diff, ticks_ms
 from uros.transport.discovery import DiscoveringTransport, discover_agent
 from uros.transport.tcp import TcpTransport
 from uros.transport.wlan import Over
-from uros.wire.streams import ticks_diff
 
 QUICK = {"ping_ms": 20, "silence_ms": 200, "wait_ms": 20}
 HERE = "127.0.0.1"

@@ -24,7 +24,7 @@ LIMIT = 39_000
 
 
 def test_heap_of_wire(micropython: MicroPython) -> None:
-    sources = portable_sources(["wire"])
+    sources = portable_sources(["wire", "ticks.py"])
     micropython.install(sources)
     micropython.run("import gc, struct, sys, array")
     before = last = micropython.heap()
@@ -97,7 +97,8 @@ def test_heap_of_the_running_sensor_node(tmp_path: Path) -> None:
 
 WITHOUT_ALLOCATION = """
 import micropython
-from uros.wire import header, session, streams
+from uros import ticks
+from uros.wire import header, session
 from uros.wire.cdr import Writer
 from uros.wire.framing import crc16, frame
 
@@ -117,7 +118,7 @@ def run():
     session.push_heartbeat(w, 65530, 65535, 0x80)
     w.u32(1 << 29)
     w.octets(view)
-    streams.ticks_diff(streams.ticks_add(5, 10), 3)
+    ticks.ticks_diff(ticks.ticks_add(5, 10), 3)
 
 run()
 micropython.heap_lock()
@@ -130,7 +131,7 @@ finally:
 
 def test_sending_does_not_allocate(micropython: MicroPython) -> None:
     """What runs for each message on a board that is publishing, with the heap locked."""
-    micropython.install(portable_sources(["wire"]))
+    micropython.install(portable_sources(["wire", "ticks.py"]))
     micropython.run(WITHOUT_ALLOCATION)
 
 

@@ -5,10 +5,11 @@ Runs on CPython and on MicroPython. Time passes only where the code under test w
 
 from support.conversation import unpack
 from uros.client.clock import Clock
+from uros.ticks import TIME_MASK
 from uros.wire import data, ids, session
 from uros.wire.cdr import Reader, Writer
 from uros.wire.header import push_header, push_subheader
-from uros.wire.streams import TIME_MASK, Fragments, ReliableIn, ReliableOut
+from uros.wire.streams import Fragments, ReliableIn, ReliableOut
 
 KEY = 0xAABBCCDD
 

@@ -7,17 +7,16 @@ import time
 from collections import deque
 
 from support.lines import SECONDS
+from uros.ticks import TIME_MASK, ticks_diff
 from uros.wire import data, entities, ids, session
 from uros.wire.cdr import Reader, Writer
 from uros.wire.header import MessageWriter, header_size, pull_header, pull_subheader, push_header
 from uros.wire.streams import (
-    TIME_MASK,
     BestEffortIn,
     Fragments,
     ReliableIn,
     ReliableOut,
     split,
-    ticks_diff,
 )
 
 RELIABLE = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST

@@ -23,12 +23,13 @@ from pathlib import Path
 from typing import Final
 
 from uros.middleware.wakeup_fd import Wake
+from uros.ticks import TIME_MASK, ticks_add, ticks_diff
 from uros.wire import ids
 from uros.wire.cdr import Reader
 from uros.wire.errors import DecodeError
 from uros.wire.header import MessageWriter, pull_header, pull_subheader
 from uros.wire.session import pull_acknack, pull_heartbeat, push_acknack, push_heartbeat
-from uros.wire.streams import TIME_MASK, ReliableIn, ReliableOut, ticks_add, ticks_diff
+from uros.wire.streams import ReliableIn, ReliableOut
 
 # A request without a stream is sent again after so long without its answer.
 RETRY_MS: Final = 500

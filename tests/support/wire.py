@@ -19,7 +19,7 @@ from uros.agent.objects import client as agent_client
 from uros.agent.transports.base import ServerTransport
 from uros.client import AGENT_CONNECTED, Node
 from uros.middleware.memory import MemoryMiddleware
-from uros.wire.streams import TIME_MASK, ticks_diff
+from uros.ticks import TIME_MASK, ticks_diff
 
 STEP_MS = 10
 

@@ -13,7 +13,7 @@ SOURCE = Path(__file__).resolve().parents[2] / "src" / "uros"
 # What each room may import besides itself. "qos", "ticks", "names" and "printable" are single
 # modules.
 ALLOWED = {
-    "wire": set(),
+    "wire": {"ticks"},
     "ticks": set(),
     "names": set(),
     "printable": set(),
@@ -25,7 +25,9 @@ ALLOWED = {
     "transport": {"wire", "ticks", "agent"},
     "client": {"wire", "interfaces", "qos", "ticks"},
     "middleware": {"interfaces", "qos", "names"},
-    "agent": {"wire", "transport", "middleware", "qos", "names", "printable", "http_server"},
+    "agent": {
+        "wire", "ticks", "transport", "middleware", "qos", "names", "printable", "http_server",
+    },
     "host": {"client", "middleware", "interfaces", "qos", "names", "printable"},
     "dashboard": {"drivers", "http_server"},
     "boards": {

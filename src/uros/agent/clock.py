@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from ..wire.streams import TIME_MASK
+from ..ticks import TIME_MASK
 
 # A TIMESTAMP knows no later one, and none before 1970.
 _LAST_SECOND: Final = 0x7FFFFFFF

@@ -19,7 +19,7 @@ from typing import Any, Final, Protocol
 
 from ..middleware.base import MiddlewareError
 from ..middleware.wakeup_fd import Wake
-from ..wire.streams import ticks_diff
+from ..ticks import ticks_diff
 from .agent import Agent
 from .objects.client import Client
 from .observability.message_hooks import CLIENT

@@ -20,7 +20,7 @@ A session's end fails every future that waits. Goals outlive it at their server:
 as the server keeps that, and hears feedback.
 """
 
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import ticks_add, ticks_diff
 from .actions import ACCEPTED, SUCCEEDED, UNKNOWN, End
 from .entities import Client, Future, Subscription
 

@@ -32,7 +32,7 @@ Goals do not end with a session: while the agent is away the server goes on work
 are kept for those who ask when it is back.
 """
 
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import ticks_add, ticks_diff
 from .actions import (
     ABORTED,
     ACCEPTED,

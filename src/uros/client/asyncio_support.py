@@ -16,7 +16,7 @@ spun by one task at a time.
 
 import asyncio
 
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import ticks_add, ticks_diff
 from . import node as client
 
 try:

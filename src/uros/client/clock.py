@@ -1,7 +1,6 @@
 """A board's ticks, and the time since 1970 that it learns from its agent."""
 
-from ..ticks import sleep_ms, ticks_ms, ticks_us
-from ..wire.streams import TIME_MASK
+from ..ticks import TIME_MASK, sleep_ms, ticks_ms, ticks_us
 
 try:
     from typing import Any, Final

@@ -14,9 +14,9 @@
 * AGENT_DISCONNECTED lasts for one step: the transport is closed, nothing waits for the agent.
 """
 
+from ..ticks import TIME_MASK, ticks_add, ticks_diff
 from ..wire import ids
 from ..wire.errors import WireError
-from ..wire.streams import TIME_MASK, ticks_add, ticks_diff
 from .clock import Clock
 from .session import GOODBYE, Session
 

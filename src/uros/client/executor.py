@@ -5,7 +5,7 @@ then calls each one that has something new, or whose ``invocation`` is ALWAYS, o
 than "any" are in ``triggers``, logical execution time and fixed periods in ``let``.
 """
 
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import ticks_add, ticks_diff
 
 try:
     from typing import Any, Callable, Final

@@ -3,7 +3,7 @@
 ``trigger()`` only sets a flag, so an interrupt's handler or another thread may call it.
 """
 
-from ..wire.streams import ticks_add
+from ..ticks import ticks_add
 from .executor import ON_NEW_DATA
 
 try:

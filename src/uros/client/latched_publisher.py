@@ -1,6 +1,6 @@
 """A publisher whose words are not lost when there is no agent to hear them yet."""
 
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import ticks_add, ticks_diff
 from .connection import AGENT_CONNECTED
 from .entities import Publisher
 from .executor import ON_NEW_DATA

@@ -1,9 +1,8 @@
 """The node: what a program on a board holds in its hand."""
 
-from ..ticks import ticks_us
+from ..ticks import ticks_add, ticks_diff, ticks_us
 from ..wire import ids
 from ..wire.entities import push_binary_participant
-from ..wire.streams import ticks_add, ticks_diff
 from .connection import AGENT_AVAILABLE, Connection
 from .entities import Client, Publisher, Service, Subscription
 from .executor import Executor, Timer

@@ -9,7 +9,7 @@ second cross the line. What was left out is counted and told.
 import sys
 
 from ..qos import DurabilityPolicy, QoSProfile
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import ticks_add, ticks_diff
 from .dynamic_messages import Shape
 from .latched_publisher import create_latched
 

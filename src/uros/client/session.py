@@ -8,6 +8,7 @@ nothing. Times are integer milliseconds modulo 2^30 and come from the caller.
 
 from struct import pack_into, unpack_from
 
+from ..ticks import ticks_add, ticks_diff
 from ..wire import ids
 from ..wire.cdr import Writer
 from ..wire.errors import DecodeError, EncodeError, WireError
@@ -19,8 +20,6 @@ from ..wire.streams import (
     BestEffortIn,
     Fragments,
     ReliableIn,
-    ticks_add,
-    ticks_diff,
 )
 
 try:

@@ -7,8 +7,7 @@ stops at each ``yield`` where there is nothing to do but wait. Runs on MicroPyth
 
 import errno
 
-from ..ticks import sleep_ms, ticks_ms
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import sleep_ms, ticks_add, ticks_diff, ticks_ms
 
 try:
     from typing import Any, Final, Iterator

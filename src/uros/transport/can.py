@@ -5,8 +5,7 @@ the message's length in one byte before the message. What follows is padding: a 
 one of sixteen lengths.
 """
 
-from ..ticks import sleep_ms, ticks_ms
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import sleep_ms, ticks_add, ticks_diff, ticks_ms
 
 try:
     from typing import Any, Final, Protocol

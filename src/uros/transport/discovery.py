@@ -13,13 +13,12 @@ import errno
 import select
 import socket
 
-from ..ticks import ticks_ms
+from ..ticks import ticks_add, ticks_diff, ticks_ms
 from ..wire import ids
 from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.header import pull_header, pull_subheader
 from ..wire.session import pull_info
-from ..wire.streams import ticks_add, ticks_diff
 from .udp import UdpTransport
 
 try:

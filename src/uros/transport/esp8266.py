@@ -9,8 +9,7 @@ while the program does something else: without it bytes are lost, and nothing te
 
 import errno
 
-from ..ticks import sleep_ms, ticks_ms
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import sleep_ms, ticks_add, ticks_diff, ticks_ms
 from .at_modem import ERROR, OK, ModemTransport
 
 try:

@@ -19,8 +19,7 @@ Behind these headers go commands and their answers, as text, and datagrams in es
 
 import errno
 
-from ..ticks import sleep_ms, ticks_ms, ticks_us
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import sleep_ms, ticks_add, ticks_diff, ticks_ms, ticks_us
 from .at_modem import ERROR, OK, ModemTransport
 
 try:

@@ -3,10 +3,10 @@
 Runs on MicroPython: a UART, a USB-CDC interface and a terminal's file all do.
 """
 
-from ..ticks import sleep_ms, ticks_ms
+from ..ticks import sleep_ms, ticks_add, ticks_diff, ticks_ms
 from ..wire.framing import Deframer, frame, frame_size
 from ..wire.ids import STREAM_RELIABLE
-from ..wire.streams import WINDOW, ticks_add, ticks_diff
+from ..wire.streams import WINDOW
 
 try:
     from typing import Any, Final, Protocol

@@ -7,9 +7,8 @@ import errno
 import select
 import socket
 
-from ..ticks import ticks_ms
+from ..ticks import ticks_add, ticks_diff, ticks_ms
 from ..wire.framing import LengthDeframer
-from ..wire.streams import ticks_add, ticks_diff
 
 try:
     from typing import Any, Final

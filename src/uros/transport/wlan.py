@@ -11,8 +11,7 @@ the node asks again. Runs on MicroPython ports that have ``network``.
 
 import errno
 
-from ..ticks import ticks_ms
-from ..wire.streams import ticks_add, ticks_diff
+from ..ticks import ticks_add, ticks_diff, ticks_ms
 
 try:
     from typing import Any, Final

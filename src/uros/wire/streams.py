@@ -22,6 +22,7 @@ The rules (XRCE 8.4), as state:
 Times are integer milliseconds modulo 2^30 and come from the caller.
 """
 
+from ..ticks import ticks_add, ticks_diff
 from . import ids
 from .errors import LimitError
 
@@ -32,7 +33,6 @@ try:
 except ImportError:  # MicroPython
     pass
 
-TIME_MASK: Final = 0x3FFFFFFF
 SEQUENCE_MASK: Final = 0xFFFF
 
 # eProsima's client and agent keep 16 messages a stream; an acknack can name 16.
@@ -53,16 +53,6 @@ MAX_HELD: Final = 0x7FFF
 MAX_MESSAGE: Final = 8 * 1024 * 1024
 # In place of an empty buffer: there may be no memory for one.
 _NOTHING: "Any" = b""
-
-
-def ticks_add(now: int, delta: int) -> int:
-    """``now + delta`` modulo 2^30."""
-    return (now + delta) & TIME_MASK
-
-
-def ticks_diff(a: int, b: int) -> int:
-    """``a - b``, signed, for times less than 2^29 ms (6 days) apart."""
-    return ((a - b + 0x20000000) & TIME_MASK) - 0x20000000
 
 
 def sequence_after(a: int, b: int) -> bool:

@@ -20,8 +20,8 @@ from unit.agent.test_server import running
 
 from uros.agent import clock as module
 from uros.agent.clock import MAX_STEP, Clock
+from uros.ticks import TIME_MASK, ticks_diff
 from uros.wire import ids
-from uros.wire.streams import TIME_MASK, ticks_diff
 
 DAY = 86_400.0
 

@@ -4,7 +4,7 @@ from support.board import FakeClock
 
 from uros import ticks
 from uros.client.clock import Clock
-from uros.wire.streams import TIME_MASK, ticks_diff
+from uros.ticks import TIME_MASK, ticks_diff
 
 
 class Stamp:

@@ -7,7 +7,7 @@ from support.board import FakeClock
 from uros.client.executor import ALWAYS, ON_NEW_DATA, Executor, Timer
 from uros.client.guard_condition import LATENCY_MS, GuardCondition
 from uros.client.triggers import trigger_all, trigger_always, trigger_any, trigger_one
-from uros.wire.streams import ticks_diff
+from uros.ticks import ticks_diff
 
 
 class Handle:

@@ -3,10 +3,9 @@
 from support.board import pattern
 from support.portable import framed
 
-from uros.ticks import ticks_ms
+from uros.ticks import ticks_diff, ticks_ms
 from uros.transport.serial import StreamTransport
 from uros.wire.framing import Deframer
-from uros.wire.streams import ticks_diff
 
 
 class Port:

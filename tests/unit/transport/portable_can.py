@@ -2,9 +2,8 @@
 
 from support.board import pattern
 
-from uros.ticks import ticks_ms
+from uros.ticks import ticks_diff, ticks_ms
 from uros.transport.can import CanTransport, can_frame
-from uros.wire.streams import ticks_diff
 
 
 class Bus:

@@ -16,7 +16,7 @@ from unit.agent.transports.test_discovery import C_QUESTION
 
 from uros.agent.transports import discovery
 from uros.agent.transports.discovery import write_answer
-from uros.ticks import ticks_ms
+from uros.ticks import ticks_diff, ticks_ms
 from uros.transport import discovery as discoveryboard
 from uros.transport.discovery import (
     AGENTS,
@@ -28,7 +28,6 @@ from uros.transport.discovery import (
 from uros.wire import ids, session
 from uros.wire.errors import DecodeError
 from uros.wire.header import MessageWriter
-from uros.wire.streams import ticks_diff
 
 ASKED = (ids.SESSION_NONE_WITHOUT_KEY, 0, 9, ids.OBJECT_AGENT)
 # By hand, from the order and sizes of the fields in the specification: an agent at 192.0.2.7:8888.

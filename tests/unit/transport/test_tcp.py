@@ -14,10 +14,9 @@ from unit.agent.transports.test_process import agent as agent_process
 from uros.interfaces.std_msgs.msg import Int32
 
 from uros.client import AGENT_CONNECTED, WAITING_AGENT, Node
-from uros.ticks import ticks_ms
+from uros.ticks import ticks_diff, ticks_ms
 from uros.transport.tcp import TcpTransport
 from uros.transport.tls import TlsTransport, _der
-from uros.wire.streams import ticks_diff
 
 QUICK = {"ping_ms": 20, "silence_ms": 400, "wait_ms": 20}
 

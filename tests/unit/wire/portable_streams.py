@@ -2,6 +2,7 @@
 
 from support.portable import refused
 
+from uros.ticks import ticks_add, ticks_diff
 from uros.wire import streams
 from uros.wire.errors import LimitError
 from uros.wire.streams import (
@@ -17,8 +18,6 @@ from uros.wire.streams import (
     ReliableOut,
     sequence_after,
     split,
-    ticks_add,
-    ticks_diff,
 )
 
 # The first number of a stream, here and there just before the wrap.

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from uros.ticks import TIME_MASK
 from uros.wire.streams import (
     HEARTBEAT_MS,
     MAX_HELD,
-    TIME_MASK,
     Fragments,
     ReliableIn,
     ReliableOut,

@@ -28,11 +28,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from ...middleware.base import Middleware, MiddlewareError
+from ...ticks import ticks_diff
 from ...wire import data, entities, ids
 from ...wire import session as messages
 from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
-from ...wire.streams import ticks_diff
 from ..clock import wall_clock
 from ..log import INFO, TRACE, WARNING, Log, RateLimit
 from ..policy.limits import Limits, TooMany

@@ -19,8 +19,8 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ... import names
+from ...ticks import ticks_diff
 from ...wire import ids
-from ...wire.streams import ticks_diff
 from ..objects.client import Client
 from ..objects.endpoints import WriterEndpoint
 from ..objects.kinds import KIND_NAMES, key_label, object_label

@@ -21,7 +21,7 @@ from collections.abc import Hashable, Iterable
 from ipaddress import IPv6Address
 from typing import Any, Final
 
-from ...wire.streams import ticks_add, ticks_diff
+from ...ticks import ticks_add, ticks_diff
 from ..objects.client import Client
 from ..transports.base import ServerTransport
 

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple, Protocol
 
-from ...wire.streams import ticks_add, ticks_diff
+from ...ticks import ticks_add, ticks_diff
 from ..log import Log, RateLimit
 from ..objects.client import Client
 from ..objects.kinds import key_label

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
-from ...wire.streams import ticks_add
+from ...ticks import ticks_add
 from ..log import Log
 from ..objects.client import Client
 from ..objects.kinds import key_label

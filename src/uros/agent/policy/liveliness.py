@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
-from ...wire.streams import TIME_MASK, ticks_diff
+from ...ticks import TIME_MASK, ticks_diff
 from ..log import Log, RateLimit
 from ..objects.client import Client
 from ..objects.kinds import key_label

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
-from ...wire.streams import ticks_diff
+from ...ticks import ticks_diff
 
 # What a client, an object and a message take besides their bytes; measured, and rounded up.
 CLIENT_BYTES: Final = 4096

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
+from ...ticks import ticks_add, ticks_diff
 from ...wire import ids
-from ...wire.streams import ticks_add, ticks_diff
 from .session import Session
 
 # Samples taken at a time, and sent at once on a best-effort stream: one client must not

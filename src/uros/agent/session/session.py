@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from ...middleware.base import MiddlewareError
+from ...ticks import ticks_add, ticks_diff
 from ...wire import ids
 from ...wire.cdr import Reader, Writer
 from ...wire.errors import DecodeError, LimitError
@@ -37,8 +38,6 @@ from ...wire.streams import (
     ReliableOut,
     sequence_after,
     split,
-    ticks_add,
-    ticks_diff,
 )
 from ..log import unexpected
 from ..policy.memory_budget import MESSAGE_BYTES, Budget, unlimited

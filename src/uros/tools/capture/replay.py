@@ -16,13 +16,14 @@ from collections.abc import Callable
 from typing import Final
 
 from ...printable import printable
+from ...ticks import TIME_MASK, ticks_diff
 from ...wire import ids
 from ...wire import session as messages
 from ...wire.cdr import Reader
 from ...wire.data import REQUEST_SIZE, SAMPLE_IDENTITY_SIZE
 from ...wire.errors import DecodeError
 from ...wire.header import MessageWriter, pull_header
-from ...wire.streams import TIME_MASK, ReliableIn, ReliableOut, ticks_diff
+from ...wire.streams import ReliableIn, ReliableOut
 from ..common import positive_float
 from ..errors import ToolError
 from .lines import Line, Lines

@@ -38,9 +38,9 @@ from uros.agent.observability import snapshot as module
 from uros.agent.observability.snapshot import Rates, gather, pieces, snapshot
 from uros.agent.transports.base import MAX_BURST
 from uros.agent.transports.udp import UdpServer
+from uros.ticks import TIME_MASK
 from uros.wire import ids
 from uros.wire.session import push_timestamp
-from uros.wire.streams import TIME_MASK
 
 TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
 SAMPLE = b"\x07\0\0\0"

@@ -18,12 +18,13 @@ from uros.agent.policy.memory_budget import MESSAGE_BYTES
 from uros.agent.session import session as module
 from uros.agent.session.session import Session
 from uros.middleware.base import MiddlewareError
+from uros.ticks import TIME_MASK
 from uros.wire import ids
 from uros.wire.cdr import Reader
 from uros.wire.errors import DecodeError, LimitError
 from uros.wire.header import MessageWriter
 from uros.wire.session import pull_acknack, pull_heartbeat
-from uros.wire.streams import MAX_MESSAGE, TIME_MASK, split
+from uros.wire.streams import MAX_MESSAGE, split
 
 WRITER = 0x0015
 OTHER = 0x0025
