@@ -15,10 +15,13 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from support.examples import SCALE
 
-# How long an example takes says something of the machine, not of the code.
-settings.register_profile("uros", deadline=None)
-settings.load_profile("uros")
+# No deadline: how long an example takes depends on the machine. --hypothesis-profile chooses
+# another profile; tests/support/examples.py scales the tests that ask for a number of their own.
+for _name, _scale in SCALE.items():
+    settings.register_profile(_name, deadline=None, max_examples=int(100 * _scale))
+settings.load_profile("daily")
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -1,0 +1,14 @@
+"""How many examples a property test tries, by the profile of the run.
+
+``quick`` is for ``make quick``, ``daily`` for ``make test``, ``deep`` for ``make test-full``; the
+profiles stand in ``tests/conftest.py``.
+"""
+
+from hypothesis import settings
+
+SCALE = {"quick": 0.1, "daily": 1, "deep": 4}
+
+
+def examples(daily: int) -> int:
+    """The number of examples where ``daily`` are right for ``make test``; at least 5."""
+    return max(5, int(daily * SCALE[settings.get_current_profile_name()]))
