@@ -23,11 +23,14 @@ from uros.tools.agent import command
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
-    *(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "firmware").rglob("*.md")),
 ]
 README = ROOT / "README.md"
-ARCHITECTURE = ROOT / "ARCHITECTURE.md"
+HOUSE = ROOT / "docs" / "design" / "README.md"
+NUMBERS = ROOT / "docs" / "design" / "numbers.md"
+EXAMPLES = ROOT / "firmware" / "README.md"
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 AGENT = ROOT / "docs" / "agent.md"
 CLIENT = ROOT / "docs" / "client.md"
@@ -44,7 +47,7 @@ FOREIGN = {"--ros-args"}
 
 
 def name_of(page):
-    return page.name
+    return str(page.relative_to(ROOT))
 
 
 @lru_cache
@@ -70,8 +73,9 @@ def happenings():
 
 @pytest.mark.parametrize(
     "page",
-    [README, ROOT / "docs" / "boards.md", *sorted((ROOT / "firmware").glob("*/README.md"))],
-    ids=lambda page: f"{page.parent.name}/{page.name}",
+    [README, *(ROOT / "docs" / f"{it}.md" for it in ("boards", "virtual_boards")),
+     *sorted((ROOT / "firmware").rglob("README.md"))],
+    ids=name_of,
 )
 def test_what_a_page_makes_happen_to_boards_can_happen_and_the_boards_exist(page):
     text = page.read_text("utf-8")
@@ -160,24 +164,40 @@ def test_no_table_of_a_page_says_a_thing_twice(page):
 def test_every_page_is_named_where_people_begin():
     text = README.read_text("utf-8")
     names = [f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")]
-    names += ["ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+    names += ["docs/design/README.md", "firmware/README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
     assert not [it for it in sorted(names) if it not in text]
+
+
+def test_every_page_of_the_design_is_in_its_index():
+    linked = set(re.findall(r"\]\((\w+\.md)\)", HOUSE.read_text("utf-8")))
+    assert linked == {page.name for page in HOUSE.parent.glob("*.md")} - {"README.md"}
+
+
+def test_the_index_of_examples_has_every_program():
+    linked = set(re.findall(r"\]\((\w+)/README\.md\)", EXAMPLES.read_text("utf-8")))
+    assert linked == {main.parent.name for main in (ROOT / "firmware").glob("*/main.py")}
 
 
 # --- the house --------------------------------------------------------------------------------
 
 
-def test_the_rooms_on_the_page_are_those_of_the_house():
-    (house,) = re.findall(r"^src/uros/\n((?:  .*\n)+)", ARCHITECTURE.read_text("utf-8"), re.M)
-    named = re.findall(r"^  (\w+)(?:/|\.py) ", house, re.M)
+def test_the_packages_on_the_page_are_those_of_the_tree():
+    """Single modules beside them, and one level of packages within them."""
+    (house,) = re.findall(r"^src/uros/\n((?:  .*\n)+)", HOUSE.read_text("utf-8"), re.M)
+    named, package = [], ""
+    for indent, name in re.findall(r"^(  |    )(\w+(?:/|\.py)) ", house, re.M):
+        package = package if indent == "    " else name
+        named.append(package + name if indent == "    " else name)
     source = ROOT / "src" / "uros"
-    rooms = {it.parent.name for it in source.glob("*/__init__.py")}
-    assert sorted(named) == sorted(rooms | {"qos", "ticks", "names", "printable", "http_server"})
+    there = {f"{it.parent.name}/" for it in source.glob("*/__init__.py")}
+    there |= {f"{it.parent.relative_to(source)}/" for it in source.glob("*/*/__init__.py")}
+    there |= {it.name for it in source.glob("*.py")} - {"__init__.py", "__main__.py"}
+    assert sorted(named) == sorted(there)
 
 
 def test_the_walls_on_the_page_are_those_that_are_tested():
     told = {}
-    for rooms, may in table(ARCHITECTURE, "room", "may import"):
+    for rooms, may in table(HOUSE, "room", "may import"):
         named = set() if may == "nothing" else set(may.split(", "))
         for room in rooms.split(", "):
             told[room] = set(ALLOWED) - {room} if may == "all above" else named
@@ -196,7 +216,7 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
     from uros.agent.transports import tcp, tls
     from uros.wire.streams import MAX_MESSAGE
 
-    told = {what: value for what, value, _ in table(ARCHITECTURE, "what", "value", "where")}
+    told = {what: value for what, value, _ in table(NUMBERS, "what", "value", "where")}
     it = Limits()
     assert (time_budget.SHARE_OF_ONE, time_budget.SHARE_OF_ALL, tls.SHARE) == (0.25, 0.5, 0.25)
     for what, value in (
@@ -209,20 +229,20 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
          f"{tcp.MAX_CONNECTIONS}, {tcp.MAX_FROM_ONE}; {tcp.IDLE_SECONDS:.0f} s"),
         ("TLS handshakes: at once, each, share of the time",
          f"{tls.MAX_HANDSHAKES}, {tls.HANDSHAKE_SECONDS:.0f} s, a quarter"),
-        ("the data plane hangs; the end hangs",
-         f"is told after {watchdog.HANG_SECONDS:.0f} s;"
-         f" is forced after {watchdog.END_SECONDS:.0f} s"),
+        ("the data plane hangs: reported; shutdown hangs: forced",
+         f"after {watchdog.HANG_SECONDS:.0f} s; after {watchdog.END_SECONDS:.0f} s"),
         ("state file: clients; journal",
          f"{journal.SLOTS}; {journal.MAX_JOURNAL >> 20} MiB,"
          f" written anew from {session_store.JOURNAL_SIZE >> 20} MiB on"),
         ("a restored writer waits for its readers; a session for its transport",
          f"{restore.HOLD_SECONDS:.0f} s; a day"),
         ("clients; domains", f"{admission.MAX_CLIENTS}; 32"),
-        ("a silent client: asked after, forgotten after",
-         f"{min(liveliness.DEAD_TIME / 10, 30):.0f} s, {liveliness.DEAD_TIME:.0f} s"),
-        ("one with hard liveliness: asked each, forgotten after",
-         f"{liveliness.MIN_HARD_MS / 1000:g} s to an hour, three questions"),
-        ("a second one with its key waits for", f"{sum(key_conflict.WAIT_MS) / 1000:g} s"),
+        ("a silent client: first query; deleted",
+         f"after {min(liveliness.DEAD_TIME / 10, 30):.0f} s;"
+         f" after {liveliness.DEAD_TIME:.0f} s"),
+        ("a client with hard liveliness: query period; deleted",
+         f"{liveliness.MIN_HARD_MS / 1000:g} s to an hour; after three queries"),
+        ("a second client with the same key waits", f"{sum(key_conflict.WAIT_MS) / 1000:g} s"),
         ("representations kept of one client; answers it does not acknowledge",
          f"{it.representations >> 20} MiB; {session.MAX_ANSWERS >> 20} MiB"),
     ):  # fmt: skip
@@ -230,12 +250,19 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_file_of_python_that_a_page_names_exists(page):
-    places = [ROOT, ROOT / "src" / "uros", ROOT / "tests", ROOT / "src" / "uros" / "agent"]
+def test_every_path_that_a_page_names_exists(page):
+    """Files of Python, and whatever begins with a folder of the project or of a package; not
+    where a word in capitals stands for many.
+    """
+    source = ROOT / "src" / "uros"
+    places = [ROOT, source, ROOT / "tests", source / "agent", page.parent]
     text = page.read_text("utf-8")
     text = re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S)
-    named = {it for it in re.findall(r"`([\w./]+\.(?:py|toml))`", text) if "/" in it}
-    missing = [it for it in sorted(named) if not any((place / it).is_file() for place in places)]
+    folders = {it.name for place in (ROOT, source) for it in place.iterdir() if it.is_dir()}
+    named = {it for it in re.findall(r"`([\w./-]+)`", text) if "/" in it}
+    named = {it for it in named if not re.search(r"/[A-Z]+(/|$)", it)}
+    named = {it for it in named if re.search(r"\.(py|toml)$", it) or it.split("/")[0] in folders}
+    missing = [it for it in sorted(named) if not any((place / it).exists() for place in places)]
     assert not missing
 
 

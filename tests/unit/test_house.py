@@ -1,4 +1,4 @@
-"""Which room may import which: the walls of ARCHITECTURE.md."""
+"""Which room may import which: the table of docs/design/README.md."""
 
 import ast
 import re
