@@ -68,7 +68,7 @@ def check_ours(numbers: list[int], folder: Path, monkeypatch: pytest.MonkeyPatch
     (folder / "program").mkdir()
     (folder / "source" / "main.py").rename(folder / "program" / "main.py")
     (folder / "source" / "uros" / "client" / "__init__.py").touch()
-    monkeypatch.setattr(build_module, "_SOURCE", folder / "source" / "uros")
+    monkeypatch.setattr(build_module, "SOURCE", folder / "source" / "uros")
     compare(numbers, folder / "program", folder / "out", said(files))
 
 

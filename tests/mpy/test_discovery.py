@@ -228,8 +228,8 @@ def run():
 """
     heaps = []
     for name, *rest in (
-        ("known", "datagram", "UdpTransport", "'h'"),
-        ("found", "discoveryboard", "DiscoveringTransport", ""),
+        ("known", "udp", "UdpTransport", "'h'"),
+        ("found", "discovery", "DiscoveringTransport", ""),
     ):
         (tmp_path / name).mkdir()
         with board_with(built(tmp_path / name, program.format(*rest))) as board:
