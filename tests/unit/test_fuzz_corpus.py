@@ -119,12 +119,12 @@ def test_another_client_that_is_harmed_is_a_finding(monkeypatch: pytest.MonkeyPa
 
 
 def test_an_internal_error_in_the_log_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    from uros.agent.objects.factory import Maker
+    from uros.agent.objects.factory import ObjectFactory
 
     def broken(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(Maker, "_make_endpoint", broken)
+    monkeypatch.setattr(ObjectFactory, "_make_endpoint", broken)
     with pytest.raises(world.Finding, match="internal error"):
         target("datagrams").one_input(kept_as("datagrams", "publisher"))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..middleware.base import Middleware
 from ..wire import ids
@@ -21,9 +21,10 @@ from ..wire.cdr import Reader
 from ..wire.errors import DecodeError
 from ..wire.header import MessageWriter, pull_header, pull_subheader
 from .clock import Clock
+from .context import CreateClientRequest, Persistence
 from .log import WARNING, Log, RateLimit, unexpected
 from .malloc_trim import Heap
-from .objects.client import Client
+from .objects.client import ProxyClient
 from .objects.kinds import key_label
 from .objects.ros_graph import Graphs
 from .objects.xml_profiles import References
@@ -36,7 +37,7 @@ from .policy.admission import (
     Refusals,
 )
 from .policy.eviction import Shares
-from .policy.key_conflict import Request, Rivals
+from .policy.key_conflict import Rivals
 from .policy.limits import Limits
 from .policy.line_loss import Lines
 from .policy.liveliness import DEAD_TIME, LOOK_MS, Liveliness
@@ -45,9 +46,6 @@ from .policy.rules import Control
 from .policy.time_budget import DeferredCloseQueue, TimeBudget
 from .session.session import MIN_MTU, Session
 from .transports.base import ServerTransport
-
-if TYPE_CHECKING:
-    from .persistence.session_store import Keeper
 
 # What one UDP datagram can hold; a client that can take more gets no more.
 MAX_MTU = 65507
@@ -81,8 +79,8 @@ class Agent:
         self.control = control or Control()
         self.admission = admission or Admission()
         self.refusals = Refusals()
-        self.keeper: Keeper | None = None  # with --state
-        self.clients: dict[int, Client] = {}
+        self.keeper: Persistence | None = None  # with --state
+        self.clients: dict[int, ProxyClient] = {}
         self.limits = limits or Limits()
         self.budget = Budget(self.limits.memory, lambda: self.clients.values(), self._dismiss)
         self.time_budget = TimeBudget()
@@ -248,7 +246,7 @@ class Agent:
             status, what = ids.STATUS_ERR_RESOURCES, "memory for clients used up"
             remedy = " (see --max-memory)"
         if status == ids.STATUS_OK:
-            request = Request(session_id, min(mtu, MAX_MTU, transport.mtu), properties)
+            request = CreateClientRequest(session_id, min(mtu, MAX_MTU, transport.mtu), properties)
             client = self.clients.get(key)
             if client is not None and self._places[key] != (transport, peer):
                 self.rivals.challenge(client, transport, peer, request)
@@ -264,7 +262,7 @@ class Agent:
         self._answer_create(key, transport, peer, session_id, status)
 
     def take_over(
-        self, key: int, transport: ServerTransport, peer: Any, request: Request | None
+        self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest | None
     ) -> None:
         """Whoever is there is the client from now on. ``request`` is its CREATE_CLIENT, which
         is answered; without one it goes on with the session that is known.
@@ -280,7 +278,9 @@ class Agent:
             self._admit(transport, peer, key, request)
         self._answer_create(key, transport, peer, request.session_id, status)
 
-    def deny(self, key: int, transport: ServerTransport, peer: Any, request: Request) -> None:
+    def deny(
+        self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
+    ) -> None:
         """Answer a CREATE_CLIENT: no."""
         self._answer_create(key, transport, peer, request.session_id, ids.STATUS_ERR_DENIED)
 
@@ -329,7 +329,9 @@ class Agent:
             )  # fmt: skip
         return bool(leaving)
 
-    def _admit(self, transport: ServerTransport, peer: Any, key: int, request: Request) -> None:
+    def _admit(
+        self, transport: ServerTransport, peer: Any, key: int, request: CreateClientRequest
+    ) -> None:
         session_id, mtu, properties = request
         resident = transport.sessions.get(peer)
         if resident is not None and resident.key != key:
@@ -343,7 +345,7 @@ class Agent:
             client = None
         about = f"client_key: {key_label(key)}, session_id: 0x{session_id:02X}"
         if client is None:
-            client = self.clients[key] = Client(
+            client = self.clients[key] = ProxyClient(
                 self, key, session_id, mtu, transport.certificate_of(peer)
             )
             self.log.info("Root", "create_client", "create", about)
@@ -360,7 +362,7 @@ class Agent:
             self.keeper.placed(client, transport, peer, properties)
         self.liveliness.enroll(client, properties)
 
-    def _may_go_on(self, client: Client, transport: ServerTransport, peer: Any) -> bool:
+    def _may_go_on(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> bool:
         """Whether what the client has made may belong to whoever talks from there.
 
         Its objects stand under the rules of the place where they were made, so only a place of the
@@ -378,8 +380,8 @@ class Agent:
         )
 
     def resume(
-        self, key: int, transport: ServerTransport, peer: Any, request: Request
-    ) -> Client:
+        self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
+    ) -> ProxyClient:
         """A client of before our start, which goes on without a word. Whether it may come in is
         asked before.
         """
@@ -388,7 +390,7 @@ class Agent:
         self.lines.watch(client)  # its board may have been unplugged meanwhile
         return client
 
-    def _move(self, client: Client, transport: ServerTransport, peer: Any) -> None:
+    def _move(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> None:
         """The client talks from here now."""
         place = self._places.get(client.key)
         if place == (transport, peer):

@@ -21,7 +21,7 @@ from ..middleware.base import MiddlewareError
 from ..middleware.wakeup_fd import Wake
 from ..ticks import ticks_diff
 from .agent import Agent
-from .objects.client import Client
+from .objects.client import ProxyClient
 from .observability.message_hooks import CLIENT
 from .policy.time_budget import PAUSE
 from .session.session import Session
@@ -61,7 +61,7 @@ class Server:
         self._order = itertools.count()
         self._soon: deque[Callable[[], None]] = deque()
         # The time each client's timer is set to; other heap entries of it are stale.
-        self._timers: dict[Client, float] = {}
+        self._timers: dict[ProxyClient, float] = {}
         self._taps = agent.taps
         # A middleware that fails is asked again, but not at once.
         self._failures = 0
@@ -292,7 +292,7 @@ class Server:
                 except Exception as error:  # likewise
                     self.agent.failed(error)
 
-    def _set_timer(self, client: Client, now: int) -> None:
+    def _set_timer(self, client: ProxyClient, now: int) -> None:
         deadline = client.next_deadline()
         if deadline is None:
             self._timers.pop(client, None)

@@ -25,20 +25,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
 
-from ...middleware.base import Middleware, MiddlewareError
+from ...middleware.base import MiddlewareError
 from ...ticks import ticks_diff
 from ...wire import data, entities, ids
 from ...wire import session as messages
 from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
 from ..clock import wall_clock
-from ..log import INFO, TRACE, WARNING, Log, RateLimit
-from ..policy.limits import Limits, TooMany
-from ..policy.memory_budget import CLIENT_BYTES, OBJECT_BYTES, Budget
-from ..policy.rules import Control, NameRefused
-from ..policy.time_budget import DeferredCloseQueue, TimeBudget
+from ..context import AgentContext
+from ..log import INFO, TRACE, WARNING
+from ..policy.limits import TooMany
+from ..policy.memory_budget import CLIENT_BYTES, OBJECT_BYTES
+from ..policy.rules import NameRefused
 from ..session.delivery import Delivery
 from ..session.session import Session
 from . import representation
@@ -49,57 +48,20 @@ from .endpoints import (
     RequesterEndpoint,
     WriterEndpoint,
 )
-from .factory import Maker
+from .factory import ObjectFactory
 from .kinds import KIND_NAMES, key_label, object_label, parent_id
 from .object_info import send_info
 from .object_table import Known, Taken, XrceObject, broken, check_room
 from .representation import UnknownReference
-from .ros_graph import GraphEndpoint, Graphs
-from .xml_profiles import ProfileError, References
-
-if TYPE_CHECKING:
-    from ..persistence.session_store import Keeper
+from .ros_graph import GraphEndpoint
+from .xml_profiles import ProfileError
 
 
-class Surroundings(Protocol):
-    """What a client needs of the agent it belongs to."""
-
-    log: Log
-    faults: RateLimit
-    middleware: Middleware
-    references: References
-    graphs: Graphs
-    control: Control
-    limits: Limits
-    budget: Budget
-    time_budget: TimeBudget
-    close_queue: DeferredCloseQueue
-    keeper: Keeper | None
-    domain_of_agent: int
-    domain_override: int | None
-    wake_at: Callable[[float, Callable[[], None]], None]
-
-    def address(self, key: int) -> str:
-        """Where a client talks from, as a person reads it."""
-
-    def delete_client(self, key: int) -> bool:
-        """Forget a client; whether there was one."""
-
-    def attend(self, session: Session) -> None:
-        """The session has something to send, or a new deadline."""
-
-    def now(self) -> int:
-        """Milliseconds modulo 2^30."""
-
-    def failed(self, error: Exception) -> None:
-        """Tell of an error that nobody expects."""
-
-
-class Client:
+class ProxyClient:
     """See the module."""
 
     def __init__(
-        self, agent: Surroundings, key: int, session_id: int, mtu: int,
+        self, agent: AgentContext, key: int, session_id: int, mtu: int,
         certificate: str | None = None,
     ) -> None:  # fmt: skip
         self.key = key
@@ -111,7 +73,7 @@ class Client:
         self.clock_offset: float | None = None
         self._agent = agent
         self._known = Known(self.objects, agent.references)
-        self._maker = Maker(agent, self.objects, self._known)
+        self._factory = ObjectFactory(agent, self.objects, self._known)
         self._kept = 0  # bytes of all representations
         self._time_budget = agent.time_budget.for_client()
 
@@ -279,7 +241,7 @@ class Client:
             raise TooMany(f"over {limits.representations} bytes of representations")
         if not self._agent.budget.admit(OBJECT_BYTES + thing.kept):
             raise TooMany("the memory for all clients is used up (see --max-memory)")
-        about = self._maker.make(self, thing)
+        about = self._factory.make(self, thing)
         self.objects[object_id] = thing
         self._kept += thing.kept
         if self._agent.keeper is not None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from ... import names
 from ...middleware.base import Node
 from ...wire import ids
+from ..context import AgentContext
 from ..log import INFO
 from ..policy.limits import use
 from ..policy.rules import Settings
+from ..session.session import Session
 from . import representation
 from .application import DOMAIN_FROM_AGENT
 from .endpoints import (
@@ -35,18 +38,40 @@ from .representation import (
 from .ros_graph import TOPIC as GRAPH_TOPIC
 from .ros_graph import TYPE as GRAPH_TYPE
 
-if TYPE_CHECKING:
-    from .client import Client, Surroundings
+
+class ObjectOwner(Protocol):
+    """What the factory uses of the client that it works for: a ProxyClient."""
+
+    key: int
+    session: Session
+
+    def log(self, level: int, part: str, function: str, what: str, about: str) -> None:
+        """Log a line about the client."""
+
+    def on_ready(self, obj: XrceObject) -> Callable[[], None]:
+        """The callback for samples that wait in the object's endpoint."""
+
+    def on_refusal(self, obj: XrceObject) -> Callable[[list[int], str], None]:
+        """The callback for requests that nobody will answer."""
+
+    def on_dropped(self, obj: XrceObject) -> Callable[[str], None]:
+        """The callback for samples that are dropped because too many wait."""
+
+    def on_too_large(self, object_id: int) -> Callable[[str], None]:
+        """The callback for messages over ``max_size`` of the rules."""
+
+    def close_object(self, obj: XrceObject) -> None:
+        """Close the object's endpoint and the parts of an application."""
 
 
-class Maker:
+class ObjectFactory:
     """Makes what the objects of one client stand for.
 
     It does not hold the client, which holds it: that would stay until Python looks for circles.
     """
 
     def __init__(
-        self, agent: Surroundings, objects: dict[int, XrceObject], known: Known
+        self, agent: AgentContext, objects: dict[int, XrceObject], known: Known
     ) -> None:
         self._agent = agent
         self._objects = objects
@@ -56,7 +81,7 @@ class Maker:
         self._domains: set[int] = set()
         self._unnamed = UNNAMED
 
-    def make(self, client: Client, thing: XrceObject) -> str:
+    def make(self, client: ObjectOwner, thing: XrceObject) -> str:
         """Bring the object to life; what the log says of it besides its id."""
         spec = thing.spec
         if isinstance(spec, ParticipantSpec):
@@ -101,7 +126,7 @@ class Maker:
         thing.node = node
         return about
 
-    def _make_parts(self, client: Client, thing: XrceObject, spec: ApplicationSpec) -> None:
+    def _make_parts(self, client: ObjectOwner, thing: XrceObject, spec: ApplicationSpec) -> None:
         """All entities of an application, or none."""
         kinds = [thing.kind, *(it.kind for it in spec.items)]
         check_room(self._objects, kinds, self._agent.limits)
@@ -132,7 +157,7 @@ class Maker:
                 return domain
         return self._agent.domain_of_agent if spec.domain == DOMAIN_FROM_AGENT else spec.domain
 
-    def _make_node(self, client: Client, thing: XrceObject, spec: ParticipantSpec) -> str:
+    def _make_node(self, client: ObjectOwner, thing: XrceObject, spec: ParticipantSpec) -> str:
         agent, key = self._agent, client.key
         given = node_name(spec.name)
         settings = agent.control.settings(key, agent.address(key), names.join(*given))
@@ -157,7 +182,12 @@ class Maker:
         return participant
 
     def _make_endpoint(
-        self, client: Client, thing: XrceObject, spec: EndpointSpec, group: XrceObject, node: Node
+        self,
+        client: ObjectOwner,
+        thing: XrceObject,
+        spec: EndpointSpec,
+        group: XrceObject,
+        node: Node,
     ) -> Endpoint:
         topic, settings = self._topic(spec), thing.settings
         name = settings.topic(topic.name)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from ... import names
 from ...ticks import ticks_diff
 from ...wire import ids
-from ..objects.client import Client
+from ..objects.client import ProxyClient
 from ..objects.endpoints import WriterEndpoint
 from ..objects.kinds import KIND_NAMES, key_label, object_label
 from ..objects.object_table import Endpoint, XrceObject
@@ -61,7 +61,7 @@ _LEAST_SECONDS: Final = 1.0
 class Rates:
     """Remembers the counters of all clients, every :data:`RATE_SECONDS`."""
 
-    def __init__(self, clients: dict[int, Client]) -> None:
+    def __init__(self, clients: dict[int, ProxyClient]) -> None:
         self._clients = clients
         self._before: dict[int, _Mark] = {}
         self._last: dict[int, _Mark] = {}
@@ -79,7 +79,7 @@ class Rates:
             )
         self._before, self._last = self._last, marks
 
-    def of(self, client: Client, now: float) -> tuple[float, float, float]:
+    def of(self, client: ProxyClient, now: float) -> tuple[float, float, float]:
         """Messages a second that came and that went, and over how many seconds."""
         since, received, sent = client.born, 0, 0
         # The longer time first; a client that is in none of them is younger. What it creates when
@@ -97,7 +97,7 @@ class Rates:
         session = client.session
         return (session.received - received) / over, (session.sent - sent) / over, over
 
-    def heard_ago(self, client: Client, now: float, ticks: int) -> float:
+    def heard_ago(self, client: ProxyClient, now: float, ticks: int) -> float:
         """Seconds since anything was heard of the client."""
         mark = self._last.get(client.key)
         if mark is not None and mark.born == client.born and mark.heard == client.session.heard:
@@ -196,7 +196,7 @@ def _transport(transport: ServerTransport) -> dict[str, Any]:
     }
 
 
-def _client(server: Server, client: Client, rates: Rates) -> dict[str, Any]:
+def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]:
     agent, session = server.agent, client.session
     transport, peer = agent.place(client.key)
     now = time.monotonic()

@@ -13,20 +13,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from ..context import AgentContext, ClientState, CreateClientRequest
 from ..log import Log
 from ..objects.endpoints import WriterEndpoint
 from ..objects.kinds import key_label, object_label
-from ..policy.key_conflict import Request
 from ..transports.base import ServerTransport
 from .journal import StateFile
 from .records import SLOT_HEAD, About, Kept, Unsound
 from .write_cursor import Entry
-
-if TYPE_CHECKING:
-    from ..agent import Agent
-    from ..objects.client import Client
 
 # How long a restored writer waits for the readers it had.
 HOLD_SECONDS: Final = 5.0
@@ -65,8 +61,8 @@ def sound_clients(file: StateFile, log: Log) -> list[Kept]:
 
 
 def restore(
-    kept: Kept, agent: Agent, transport: ServerTransport,
-    enter: Callable[[Client, Kept], Entry | None], log: Log,
+    kept: Kept, agent: AgentContext, transport: ServerTransport,
+    enter: Callable[[ClientState, Kept], Entry | None], log: Log,
 ) -> Entry | None:  # fmt: skip
     """The client goes on at the agent, where it talked from before. ``enter`` finds it a place in
     the file. None: it stays away, and the log tells why.
@@ -100,7 +96,7 @@ def restore(
     return entry
 
 
-def _refusal(agent: Agent, transport: ServerTransport, about: About) -> str:
+def _refusal(agent: AgentContext, transport: ServerTransport, about: About) -> str:
     """Why the client may not come back; "": it may."""
     admission = agent.admission
     if not admission.admits(about.key, transport.host_of(about.peer)):
@@ -110,9 +106,11 @@ def _refusal(agent: Agent, transport: ServerTransport, about: About) -> str:
     return ""
 
 
-def _resume(kept: Kept, about: About, agent: Agent, transport: ServerTransport) -> Client:
+def _resume(
+    kept: Kept, about: About, agent: AgentContext, transport: ServerTransport
+) -> ClientState:
     """Its session, with the streams as far as they were."""
-    request = Request(about.session_id, about.mtu, about.properties)
+    request = CreateClientRequest(about.session_id, about.mtu, about.properties)
     client = agent.resume(about.key, transport, about.peer, request)
     client.session.resume(
         {number: (it.next, it.fragments, it.skip) for number, it in kept.incoming.items()},
@@ -123,7 +121,7 @@ def _resume(kept: Kept, about: About, agent: Agent, transport: ServerTransport) 
     return client
 
 
-def _make_objects(entry: Entry, agent: Agent, log: Log) -> None:
+def _make_objects(entry: Entry, agent: AgentContext, log: Log) -> None:
     """Its objects, the last samples of its writers, and what it wants to read."""
     client, kept = entry.client, entry.kept
     for object_id, what in list(kept.objects.items()):

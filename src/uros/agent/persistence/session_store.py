@@ -18,12 +18,14 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from ...wire.streams import ReliableOut
+from ..context import ClientState, ServerContext
 from ..log import Log
 from ..objects.endpoints import WriterEndpoint
 from ..objects.kinds import key_label
+from ..objects.object_table import XrceObject
 from ..session.session import Session
 from ..transports.base import ServerTransport
 from .journal import SLOT_SIZE, SLOTS, StateFile, record, seal
@@ -47,11 +49,6 @@ from .records import (
 from .restore import restore, sound_clients
 from .write_cursor import Entry, From, To
 
-if TYPE_CHECKING:
-    from ..objects.client import Client
-    from ..objects.object_table import XrceObject
-    from ..server import Server
-
 # A client whose transport is not among the agent's is kept for so long.
 ASLEEP_SECONDS: Final = 86_400.0
 # A journal of over this, and over twice what it was when it was new, is written anew.
@@ -73,7 +70,7 @@ class Keeper:
     def __init__(self, file: StateFile, log: Log) -> None:
         self._file = file
         self._log = log
-        self._server: Server | None = None
+        self._server: ServerContext | None = None
         self._entries: dict[int, Entry] = {}
         self._asleep: dict[int, tuple[int, Kept]] = {}  # by key; and the slot
         self._free = deque(range(SLOTS))
@@ -89,7 +86,7 @@ class Keeper:
 
     # --- from start to end ----------------------------------------------------------
 
-    def open(self, server: Server) -> None:
+    def open(self, server: ServerContext) -> None:
         """Bring back whom the file knows. See :class:`~uros.agent.server.Attachment`."""
         self._server = server
         kept = sound_clients(self._file, self._log)
@@ -148,7 +145,7 @@ class Keeper:
     # --- what the agent reports -------------------------------------------------------
 
     def placed(
-        self, client: Client, transport: ServerTransport, peer: Any,
+        self, client: ClientState, transport: ServerTransport, peer: Any,
         properties: list[tuple[str, str]] | None,
     ) -> None:  # fmt: skip
         """The client is new, begins anew or talks from another place; ``properties`` are those of
@@ -181,7 +178,7 @@ class Keeper:
         self._seal(entry)
         self._commit()
 
-    def _enter(self, client: Client, kept: Kept) -> Entry | None:
+    def _enter(self, client: ClientState, kept: Kept) -> Entry | None:
         if not self._free and self._asleep:
             self._wake_up(next(iter(self._asleep)))
         if not self._free:
@@ -210,18 +207,18 @@ class Keeper:
         self._free.append(index)
 
     def created(
-        self, client: Client, thing: XrceObject, what: Representation
+        self, client: ClientState, obj: XrceObject, what: Representation
     ) -> None:
         """An object was made, by this CREATE."""
         entry = self._entry(client)
         if entry is not None:
             assert self._server is not None
-            entry.kept.objects[thing.object_id] = what
-            self._add(entry, object_payload(thing.object_id, what))
-            for it in (thing, *thing.parts):
-                entry.watch_samples(it, self._server.agent.attend)
+            entry.kept.objects[obj.object_id] = what
+            self._add(entry, object_payload(obj.object_id, what))
+            for each in (obj, *obj.parts):
+                entry.watch_samples(each, self._server.agent.attend)
 
-    def deleted(self, client: Client, object_id: int) -> None:
+    def deleted(self, client: ClientState, object_id: int) -> None:
         """An object is no more; it may be a part of another one."""
         entry = self._entry(client)
         if entry is not None and object_id in entry.kept.objects:
@@ -229,7 +226,7 @@ class Keeper:
         if entry is not None:
             entry.kept.deleted(object_id)
 
-    def reading(self, client: Client, object_id: int, what: Reading | None) -> None:
+    def reading(self, client: ClientState, object_id: int, what: Reading | None) -> None:
         """READ_DATA of an object, or its end."""
         entry = self._entry(client)
         if entry is None:
@@ -243,7 +240,7 @@ class Keeper:
         self._add(entry, reading_payload(object_id, what))
         entry.note_limits(object_id, what)
 
-    def _entry(self, client: Client) -> Entry | None:
+    def _entry(self, client: ClientState) -> Entry | None:
         entry = self._entries.get(client.key) if not self._restoring else None
         return entry if entry is not None and entry.client is client else None
 

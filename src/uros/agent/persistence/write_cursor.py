@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from ...qos import HistoryPolicy
 from ...wire.streams import MAX_HELD, Fragments
+from ..context import ClientState
 from ..objects.endpoints import WriterEndpoint
+from ..objects.object_table import XrceObject
 from ..objects.representation import EndpointSpec
 from ..session.session import Session
 from .journal import SLOT_SIZE
 from .records import SLOT_IN, SLOT_IN_AT, SLOT_OUT, SLOT_OUT_AT, Incoming, Kept, Outgoing, Reading
-
-if TYPE_CHECKING:
-    from ..objects.client import Client
-    from ..objects.object_table import XrceObject
 
 # The last sample of a transient-local writer is kept up to this size.
 MAX_LATCHED: Final = 64 * 1024
@@ -57,7 +55,7 @@ class Entry:
                  "kept", "limited", "news", "outgoing", "serial", "slot", "streams_from",
                  "streams_to")  # fmt: skip
 
-    def __init__(self, client: Client, kept: Kept, serial: int, index: int) -> None:
+    def __init__(self, client: ClientState, kept: Kept, serial: int, index: int) -> None:
         self.client = client
         self.kept = kept
         self.serial = serial

@@ -22,7 +22,7 @@ from ipaddress import IPv6Address
 from typing import Any, Final
 
 from ...ticks import ticks_add, ticks_diff
-from ..objects.client import Client
+from ..context import ClientState
 from ..transports.base import ServerTransport
 
 # Fewer sessions than this of one socket or network are no attack, whatever the limit is.
@@ -56,19 +56,19 @@ class Shares:
     """See the module. Where each client is, and who goes for a newcomer."""
 
     def __init__(self) -> None:
-        self._networks: dict[Hashable, dict[Hashable, dict[Client, None]]] = {}
+        self._networks: dict[Hashable, dict[Hashable, dict[ClientState, None]]] = {}
         self._counts: dict[Hashable, int] = {}  # clients of each network
         # Until when nobody is silent or bare, as was just seen; and the same within one network.
         self._in_vain: dict[bool, int] = {}
 
-    def add(self, client: Client, transport: ServerTransport, peer: Any) -> None:
+    def add(self, client: ClientState, transport: ServerTransport, peer: Any) -> None:
         """The client is there from now on."""
         network = network_of(transport, peer)
         sockets = self._networks.setdefault(network, {})
         sockets.setdefault((transport, peer), {})[client] = None
         self._counts[network] = self._counts.get(network, 0) + 1
 
-    def remove(self, client: Client, transport: ServerTransport, peer: Any) -> None:
+    def remove(self, client: ClientState, transport: ServerTransport, peer: Any) -> None:
         """It is there no more."""
         network = network_of(transport, peer)
         sockets = self._networks[network]
@@ -88,7 +88,7 @@ class Shares:
 
     def leaving(
         self, transport: ServerTransport, peer: Any, most: int, now: int
-    ) -> tuple[list[Client], str]:
+    ) -> tuple[list[ClientState], str]:
         """Who goes for a newcomer from there, and why; nobody: it must wait."""
         network, part = network_of(transport, peer), max(1, most // _PART)
         over = self.is_over(transport, peer, most)
@@ -116,7 +116,7 @@ class Shares:
 
     def _silent(
         self, largest: Hashable, network: Hashable, part: int, most: int, now: int
-    ) -> list[Client]:
+    ) -> list[ClientState]:
         """Those of the largest network that go for a newcomer from ``network``."""
         count = self._counts[largest]
         spare = count - self._counts.get(network, 0) - 1
@@ -136,8 +136,8 @@ class Shares:
 
     @staticmethod
     def _bare(
-        networks: Iterable[dict[Hashable, dict[Client, None]]], now: int
-    ) -> list[Client]:
+        networks: Iterable[dict[Hashable, dict[ClientState, None]]], now: int
+    ) -> list[ClientState]:
         """Those that have made nothing, the longest silent first."""
         bare = [
             client
@@ -149,6 +149,6 @@ class Shares:
         return sorted(bare, key=lambda client: ticks_diff(client.session.heard, now))
 
 
-def _cheapest(clients: Iterable[Client], count: int) -> list[Client]:
+def _cheapest(clients: Iterable[ClientState], count: int) -> list[ClientState]:
     """Those that have made the least, of them the youngest."""
     return sorted(clients, key=lambda it: (len(it.objects), -it.born))[:count]

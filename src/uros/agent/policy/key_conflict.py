@@ -18,16 +18,13 @@ loses some, not its session.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final
 
 from ...ticks import ticks_add, ticks_diff
-from ..log import Log, RateLimit
-from ..objects.client import Client
+from ..context import AgentContext, ClientState, CreateClientRequest
 from ..objects.kinds import key_label
-from ..session.session import Session
 from ..transports.base import ServerTransport
-from .admission import KEY_IN_USE, Refusals
+from .admission import KEY_IN_USE
 
 # The known place is asked, and given so long each time.
 WAIT_MS: Final = (150, 150, 200)
@@ -37,53 +34,19 @@ DEFENDED_MS: Final = 5000
 MAX_TRIALS: Final = 256
 
 
-class Request(NamedTuple):
-    """A CREATE_CLIENT that is put off."""
-
-    session_id: int
-    mtu: int
-    properties: list[tuple[str, str]]
-
-
-class Owner(Protocol):
-    """What this needs of the agent."""
-
-    log: Log
-    faults: RateLimit
-    refusals: Refusals
-    clients: dict[int, Client]
-    wake_at: Callable[[float, Callable[[], None]], None]
-
-    def now(self) -> int:
-        """Milliseconds modulo 2^30."""
-
-    def attend(self, session: Session) -> None:
-        """The session has something to send."""
-
-    def place(self, key: int) -> tuple[ServerTransport, Any]:
-        """Where a client talks from."""
-
-    def address(self, key: int) -> str:
-        """The same as text."""
-
-    def take_over(
-        self, key: int, transport: ServerTransport, peer: Any, request: Request | None
-    ) -> None:
-        """The newcomer is the client from now on; a request is answered."""
-
-    def deny(self, key: int, transport: ServerTransport, peer: Any, request: Request) -> None:
-        """Answer a request: no."""
-
-
 class _Trial:
     """One key, two places. ``request`` is None where the newcomer goes on with the session."""
 
     __slots__ = ("asked", "client", "due", "heard", "peer", "request", "transport")
 
     def __init__(
-        self, client: Client, transport: ServerTransport, peer: Any, request: Request | None,
+        self,
+        client: ClientState,
+        transport: ServerTransport,
+        peer: Any,
+        request: CreateClientRequest | None,
         now: int,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.client = client
         self.transport = transport
         self.peer = peer
@@ -99,13 +62,17 @@ class _Trial:
 class Rivals:
     """See the module."""
 
-    def __init__(self, agent: Owner) -> None:
+    def __init__(self, agent: AgentContext) -> None:
         self._agent = agent
         self._trials: dict[int, _Trial] = {}
         self._defended: dict[int, int] = {}  # since when, by key
 
     def challenge(
-        self, client: Client, transport: ServerTransport, peer: Any, request: Request | None
+        self,
+        client: ClientState,
+        transport: ServerTransport,
+        peer: Any,
+        request: CreateClientRequest | None,
     ) -> None:
         """A newcomer talks as ``client``, which is known at another place."""
         key, now = client.key, self._agent.now()
@@ -166,7 +133,11 @@ class Rivals:
             agent.take_over(key, trial.transport, trial.peer, trial.request)
 
     def _refuse(
-        self, client: Client, transport: ServerTransport, peer: Any, request: Request | None
+        self,
+        client: ClientState,
+        transport: ServerTransport,
+        peer: Any,
+        request: CreateClientRequest | None,
     ) -> None:
         agent, key, address = self._agent, client.key, transport.address(peer)
         why = "answers"

@@ -13,14 +13,11 @@ misses a board, nor hears it. TCP is no case of this: a session ends with its co
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from ...ticks import ticks_add
-from ..log import Log
-from ..objects.client import Client
+from ..context import AgentContext, ClientState
 from ..objects.kinds import key_label
-from ..session.session import Session
 from ..transports.base import ServerTransport
 
 # How many looks a client has to come back, a second each; and questions before it is forgotten.
@@ -28,29 +25,6 @@ from ..transports.base import ServerTransport
 LOOKS: Final = 7
 QUESTIONS: Final = 2
 _LOOK_SECONDS: Final = 1.0
-
-
-class Owner(Protocol):
-    """What this needs of the agent."""
-
-    log: Log
-    clients: dict[int, Client]
-    wake_at: Callable[[float, Callable[[], None]], None]
-
-    def now(self) -> int:
-        """Milliseconds modulo 2^30."""
-
-    def attend(self, session: Session) -> None:
-        """The session has something to send."""
-
-    def delete_client(self, key: int) -> bool:
-        """Forget a client."""
-
-    def place(self, key: int) -> tuple[ServerTransport, Any]:
-        """Where a client talks from."""
-
-    def address(self, key: int) -> str:
-        """The same as text."""
 
 
 class _Missing:
@@ -68,9 +42,9 @@ class _Missing:
 class Lines:
     """See the module."""
 
-    def __init__(self, agent: Owner) -> None:
+    def __init__(self, agent: AgentContext) -> None:
         self._agent = agent
-        self._missing: dict[Client, _Missing] = {}
+        self._missing: dict[ClientState, _Missing] = {}
         self._looking = False
 
     def lost(self, transport: ServerTransport) -> None:
@@ -79,7 +53,7 @@ class Lines:
             if self._agent.place(key)[0] is transport:
                 self.watch(client)
 
-    def watch(self, client: Client) -> None:
+    def watch(self, client: ClientState) -> None:
         """Begin to miss the client, if its line is away."""
         transport, peer = place = self._agent.place(client.key)
         known = self._missing.get(client)
@@ -115,7 +89,7 @@ class Lines:
             if self._looking:
                 agent.wake_at(_LOOK_SECONDS, self._look)
 
-    def _is_back(self, client: Client, missing: _Missing) -> bool:
+    def _is_back(self, client: ClientState, missing: _Missing) -> bool:
         agent = self._agent
         return (
             agent.clients.get(client.key) is not client
@@ -123,7 +97,7 @@ class Lines:
             or agent.place(client.key) != missing.place
         )
 
-    def _forget(self, client: Client, looks: int) -> None:
+    def _forget(self, client: ClientState, looks: int) -> None:
         agent = self._agent
         agent.log.warning(
             "Root", "check_lines", "line is gone",

@@ -15,13 +15,11 @@ One look at all clients a second; nothing at each message, and no timer a client
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final
 
 from ...ticks import TIME_MASK, ticks_diff
-from ..log import Log, RateLimit
-from ..objects.client import Client
+from ..context import AgentContext, ClientState
 from ..objects.kinds import key_label
-from ..session.session import Session
 
 # Seconds that a client may be silent for, if the owner says nothing; and at most.
 DEAD_TIME: Final = 300.0
@@ -42,26 +40,6 @@ MAX_FORGOTTEN: Final = 16
 _REST_MS: Final = 20
 
 
-class Owner(Protocol):
-    """What this needs of the agent."""
-
-    log: Log
-    faults: RateLimit
-    clients: dict[int, Client]
-
-    def now(self) -> int:
-        """Milliseconds modulo 2^30."""
-
-    def attend(self, session: Session) -> None:
-        """The session has something to send."""
-
-    def delete_client(self, key: int) -> bool:
-        """Forget a client."""
-
-    def address(self, key: int) -> str:
-        """Where a client talks from."""
-
-
 class _Silence:
     """Of one client. Times are of :attr:`Liveliness._time`."""
 
@@ -77,12 +55,12 @@ class _Silence:
 class Liveliness:
     """See the module. ``dead_time`` is in seconds; 0: only who asks for it is looked after."""
 
-    def __init__(self, agent: Owner, dead_time: float = DEAD_TIME) -> None:
+    def __init__(self, agent: AgentContext, dead_time: float = DEAD_TIME) -> None:
         self._agent = agent
         self.dead_ms = int(dead_time * 1000)
         self._patience = min(self.dead_ms // 10, _PATIENCE_MS)
-        self._silent: dict[Client, _Silence] = {}
-        self._hard: dict[Client, tuple[int, _Silence]] = {}  # and the period
+        self._silent: dict[ClientState, _Silence] = {}
+        self._hard: dict[ClientState, tuple[int, _Silence]] = {}  # and the period
         # Milliseconds in which we were awake: what elapses between two looks that should be
         # `_pause` apart, but no more than a second over that.
         self._time = 0
@@ -90,7 +68,7 @@ class Liveliness:
         self._looked: int | None = None
         self._next_look_at_all = 0
 
-    def enroll(self, client: Client, properties: list[tuple[str, str]]) -> None:
+    def enroll(self, client: ClientState, properties: list[tuple[str, str]]) -> None:
         """The client has come, or come again, with these properties."""
         self._hard.pop(client, None)
         text = next((value for name, value in properties if name == HARD), None)
@@ -172,7 +150,7 @@ class Liveliness:
             else:
                 self._ask(client, silence, left)
 
-    def _ask(self, client: Client, silence: _Silence, left: list[int]) -> None:
+    def _ask(self, client: ClientState, silence: _Silence, left: list[int]) -> None:
         if left[0] > 0:
             silence.questions += 1
             silence.asked_at = self._time
@@ -180,7 +158,7 @@ class Liveliness:
             self._agent.attend(client.session)
         left[0] -= 1
 
-    def _forget(self, client: Client, silence: _Silence, left: list[int], why: str) -> None:
+    def _forget(self, client: ClientState, silence: _Silence, left: list[int], why: str) -> None:
         if left[1] > 0:
             seconds = (self._time - silence.since) / 1000
             self._agent.log.warning(

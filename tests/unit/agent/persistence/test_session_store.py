@@ -1001,14 +1001,14 @@ def test_an_object_that_cannot_be_made_again_is_left_out(world, monkeypatch):
     heard = far_reader(world)
     client = publisher(world)
     client.create(0x22, 0x11, helpers_topic, "rt/other", TYPE)
-    recreate = agent_client.Client.recreate
+    recreate = agent_client.ProxyClient.recreate
 
     def refuse(self, object_id, *what):
         if object_id == 0x22:
             raise MiddlewareError("out of topics")
         recreate(self, object_id, *what)
 
-    monkeypatch.setattr(agent_client.Client, "recreate", refuse)
+    monkeypatch.setattr(agent_client.ProxyClient, "recreate", refuse)
     world.restart()
     assert "object_id: 0x002(2), out of topics" in world.desk.log()
     client.write(0x15, number(1))
@@ -1178,7 +1178,7 @@ def test_read_data_of_what_cannot_be_made_again_is_forgotten(world, monkeypatch)
     client.topic("rt/down", TYPE)
     client.reader()
     client.turns()
-    recreate = agent_client.Client.recreate
+    recreate = agent_client.ProxyClient.recreate
 
     def refuse(self, object_id, *what):
         if object_id == 0x16:
@@ -1189,7 +1189,7 @@ def test_read_data_of_what_cannot_be_made_again_is_forgotten(world, monkeypatch)
         self.objects.pop(object_id, None)
 
     with monkeypatch.context() as patch:
-        patch.setattr(agent_client.Client, "recreate", refuse)
+        patch.setattr(agent_client.ProxyClient, "recreate", refuse)
         patch.setattr(module.Kept, "deleted", keep_reads)
         world.restart()
     (entry,) = world.desk.keeper._entries.values()

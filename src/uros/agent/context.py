@@ -1,0 +1,153 @@
+"""What the parts of the agent use of it and of each other: AgentContext and its neighbours.
+
+The parts (:mod:`.policy`, :mod:`.persistence`, :mod:`.objects`) import this module, and
+:mod:`.agent` and :mod:`.server` import the parts: so there is no import circle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from ..middleware.base import Middleware
+from .log import Log, RateLimit
+from .objects.object_table import XrceObject
+from .objects.ros_graph import Graphs
+from .objects.xml_profiles import References
+from .policy.admission import Admission, Refusals
+from .policy.limits import Limits
+from .policy.memory_budget import Budget
+from .policy.rules import Control
+from .policy.time_budget import DeferredCloseQueue, TimeBudget
+from .session.session import Session
+from .transports.base import ServerTransport
+
+if TYPE_CHECKING:
+    from .persistence.records import Reading, Representation
+
+
+class CreateClientRequest(NamedTuple):
+    """What a CREATE_CLIENT asks for, as far as it is needed to admit the client later."""
+
+    session_id: int
+    mtu: int
+    properties: list[tuple[str, str]]
+
+
+class ClientState(Protocol):
+    """What policy and persistence use of a :class:`~uros.agent.objects.client.ProxyClient`."""
+
+    key: int
+    session: Session
+    objects: dict[int, XrceObject]
+    certificate: str | None
+    born: float
+
+    def recreate(
+        self, object_id: int, form: int, content: str | bytes, kind: int, parent: int, little: bool
+    ) -> None:
+        """Create an object of before the agent's start again."""
+
+    def read(
+        self, object_id: int, request_id: int, stream_id: int,
+        control: tuple[int, int, int, int] | None,
+    ) -> bool:  # fmt: skip
+        """Continue a READ_DATA of before the agent's start; whether its object exists."""
+
+
+class Persistence(Protocol):
+    """What the agent and its clients report to the session store (``--state``)."""
+
+    def placed(
+        self, client: ClientState, transport: ServerTransport, peer: Any,
+        properties: list[tuple[str, str]] | None,
+    ) -> None:  # fmt: skip
+        """A client was created, re-established its session or has another address."""
+
+    def forget(self, key: int) -> None:
+        """A client was deleted."""
+
+    def created(self, client: ClientState, obj: XrceObject, what: Representation) -> None:
+        """An object was created."""
+
+    def deleted(self, client: ClientState, object_id: int) -> None:
+        """An object was deleted."""
+
+    def reading(self, client: ClientState, object_id: int, what: Reading | None) -> None:
+        """A READ_DATA of an object began; None: it ended."""
+
+    def keep(self, sessions: Iterable[Session]) -> None:
+        """Write what these sessions are about to acknowledge or send."""
+
+
+class AgentContext(Protocol):
+    """What the parts of the agent use of :class:`~uros.agent.agent.Agent`."""
+
+    log: Log
+    faults: RateLimit
+    middleware: Middleware
+    references: References
+    graphs: Graphs
+    control: Control
+    admission: Admission
+    refusals: Refusals
+    limits: Limits
+    budget: Budget
+    time_budget: TimeBudget
+    close_queue: DeferredCloseQueue
+    keeper: Persistence | None
+    attended: set[Session]
+    domain_of_agent: int
+    domain_override: int | None
+    # Calls something in so many seconds.
+    wake_at: Callable[[float, Callable[[], None]], None]
+
+    @property
+    def clients(self) -> Mapping[int, ClientState]:
+        """All clients by key."""
+
+    def now(self) -> int:
+        """The time in milliseconds modulo 2^30."""
+
+    def failed(self, error: Exception) -> None:
+        """Log an unexpected error."""
+
+    def attend(self, session: Session) -> None:
+        """Note that the session has something to send, or a new deadline."""
+
+    def place(self, key: int) -> tuple[ServerTransport, Any]:
+        """A client's transport, and its address there."""
+
+    def address(self, key: int) -> str:
+        """A client's address as text."""
+
+    def delete_client(self, key: int) -> bool:
+        """Delete a client and its objects; whether it existed."""
+
+    def take_over(
+        self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest | None
+    ) -> None:
+        """Give the client's key to this address, and answer the request if there is one."""
+
+    def deny(
+        self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
+    ) -> None:
+        """Answer a request with STATUS_ERR_DENIED."""
+
+    def resume(
+        self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
+    ) -> ClientState:
+        """Create a client of before the agent's start again, without a message from it."""
+
+
+class ServerContext(Protocol):
+    """What an attachment uses of :class:`~uros.agent.server.Server`."""
+
+    transports: list[ServerTransport]
+
+    @property
+    def agent(self) -> AgentContext:
+        """The agent that the server runs."""
+
+    def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
+        """Call once, so many seconds from now."""
