@@ -23,3 +23,11 @@ else:
             return __import__("uros." + name, None, None, (name,))
         except ImportError:
             raise AttributeError("uros has no " + name)  # noqa: B904  MicroPython
+
+    try:
+        from .moved import install
+    except ImportError:  # a board, which has no finders to install
+        pass
+    else:
+        install()
+        del install

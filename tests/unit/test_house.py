@@ -16,6 +16,7 @@ ALLOWED = {
     "wire": {"ticks"},
     "ticks": set(),
     "names": set(),
+    "moved": set(),
     "printable": set(),
     "http_server": set(),
     "drivers": set(),
@@ -32,11 +33,11 @@ ALLOWED = {
     "dashboard": {"drivers", "http_server"},
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
-        "host", "dashboard", "qos", "ticks", "names", "printable", "http_server",
+        "host", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
     },
     "tools": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
-        "host", "boards", "dashboard", "qos", "ticks", "names", "printable", "http_server",
+        "host", "boards", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
     },
 }  # fmt: skip
 
@@ -65,6 +66,7 @@ def modules() -> list[Path]:
         SOURCE / "qos.py",
         SOURCE / "ticks.py",
         SOURCE / "names.py",
+        SOURCE / "moved.py",
         SOURCE / "printable.py",
         SOURCE / "http_server.py",
     ]

@@ -23,6 +23,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+from uros import moved
 from uros.interfaces import InterfaceError, package, registry
 
 from .field_check import check_fields
@@ -242,7 +243,7 @@ class _Search:
                 self.uros_module(name, file)
             elif not wanted.optional and (by.own or not by.name or not wanted.late):
                 hint = "" if file else self.module_hint(name)
-                text = _uros_advice(name, bool(file)) + hint
+                text = _new_name(name) or _uros_advice(name, bool(file)) + hint
                 raise MissingModule(f"{_place(by, wanted)}: {text}")
         if not wanted.optional and (by.own or not by.name):
             self.uros_names(wanted, by)
@@ -262,7 +263,8 @@ class _Search:
                 continue
             if self.uros_file(f"{wanted.module}.{name}") or wanted.line in _lines_for_checkers(by):
                 continue
-            text = f"{wanted.module} has no {name}" + self.name_hint(module, name, names)
+            text = _new_name(f"{wanted.module}.{name}")
+            text = text or f"{wanted.module} has no {name}" + self.name_hint(module, name, names)
             raise MissingModule(f"{_place(by, wanted)}: {text}")
 
     def name_hint(self, module: Module, name: str, names: set[str]) -> str:
@@ -385,6 +387,12 @@ def _lines_for_checkers(module: Module) -> set[int]:
         for inner in ast.walk(statement)
         if isinstance(inner, ast.ImportFrom)
     }
+
+
+def _new_name(name: str) -> str:
+    """What an old name of uros is now, as a sentence; "" where it did not move."""
+    text = moved.advice(name)
+    return text + ("" if not text or is_portable(text.split()[-1]) else ", which is for hosts")
 
 
 def _uros_advice(name: str, exists: bool) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from uros import moved
 from uros.boards.builder import pipeline as passes_module
 from uros.boards.builder import resolver as build_module
 from uros.boards.builder.passes.bundle import BUNDLE, NotBundled
@@ -20,7 +21,7 @@ from uros.boards.builder.passes.order_names import order
 from uros.boards.builder.passes.strip import Module, inline, strip
 from uros.boards.builder.passes.tree_shake import shake
 from uros.boards.builder.pipeline import PASSES, Program, run_passes
-from uros.boards.builder.portable import SOURCE, portable_files
+from uros.boards.builder.portable import SOURCE, is_portable, portable_files
 from uros.boards.builder.resolver import (
     BuildError,
     CompilerError,
@@ -1427,6 +1428,39 @@ def test_imports_that_nobody_provides(
         return
     with pytest.raises(MissingModule, match=message):
         built(main)
+
+
+@pytest.mark.parametrize("old", [*moved.MODULES, *filter(is_portable, moved.NAMES)])
+def test_an_old_import_is_told_the_new_name_with_its_line(
+    program: Make, tmp_path: Path, old: str
+) -> None:
+    new = moved.MODULES.get(old) or moved.NAMES[old]
+    statement = f"import {old}"
+    if old in moved.NAMES:
+        module, _, name = old.rpartition(".")
+        statement = f"from {module} import {name}"
+    with pytest.raises(MissingModule) as caught:
+        build(program(main=f"import time\n{statement}\n"), tmp_path / "out")
+    parent = moved.MODULES.get(old.rpartition(".")[0], "")
+    told = f"{old.rpartition('.')[0]} is now {parent}" if parent else f"{old} is now {new}"
+    for_hosts = "" if is_portable(new) else ", which is for hosts"
+    assert str(caught.value).endswith(f"main.py:2: {told}{for_hosts}")
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from uros.transport.stream import StreamTransport",
+        "from uros.transport import stream",
+        "import uros.transport.stream as line",
+        "def connect():\n    from uros.transport.stream import StreamTransport",
+    ],
+)
+def test_each_form_of_an_old_import_is_told_the_new_name(
+    program: Make, tmp_path: Path, statement: str
+) -> None:
+    with pytest.raises(MissingModule, match="stream is now uros.transport.serial$"):
+        build(program(main=statement), tmp_path / "out")
 
 
 @pytest.mark.parametrize(
