@@ -106,9 +106,6 @@ class _Sink(io.TextIOBase):
 class _Always(RateLimit):
     """Every line is written: what a line says must not depend on how fast this runs."""
 
-    def __init__(self) -> None:
-        super().__init__(0.0)
-
     def admit(self, kind: str) -> int:
         return 1
 
