@@ -10,7 +10,8 @@ from random import Random
 from uros.agent.observability.format import MAX_LINE, describe
 from uros.agent.observability.message_hooks import Passing
 from uros.agent.observability.pcapng import Packets
-from uros.tools.capture.recordings import RecordingError, parser_for, read
+from uros.tools.capture.recordings import parser_for, read
+from uros.tools.capture.records import RecordingError
 
 from . import records, submessages
 from .datagrams import CAPTURES, captured

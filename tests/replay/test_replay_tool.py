@@ -17,8 +17,9 @@ from support.tshark import packets
 from uros.agent.observability.capture import Capture
 from uros.agent.policy.admission import Admission
 from uros.tools import cli
-from uros.tools.capture.lines import Lines, UdpLine
-from uros.tools.capture.recordings import Record, read
+from uros.tools.capture.connections import Connections, UdpConnection
+from uros.tools.capture.recordings import read
+from uros.tools.capture.records import Record
 from uros.tools.capture.replay import Player
 from uros.tools.capture.script import Answer, Step, script
 from uros.tools.errors import ToolError
@@ -144,7 +145,7 @@ def test_a_capture_opens_in_wireshark_and_replays_into_a_fresh_agent(kind, form,
     assert status == 0, said
     assert "0x0000CAFE" in said and "0x0000BEEF" in said and "nonsense" not in said
     (stranger,) = [it for it in said.splitlines() if "is left out" in it]
-    assert "its session began before the capture did" in stranger
+    assert "its session began before the capture" in stranger
 
 
 def test_a_capture_that_began_late_is_played_from_the_next_session_on():
@@ -156,7 +157,7 @@ def test_a_capture_that_began_late_is_played_from_the_next_session_on():
     assert [it._replace(time=0.0) if isinstance(it, Step) else it for it in play.turns] == [
         it._replace(time=0.0) if isinstance(it, Step) else it for it in whole.turns
     ]
-    assert script(records[5:]).left_out == {0: "its session began before the capture did"}
+    assert script(records[5:]).left_out == {0: "its session began before the capture"}
 
 
 def test_what_came_twice_or_late_is_played_once_and_in_order():
@@ -235,7 +236,7 @@ def test_an_answer_too_many_is_found(tmp_path):
 
 def test_messages_that_get_lost_are_sent_again(monkeypatch):
     """Both ways, each reliable one once."""
-    send, receive = UdpLine.send, UdpLine.read
+    send, receive = UdpConnection.send, UdpConnection.read
     lost = set()
 
     def losing(message):
@@ -245,10 +246,10 @@ def test_messages_that_get_lost_are_sent_again(monkeypatch):
         return True
 
     monkeypatch.setattr(
-        UdpLine, "send", lambda self, message: losing(message) or send(self, message)
+        UdpConnection, "send", lambda self, message: losing(message) or send(self, message)
     )
     monkeypatch.setattr(
-        UdpLine, "read", lambda self: [it for it in receive(self) if not losing(it)]
+        UdpConnection, "read", lambda self: [it for it in receive(self) if not losing(it)]
     )
     with running_agent("udp", "memory") as agent:
         status, said = replay(CAPTURES / "publish_reliable.jsonl", address(agent))
@@ -264,13 +265,13 @@ def test_no_agent_is_one_line():
         status, said = replay(path, f"udp4://{where}", "--patience", 0.1)
         assert status == 1
         assert said == (
-            f"uros: no agent answers at udp4://{where}: start one ('uros agent'), or mend the"
-            " address\n"
+            f"uros: no agent answers at udp4://{where}: start one ('uros agent'), or"
+            " correct the address\n"
         )
         status, said = replay(path, f"tcp4://{where}")
-        assert status == 1 and "there is no way to tcp4://" in said and "refused" in said
+        assert status == 1 and "cannot connect to tcp4://" in said and "refused" in said
     status, said = replay(path, "serial:///dev/not-there")
-    assert status == 1 and "No such file or directory (is the agent there?)" in said
+    assert status == 1 and "No such file or directory; is the agent running?" in said
 
 
 @pytest.mark.parametrize(
@@ -284,26 +285,26 @@ def test_no_agent_is_one_line():
 def test_what_is_no_address(where):
     status, said = replay(CAPTURES / "ping.jsonl", where)
     assert status == 1
-    assert "is no address of an agent" in said and "write udp4://127.0.0.1:8888" in said
+    assert "is not an address of an agent" in said and "use udp4://127.0.0.1:8888" in said
 
 
 def test_nothing_to_play(tmp_path):
     path = tmp_path / "it"
     path.write_text("")
     assert replay(path, "udp4://127.0.0.1:1") == (
-        1, f"uros: {path} has nothing to play: no board begins a session in it\n"
+        1, f"uros: {path} has nothing to play: no board opens a session in it\n"
     )  # fmt: skip
 
 
 def test_an_agent_that_ends_in_between_is_told():
     with running_agent("tcp", "memory") as agent:
         play = script(read(CAPTURES / "publish_reliable.jsonl"))
-        lines = Lines(address(agent))
-        player = Player(play, lines, True, 0.5, True)
-        line = lines.line
+        connections = Connections(address(agent))
+        player = Player(play, connections, True, 0.5, True)
+        connect = connections.connect
 
         def ending(client):
-            found = line(client)
+            found = connect(client)
             send = found.send
 
             def stop(message):
@@ -314,8 +315,8 @@ def test_an_agent_that_ends_in_between_is_told():
             found.send = stop
             return found
 
-        lines.line = ending
-        with pytest.raises(ToolError, match="closed the connection|takes nothing"):
+        connections.connect = ending
+        with pytest.raises(ToolError, match="closed the connection|connection to the agent is lost"):
             player.play()
         player.close()
 
@@ -327,7 +328,8 @@ def test_nonsense_in_a_capture_is_played_too():
         for it in records
     ]
     with running_agent("udp", "memory") as agent:
-        player = Player(script([*records[:2], *nonsense]), Lines(address(agent)), True, 0.2, True)
+        play = script([*records[:2], *nonsense])
+        player = Player(play, Connections(address(agent)), True, 0.2, True)
         player.play()
         player.close()
 

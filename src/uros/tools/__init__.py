@@ -1,9 +1,8 @@
 """The command ``uros``. The path of a module is its command: ``uros topic echo`` is `topic.echo`.
 
-=============  =================================================================================
+=============  ===================================================================================
 ``cli``        The command line: finds the verb, imports its module, runs it, reports errors
-``common``     What the verbs that look at a network have in common: options, joining, what to
-               say
+``common``     What the verbs that look at a network have in common: options, joining, what to say
 ``demo``       ``uros demo``: a virtual board, an agent and a ROS 2 listener, on this machine
                alone
 ``errors``     Errors that end a command with one line for the user instead of a traceback
@@ -22,5 +21,5 @@
 ``service``    ``uros service``: a module for each verb
 ``topic``      ``uros topic``: a module for each verb
 ``values``     Values of messages as text: YAML, CSV, and options that describe them
-=============  =================================================================================
+=============  ===================================================================================
 """

@@ -18,7 +18,7 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from ..printable import printable, unguarded
-from .agent.process import AgentProcess
+from .agent.child_process import AgentProcess
 from .common import add_engine, domain, positive_float
 from .errors import ToolError
 

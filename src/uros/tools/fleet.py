@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from .board.list import check_name
 from .board.run import add_agent
-from .board.session import Plan, Session, titles
+from .board.simulation import Plan, Simulation, titles
 from .common import positive_float
 from .errors import ToolError, did_you_mean
 
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     plans = read(Path(args.file))
     if args.agent is False and any(plan.namespace for plan in plans):
         raise ToolError("namespaces are the agent's work: leave --no-agent out, or the namespaces")
-    return Session(plans, args.agent, args.agent_port, args.seconds).run()
+    return Simulation(plans, args.agent, args.agent_port, args.seconds).run()
 
 
 def read(file: Path) -> list[Plan]:

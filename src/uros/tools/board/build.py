@@ -9,7 +9,7 @@ from typing import Final
 
 from ..common import add_interfaces, know_interfaces
 from ..errors import ToolError, did_you_mean
-from .target import add_named, named
+from .board_option import add_board_option, chosen_board
 
 _EPILOG: Final = """\
 A program is a folder with a main.py. What it imports of uros and of ROS interfaces is written
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "out", metavar="OUT", help="folder to write; what was built there before is replaced"
     )
-    add_named(parser)
+    add_board_option(parser)
     add_build(parser)
     parser.add_argument(
         "--mip", action="store_true",
@@ -81,7 +81,7 @@ def _passes_help() -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Build, and say what to do next. Raises ToolError and InterfaceError."""
-    named(args)
+    chosen_board(args)
     program, out = program_folder(args.program), Path(args.out)
     files = build_files(args, program, out)
     size = sum(file.stat().st_size for file in files)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ...printable import printable, unguarded
 from ..errors import ToolError
+from .board_option import add_board_option, chosen_board
 from .build import add_build, build_files, program_folder
 from .console import add_port, add_seconds, open_port, show
-from .target import add_named, named
 
 if TYPE_CHECKING:
     from ...boards.deploy.deploy import Device, Plan
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " 'uros board list'",
     )  # fmt: skip
     add_port(parser)
-    add_named(parser)
+    add_board_option(parser)
     add_build(parser)
     parser.add_argument(
         "--clean", action="store_true",
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from ...boards.deploy.deploy import DeployError
     from ...boards.deploy.raw_repl import NoRepl, RawRepl, ReplError
 
-    board = named(args)
+    board = chosen_board(args)
     files = _files(args)
     port = open_port(args, f"uros board deploy {args.program}")
     try:

@@ -23,9 +23,7 @@ def run(args: argparse.Namespace) -> int:
     from ...boards.virtual.models.catalog import BOARDS
 
     if args.ports:
-        from .target import print_ports
-
-        print_ports()
+        _print_ports()
         return 0
     if args.board is None:
         width = max(map(len, BOARDS))
@@ -81,3 +79,23 @@ def _describe(name: str) -> None:
         print("NAME:off heals a part, all:off everything.")
     finally:
         board.close()
+
+
+def _print_ports() -> None:
+    """A table of boards to buy."""
+    from ...boards.deploy.known_boards import NAMED
+
+    rows = [("BOARD", "MCU", "RAM", "MICROPYTHON", "WHICH IS")]
+    rows += [
+        (it.name, it.mcu, it.ram, f"{it.port}, {it.image}" if it.port else "none", it.title)
+        for it in NAMED.values()
+    ]
+    widths = [max(len(row[at]) for row in rows) for at in range(4)]
+    for *row, title in rows:
+        columns = [text.ljust(width) for text, width in zip(row, widths, strict=True)]
+        print("  ".join([*columns, title]))
+    print()
+    for it in NAMED.values():
+        if not it.port:
+            print(f"{it.name}: {it.note}.\n")
+    print("docs/ports.md has the first steps for each.")

@@ -10,7 +10,7 @@ from ..agent.options.transports import port
 from ..common import add_engine, add_interfaces, know_distro, positive_float
 from ..errors import ToolError
 from .list import check_name
-from .session import AGENT_PORT, Plan, Session, titles
+from .simulation import AGENT_PORT, Plan, Simulation, titles
 
 _EPILOG: Final = """\
 The firmware is the one for the real board, unchanged. The USB line is a pseudo-terminal: an
@@ -107,4 +107,4 @@ def run(args: argparse.Namespace) -> int:
         )
         for index, (title, name) in enumerate(zip(titles(args.boards), args.boards, strict=True))
     ]  # fmt: skip
-    return Session(plans, args.agent, args.agent_port, args.seconds).run()
+    return Simulation(plans, args.agent, args.agent_port, args.seconds).run()

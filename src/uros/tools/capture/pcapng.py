@@ -1,7 +1,7 @@
-"""pcapng files, read: those of ``uros agent --capture``, and what Wireshark or tcpdump took.
+"""Reads pcapng files: those of ``uros agent --capture``, and those of Wireshark or tcpdump.
 
-In ours the comments of packets tell transport, address and key. In others, the messages are the
-UDP datagrams to and from where a client once opened a session, or port 8888.
+In the agent's files the comments of packets hold transport, address and key. In others the messages
+are the UDP datagrams to and from port 8888, and every port that a client opened a session at.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 
 from ...agent.transports.base import DEFAULT_PORT
 from ...wire import ids
-from .recordings import Places, Record, RecordingError, opening
+from .records import ClientNumbers, Record, RecordingError, create_client_payload
 
 # Attack: a block of four gigabytes. A packet of 64 kB with its comment is far below.
 MAX_BLOCK: Final = 4 * 1024 * 1024
@@ -23,13 +23,15 @@ _END, _COMMENT, _FLAGS, _DROPPED, _RESOLUTION = 0, 1, 2, 4, 9
 _UDP: Final = 17
 # How far into a packet its IP header is, by link type; of Ethernet, behind its type.
 _RAW, _ETHERNET, _COOKED, _COOKED_2, _LOOPBACK = 101, 1, 113, 276, 0
-_OURS = re.compile(r"(\S+) (.+?)(?: key 0x([0-9A-F]{8}))?(?: \(cut, of \d+ bytes\))?", re.ASCII)
+_COMMENT_FORM = re.compile(
+    r"(\S+) (.+?)(?: key 0x([0-9A-F]{8}))?(?: \(cut, of \d+ bytes\))?", re.ASCII
+)
 
-_Place = tuple[bytes, int]
+_Endpoint = tuple[bytes, int]  # IP address and UDP port
 
 
 class PcapngParser:
-    """See :class:`.recordings.Parser`."""
+    """Parses pcapng. See :class:`.records.Parser`."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -38,13 +40,15 @@ class PcapngParser:
         self._order = "<"
         self._begun = False
         self._interfaces: list[tuple[int, int]] = []  # link type, ticks a second
-        self._clients = Places()
-        self._agents: set[_Place] = set()
+        self._clients = ClientNumbers()
+        self._agents: set[_Endpoint] = set()
 
     def rest(self) -> int:
+        """See :class:`.records.Parser`."""
         return len(self._bytes)
 
     def feed(self, data: bytes) -> list[Record]:
+        """See :class:`.records.Parser`."""
         self._bytes += data
         out: list[Record] = []
         at = 0
@@ -58,7 +62,7 @@ class PcapngParser:
             except (struct.error, IndexError, ValueError) as error:
                 if isinstance(error, RecordingError):
                     raise
-                raise self._error(f"a block means nothing ({error})") from error
+                raise self._error(f"a damaged block ({error})") from error
             if record is not None:
                 out.append(record)
             at += size
@@ -67,18 +71,18 @@ class PcapngParser:
         return out
 
     def _error(self, what: str) -> RecordingError:
-        return RecordingError(f"{self._name} is no whole pcapng: {what} at byte {self._at}")
+        return RecordingError(f"{self._name} is not a sound pcapng file: {what} at byte {self._at}")
 
     def _size(self, view: bytes, at: int) -> int:
-        """The length of the block at ``at``, of which 12 bytes are there."""
+        """Return the length of the block at ``at``, of which at least 12 bytes have come."""
         if view[at : at + 4] == b"\x0a\x0d\x0d\x0a":
             magic = view[at + 8 : at + 12]
             if magic not in (b"\x4d\x3c\x2b\x1a", b"\x1a\x2b\x3c\x4d"):
-                raise self._error("a section begins without its magic number")
+                raise self._error("a section without its magic number")
             self._order = "<" if magic[0] == 0x4D else ">"
             self._begun = True
         elif not self._begun:
-            raise self._error("no section begins")
+            raise self._error("no section header")
         size: int = struct.unpack_from(f"{self._order}I", view, at + 4)[0]
         if size < 12 or size % 4 or size > MAX_BLOCK:
             raise self._error(f"a block of {size} bytes")
@@ -119,7 +123,7 @@ class PcapngParser:
     def _packet(self, body: bytes) -> Record | None:
         number, high, low, size, _ = self._unpack("IIIII", body)
         if number >= len(self._interfaces) or 20 + size > len(body):
-            raise self._error("a packet of no interface, or cut off")
+            raise self._error("a packet without its interface, or cut off")
         link, hertz = self._interfaces[number]
         time = (high << 32 | low) / hertz
         options = dict(self._options(body[20 + size + (-size & 3) :]))
@@ -129,22 +133,22 @@ class PcapngParser:
         source, destination, message = found
         flags = options.get(_FLAGS, b"")
         way = self._unpack("I", flags)[0] & 3 if len(flags) == 4 else 0
-        ours = _OURS.fullmatch(options.get(_COMMENT, b"").decode("utf-8", "replace"))
-        if link == _RAW and ours and way in (1, 2):
-            place = ours[1], ours[2]
-            key = int(ours[3] or "0", 16)
+        comment = _COMMENT_FORM.fullmatch(options.get(_COMMENT, b"").decode("utf-8", "replace"))
+        if link == _RAW and comment and way in (1, 2):
+            client_at = comment[1], comment[2]
+            key = int(comment[3] or "0", 16)
             dropped = options.get(_DROPPED, b"")
             lost = self._unpack("Q", dropped)[0] if len(dropped) == 8 else 0
-            client = self._clients.number(*place)
-            return Record(time, way == 1, client, *place, key, message, lost)
+            client = self._clients.number(*client_at)
+            return Record(time, way == 1, client, *client_at, key, message, lost)
         return self._foreign(time, source, destination, message)
 
     def _foreign(
-        self, time: float, source: _Place, destination: _Place, message: bytes
+        self, time: float, source: _Endpoint, destination: _Endpoint, message: bytes
     ) -> Record | None:
-        """A packet that others took: a message where it goes to an agent or comes from one."""
-        said = opening(message) or b""
-        if said[:4] == ids.COOKIE and len(self._agents) < MAX_INTERFACES:
+        """Return the message of another tool's packet, if it goes to an agent or comes from one."""
+        payload = create_client_payload(message) or b""
+        if payload[:4] == ids.COOKIE and len(self._agents) < MAX_INTERFACES:
             self._agents.add(destination)
         from_client = destination in self._agents or destination[1] == DEFAULT_PORT
         if not from_client and source not in self._agents and source[1] != DEFAULT_PORT:
@@ -156,8 +160,8 @@ class PcapngParser:
         return Record(time, from_client, client, "UDP", address, 0, message)
 
 
-def _datagram(link: int, packet: bytes) -> tuple[_Place, _Place, bytes] | None:
-    """``(source, destination, payload)`` of a whole UDP datagram; None: it is something else."""
+def _datagram(link: int, packet: bytes) -> tuple[_Endpoint, _Endpoint, bytes] | None:
+    """Return ``(source, destination, payload)`` of a whole UDP datagram, or None."""
     at = {_RAW: 0, _ETHERNET: 14, _COOKED: 16, _COOKED_2: 20, _LOOPBACK: 4}.get(link)
     if at is None:
         return None

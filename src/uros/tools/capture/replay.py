@@ -1,8 +1,8 @@
-"""``uros replay``: the boards of a capture once more, and whether an agent answers as then.
+"""``uros replay``: play a capture's boards to an agent and compare its answers.
 
-Each board's messages go out when every answer that was recorded before has come, and not earlier
-than then (``--fast``: at once). Acknowledgements and heartbeats are the player's own, because they
-depend on what gets lost today. See :mod:`.replay_script` for what is compared.
+A board's message is sent once every answer recorded before it has come, and not earlier than in the
+capture (``--fast``: at once). Acknowledgements and heartbeats are generated here, because they
+depend on the messages that get lost now. See :mod:`.script` for what is compared.
 """
 
 from __future__ import annotations
@@ -26,51 +26,62 @@ from ...wire.header import MessageWriter, pull_header
 from ...wire.streams import ReliableIn, ReliableOut
 from ..common import positive_float
 from ..errors import ToolError
-from .lines import Line, Lines
-from .recordings import opening, read
-from .script import Answer, Hearing, List, Script, Step, script, submessages
+from .connections import Connection, Connections
+from .recordings import read
+from .records import create_client_payload
+from .script import Answer, AnswerReader, List, Script, Step, script, submessages
 
 _PATIENCE: Final = 3.0
-# The last ping asks for this, by which its answer is known.
-_LAST_REQUEST: Final = 0x7777
-_SHOWN: Final = 10
-_PING_AGAIN: Final = 0.5
-# Longer than an agent goes on with a burst without being interrupted, in seconds.
+# The request id of pings, by which their answers are recognized.
+_PING_REQUEST: Final = 0x7777
+_MAX_DIFFERENCES: Final = 10  # that are printed
+_PING_PERIOD: Final = 0.5
+# Longer than an agent handles one burst of messages, in seconds.
 _BURST: Final = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="a capture, as 'uros trace' reads them")
+    """Declare the arguments of ``uros replay``."""
+    parser.add_argument(
+        "file", metavar="FILE", help="a capture: pcapng, or text of 'uros agent --capture'"
+    )
     parser.add_argument(
         "agent", metavar="AGENT",
-        help="such as udp4://127.0.0.1:8888, tcp4://..., udp6://[::1]:8888 or"
-        " serial:///dev/ttyUSB0?baudrate=115200; best one that was just started",
+        help="address of the agent, such as udp4://127.0.0.1:8888, tcp4://..., udp6://[::1]:8888 or"
+        " serial:///dev/ttyUSB0?baudrate=115200; start a fresh agent for it",
     )  # fmt: skip
     parser.add_argument(
-        "--fast", action="store_true", help="in step with the answers, but not with the clock"
+        "--fast", action="store_true", help="do not wait for the times of the capture"
     )
     parser.add_argument(
         "--no-data", action="store_true",
-        help="do not compare samples: where they came from other nodes, they will not come again",
+        help="do not compare samples; those that other nodes published do not come again",
     )  # fmt: skip
     parser.add_argument(
         "--patience", type=positive_float, default=_PATIENCE, metavar="S",
-        help=f"how long an answer may take (default {_PATIENCE:.0f} s)",
+        help=f"seconds to wait for an answer (default: {_PATIENCE:.0f})",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play; 0 where all answers are as recorded, else 1. Raises ToolError."""
+    """Play the capture and print the comparison.
+
+    Returns:
+        0 if all answers are as recorded, else 1.
+
+    Raises:
+        ToolError: The capture cannot be played, or no agent answers.
+    """
     found = script(read(args.file, _say), not args.no_data)
     for client, why in found.left_out.items():
         _say(f"client {client} ({found.names[client]}) is left out: {why}")
     if not any(isinstance(turn, Step) for turn in found.turns):
-        raise ToolError(f"{args.file} has nothing to play: no board begins a session in it")
-    player = Player(found, Lines(args.agent), args.fast, args.patience, not args.no_data)
+        raise ToolError(f"{args.file} has nothing to play: no board opens a session in it")
+    player = Player(found, Connections(args.agent), args.fast, args.patience, not args.no_data)
     try:
         player.play()
     except KeyboardInterrupt:
-        _say("interrupted: the table is of what was played")
+        _say("interrupted: the table shows what was played so far")
         player.report(sys.stdout.write)
         return 130
     finally:
@@ -83,11 +94,11 @@ def _say(text: str) -> None:
 
 
 class _Board:
-    """One client: its line, its streams, and what it has heard."""
+    """One client: its connection, its streams, and the answers that it got."""
 
-    def __init__(self, client: int, line: Line, data: bool) -> None:
-        self.line = line
-        self.hearing = Hearing(client, data)
+    def __init__(self, client: int, connection: Connection, data: bool) -> None:
+        self.connection = connection
+        self.answers = AnswerReader(client, data)
         self.out: dict[int, ReliableOut] = {}
         self.session = 0x81
         self.key = 0
@@ -95,24 +106,34 @@ class _Board:
         self.pinged = False
 
     def open(self, message: bytes) -> None:
-        """A session begins by this CREATE_CLIENT."""
+        """Begin the session that this CREATE_CLIENT opens."""
         self.out.clear()
-        self.hearing.reset()
+        self.answers.reset()
         at = 4 if message[0] else 8
         r = Reader(message, at + 4, len(message))
         try:
             _, _, _, self.key, self.session, _, _ = messages.pull_create_client(r)
         except DecodeError:
-            pass  # the agent will say so
+            pass  # it is played all the same: the agent refuses it
 
 
 class Player:
-    """Plays a script to an agent; see the module. Raises ToolError where there is none."""
+    """Plays a script to an agent; see the module.
 
-    def __init__(self, play: Script, lines: Lines, fast: bool, patience: float, data: bool) -> None:
+    Args:
+        play: What to play and to expect.
+        connections: Connects the boards to the agent.
+        fast: Whether to ignore the times of the capture.
+        patience: Seconds to wait for an answer.
+        data: Whether samples are compared.
+    """
+
+    def __init__(
+        self, play: Script, connections: Connections, fast: bool, patience: float, data: bool
+    ) -> None:
         self._turns = play.turns
         self._names = play.names
-        self._lines = lines
+        self._connections = connections
         self._fast = fast
         self._patience = patience
         self._data = data
@@ -124,10 +145,14 @@ class Player:
                 self.expected[turn.client, turn.list].append(turn)
         self._due: dict[tuple[int, List], int] = defaultdict(int)
         self._given_up: set[tuple[int, List]] = set()
-        self._callers: dict[bytes, bytes] = {}  # of services: recorded → ours
+        self._callers: dict[bytes, bytes] = {}  # of services: recorded → today's
 
     def play(self) -> None:
-        """All of it, and then wait for what is on its way."""
+        """Play the whole script, then wait for the answers that are on their way.
+
+        Raises:
+            ToolError: No agent answers, or it no longer does.
+        """
         started: float | None = None
         for turn in self._turns:
             if isinstance(turn, Answer):
@@ -141,48 +166,49 @@ class Player:
                 self._pump(left)
             self._send(board, turn)
         self._await_answers()
-        self._last_pings()
+        self._ping_all()
 
     def close(self) -> None:
+        """Close all connections."""
         for board in self._boards.values():
-            board.line.close()
+            board.connection.close()
 
     def _board(self, client: int) -> _Board:
         found = self._boards.get(client)
         if found is None:
-            found = _Board(client, self._lines.line(client), self._data)
+            found = _Board(client, self._connections.connect(client), self._data)
             first = not self._boards
             self._boards[client] = found
             if first:
-                self._greet(found)
+                self._await_agent(found)
         return found
 
     # --- sending ------------------------------------------------------------------------
 
-    def _greet(self, board: _Board) -> None:
-        """See that an agent is there at all."""
+    def _await_agent(self, board: _Board) -> None:
+        """Ping until the agent answers. Raises ToolError."""
         deadline = time.monotonic() + self._patience
         while not board.pinged:
             if time.monotonic() > deadline:
                 raise ToolError(
-                    f"no agent answers at {self._lines.where}: start one ('uros agent'), or mend"
-                    " the address"
+                    f"no agent answers at {self._connections.where}: start one ('uros agent'), or"
+                    " correct the address"
                 )
             self._ping(board)
-            self._wait_for(lambda: board.pinged, _PING_AGAIN)
+            self._wait_for(lambda: board.pinged, _PING_PERIOD)
 
     def _ping(self, board: _Board) -> None:
         w = MessageWriter(bytearray(64), ids.SESSION_NONE_WITHOUT_KEY, ids.STREAM_NONE, 0)
         w.begin(ids.GET_INFO)
-        messages.push_get_info(w, _LAST_REQUEST, ids.OBJECT_AGENT, ids.INFO_ACTIVITY)
+        messages.push_get_info(w, _PING_REQUEST, ids.OBJECT_AGENT, ids.INFO_ACTIVITY)
         board.pinged = False
-        board.line.send(w.finish())
+        board.connection.send(w.finish())
 
-    def _last_pings(self) -> None:
-        """What a ping's answer comes behind has come.
+    def _ping_all(self) -> None:
+        """Wait until the agent has answered everything.
 
-        A ping is answered before what sessions have to say to the burst that it came in, so
-        each board sends another, for which that burst does not wait.
+        A ping is answered before the sessions answer the burst that it came in. So each board
+        pings twice: the second answer comes after that burst's answers.
         """
         for client, board in 2 * list(self._boards.items()):
             self._ping(board)
@@ -193,35 +219,35 @@ class Player:
     def _send(self, board: _Board, step: Step) -> None:
         message = bytearray(step.message)
         board.sent += 1
-        if opening(step.message) is not None:
+        if create_client_payload(step.message) is not None:
             board.open(step.message)
         self._put_callers(message)
         if step.stream < ids.STREAM_RELIABLE:
-            board.line.send(bytes(message))
+            board.connection.send(bytes(message))
             return
         out = board.out.setdefault(step.stream, ReliableOut())
         if not self._wait_for(lambda: out.room() > 0, self._patience):
             raise ToolError(
                 f"the agent does not acknowledge what client {step.client} sends:"
-                f" {self._why_silent(step.client)}"
+                f" {self._why_lacks_samples(step.client)}"
             )
         message[2:4] = out.next.to_bytes(2, "little")
         out.put(bytes(message))
-        for it in out.take(_now()):
-            board.line.send(it)
+        for ready in out.take(_now()):
+            board.connection.send(ready)
 
-    def _why_silent(self, client: int) -> str:
+    def _why_lacks_samples(self, client: int) -> str:
         for (whose, _), answers in self.got.items():
-            for it in answers if whose == client else ():
-                if it.kind == ids.STATUS_AGENT and it.payload[:1] != b"\0":
+            for answer in answers if whose == client else ():
+                if answer.kind == ids.STATUS_AGENT and answer.payload[:1] != b"\0":
                     return (
-                        f"it refused the session ({it}); where the board itself is connected to"
+                        f"it refused the session ({answer}); where the board itself is connected to"
                         " it, its key is in use: replay to an agent that was just started"
                     )
         return "it stalls, or has lost the session"
 
     def _put_callers(self, message: bytearray) -> None:
-        """A service's reply goes to who called now."""
+        """Address a service's reply to the request that was received now."""
         try:
             at = pull_header(message, len(message))[4]
             parts = submessages(bytes(message), at)
@@ -237,12 +263,10 @@ class Player:
                     message[start:stop] = ours
             at += len(payload) + (-len(payload) & 3)
 
-    # --- waiting and hearing ----------------------------------------------------------------
+    # --- waiting and receiving ----------------------------------------------------------------
 
     def _await_answers(self) -> None:
-        """Until all that was answered by now then is answered. What does not come in time is
-        not waited for again.
-        """
+        """Wait for the answers recorded up to here. One that is late is not waited for again."""
 
         def missing() -> list[tuple[int, List]]:
             return [
@@ -264,7 +288,7 @@ class Player:
         return True
 
     def _pump(self, seconds: float) -> None:
-        """Hear what comes within so long, or for less; keep streams going."""
+        """Receive for at most ``seconds``, and send the heartbeats that are due."""
         boards = self._boards.values()
         now = _now()
         deadlines = [
@@ -273,13 +297,13 @@ class Player:
             for out in board.out.values()
             if out.deadline is not None
         ]
-        waits = any(board.line.waits() for board in boards)
-        wait = 0.0 if waits else max(0.0, min([seconds, *deadlines]))
-        ready = select.select([board.line for board in boards], [], [], wait)[0]
+        has_messages = any(board.connection.has_messages() for board in boards)
+        wait = 0.0 if has_messages else max(0.0, min([seconds, *deadlines]))
+        ready = select.select([board.connection for board in boards], [], [], wait)[0]
         for board in boards:
-            if board.line in ready or board.line.waits():
-                for message in board.line.read():
-                    self._hear(board, message)
+            if board.connection in ready or board.connection.has_messages():
+                for message in board.connection.read():
+                    self._receive(board, message)
         now = _now()
         for board in boards:
             for stream, out in board.out.items():
@@ -288,9 +312,9 @@ class Player:
                     w = MessageWriter(bytearray(32), board.session, 0, 0, board.key)
                     w.begin(ids.HEARTBEAT)
                     messages.push_heartbeat(w, due[0], due[1], stream)
-                    board.line.send(w.finish())
+                    board.connection.send(w.finish())
 
-    def _hear(self, board: _Board, message: bytes) -> None:
+    def _receive(self, board: _Board, message: bytes) -> None:
         try:
             _, stream, _, _, at = pull_header(message, len(message))
             if stream < ids.STREAM_RELIABLE:
@@ -300,16 +324,16 @@ class Player:
                         self._acknacked(board, r)
                     elif kind == ids.HEARTBEAT:
                         self._heartbeat(board, r)
-                    elif kind == ids.INFO and messages.pull_request(r)[0] == _LAST_REQUEST:
+                    elif kind == ids.INFO and messages.pull_request(r)[0] == _PING_REQUEST:
                         board.pinged = True
                         return
-            answers = board.hearing.answers(message)
+            answers = board.answers.read(message)
         except DecodeError:
             return
         if stream >= ids.STREAM_RELIABLE:
             self._acknowledge(board, stream)
-        for it in answers:
-            self._take(it)
+        for answer in answers:
+            self._take(answer)
 
     def _take(self, answer: Answer) -> None:
         key = answer.client, answer.list
@@ -321,26 +345,35 @@ class Player:
     def _acknacked(self, board: _Board, r: Reader) -> None:
         first, missing, stream = messages.pull_acknack(r)
         if stream in board.out:
-            for it in board.out[stream].acknack(first, missing, _now()):
-                board.line.send(it)
+            for lost in board.out[stream].acknack(first, missing, _now()):
+                board.connection.send(lost)
 
     def _heartbeat(self, board: _Board, r: Reader) -> None:
         first, last, stream = messages.pull_heartbeat(r)
         if stream < ids.STREAM_RELIABLE:
             return
-        board.hearing.reliable.setdefault(stream, ReliableIn()).heartbeat(
+        board.answers.reliable.setdefault(stream, ReliableIn()).heartbeat(
             first, last, _now()
         )
         self._acknowledge(board, stream)
 
     def _acknowledge(self, board: _Board, stream: int) -> None:
-        first, missing = board.hearing.reliable[stream].acknack()
-        board.line.send(messages.acknack_message(board.session, board.key, first, missing, stream))
+        first, missing = board.answers.reliable[stream].acknack()
+        board.connection.send(
+            messages.acknack_message(board.session, board.key, first, missing, stream)
+        )
 
-    # --- what has come of it ----------------------------------------------------------------
+    # --- the report ---------------------------------------------------------------------------
 
     def report(self, write: Callable[[str], object]) -> bool:
-        """Print the table, and whether all is as recorded."""
+        """Print the table and the first differences.
+
+        Args:
+            write: Takes the text.
+
+        Returns:
+            Whether all answers are as recorded.
+        """
         from ...agent.objects.kinds import key_label
         from ...agent.observability.format import plain
 
@@ -366,29 +399,29 @@ class Player:
         widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
         for row in rows:
             cells = [row[0].ljust(widths[0])]
-            cells += [it.rjust(w) for it, w in zip(row[1:], widths[1:], strict=True)]
+            cells += [cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True)]
             write("  ".join(cells) + "\n")
-        for text in parts[:_SHOWN]:
+        for text in parts[:_MAX_DIFFERENCES]:
             write(text)
-        if len(parts) > _SHOWN:
-            write(f"and {len(parts) - _SHOWN} lists more that differ\n")
+        if len(parts) > _MAX_DIFFERENCES:
+            write(f"and {len(parts) - _MAX_DIFFERENCES} lists more that differ\n")
         write("the answers are as recorded\n" if same else "the answers differ\n")
-        if self._silent():
+        if self._lacks_samples():
             write(
-                "(samples that other nodes published then do not come again; --no-data leaves"
-                " samples out)\n"
+                "(samples that other nodes published do not come again; --no-data leaves samples"
+                " out)\n"
             )
         return same
 
-    def _silent(self) -> bool:
-        """Whether a reader that once had samples has none now."""
+    def _lacks_samples(self) -> bool:
+        """Whether a datareader that has samples in the capture got none now."""
         return any(key[1][0] == "data" and not self.got.get(key) for key in self.expected)
 
 
 def _difference(
     key: tuple[int, List], expected: list[Answer], got: list[Answer], pairs: list[bool]
 ) -> list[str]:
-    """Both sides from where a list begins to differ; none where it does not."""
+    """Return the first difference of two lists of answers as text, or nothing."""
     from ...agent.observability.format import object_name, stream_name
 
     at = pairs.index(False) if False in pairs else len(pairs)

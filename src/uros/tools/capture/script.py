@@ -1,15 +1,15 @@
-"""A capture as a play: what its boards say, and what the agent answered.
+"""Makes a replay script of a capture: what its boards send, and what the agent answered.
 
-Messages are taken apart into submessages, because how an agent bundles them is its own matter. An
-answer belongs to a list, and of each list the order counts:
+Messages are split into submessages, because an agent may bundle them as it likes. An answer belongs
+to a list, and within each list the order counts:
 
 * STATUS_AGENT, STATUS, INFO and TIMESTAMP_REPLY, one list for each client and stream;
-* DATA, one list for each client and object, whichever stream carries it. Fragments are put
-  together before.
+* DATA, one list for each client and object, whichever stream carries it. Fragments are
+  reassembled first.
 
-Not compared: acknowledgements and heartbeats, the numbers of messages, what comes twice, the
-agent's clock in TIMESTAMP_REPLY, whatever else comes on best-effort streams, and who calls a
-service (two calls are told apart by it; that is kept).
+Not compared: acknowledgements and heartbeats, sequence numbers, duplicates, the agent's clock in
+TIMESTAMP_REPLY, other submessages on best-effort streams, and the identity of a service's caller
+(which is kept, because it tells two calls apart).
 """
 
 from __future__ import annotations
@@ -22,19 +22,26 @@ from ...wire.data import REQUEST_SIZE, SAMPLE_IDENTITY_SIZE
 from ...wire.errors import DecodeError
 from ...wire.header import pull_header, pull_subheader
 from ...wire.streams import Fragments, ReliableIn
-from .recordings import Record, opening
+from .records import Record, create_client_payload
 
-_OWN_MATTERS: Final = (ids.ACKNACK, ids.HEARTBEAT)
+_ACKNOWLEDGEMENTS: Final = (ids.ACKNACK, ids.HEARTBEAT)
 _OUTSIDE: Final = (ids.SESSION_NONE_WITH_KEY, ids.SESSION_NONE_WITHOUT_KEY)
-_CLOCKS: Final = 16  # of the agent, at the beginning of a TIMESTAMP_REPLY
+_CLOCKS: Final = 16  # octets of the agent's clock at the beginning of a TIMESTAMP_REPLY
 
 Submessage = tuple[int, int, bytes]
 List = tuple[str, int]  # "stream" or "data", and which
 
 
 class Answer(NamedTuple):
-    """One submessage of the agent. What cannot be the same twice is zero in ``payload``;
-    ``identity`` is the caller of a service.
+    """One submessage of the agent.
+
+    Attributes:
+        client: The client's number in the capture.
+        list: The list that the answer belongs to.
+        kind: The submessage's id.
+        flags: The submessage's flags.
+        payload: Its payload, with zeros for what differs each time.
+        identity: The sample identity of a service's caller, or nothing.
     """
 
     client: int
@@ -46,7 +53,7 @@ class Answer(NamedTuple):
 
     @property
     def same(self) -> tuple[int, int, bytes]:
-        """What must be as recorded."""
+        """The fields that must be as recorded."""
         return self.kind, self.flags, self.payload
 
     def __str__(self) -> str:
@@ -58,7 +65,7 @@ class Answer(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One message of a board; ``time`` is in seconds since the first."""
+    """One message of a board. ``time`` is in seconds since the first message."""
 
     time: float
     client: int
@@ -67,7 +74,13 @@ class Step(NamedTuple):
 
 
 class Script(NamedTuple):
-    """Steps and answers in their order; by client, what is known of it, and why not it plays."""
+    """What to send and to expect.
+
+    Attributes:
+        turns: Steps and answers in their order.
+        names: Transport and address of each client.
+        left_out: Why a client cannot be played.
+    """
 
     turns: list[Step | Answer]
     names: dict[int, str]
@@ -75,7 +88,11 @@ class Script(NamedTuple):
 
 
 def submessages(message: bytes, at: int) -> list[Submessage]:
-    """``(kind, flags, payload)`` of each from ``at`` on. Raises DecodeError."""
+    """Return ``(kind, flags, payload)`` of each submessage from ``at`` on.
+
+    Raises:
+        DecodeError: The message is malformed.
+    """
     out = []
     while at + 4 <= len(message):
         kind, flags, start, stop = pull_subheader(message, at, len(message))
@@ -84,13 +101,13 @@ def submessages(message: bytes, at: int) -> list[Submessage]:
     return out
 
 
-def is_own_matter(parts: list[Submessage]) -> bool:
-    """Whether a message only acknowledges."""
-    return all(kind in _OWN_MATTERS for kind, _, _ in parts)
+def only_acknowledges(parts: list[Submessage]) -> bool:
+    """Return whether a message holds nothing but ACKNACK and HEARTBEAT."""
+    return all(kind in _ACKNOWLEDGEMENTS for kind, _, _ in parts)
 
 
-class Hearing:
-    """The agent's messages to one client, made into answers."""
+class AnswerReader:
+    """Makes answers of the agent's messages to one client."""
 
     def __init__(self, client: int, data: bool) -> None:
         self._client = client
@@ -99,12 +116,16 @@ class Hearing:
         self._fragments: dict[int, Fragments] = {}
 
     def reset(self) -> None:
-        """A session begins anew, and its streams."""
+        """Forget all streams: a new session begins."""
         self.reliable.clear()
         self._fragments.clear()
 
-    def answers(self, message: bytes) -> list[Answer]:
-        """Those that have become whole by a message. Raises DecodeError."""
+    def read(self, message: bytes) -> list[Answer]:
+        """Return the answers that a message completes.
+
+        Raises:
+            DecodeError: The message is malformed.
+        """
         _, stream, number, _, at = pull_header(message, len(message))
         out: list[Answer] = []
         if stream < ids.STREAM_RELIABLE:
@@ -112,14 +133,14 @@ class Hearing:
             return out
         incoming = self.reliable.setdefault(stream, ReliableIn())
         if 0x8000 > (number - incoming.next) & 0xFFFF >= incoming.depth:
-            incoming.restart(number, number)  # what is between was not captured
+            incoming.restart(number, number)  # the messages between were not captured
         if incoming.receive(number, message[at:]):
             self._take(stream, submessages(message, at), out)
-            self.catch_up(stream, out)
+            self._take_early(stream, out)
         return out
 
-    def catch_up(self, stream: int, out: list[Answer]) -> None:
-        """Take what came early and is the next one now."""
+    def _take_early(self, stream: int, out: list[Answer]) -> None:
+        """Take the messages that came early and are next in order now."""
         while (body := self.reliable[stream].pop()) is not None:
             self._take(stream, submessages(body, 0), out)
 
@@ -143,7 +164,7 @@ class Hearing:
             if payload[3] & 0x0F == ids.KIND_REPLIER and len(payload) >= stop:
                 identity = payload[REQUEST_SIZE:stop]
                 payload = payload[:REQUEST_SIZE] + bytes(SAMPLE_IDENTITY_SIZE) + payload[stop:]
-        elif kind in _OWN_MATTERS or 0 < stream < ids.STREAM_RELIABLE:
+        elif kind in _ACKNOWLEDGEMENTS or 0 < stream < ids.STREAM_RELIABLE:
             return
         else:
             which = ("stream", stream)
@@ -152,20 +173,20 @@ class Hearing:
         yield Answer(self._client, which, kind, flags, payload, identity)
 
 
-class _Speaking:
-    """One client's messages, made into steps: each once and in order."""
+class _StepReader:
+    """Puts one client's messages in order and drops duplicates."""
 
     def __init__(self) -> None:
         self._reliable: dict[int, ReliableIn] = {}
 
     def messages(self, message: bytes) -> list[tuple[int, bytes]]:
-        """``(stream, message)`` of what is to be sent for a recorded message."""
+        """Return ``(stream, message)`` of all that a recorded message lets us send."""
         try:
             _, stream, number, _, at = pull_header(message, len(message))
             parts = submessages(message, at)
         except DecodeError:
-            return [(ids.STREAM_NONE, message)]  # nonsense is played too
-        if is_own_matter(parts):
+            return [(ids.STREAM_NONE, message)]  # malformed messages are played too
+        if only_acknowledges(parts):
             return []
         if any(kind in (ids.CREATE_CLIENT, ids.RESET) for kind, _, _ in parts):
             self._reliable.clear()
@@ -183,21 +204,26 @@ class _Speaking:
 
 
 def script(records: Iterable[Record], data: bool = True) -> Script:
-    """The play of a capture; without ``data``, samples are not asked for."""
+    """Make the script of a capture.
+
+    Args:
+        records: The capture's messages in their order.
+        data: Whether the agent's samples are compared.
+    """
     turns: list[Step | Answer] = []
     names: dict[int, str] = {}
     left_out: dict[int, str] = {}
-    speaking: dict[int, _Speaking] = {}
-    hearing: dict[int, Hearing] = {}
+    steps: dict[int, _StepReader] = {}
+    answers: dict[int, AnswerReader] = {}
     first: float | None = None
     for record in records:
         client, message = record.client, record.message
         if client not in names:
             names[client] = f"{record.transport} {record.address}"
             if not record.from_client or not message or message[0] not in _OUTSIDE:
-                left_out[client] = "its session began before the capture did"
-            speaking[client], hearing[client] = _Speaking(), Hearing(client, data)
-        if client in left_out and record.from_client and opening(message) is not None:
+                left_out[client] = "its session began before the capture"
+            steps[client], answers[client] = _StepReader(), AnswerReader(client, data)
+        if client in left_out and record.from_client and create_client_payload(message) is not None:
             del left_out[client]  # from here on it can be played
         if client in left_out:
             continue
@@ -205,12 +231,12 @@ def script(records: Iterable[Record], data: bool = True) -> Script:
             first = record.time
         if not record.from_client:
             try:
-                turns.extend(hearing[client].answers(message))
+                turns.extend(answers[client].read(message))
             except DecodeError:
-                pass  # the agent's own nonsense: nobody can wait for it
+                pass  # malformed: nothing to compare
             continue
-        if opening(message) is not None:
-            hearing[client].reset()
-        for stream, said in speaking[client].messages(message):
-            turns.append(Step(max(0.0, record.time - first), client, said, stream))
+        if create_client_payload(message) is not None:
+            answers[client].reset()
+        for stream, sent in steps[client].messages(message):
+            turns.append(Step(max(0.0, record.time - first), client, sent, stream))
     return Script(turns, names, left_out)

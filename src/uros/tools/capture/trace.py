@@ -1,6 +1,6 @@
-"""``uros trace``: what boards and agent say to each other, a line a message.
+"""``uros trace``: print the messages between boards and agent, one line each.
 
-Of a capture, or of an agent that runs on this machine, by its socket for inspection.
+They come from a capture, or from the status socket of an agent that runs on this machine.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from ...printable import printable, unguarded
 from ...wire import ids
 from ..common import positive_int
 from ..errors import ToolError
-from .recordings import Parser, Record, opening, parser_for, read
+from .recordings import parser_for, read
+from .records import Parser, Record, create_client_payload
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# How often a file that grows is looked at, in seconds.
+# How often a file that grows is read again, in seconds.
 _POLL: Final = 0.2
 _CHUNK: Final = 256 * 1024
-# Times below are since the beginning of a recording, and not since 1970.
+# Times below this one count from the beginning of a recording, not from 1970.
 _SINCE_1970: Final = 100_000_000.0
 _FAR: Final = 100_000_000_000.0  # the year 5138: no system's calendar ends before
 _DIM, _CLIENT, _AGENT, _TROUBLE, _OFF = (
@@ -35,30 +36,36 @@ _DIM, _CLIENT, _AGENT, _TROUBLE, _OFF = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros trace``."""
     parser.add_argument(
         "file", metavar="FILE", nargs="?",
-        help="a capture, of 'uros agent --capture' or of Wireshark (default: an agent that runs"
-        " on this machine, now)",
+        help="a capture of 'uros agent --capture' or of Wireshark (default: trace an agent that"
+        " runs on this machine)",
     )  # fmt: skip
     parser.add_argument(
         "--client", metavar="KEY|N", type=_client,
-        help="of one client: its key, such as 0x4B0CBE99, or its number in the trace",
+        help="show one client only: its key, such as 0x4B0CBE99, or its number in the trace",
     )  # fmt: skip
     parser.add_argument(
         "--time", choices=("absolute", "relative", "delta"), default="relative",
-        help="the time of day, seconds since the first message (default), or since the one before",
+        help="show the time of day, seconds since the first message (default), or since the"
+        " previous one",
     )  # fmt: skip
-    parser.add_argument("--hex", action="store_true", help="show the bytes too")
-    parser.add_argument("--json", action="store_true", help="print a JSON object a message")
-    parser.add_argument("--follow", action="store_true", help="go on as FILE grows, until Ctrl-C")
+    parser.add_argument("--hex", action="store_true", help="show the bytes of each message")
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object for each message"
+    )
+    parser.add_argument(
+        "--follow", action="store_true", help="keep reading as FILE grows, until Ctrl-C"
+    )
     parser.add_argument(
         "--agent", metavar="PID", type=positive_int,
-        help="which agent, where several run on this machine",
+        help="process id of the agent, if several run on this machine",
     )  # fmt: skip
 
 
 def _client(text: str) -> int | str:
-    """A number, or a key as it is printed."""
+    """Parse a client's number, or its key as the trace prints it."""
     try:
         if text[:2].lower() == "0x" and 0 <= int(text, 16) <= 0xFFFFFFFF:
             return key_label(int(text, 16))
@@ -70,13 +77,17 @@ def _client(text: str) -> int | str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print until the end, or Ctrl-C; the exit status. Raises ToolError."""
+    """Print messages until the end of the capture, or until Ctrl-C.
+
+    Raises:
+        ToolError: The capture cannot be read, or the agent does not answer.
+    """
     if args.file is None:
         if args.follow:
-            raise ToolError("--follow is for a FILE: a trace of an agent goes on as it is")
+            raise ToolError("--follow needs a FILE; the trace of a running agent always follows")
         records = _live(args.agent)
     elif args.agent is not None:
-        raise ToolError("--agent is for a trace of an agent that runs: leave FILE out")
+        raise ToolError("--agent traces a running agent: leave FILE out")
     elif args.follow:
         records = follow(args.file)
     else:
@@ -107,10 +118,16 @@ def _live(pid: int | None) -> Iterator[Record]:
 
 
 def follow(path: str, pause: Callable[[], None] = lambda: time.sleep(_POLL)) -> Iterator[Record]:
-    """The records of a file, and those that are written to it later, without end.
+    """Yield the records of a file, and without end those that are added to it.
 
-    Where the agent has begun another file of that name, what is left of the first comes, and
-    then the other.
+    When the agent begins a new file of that name, the rest of the old one comes first.
+
+    Args:
+        path: The capture.
+        pause: Waits before the file is read again.
+
+    Raises:
+        ToolError: The file cannot be read.
     """
     while True:
         parser: Parser | None = None
@@ -134,18 +151,27 @@ def follow(path: str, pause: Callable[[], None] = lambda: time.sleep(_POLL)) -> 
 
 
 def _replaced(path: str, fileno: int) -> bool:
-    """Whether the name is another file's now, or the file has begun anew."""
+    """Whether the name stands for another file now, or the file was truncated."""
     here = os.fstat(fileno)
     try:
         there = os.stat(path)
     except OSError:
-        return False  # between two files
+        return False  # the new file is not there yet
     same = (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino)
     return not same or os.lseek(fileno, 0, os.SEEK_CUR) > here.st_size
 
 
 class Printer:
-    """Prints records; of each client where it talks from, before the first."""
+    """Prints records, and each client's address before its first.
+
+    Args:
+        out: Where to print.
+        client: Key or number of the only client to show; None for all.
+        times: ``absolute``, ``relative`` or ``delta``.
+        dump: Whether to print the bytes too.
+        as_json: Whether to print JSON objects.
+        colours: Whether to colour the text.
+    """
 
     def __init__(
         self, out: TextIO, client: int | str | None, times: str, dump: bool, as_json: bool,
@@ -161,9 +187,10 @@ class Printer:
         self._first: float | None = None
         self._before = 0.0
         self._keys: dict[int, int] = {}  # by the client's number
-        self._greeted: dict[int, str] = {}
+        self._introduced: dict[int, str] = {}
 
     def explain_nothing(self, what: str) -> None:
+        """Say why nothing was printed, and which clients there are."""
         about = f"{what} has no messages"
         if self._client is not None:
             known = [f"{number} ({key_label(key)})" for number, key in sorted(self._keys.items())]
@@ -172,7 +199,7 @@ class Printer:
         print(about, file=sys.stderr)
 
     def show(self, record: Record) -> None:
-        """Print one, if it is of the client that is asked for."""
+        """Print a record, if it belongs to the client to show."""
         key = self._learn(record)
         if self._first is None:
             self._first = self._before = record.time
@@ -186,13 +213,13 @@ class Printer:
         self._out.write(self._text(record, name))
 
     def _learn(self, record: Record) -> int:
-        """The client's key, where the recording or a message of it has said it."""
+        """Return the client's key if the capture or one of its messages holds it, else 0."""
         message = record.message
         key = record.key
         if message[:1] and message[0] < 0x80 and len(message) >= 8:
             key = int.from_bytes(message[4:8], "big")
-        elif (said := opening(message) or b"")[:4] == ids.COOKIE:
-            key = int.from_bytes(said[8:12], "big")
+        elif (payload := create_client_payload(message) or b"")[:4] == ids.COOKIE:
+            key = int.from_bytes(payload[8:12], "big")
         if len(self._keys) > 65536:  # attack: a capture of addresses
             self._keys.clear()
         if key:
@@ -213,23 +240,23 @@ class Printer:
 
         stamp = self._time(record.time)
         lines = []
-        if self._greeted.get(record.client) != name:
-            if len(self._greeted) > 65536:
-                self._greeted.clear()
-            self._greeted[record.client] = name
+        if self._introduced.get(record.client) != name:
+            if len(self._introduced) > 65536:
+                self._introduced.clear()
+            self._introduced[record.client] = name
             where = f"{plain(record.transport)} {plain(record.address)}"
             about = f"client {record.client} {name or '(no key yet)'} is at {where}"
             lines.append(self._coloured(_DIM, f"-- {about}"))
         if record.lost:
-            what = f"-- {record.lost} messages are missing here: they were not captured"
+            what = f"-- {record.lost} messages were not captured"
             lines.append(self._coloured(_TROUBLE, what))
-        said = describe(record.message)
+        text = describe(record.message)
         arrow, colour = ("->", _CLIENT) if record.from_client else ("<-", _AGENT)
-        if "??" in said:
+        if "??" in text:
             colour = _TROUBLE
         lines.append(
             f"{self._coloured(_DIM, stamp)} {record.client:>3} {self._coloured(colour, arrow)}"
-            f" {self._coloured(_TROUBLE, said) if '??' in said else said}"
+            f" {self._coloured(_TROUBLE, text) if '??' in text else text}"
         )
         if self._hex:
             lines.extend(self._coloured(_DIM, line) for line in dump(record.message))
@@ -252,7 +279,7 @@ class Printer:
             "session": None if found.session is None else f"0x{found.session:02X}",
             "stream": None if found.stream is None else stream_name(found.stream),
             "number": found.number,
-            "submessages": [{"kind": it.kind, "text": it.text} for it in found.parts],
+            "submessages": [{"kind": part.kind, "text": part.text} for part in found.parts],
         }
         if found.trouble:
             out["trouble"] = found.trouble
@@ -263,8 +290,8 @@ class Printer:
 
 
 def dump(data: bytes) -> Iterator[str]:
-    """Lines of 16 bytes, in hex and in letters."""
+    """Yield lines of 16 bytes each, in hexadecimal and in ASCII."""
     for at in range(0, len(data), 16):
         part = data[at : at + 16]
-        letters = "".join(chr(it) if 32 <= it < 127 else "." for it in part)
+        letters = "".join(chr(octet) if 32 <= octet < 127 else "." for octet in part)
         yield f"{'':18}{at:04X}  {part.hex(' ').upper():<47}  {letters}"

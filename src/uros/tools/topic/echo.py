@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ..common import add_common, add_topic, discover, join, positive_float, unsigned_int
 from ..errors import ToolError
 from ..values import plain
-from ..values.qos_options import add_qos_arguments, choose
+from ..values.qos_subscribe import add_qos_arguments, choose
 from ..values.yaml_text import Value, dump
 from ..waiting import topic_types, warn
 

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Final
 
 from ..common import positive_float, unsigned_int
-from .qos_options import PRESETS
+from .qos_subscribe import PRESETS
 
 if TYPE_CHECKING:
     from ...qos import QoSProfile

@@ -17,14 +17,8 @@ from uros.agent.observability.message_hooks import AGENT, CLIENT, Passing
 from uros.agent.observability.pcapng import Packets
 from uros.agent.transports.udp import UdpServer
 from uros.tools.capture.pcapng import PcapngParser
-from uros.tools.capture.recordings import (
-    MAX_LINE,
-    Record,
-    RecordingError,
-    TextParser,
-    parser_for,
-    read,
-)
+from uros.tools.capture.recordings import MAX_LINE, TextParser, parser_for, read
+from uros.tools.capture.records import Record, RecordingError
 
 PING = message([get_info()], 0, 0)
 NAMES = sorted(path.stem for path in CAPTURES.glob("*.jsonl"))
@@ -88,7 +82,7 @@ def test_an_end_that_was_cut_off_is_told(form, tmp_path):
     told = []
     assert len(list(read(path, told.append))) == 2
     (text,) = told
-    assert "are no whole message, and left out" in text
+    assert "are not a whole message and are left out" in text
 
 
 def test_a_new_section_has_its_own_interfaces():
@@ -129,18 +123,18 @@ def test_a_file_that_wireshark_wrote(tmp_path):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"\x7fELF....", "is no capture: neither pcapng nor a JSON line a message"),
-        (b"\xd4\xc3\xb2\xa1....", "older format of pcap: make it a pcapng with 'editcap"),
-        (b"{}\n", r"it:1 is no line of a capture: it has no 't'"),
-        (b'{"t": 1, "from": "client", "client": 0, "hex": ""}\n{"t"\n', "it:2 is no line"),
+        (b"\x7fELF....", "is not a capture: neither pcapng nor JSON lines"),
+        (b"\xd4\xc3\xb2\xa1....", "older format pcap: convert it with 'editcap"),
+        (b"{}\n", r"it:1 is not a line of a capture: it has no 't'"),
+        (b'{"t": 1, "from": "client", "client": 0, "hex": ""}\n{"t"\n', "it:2 is not a line"),
         (b'{"t": 1, "from": "me", "client": 0, "hex": ""}\n', '"from" is neither client nor agent'),
         (b'{"t": 1, "from": "agent", "client": 0, "hex": "1"}\n', "non-hexadecimal|hex"),
         (b'{"t": NaN, "from": "agent", "client": 0, "hex": ""}\n', '"t" is nan'),
         (b"[" * 100_000 + b"\n", "neither"),
-        (b'{"a":' + b"[" * 100_000 + b"\n", "it:1 is no line of a capture: "),
-        (b"{" + b" " * (MAX_LINE + 1), "it:1 is no line of a capture: a line of over"),
-        (b"\x0a\x0d\x0d\x0a" + b"\x1c\0\0\0" + b"\1\2\3\4", "begins without its magic number"),
-        (captured(Packets)[:200] + b"\0" * 64, "no whole pcapng"),
+        (b'{"a":' + b"[" * 100_000 + b"\n", "it:1 is not a line of a capture: "),
+        (b"{" + b" " * (MAX_LINE + 1), "it:1 is not a line of a capture: a line of over"),
+        (b"\x0a\x0d\x0d\x0a" + b"\x1c\0\0\0" + b"\1\2\3\4", "a section without its magic number"),
+        (captured(Packets)[:200] + b"\0" * 64, "not a sound pcapng file"),
     ],
 )
 def test_what_is_no_capture_says_where(content, says, tmp_path):

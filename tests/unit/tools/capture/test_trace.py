@@ -66,7 +66,7 @@ def test_times(capsys, file, monkeypatch):
 
 
 def test_what_is_missing_is_shown(capsys, file):
-    assert "-- 5 messages are missing here: they were not captured" in run(capsys, file)[1]
+    assert "-- 5 messages were not captured" in run(capsys, file)[1]
 
 
 def test_one_client_by_its_number_or_key(capsys, file):
@@ -130,9 +130,9 @@ def test_what_a_capture_says_does_nothing_to_a_terminal(capsys, tmp_path):
     [
         (["not/there"], "not/there cannot be read: No such file"),
         (["not/there", "--follow"], "not/there cannot be read: No such file"),
-        ([__file__], "is no capture: neither pcapng nor a JSON line a message"),
-        (["--follow"], "--follow is for a FILE"),
-        (["x", "--agent", "7"], "--agent is for a trace of an agent that runs"),
+        ([__file__], "is not a capture: neither pcapng nor JSON lines"),
+        (["--follow"], "--follow needs a FILE"),
+        (["x", "--agent", "7"], "--agent traces a running agent"),
     ],
 )
 def test_errors_are_one_line(capsys, args, says):

@@ -8,7 +8,7 @@ from uros.interfaces.codec import to_cdr
 from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from uros.tools.errors import ToolError
 from uros.tools.topic import echo as topic_echo
-from uros.tools.values.qos_options import choose
+from uros.tools.values.qos_subscribe import choose
 
 STRING = load("std_msgs/String")
 

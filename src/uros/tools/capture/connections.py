@@ -1,4 +1,4 @@
-"""The boards' ends of lines to an agent, for playing several boards in one thread."""
+"""Connections of boards to an agent over UDP, TCP and serial lines, for several in one thread."""
 
 from __future__ import annotations
 
@@ -11,29 +11,43 @@ from ...wire.framing import Deframer, LengthDeframer, frame, frame_size
 from ..errors import ToolError
 
 _LARGEST: Final = 65536
-_SECONDS: Final = 5.0
+_TIMEOUT: Final = 5.0  # of connecting and of writing, in seconds
 _FORMS: Final = (
     "udp4://127.0.0.1:8888, udp6://[::1]:8888, tcp4://127.0.0.1:8888, tcp6://[::1]:8888 or"
     " serial:///dev/ttyUSB0?baudrate=115200"
 )
 
 
-class Line(Protocol):
-    """One board's. ``read`` gives what there is, and waits for nothing."""
+class Connection(Protocol):
+    """The connection of one board to the agent. No method blocks for a message."""
 
-    def fileno(self) -> int: ...
+    def fileno(self) -> int:
+        """The descriptor to select for reading."""
 
-    def send(self, message: bytes) -> None: ...
+    def send(self, message: bytes) -> None:
+        """Send one XRCE message.
 
-    def waits(self) -> bool:
-        """Whether something was read already that :meth:`read` has not given."""
+        Raises:
+            ToolError: The connection is lost.
+        """
 
-    def read(self) -> list[bytes]: ...
+    def has_messages(self) -> bool:
+        """Whether messages wait here that no descriptor announces."""
 
-    def close(self) -> None: ...
+    def read(self) -> list[bytes]:
+        """Return the messages that have arrived.
+
+        Raises:
+            ToolError: The connection is lost.
+        """
+
+    def close(self) -> None:
+        """Close the connection."""
 
 
-class UdpLine:
+class UdpConnection:
+    """A UDP socket: each datagram is a message. See :class:`Connection`."""
+
     def __init__(self, family: socket.AddressFamily, address: tuple[str, int]) -> None:
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
@@ -47,9 +61,9 @@ class UdpLine:
         try:
             self._socket.send(message)
         except OSError:
-            pass  # nobody is there yet, or no room: what matters comes again
+            pass  # no agent yet, or a full buffer: reliable streams repeat what is lost
 
-    def waits(self) -> bool:
+    def has_messages(self) -> bool:
         return False
 
     def read(self) -> list[bytes]:
@@ -62,9 +76,11 @@ class UdpLine:
         self._socket.close()
 
 
-class TcpLine:
+class TcpConnection:
+    """A TCP connection: each message follows its length. See :class:`Connection`."""
+
     def __init__(self, address: tuple[str, int]) -> None:
-        self._socket = socket.create_connection(address, _SECONDS)
+        self._socket = socket.create_connection(address, _TIMEOUT)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._deframer = LengthDeframer()
 
@@ -77,9 +93,9 @@ class TcpLine:
         try:
             self._socket.sendall(len(message).to_bytes(2, "little") + message)
         except OSError as error:
-            raise ToolError(f"the agent takes nothing any more: {error.strerror}") from error
+            raise ToolError(f"the connection to the agent is lost: {error.strerror}") from error
 
-    def waits(self) -> bool:
+    def has_messages(self) -> bool:
         return False
 
     def read(self) -> list[bytes]:
@@ -95,18 +111,18 @@ class TcpLine:
         self._socket.close()
 
 
-class SerialLine:
-    """One serial line, which all boards share: each has an address on it, from 1 on."""
+class SerialPort:
+    """A serial port that all boards share. Each has an address on it, from 1 on."""
 
     def __init__(self, device: str, baudrate: int) -> None:
         from ...agent.transports.terminal import open_device
 
         self._fd = open_device(device, baudrate)
-        self._boards: dict[int, SharedLine] = {}
+        self._boards: dict[int, SerialConnection] = {}
 
-    def board(self, address: int) -> SharedLine:
-        """The line of one board."""
-        found = self._boards[address] = SharedLine(self, address)
+    def board(self, address: int) -> SerialConnection:
+        """Return the connection of the board with this address."""
+        found = self._boards[address] = SerialConnection(self, address)
         return found
 
     def fileno(self) -> int:
@@ -118,15 +134,15 @@ class SerialLine:
         out = bytearray(frame_size(message))
         left = memoryview(out)[: frame(message, address, 0, out)]
         while left:
-            if not select.select([], [self._fd], [], _SECONDS)[1]:
-                raise ToolError("the serial line takes nothing: does the agent read there?")
+            if not select.select([], [self._fd], [], _TIMEOUT)[1]:
+                raise ToolError("the serial line takes no more bytes: does the agent read from it?")
             try:
                 left = left[os.write(self._fd, left) :]
             except OSError as error:
-                raise ToolError(f"the serial line is gone: {error.strerror}") from error
+                raise ToolError(f"the serial line is lost: {error.strerror}") from error
 
     def read(self) -> None:
-        """Hand what has come to the boards."""
+        """Read the port and hand the messages to the boards."""
         try:
             chunk = os.read(self._fd, _LARGEST)
         except BlockingIOError:
@@ -134,7 +150,7 @@ class SerialLine:
         except OSError:
             chunk = b""
         if not chunk:
-            raise ToolError("the serial line has ended")
+            raise ToolError("the serial line was closed")
         for board in self._boards.values():
             board.messages.extend(board.deframer.feed(chunk))
 
@@ -144,37 +160,41 @@ class SerialLine:
             self._fd = -1
 
 
-class SharedLine:
-    """One board on a serial line."""
+class SerialConnection:
+    """One board on a serial port. See :class:`Connection`."""
 
-    def __init__(self, line: SerialLine, address: int) -> None:
-        self._line = line
+    def __init__(self, port: SerialPort, address: int) -> None:
+        self._port = port
         self._address = address
         self.deframer = Deframer(address)
         self.messages: list[bytes] = []
 
     def fileno(self) -> int:
-        return self._line.fileno()
+        return self._port.fileno()
 
     def send(self, message: bytes) -> None:
         if len(message) <= 0xFFFF:
-            self._line.send(self._address, message)
+            self._port.send(self._address, message)
 
-    def waits(self) -> bool:
+    def has_messages(self) -> bool:
         return bool(self.messages)
 
     def read(self) -> list[bytes]:
         if not self.messages:
-            self._line.read()
+            self._port.read()
         found, self.messages = self.messages, []
         return found
 
     def close(self) -> None:
-        self._line.close()
+        self._port.close()
 
 
-class Lines:
-    """Makes the lines to the agent at ``where``. Raises ToolError."""
+class Connections:
+    """Opens connections to the agent at ``where``, an address such as ``udp4://127.0.0.1:8888``.
+
+    Raises:
+        ToolError: ``where`` is not an address of an agent.
+    """
 
     def __init__(self, where: str) -> None:
         self.where = where
@@ -190,38 +210,47 @@ class Lines:
             if not self._device or self._host:
                 raise self._no_address("it names no device")
             if not baudrate.isdecimal() or not 0 < int(baudrate) <= 50_000_000:
-                raise self._no_address("its baudrate is no number")
+                raise self._no_address("its baudrate is not a number")
         elif self._kind not in known or not self._host or not self._port:
-            raise self._no_address("it says not which transport, host and port")
+            raise self._no_address("transport, host or port is missing")
         self._baudrate = int(baudrate)
-        self._serial: SerialLine | None = None
+        self._serial: SerialPort | None = None
 
     def _no_address(self, why: str) -> ToolError:
-        return ToolError(f"{self.where!r} is no address of an agent ({why}): write {_FORMS}")
+        return ToolError(f"{self.where!r} is not an address of an agent ({why}): use {_FORMS}")
 
-    def line(self, client: int) -> Line:
-        """A line for one more board. Raises ToolError."""
+    def connect(self, client: int) -> Connection:
+        """Connect one more board.
+
+        Args:
+            client: The client's number in the capture; it makes the address on a serial line.
+
+        Raises:
+            ToolError: The agent cannot be reached.
+        """
         try:
             if self._kind == "serial":
-                return self._serial_line().board(client % 255 + 1)
+                return self._serial_port().board(client % 255 + 1)
             six = self._kind.endswith("6")
             family = socket.AF_INET6 if six else socket.AF_INET
             found = socket.getaddrinfo(self._host, self._port, family, socket.SOCK_DGRAM)
             address = found[0][4][:2]
             where = (str(address[0]), int(address[1]))
-            return UdpLine(family, where) if self._kind.startswith("udp") else TcpLine(where)
+            if self._kind.startswith("udp"):
+                return UdpConnection(family, where)
+            return TcpConnection(where)
         except (OSError, UnicodeError) as error:
             why = getattr(error, "strerror", None) or str(error)
             raise ToolError(
-                f"there is no way to {self.where}: {why} (is the agent there?)"
+                f"cannot connect to {self.where}: {why}; is the agent running?"
             ) from error
 
-    def _serial_line(self) -> SerialLine:
+    def _serial_port(self) -> SerialPort:
         if self._serial is None:
             import termios
 
             try:
-                self._serial = SerialLine(self._device, self._baudrate)
+                self._serial = SerialPort(self._device, self._baudrate)
             except termios.error as error:
                 raise OSError(error.args[0], error.args[-1]) from error
         return self._serial

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..agent.process import AgentProcess
+from ..agent.child_process import AgentProcess
 from ..errors import ToolError
 from .screen import Row, Screen
 
@@ -75,7 +75,7 @@ class _Seat:
     told: dict[str, tuple[float, str]] = field(default_factory=dict)
 
 
-class Session:
+class Simulation:
     """Runs ``plans`` until Ctrl-C, or for ``seconds``.
 
     ``agent`` is whether there is an agent for them, None: if any of their programs talks to one.
