@@ -316,7 +316,7 @@ def test_an_agent_that_ends_in_between_is_told():
             return found
 
         connections.connect = ending
-        with pytest.raises(ToolError, match="closed the connection|connection to the agent is lost"):
+        with pytest.raises(ToolError, match="closed the connection|to the agent is lost"):
             player.play()
         player.close()
 

@@ -1,10 +1,10 @@
 """The command line: finds the verb, imports its module, runs it, reports errors.
 
 A verb's module has ``add_arguments(parser)`` and ``run(args) -> exit status``. It is imported
-only when its verb is used, so that ``uros --help`` costs nothing.
+only when its verb is used, so that ``uros --help`` stays cheap.
 
-Exit status: 0 done, 1 an error that the user can do something about (one line on standard error),
-2 a wrong command line, 130 interrupted, 141 nobody reads the output any more.
+Exit status: 0 success, 1 an error that the user can fix (one line on standard error), 2 a wrong
+command line, 130 interrupted, 141 the reader of the output has closed it.
 """
 
 from __future__ import annotations
@@ -12,98 +12,109 @@ from __future__ import annotations
 import argparse
 import errno
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, NoReturn
 
 from .. import __version__
 from ..printable import guarded, printable
 
 
 class Verb(NamedTuple):
+    """A command that a module implements.
+
+    Attributes:
+        help: What the command does.
+        module: The module below ``uros.tools``.
+        ros_args: Whether ``--ros-args`` is accepted and ignored.
+    """
+
     help: str
     module: str
-    ros_args: bool = False  # whether ``--ros-args`` is tolerated
+    ros_args: bool = False
 
 
 class Group(NamedTuple):
+    """A command that has commands of its own."""
+
     help: str
     members: Mapping[str, Verb | Group]
 
 
 _AGENT: Final = Verb("serve micro-ROS boards", "agent.command", ros_args=True)
 _ROOT: Final = Group(
-    "micro-ROS in Python: the agent and the tools.",
+    "micro-ROS in Python: the agent and the tools",
     {
         "agent": _AGENT,
-        "demo": Verb("run a virtual board through the agent", "demo"),
+        "demo": Verb("run a virtual board, an agent and a ROS 2 subscriber", "demo"),
         "topic": Group(
-            "look at the topics of a ROS 2 network, and publish on them",
+            "list, print and publish topics",
             {
-                "list": Verb("list the topics", "topic.list"),
-                "info": Verb("show who publishes and subscribes to a topic", "topic.info"),
-                "echo": Verb("print the messages of a topic", "topic.echo"),
-                "hz": Verb("print the rate of a topic", "topic.hz"),
-                "pub": Verb("publish messages on a topic", "topic.pub"),
+                "list": Verb("list topics", "topic.list"),
+                "info": Verb("print information about a topic", "topic.info"),
+                "echo": Verb("print messages of a topic", "topic.echo"),
+                "hz": Verb("print the average publishing rate of topics", "topic.hz"),
+                "pub": Verb("publish messages to a topic", "topic.pub"),
             },
         ),
         "node": Group(
-            "look at the nodes of a ROS 2 network",
+            "list nodes and print information about them",
             {
-                "list": Verb("list the nodes", "node.list"),
-                "info": Verb("show what a node publishes, subscribes to and serves", "node.info"),
+                "list": Verb("list nodes", "node.list"),
+                "info": Verb("print information about a node", "node.info"),
             },
         ),
         "image": Group(
-            "look at the pictures of a topic, keep them",
+            "show and save images of a topic",
             {
-                "view": Verb("show the pictures of a topic live in a browser", "image.view"),
-                "save": Verb("write the pictures of a topic to files", "image.save"),
+                "view": Verb("show the images of a topic live in a browser", "image.view"),
+                "save": Verb("save the images of a topic to files", "image.save"),
             },
         ),
-        "pid": Verb("tune the wheels of a rover, with a live plot in a browser", "rover.pid"),
+        "pid": Verb("tune the wheel controllers of a rover, with a live plot", "rover.pid"),
         "calibrate": Verb(
-            "find a rover's wheel radii and track from driven squares", "rover.calibrate"
+            "calibrate a rover's wheel radii and track by driving squares", "rover.calibrate"
         ),
         "service": Group(
-            "look at the services of a ROS 2 network, and call them",
+            "list and call services",
             {
-                "list": Verb("list the services", "service.list"),
+                "list": Verb("list services", "service.list"),
                 "type": Verb("print the type of a service", "service.type"),
-                "find": Verb("list the services of a type", "service.find"),
+                "find": Verb("list services of a type", "service.find"),
                 "call": Verb("call a service", "service.call"),
             },
         ),
-        "run": Verb("run one of the nodes that come with uros", "run.command"),
+        "run": Verb("run an example node of uros", "run.command"),
         "interface": Group(
-            "look at the types of messages, services and actions, write them for boards",
+            "show message, service and action types, and build them for boards",
             {
-                "list": Verb("list the types", "interface.list"),
-                "packages": Verb("list the packages that have types", "interface.packages"),
-                "package": Verb("list the types of a package", "interface.package"),
-                "show": Verb("show the definition of a type", "interface.show"),
-                "proto": Verb("print a message as YAML, to be filled in", "interface.proto"),
-                "build": Verb("write modules of types for a board", "interface.build"),
+                "list": Verb("list interface types", "interface.list"),
+                "packages": Verb("list packages with interface types", "interface.packages"),
+                "package": Verb("list the interface types of a package", "interface.package"),
+                "show": Verb("print the definition of an interface type", "interface.show"),
+                "proto": Verb("print a prototype of a message as YAML", "interface.proto"),
+                "build": Verb("build modules of interface types for a board", "interface.build"),
             },
         ),
-        "trace": Verb("show what boards and agent say to each other", "capture.trace"),
+        "trace": Verb("print the messages between boards and agent", "capture.trace"),
         "replay": Verb(
-            "play a capture's boards to an agent, compare its answers", "capture.replay"
+            "play a capture to an agent and compare its answers", "capture.replay"
         ),
         "board": Group(
-            "run virtual boards, build programs for real ones",
+            "run virtual boards; build and deploy programs for real ones",
             {
-                "list": Verb("list the virtual boards", "board.list"),
+                "list": Verb("list boards", "board.list"),
                 "run": Verb("run virtual boards with their firmware", "board.run"),
-                "build": Verb("write the files that a board's program needs", "board.build"),
-                "index": Verb("write a package index for MicroPython's mip", "board.index"),
-                "deploy": Verb("put a program on a real board, show its console", "board.deploy"),
-                "console": Verb("show what a real board prints", "board.console"),
+                "build": Verb("build a program for a board", "board.build"),
+                "index": Verb("build a package index for MicroPython's mip", "board.index"),
+                "deploy": Verb("deploy a program to a board and show its console", "board.deploy"),
+                "console": Verb("show the console of a real board", "board.console"),
             },
         ),
-        "fleet": Verb("run the virtual boards of a file", "fleet"),
-        "doctor": Verb("find out why boards and ROS 2 do not meet", "doctor.command"),
+        "fleet": Verb("run the virtual boards that a file lists", "fleet"),
+        "doctor": Verb("check why boards and ROS 2 nodes do not communicate", "doctor.command"),
     },
 )
 
@@ -112,15 +123,35 @@ _BROKEN_PIPE: Final = 141
 
 
 def main(argv: list[str] | None = None) -> int:
-    """``uros``. ``argv`` is what follows the command's name; the result is the exit status."""
+    """Run ``uros``.
+
+    Args:
+        argv: The arguments after the command's name; those of the process by default.
+
+    Returns:
+        The exit status.
+    """
     arguments = sys.argv[1:] if argv is None else argv
     return _guard(lambda: _run_group("uros", _ROOT, arguments))
 
 
 def agent_main(argv: list[str] | None = None) -> int:
-    """``MicroXRCEAgent`` and ``micro_ros_agent``: the same as ``uros agent``."""
+    """Run ``uros agent`` as ``MicroXRCEAgent`` or ``micro_ros_agent``."""
     arguments = sys.argv[1:] if argv is None else argv
     return _guard(lambda: _run_verb(os.path.basename(sys.argv[0]), _AGENT, arguments))
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors name the choice that comes close to a wrong one."""
+
+    def error(self, message: str) -> NoReturn:
+        wrong = re.search(r"invalid choice: (.+) \(choose from (.+)\)$", message)
+        if wrong:
+            from .errors import did_you_mean
+
+            choices = [choice.strip("' ") for choice in wrong[2].split(",")]
+            message += did_you_mean(wrong[1].strip("'"), choices)
+        super().error(message)
 
 
 def _run_group(prog: str, group: Group, argv: list[str]) -> int:
@@ -131,7 +162,7 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
             return _run_verb(f"{prog} {name}", member, rest)
         return _run_group(f"{prog} {name}", member, rest)
     width = max(map(len, group.members)) + 2
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog=prog,
         usage=f"{prog} COMMAND ...",
         description=group.help,
@@ -140,7 +171,7 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
                 "commands:",
                 *[f"  {name:<{width}}{member.help}" for name, member in group.members.items()],
                 "",
-                f"'{prog} COMMAND --help' tells more.",
+                f"'{prog} COMMAND --help' shows the options of a command.",
             ]
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -161,7 +192,7 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
 
 def _run_verb(prog: str, verb: Verb, argv: list[str]) -> int:
     module = import_module(f"uros.tools.{verb.module}")
-    parser = argparse.ArgumentParser(prog=prog, description=verb.help)
+    parser = _Parser(prog=prog, description=verb.help)
     module.add_arguments(parser)
     args, unknown = parser.parse_known_args(without_ros_args(argv) if verb.ros_args else argv)
     if unknown:
@@ -171,8 +202,6 @@ def _run_verb(prog: str, verb: Verb, argv: list[str]) -> int:
 
 
 def _close_option(parser: argparse.ArgumentParser, unknown: list[str]) -> str:
-    import re
-
     from .errors import did_you_mean
 
     known = dict.fromkeys(re.findall(r"(?<!\S)--[a-z][a-z0-9-]*", parser.format_help()))
@@ -181,7 +210,7 @@ def _close_option(parser: argparse.ArgumentParser, unknown: list[str]) -> str:
 
 
 def without_ros_args(argv: list[str]) -> list[str]:
-    """``argv`` without ``--ros-args … [--]``, which ``ros2 run`` and launch files append."""
+    """Return ``argv`` without ``--ros-args … [--]``, which ``ros2 run`` and launch files add."""
     kept = []
     within = False
     for word in argv:
@@ -195,8 +224,9 @@ def without_ros_args(argv: list[str]) -> list[str]:
 
 
 def _complete_streams() -> None:
-    """Put /dev/null where we were started without standard streams (``>&-``): else the next
-    socket would be standard output.
+    """Open /dev/null for standard streams that are closed (``>&-``).
+
+    Otherwise the next socket would become standard output.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -226,7 +256,7 @@ def _reported(run: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:
-        # Python flushes at exit once more, and would complain once more.
+        # Python flushes once more at exit, and would report the error again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _BROKEN_PIPE
     except OSError as error:

@@ -5,12 +5,18 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from .errors import did_you_mean
 
 if TYPE_CHECKING:
     from ..host.network import Network
+
+
+DISTRO_HELP: Final = (
+    "ROS 2 distribution whose interface definitions to use, such as humble (default: ROS_DISTRO,"
+    " or the newest one that uros knows)"
+)
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -54,13 +60,9 @@ def distro_name(text: str) -> str:
     return name
 
 
-def add_distro(parser: argparse.ArgumentParser, default: str | None = None) -> None:
-    """``--distro``; `know_distro` does what it says."""
-    parser.add_argument(
-        "--distro", metavar="NAME", type=distro_name, default=default,
-        help="ROS 2 distribution whose definitions count, such as humble (default: ROS_DISTRO, or"
-        " the newest one that uros knows)",
-    )  # fmt: skip
+def add_distro(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--distro``, which `know_distro` applies."""
+    parser.add_argument("--distro", metavar="NAME", type=distro_name, help=DISTRO_HELP)
 
 
 def know_distro(args: argparse.Namespace) -> None:

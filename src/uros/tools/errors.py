@@ -6,12 +6,19 @@ from collections.abc import Iterable
 
 
 class ToolError(RuntimeError):
-    """What the user asked for cannot be done; the text says why and what to do."""
+    """A command cannot do its work. The text says why, and what to do."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """``; did you mean 'topic'?``, or nothing where no known name is close."""
+    """Return a suggestion such as ``; did you mean 'topic'?``, or nothing if no name is close.
+
+    Case does not count.
+    """
     import difflib
 
-    close = difflib.get_close_matches(name, list(known), 3, 0.7)
+    by_lower = {one.lower(): one for one in known}
+    matches = [name.lower()]
+    if name.lower() not in by_lower:
+        matches = difflib.get_close_matches(name.lower(), list(by_lower), 3, 0.7)
+    close = [by_lower[match] for match in matches]
     return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""

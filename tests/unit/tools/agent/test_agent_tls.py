@@ -13,7 +13,7 @@ from unit.transport.test_tcp import QUICK, until
 from uros.agent.transports.tcp import TcpServer
 from uros.agent.transports.tls import TlsServer, tls_server
 from uros.client import AGENT_CONNECTED, Node
-from uros.tools.agent.options.transports import add_transport, make
+from uros.tools.agent.options.transports import TRANSPORTS, make
 from uros.transport.tls import TlsTransport
 
 PAGE = ROOT / "docs" / "security.md"
@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
 
 def parsed(name, *args):
     parser = argparse.ArgumentParser()
-    add_transport(name, parser)
+    TRANSPORTS[name].add_options(parser)
     return argparse.Namespace(transport=name, **vars(parser.parse_args(args)))
 
 
@@ -48,7 +48,7 @@ def test_options_of_tcp(folder, name):
 @pytest.mark.parametrize("name", ["udp4", "serial", "canfd"])
 def test_no_others_have_them(name):
     parser = argparse.ArgumentParser()
-    add_transport(name, parser)
+    TRANSPORTS[name].add_options(parser)
     assert "--tls" not in parser.format_help()
 
 

@@ -8,6 +8,7 @@ from unit.agent.transports.test_process import agent as process
 from uros.agent.transports import rfcomm
 from uros.agent.transports.base import TransportError
 from uros.middleware import NAMES
+from uros.tools import cli
 from uros.tools.agent import command
 from uros.tools.agent.options.transports import TRANSPORTS, make, make_discovery
 
@@ -115,7 +116,7 @@ def test_every_transport_has_help(name, capsys):
     with pytest.raises(SystemExit) as stop:
         parser().parse_args([name, "--help"])
     assert stop.value.code == 0
-    assert TRANSPORTS[name] in capsys.readouterr().out
+    assert TRANSPORTS[name].help in capsys.readouterr().out
 
 
 # --- options of the agent -----------------------------------------------------------------
@@ -166,9 +167,31 @@ def test_the_domain_for_boards_that_leave_it_to_the_agent(text, domain, monkeypa
 # --- groups of options ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("part", command._PARTS, ids=lambda part: part.__name__.split(".")[-1])
-def test_each_part_has_a_default_for_each_of_its_options_and_no_other(part):
-    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
-    part.add_options(common)
-    assert {it.dest for it in common._actions} == set(part.DEFAULTS)
-    assert [it.title for it in common._action_groups if it._group_actions]
+@pytest.mark.parametrize("group", command._GROUPS, ids=lambda group: group._title or "general")
+def test_each_group_has_a_default_for_each_of_its_options_and_no_other(group):
+    common = argparse.ArgumentParser(add_help=False)
+    group.declare(common)
+    assert {action.dest for action in common._actions} == set(group.defaults)
+    assert all(action.default is argparse.SUPPRESS for action in common._actions)
+    assert [group.title for group in common._action_groups if group._group_actions]
+
+
+# --- a wrong transport ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "uros agent: error: name a transport (udp4, udp6, tcp4, tcp6, serial, "),
+        ([], "such as: uros agent udp4 --port 8888"),
+        (["udp"], "; did you mean 'udp6' or 'udp4'?"),
+        (["UDP4"], "; did you mean 'udp4'?"),
+        (["udp4", "seriall"], "; did you mean 'serial'?"),
+        (["bluetooth"], "choose from"),
+        (["udp4", "-m", "ddss"], "; did you mean 'dds'?"),
+    ],
+)
+def test_a_missing_or_wrong_transport_names_those_there_are(arguments, said, capsys):
+    assert cli.main(["agent", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert said in printed.err and printed.out == ""

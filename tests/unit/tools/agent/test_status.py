@@ -242,7 +242,7 @@ def test_no_inspection_leaves_no_socket():
 
 
 def test_status_is_no_transport_among_others():
-    with pytest.raises(ToolError, match="status is no transport"):
+    with pytest.raises(ToolError, match="status is not a transport"):
         command.run(parser().parse_args(["udp4", "-p", "0", "status"]))
     with pytest.raises(SystemExit):
         parser().parse_args(["status", "udp4"])
@@ -263,7 +263,7 @@ def test_addresses_for_metrics(text, address):
 def test_what_is_no_address_for_metrics(text, capsys):
     with pytest.raises(SystemExit):
         parser().parse_args(["udp4", f"--metrics={text}"])
-    assert "is no address, such as 9100" in capsys.readouterr().err
+    assert "is not an address, such as 9100" in capsys.readouterr().err
 
 
 def test_the_help_of_the_agent_tells_of_it(capsys):

@@ -1,14 +1,15 @@
 """The options of ``uros agent``, a module for each subject.
 
 =================  ===============================================================================
-``admission``      The options of ``uros agent`` about who may come in, and how long one may be
-                   silent
+``admission``      The options of ``uros agent`` about the admission of clients and their
+                   liveliness
 ``capture``        The options of ``uros agent`` about captures
-``limits``         The options of ``uros agent`` about how much boards may have
-``rules``          The options of ``uros agent`` about what boards get on the network, which rules
-                   can say too
+``group``          A titled group of options, which states each option once: its flags, its help,
+                   its default
+``limits``         The options of ``uros agent`` about how much boards may use
+``rules``          The options of ``uros agent`` about what boards get on the network
 ``state``          The option of ``uros agent`` about restarts
-``status_socket``  The options of ``uros agent`` about looking into it while it runs
-``transports``     The transports of ``uros agent``: their options, and what is made of them
+``status_socket``  The options of ``uros agent`` about its status socket and its metrics
+``transports``     The transports of ``uros agent``: their options, and how each is made of them
 =================  ===============================================================================
 """

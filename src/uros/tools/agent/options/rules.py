@@ -1,4 +1,4 @@
-"""The options of ``uros agent`` about what boards get on the network, which rules can say too."""
+"""The options of ``uros agent`` about what boards get on the network."""
 
 from __future__ import annotations
 
@@ -7,57 +7,49 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ...common import domain, positive_float, positive_int
 from ...errors import ToolError
+from .group import OptionGroup
 
 if TYPE_CHECKING:
     from ....agent.policy.rules import Control
 
-DEFAULTS: Final[dict[str, Any]] = {
-    "domain": None,
-    "control": [],
-    "namespace": None,
-    "remap": [],
-    "qos": [],
-    "max_rate": None,
-    "max_size": None,
-}
-
-
-def add_options(common: argparse.ArgumentParser) -> None:
-    """Declare them."""
-    group = common.add_argument_group(
-        "what boards get", "For all boards; a file of rules (--control) can say which."
-    )
-    group.add_argument(
-        "--domain", type=domain, metavar="N",
-        help="put them into this ROS domain (default: the one each board asks for)",
-    )  # fmt: skip
-    group.add_argument(
-        "--namespace", metavar="NS", help="put their nodes, topics and services below NS"
-    )
-    group.add_argument(
-        "--remap", metavar="OLD:=NEW", action="append",
-        help="rename a topic or service; may be repeated",
-    )  # fmt: skip
-    group.add_argument(
-        "--qos", metavar="TOPIC:POLICY=VALUE,...", action="append",
-        help="change the QoS of a topic, such as /odom:reliability=best_effort,depth=1;"
-        " may be repeated",
-    )  # fmt: skip
-    group.add_argument(
-        "--max-rate", type=positive_float, metavar="HZ",
-        help="messages a second that a node may send",
-    )  # fmt: skip
-    group.add_argument(
-        "--max-size", type=positive_int, metavar="BYTES", help="longest message that may be sent"
-    )
-    group.add_argument(
-        "--control", metavar="FILE", action="append",
-        help="TOML file of rules for single boards; may be repeated (docs/agent.md)",
-    )  # fmt: skip
+OPTIONS: Final = OptionGroup(
+    "rules for all boards", "A rules file (--control) can hold rules for single boards."
+)
+OPTIONS.add(
+    "--domain", type=domain, metavar="N",
+    help="ROS domain of all boards (default: the one that each board asks for)",
+)  # fmt: skip
+OPTIONS.add("--namespace", metavar="NS", help="put nodes, topics and services below NS")
+OPTIONS.add(
+    "--remap", metavar="OLD:=NEW", action="append",
+    help="rename a topic or service; may be repeated",
+)  # fmt: skip
+OPTIONS.add(
+    "--qos", metavar="TOPIC:POLICY=VALUE,...", action="append",
+    help="change the QoS of a topic, such as /odom:reliability=best_effort,depth=1;"
+    " may be repeated",
+)  # fmt: skip
+OPTIONS.add(
+    "--max-rate", type=positive_float, metavar="HZ",
+    help="maximum number of messages that a node may send in a second",
+)  # fmt: skip
+OPTIONS.add(
+    "--max-size", type=positive_int, metavar="BYTES",
+    help="maximum length of a message that a node may send",
+)  # fmt: skip
+OPTIONS.add(
+    "--control", metavar="FILE", action="append",
+    help="TOML file with rules for single boards (docs/agent.md); may be repeated",
+)  # fmt: skip
 
 
 def make_control(options: argparse.Namespace) -> Control:
-    """The rules: of the files in their order, then of the command line. Raises ControlError."""
+    """Make the rules: those of the files in their order, then those of the command line.
+
+    Raises:
+        ControlError: A rule is wrong.
+        ToolError: An option is malformed.
+    """
     from ....agent.policy.config_values import ControlError
     from ....agent.policy.rules import Control
 
@@ -103,5 +95,5 @@ def _qos(text: str) -> tuple[str, dict[str, Any]]:
 
     form = "TOPIC:POLICY=VALUE,..."
     topic, policies = _pair(text, ":", "--qos", form)
-    fields = dict(_pair(it, "=", "--qos", form) for it in policies.split(","))
-    return topic, {name: typed(it) for name, it in fields.items()}
+    fields = dict(_pair(policy, "=", "--qos", form) for policy in policies.split(","))
+    return topic, {name: typed(value) for name, value in fields.items()}

@@ -1,111 +1,125 @@
-"""The transports of ``uros agent``: their options, and what is made of them."""
+"""The transports of ``uros agent``: their options, and how each is made of them."""
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from ....agent.transports.base import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from ....agent.transports.base import ServerTransport
 
-TRANSPORTS: Final = {
-    "udp4": "UDP over IPv4",
-    "udp6": "UDP over IPv6",
-    "tcp4": "TCP over IPv4",
-    "tcp6": "TCP over IPv6",
-    "serial": "a serial device",
-    "multiserial": "several serial devices",
-    "pseudoterminal": "a pseudo-terminal of its own",
-    "canfd": "a CAN FD interface",
-    "rfcomm": "Bluetooth RFCOMM",
-    "custom": "a transport of your own, a class (docs/custom_transport.md)",
-}
 DEFAULT_DISCOVERY_PORT: Final = 7400
 _TLS: Final = {
-    "--tls-cert": "speak TLS: the agent's certificate, PEM, and below it those that lead to its CA",
-    "--tls-key": "private key of the certificate, PEM, not encrypted",
-    "--tls-ca": "only clients with a certificate that this CA has signed, PEM (docs/security.md)",
+    "--tls-cert": "enable TLS with this certificate of the agent: PEM, followed by the certificates"
+    " that lead to its CA",
+    "--tls-key": "private key of the certificate: PEM, not encrypted",
+    "--tls-ca": "admit only clients with a certificate that this CA signed: PEM (docs/security.md)",
 }
-_BY_PORT: Final = ("udp4", "udp6", "tcp4", "tcp6")
 
 
 def port(text: str) -> int:
+    """Parse a port to listen on, 0 to 65535."""
     if not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"{text!r} is no port (0 to 65535)")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port (0 to 65535)")
     return int(text)
 
 
-def add_transport(name: str, parser: argparse.ArgumentParser) -> None:
-    """The options of one transport."""
-    if name in _BY_PORT:
-        parser.add_argument(
-            "-p", "--port", type=port, default=DEFAULT_PORT, metavar="N",
-            help=f"port to listen on (default {DEFAULT_PORT}; 0: any that is free)",
-        )  # fmt: skip
-        if name.startswith("tcp"):
-            for option, help_text in _TLS.items():
-                parser.add_argument(option, metavar="FILE", help=help_text)
-        return
-    if name == "canfd":
-        parser.add_argument("-D", "--dev", metavar="NAME", required=True, help="such as can0")
-        parser.add_argument(
-            "--interface", default="socketcan", metavar="KIND",
-            help="what python-can reaches it by (default socketcan)",
-        )  # fmt: skip
-        # The C++ agent takes it too, and has no use for it: boards choose their ids.
-        parser.add_argument("-I", "--id", help=argparse.SUPPRESS)
-        return
-    if name == "custom":
-        parser.add_argument(
-            "spec", metavar="MODULE:CLASS", help="the class, or FILE.py:CLASS"
-        )
-        parser.add_argument(
-            "-a", "--argument", action="append", default=[], metavar="TEXT", dest="arguments",
-            help="an argument for its constructor; may be repeated",
-        )  # fmt: skip
-        return
-    if name == "rfcomm":
-        parser.add_argument(
-            "--address", metavar="AA:BB:CC:DD:EE:FF",
-            help="the board's, to connect to it (default: wait for boards that connect)",
-        )  # fmt: skip
-        parser.add_argument(
-            "--channel", type=_channel, default=1, metavar="N", help="1 to 30 (default 1)"
-        )
-        return
-    if name == "serial":
-        which = parser.add_mutually_exclusive_group(required=True)
-        which.add_argument(
-            "-D", "--dev", metavar="DEVICE",
-            help="such as /dev/ttyACM0, COM3, socket://HOST:PORT or rfc2217://HOST:PORT",
-        )  # fmt: skip
-        which.add_argument("-f", "--file", metavar="FILE", help="file with the device's name")
-    if name == "multiserial":
-        which = parser.add_mutually_exclusive_group(required=True)
-        which.add_argument("-D", "--devs", metavar="DEVICE", nargs="+", help="several devices")
-        which.add_argument("-f", "--file", metavar="FILE", help="file with a device a line")
+# --- the options of each transport ------------------------------------------------------------
+
+
+def _add_port(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "-b", "--baudrate", type=_baudrate, default=115200, metavar="N", help="default 115200"
+        "-p", "--port", type=port, default=DEFAULT_PORT, metavar="N",
+        help=f"port to listen on (default: {DEFAULT_PORT}; 0: any free one)",
+    )  # fmt: skip
+
+
+def _add_tcp(parser: argparse.ArgumentParser) -> None:
+    _add_port(parser)
+    for option, help_text in _TLS.items():
+        parser.add_argument(option, metavar="FILE", help=help_text)
+
+
+def _add_serial(parser: argparse.ArgumentParser) -> None:
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument(
+        "-D", "--dev", metavar="DEVICE",
+        help="serial device, such as /dev/ttyACM0, COM3, socket://HOST:PORT or"
+        " rfc2217://HOST:PORT",
+    )  # fmt: skip
+    which.add_argument("-f", "--file", metavar="FILE", help="file that holds the device's name")
+    _add_baudrate(parser)
+    _add_control_lines(parser)
+
+
+def _add_multiserial(parser: argparse.ArgumentParser) -> None:
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("-D", "--devs", metavar="DEVICE", nargs="+", help="serial devices")
+    which.add_argument("-f", "--file", metavar="FILE", help="file with one device on each line")
+    _add_baudrate(parser)
+    _add_control_lines(parser)
+
+
+def _add_baudrate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-b", "--baudrate", type=_baudrate, default=115200, metavar="N",
+        help="baud rate (default: 115200)",
+    )  # fmt: skip
+
+
+def _add_control_lines(parser: argparse.ArgumentParser) -> None:
+    for line in ("dtr", "rts"):
+        parser.add_argument(
+            f"--{line}", type=_on_off, metavar="on|off",
+            help=f"set the control line {line.upper()} after opening (default: as the system does)",
+        )  # fmt: skip
+
+
+def _add_canfd(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-D", "--dev", metavar="NAME", required=True, help="CAN interface, such as can0"
     )
-    if name != "pseudoterminal":
-        for line in ("dtr", "rts"):
-            parser.add_argument(
-                f"--{line}", type=_on_off, metavar="on|off",
-                help=f"set the line {line.upper()} after opening (default: the system's way)",
-            )  # fmt: skip
+    parser.add_argument(
+        "--interface", default="socketcan", metavar="KIND",
+        help="kind of adapter, as python-can names it (default: socketcan)",
+    )  # fmt: skip
+    # The C++ agent takes it too and ignores it: boards choose their CAN ids.
+    parser.add_argument("-I", "--id", help=argparse.SUPPRESS)
+
+
+def _add_rfcomm(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--address", metavar="AA:BB:CC:DD:EE:FF",
+        help="Bluetooth address of the board to connect to (default: wait for boards to connect)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--channel", type=_channel, default=1, metavar="N",
+        help="RFCOMM channel, 1 to 30 (default: 1)",
+    )  # fmt: skip
+
+
+def _add_custom(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "spec", metavar="MODULE:CLASS", help="the transport's class; or FILE.py:CLASS"
+    )
+    parser.add_argument(
+        "-a", "--argument", action="append", default=[], metavar="TEXT", dest="arguments",
+        help="argument for the constructor of the class; may be repeated",
+    )  # fmt: skip
 
 
 def _channel(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= 30:
-        raise argparse.ArgumentTypeError(f"{text!r} is no RFCOMM channel (1 to 30)")
+        raise argparse.ArgumentTypeError(f"{text!r} is not an RFCOMM channel (1 to 30)")
     return int(text)
 
 
 def _baudrate(text: str) -> int:
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is no baud rate, such as 115200")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a baud rate, such as 115200")
     return int(text)
 
 
@@ -115,10 +129,7 @@ def _on_off(text: str) -> bool:
     return text == "on"
 
 
-def make(args: argparse.Namespace) -> list[ServerTransport]:
-    """The transports of one part of the command line. Raises TransportError."""
-    made: list[ServerTransport] = _MAKERS[args.transport](args)
-    return made
+# --- the transports themselves ----------------------------------------------------------------
 
 
 def _udp(args: argparse.Namespace) -> list[ServerTransport]:
@@ -184,22 +195,54 @@ def _custom(args: argparse.Namespace) -> list[ServerTransport]:
     return [CustomServer(load(args.spec, args.arguments))]
 
 
-_MAKERS: Final = {
-    "udp4": _udp,
-    "udp6": _udp,
-    "tcp4": _tcp,
-    "tcp6": _tcp,
-    "serial": _serial,
-    "multiserial": _multiserial,
-    "pseudoterminal": _pseudoterminal,
-    "canfd": _canfd,
-    "rfcomm": _rfcomm,
-    "custom": _custom,
+class Transport(NamedTuple):
+    """What ``uros agent`` knows of a transport.
+
+    Attributes:
+        help: What it is, for the help.
+        add_options: Declares its options.
+        make: Makes the transports that a part of the command line asks for.
+    """
+
+    help: str
+    add_options: Callable[[argparse.ArgumentParser], None]
+    make: Callable[[argparse.Namespace], list[ServerTransport]]
+
+
+TRANSPORTS: Final = {
+    "udp4": Transport("UDP over IPv4", _add_port, _udp),
+    "udp6": Transport("UDP over IPv6", _add_port, _udp),
+    "tcp4": Transport("TCP over IPv4, with or without TLS", _add_tcp, _tcp),
+    "tcp6": Transport("TCP over IPv6, with or without TLS", _add_tcp, _tcp),
+    "serial": Transport("a serial device", _add_serial, _serial),
+    "multiserial": Transport("several serial devices", _add_multiserial, _multiserial),
+    "pseudoterminal": Transport(
+        "a pseudo-terminal that the agent makes", _add_baudrate, _pseudoterminal
+    ),
+    "canfd": Transport("a CAN FD interface", _add_canfd, _canfd),
+    "rfcomm": Transport("Bluetooth RFCOMM", _add_rfcomm, _rfcomm),
+    "custom": Transport(
+        "a transport class of your own (docs/custom_transport.md)", _add_custom, _custom
+    ),
 }
 
 
+def make(args: argparse.Namespace) -> list[ServerTransport]:
+    """Make the transports of one part of the command line.
+
+    Raises:
+        TransportError: The transport cannot be used.
+    """
+    return TRANSPORTS[args.transport].make(args)
+
+
 def make_discovery(port: int, transports: list[ServerTransport]) -> ServerTransport:
-    """What answers boards that ask where the agent is; behind the others in a server's list."""
+    """Make the transport that answers boards that search for an agent by multicast.
+
+    Args:
+        port: UDP port to listen on.
+        transports: The agent's other transports, which come before it in the server's list.
+    """
     from ....agent.transports.discovery import DiscoveryServer
 
     return DiscoveryServer(transports, port)

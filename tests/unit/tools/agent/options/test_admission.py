@@ -49,7 +49,7 @@ def test_dead_time(text, seconds):
 def test_a_dead_time_that_is_none(text, capsys):
     with pytest.raises(SystemExit):
         parts(f"udp4 --dead-time {text}")
-    assert f"{text!r} is no number of seconds up to 86400 (0: never)" in capsys.readouterr().err
+    assert f"{text!r} is not a number of seconds from 0 (never) to 86400" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -90,5 +90,5 @@ def test_an_agent_started_with_them_holds_to_them():
 def test_the_help_tells_the_defaults():
     (udp,) = [it for it in parser()._actions if it.dest == "transport"]
     said = udp.choices["udp4"].format_help()
-    assert f"(default and at most {MAX_CLIENTS})" in said
-    assert f"(default {DEAD_TIME:.0f}; 0: never)" in said
+    assert f"(default: {MAX_CLIENTS}, which is also the highest)" in said
+    assert f"(default: {DEAD_TIME:.0f}; 0: never)" in said

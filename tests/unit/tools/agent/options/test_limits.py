@@ -45,7 +45,7 @@ def test_the_help_tells_the_defaults():
         (found,) = [
             it for it in udp.choices["udp4"]._actions if name in it.option_strings
         ]
-        assert f"(default {default})" in found.help
+        assert f"(default: {default})" in found.help
 
 
 def test_an_agent_with_a_watchdog_ends_as_ever():

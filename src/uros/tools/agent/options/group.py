@@ -1,0 +1,44 @@
+"""A titled group of options, which states each option once: its flags, its help, its default."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+
+class OptionGroup:
+    """Options under one title of the help of ``uros agent``.
+
+    Args:
+        title: The title; without one the options stand among the general ones.
+        description: A sentence below the title.
+    """
+
+    def __init__(self, title: str | None = None, description: str | None = None) -> None:
+        self.defaults: dict[str, Any] = {}
+        self._title = title
+        self._description = description
+        self._options: list[tuple[tuple[str, ...], dict[str, Any]]] = []
+
+    def add(self, *flags: str, default: Any = None, **keywords: Any) -> None:
+        """Add an option.
+
+        Args:
+            flags: Its names; the first long one names the attribute.
+            default: Its value on a command line without it. A repeatable option starts as an empty
+                list, a switch that turns something off as True.
+            keywords: The rest, as ``argparse`` takes them.
+        """
+        long = next(flag for flag in flags if flag.startswith("--"))
+        name = keywords.get("dest") or long[2:].replace("-", "_")
+        action = keywords.get("action")
+        self.defaults[name] = {"append": [], "store_false": True}.get(action or "", default)
+        self._options.append((flags, keywords))
+
+    def declare(self, parser: argparse.ArgumentParser) -> None:
+        """Add the options to a parser, which leaves out the attributes of those not given."""
+        group: Any = parser
+        if self._title is not None:
+            group = parser.add_argument_group(self._title, self._description)
+        for flags, keywords in self._options:
+            group.add_argument(*flags, default=argparse.SUPPRESS, **keywords)
