@@ -89,6 +89,6 @@ def test_an_agent_started_with_them_holds_to_them():
 
 def test_the_help_tells_the_defaults():
     (udp,) = [it for it in parser()._actions if it.dest == "transport"]
-    said = udp.choices["udp4"].format_help()
+    said = " ".join(udp.choices["udp4"].format_help().split())
     assert f"(default: {MAX_CLIENTS}, which is also the highest)" in said
     assert f"(default: {DEAD_TIME:.0f}; 0: never)" in said
