@@ -16,7 +16,7 @@ from typing import Final
 
 from . import registry
 from .board_walk import HALVES, BoardWalker, Names, is_doubles
-from .emit import RUN_VALUES, Sizer, range_of, runs, within
+from .emit import RUN_VALUES, Sizer, range_of, runs
 from .emit_load import Loader
 from .layout import CODES, Aliases, fixed_size, is_octets
 from .parse import Message, Type
@@ -79,12 +79,21 @@ class _Sizer(Sizer):
         super().nested(type_, path)
 
 
+def _beyond(var: str, low: int, high: int) -> str:
+    """What is not 0 where an integer is out of its range. Numbers that MicroPython does not keep in
+    a word would take 16 bytes for each place where they stand."""
+    bits = high.bit_length()
+    if not low:
+        return f"{var} >> {bits}"
+    return f"{var} + {high + 1} >> {bits + 1}" if bits < 30 else f"({var} >> {bits}) + 1 >> 1"
+
+
 class _Packer(BoardWalker):
     def __init__(self, attribute: Attribute, aliases: Aliases, calls: Names) -> None:
         super().__init__(attribute, aliases, calls)
         self.args: list[str] = []
         self.types: dict[str, list[str]] = {}  # by a class, those that are to be of it
-        self.ranges: list[str] = []
+        self.beyond: list[str] = []  # what is true where a value is out of its range
         self.late = calls.lean  # classes are checked before the last run only
         self.rows: dict[int, list[str]] = {}
         self.zeros: tuple[int, str] | None = None  # the line of a text's NUL, and its place
@@ -145,15 +154,15 @@ class _Packer(BoardWalker):
             for alias, its in self.types.items():
                 types.append(" is ".join([*(f"{var}.__class__" for var in its), alias]))
             self.types.clear()
-        for conditions, error in ((types, "TypeError"), (self.ranges, "ValueError")):
-            if conditions:
-                wrong = f"not ({' and '.join(conditions)})"
-                if len(conditions) == 1:
-                    first = conditions[0]
-                    plain = first.count(" is ") == 1
-                    wrong = first.replace(" is ", " is not ") if plain else f"not ({first})"
-                self.lines += [f"if {wrong}:", f"    raise {error}{self.calls.tell}"]
-                conditions.clear()
+        if types:
+            wrong = f"not ({' and '.join(types)})"
+            if len(types) == 1 and types[0].count(" is ") == 1:
+                wrong = types[0].replace(" is ", " is not ")
+            self.lines += [f"if {wrong}:", f"    raise TypeError{self.calls.tell}"]
+        if self.beyond:
+            wrong = " or ".join(self.beyond)
+            self.lines += [f"if {wrong}:", f"    raise ValueError{self.calls.tell}"]
+            self.beyond.clear()
 
     def flush(self) -> None:
         self.check()
@@ -178,8 +187,7 @@ class _Packer(BoardWalker):
         code, octets = CODES[name]
         if limits := range_of(name):
             path = self.local("i", f"_octet({path})" if name == "byte" else path)
-            condition = within(path, *limits)
-            self.ranges.append(f"({condition})" if "<=" not in condition else condition)
+            self.beyond.append(_beyond(path, *limits))
         self.put(code, path, octets, octets)
 
     def nested(self, type_: Type, path: str) -> None:
@@ -203,7 +211,7 @@ class _Packer(BoardWalker):
 
     def halves(self, var: str) -> None:
         high = self.local("i", f"{var}.high")
-        self.ranges.append(f"{high} + 32768 >> 16 == 0")
+        self.beyond.append(f"{high} + 32768 >> 16")
         self.put("H", f"{var}.low", 2, 4)
         self.put("h", high, 2, 2)
         self.number("uint32", f"{var}.nanosec")
@@ -215,7 +223,7 @@ class _Packer(BoardWalker):
         data = self.local("s", octets)
         length = self.local("n", f"len({data})" + (" >> 2" if wide else ""))
         if type_.string_bound:
-            self.ranges.append(f"{length} <= {type_.string_bound}")
+            self.beyond.append(f"{length} > {type_.string_bound}")
         self.put("I", length if wide else f"{length} + 1", 4, 4)
         self.flush()
         if wide:
@@ -233,7 +241,7 @@ class _Packer(BoardWalker):
     def fixed(self, type_: Type, path: str) -> None:
         if is_octets(type_):
             var = self.local("v", f"_octets({path})")
-            self.ranges.append(f"len({var}) == {type_.size}")
+            self.beyond.append(f"len({var}) != {type_.size}")
             self.put(f"{type_.size}s", var, type_.size, 1)
         elif type_.name == "float64":
             self.align(8)
@@ -242,14 +250,14 @@ class _Packer(BoardWalker):
             self.put(f"{8 * type_.size}s", var, 8 * type_.size, 8)
         else:
             var = self.local("v", path)
-            self.ranges.append(f"len({var}) == {type_.size}")
+            self.beyond.append(f"len({var}) != {type_.size}")
             self.elements(type_, var)
 
     def sequence(self, type_: Type, path: str) -> None:
         octets = is_octets(type_)
         var = self.local("v", f"_wire_bytes({path})" if octets else path)
         if type_.size:
-            self.ranges.append(f"len({var}) <= {type_.size}")
+            self.beyond.append(f"len({var}) > {type_.size}")
         self.put("I", f"len({var})", 4, 4)
         self.flush()
         if octets:
