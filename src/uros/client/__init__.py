@@ -9,6 +9,7 @@ Everything here runs unchanged on CPython and on MicroPython. Modules, from the 
 ``executor``    timers and callbacks, in order, with triggers
 ``entities``    publisher, subscription, service, client
 ``node``        the Node that makes them
+``protocols``   what these need of each other, for type checkers
 ==============  ================================================================
 
 What not every program needs is in modules of its own, which cost nothing where they are not

@@ -82,10 +82,9 @@ class End:
         """Make ``states``. By default their last message is kept for who comes late: on a board a
         flag says so, which takes less memory than a QoSProfile.
         """
-        connection = self.node.connection
         flags = 0
         if qos is None:
-            qos = connection.latched(1) if hasattr(connection, "latched") else 1
+            qos = self.node.connection.transient_local(1)
             flags = ids.QOS_TRANSIENT_LOCAL
         kind = self.action_type.Impl.GoalStatusMessage
         self.states = self.make(make, self.node, self.topic("status"), kind, qos, *arguments)

@@ -21,29 +21,10 @@ from .clock import Clock
 from .session import GOODBYE, Session
 
 try:
-    from typing import Any, Callable, Final, Protocol
+    from typing import Any, Callable, Final
 
     from ..wire.cdr import Buffer
-
-    class Transport(Protocol):
-        """The board's end of a line. Neither end of a message is ever seen."""
-
-        mtu: int
-
-        def open(self) -> None:
-            """Raises OSError where there is no line now."""
-
-        def close(self) -> None:
-            """Twice is once."""
-
-        def send(self, message: "Buffer", size: int) -> None:
-            """Send the first ``size`` bytes, or lose them; never wait. The buffer is the
-            caller's again afterwards. OSError: the line is gone.
-            """
-
-        def receive(self, timeout_ms: int) -> "bytes | None":
-            """The next message, waiting for it at most so long. OSError: the line is gone."""
-
+    from .protocols import Transport
 except ImportError:  # MicroPython
     pass
 
@@ -155,9 +136,16 @@ class Connection(Session):
                 self._awaited[request] = None
 
     @property
-    def session(self) -> "Connection":
-        """The session is the connection itself."""
+    def session(self) -> "Session":
+        """The XRCE session: the connection itself."""
         return self
+
+    def transient_local(self, depth: int) -> int:
+        """Return ``depth``: the caller sets QOS_TRANSIENT_LOCAL in the entity's flags.
+
+        That takes less of a board's memory than a QoSProfile.
+        """
+        return depth
 
     def create(
         self, entity: "Any", object_id: int, parent: int, push: "Callable[..., None]",
@@ -226,9 +214,8 @@ class Connection(Session):
         entity = self._awaited.pop(request_id, None)
         # What was not there needs no deletion.
         if status >= ids.STATUS_ERR_DDS_ERROR and (entity is not None or not known):
-            for it in self._by_id.values():
-                if request_id in getattr(it, "_pending", ()):  # a call that has no server
-                    it._queue.append((it._pending.pop(request_id), None))
+            for receiver in self._by_id.values():
+                if receiver.on_refused(request_id):
                     return
             self._refused(entity.name if known else "request %d" % request_id, status)
 

@@ -60,9 +60,8 @@ class Entity:
         else:
             from ..qos import to_flags
 
-            # A host's nodes have all of DDS.
-            direct = hasattr(node.connection, "middleware")
-            self.flags = to_flags(qos, 0 if direct else self.kinds[-1])
+            # Without an agent all of DDS applies.
+            self.flags = to_flags(qos, self.kinds[-1] if node.connection.session else 0)
             self.depth = qos.depth
         self.connection: "Any" = node.connection
         self.number: int = self.connection.add(self)
@@ -83,6 +82,10 @@ class Entity:
     def on_lost(self) -> None:
         """The session has ended."""
         self.created = False
+
+    def on_refused(self, request_id: int) -> bool:
+        """Return whether it made this request, which the agent refuses."""
+        return False
 
     def create(self, connection: "Any", step: int) -> bool:
         """Make the request of this number, from 0 on, of those that create it: an object each,
@@ -129,8 +132,9 @@ class Publisher(Entity):
         self.published = 0
         self.dropped = 0
         super().__init__(node, name, type, qos)
-        # Whose messages go out by the shortest way: nobody's with best effort.
-        self._direct = type if self.flags & ids.QOS_RELIABLE else None
+        # The type whose messages publish() puts straight into a buffer of the session: none with
+        # best effort, and none without an agent.
+        self._direct = type if self.flags & ids.QOS_RELIABLE and node.connection.session else None
         # Of a board's classes the codec itself, without what words its errors.
         self._pack: "Any" = getattr(type, "_pack", None) or getattr(type, "pack_into", None)
         number = self.object_id(ids.KIND_DATAWRITER)
@@ -394,6 +398,13 @@ class Client(_Receiver):
         self.on_lost()
         while self._queue:
             self.execute(True)
+
+    def on_refused(self, request_id: int) -> bool:
+        """Fail the call of this request: it has no server. See `Entity.on_refused`."""
+        future = self._pending.pop(request_id, None)
+        if future is not None:
+            self._queue.append((future, None))
+        return future is not None
 
     def on_lost(self) -> None:
         pending = self._pending

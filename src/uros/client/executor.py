@@ -137,6 +137,7 @@ class Timer:
     """
 
     invocation = ON_NEW_DATA
+    kinds = None  # the agent knows nothing of it
 
     def __init__(
         self, period: float, callback: "Callable[[], object]", clock: "Any", autostart: bool = True

@@ -23,6 +23,7 @@ class GuardCondition:
     """
 
     invocation = ON_NEW_DATA
+    kinds = None  # the agent knows nothing of it
 
     def __init__(self, callback: "Callable[[], object]", clock: "Any") -> None:
         self.callback = callback

@@ -193,7 +193,7 @@ class StateMachine:
                 self._node.executor._fail(error)
 
     def _say(self, text: str) -> None:
-        logger = getattr(self._node, "_rosout", None)
+        logger = self._node._rosout
         if logger is None:
             print("%s: %s" % (self._node.name, text))
         else:

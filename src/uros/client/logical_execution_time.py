@@ -77,12 +77,12 @@ class LetExecutor(Executor):
         self.until_deadline = False  # a Period releases
         self._depth = 0
         self._cork: "Any" = None
-        connection = node.connection
-        if hasattr(connection, "transport"):
-            self._cork = connection.transport
+        session = node.connection.session
+        if session is not None:
+            self._cork = session.transport
             if not isinstance(self._cork, _Cork):
-                self._cork = _Cork(connection.transport, connection.session.limit)
-                connection.transport = self._cork
+                self._cork = _Cork(session.transport, session.limit)
+                session.transport = self._cork
         node.executor = self
 
     def execute(self, now: int) -> int:
@@ -122,9 +122,9 @@ class Period:
         return self._timer.missed
 
     def _end(self) -> None:
-        release = getattr(self._node.executor, "release", None)
-        if release is not None:
-            release()
+        executor = self._node.executor
+        if isinstance(executor, LetExecutor):
+            executor.release()
 
     def spin_once(self) -> int:
         """One round, now, and the rest of its period; how many callbacks ran."""
@@ -133,7 +133,7 @@ class Period:
         if timer.is_canceled():
             timer.reset()
             node.connection.pump(0)
-        if hasattr(node.executor, "until_deadline"):
+        if isinstance(node.executor, LetExecutor):
             node.executor.until_deadline = True
         count: int = node.executor.execute(node.clock.ms())
         while not timer.is_ready():

@@ -11,10 +11,10 @@ try:
     from typing import Any, Callable, Final
 
     from .clock import Clock
-    from .connection import Transport
     from .entities import Future
     from .parameter import Parameter
     from .parameters import ParameterServer
+    from .protocols import NodeConnection, Transport
     from .rosout import Logger, Rosout
 except ImportError:  # MicroPython
     pass
@@ -36,11 +36,16 @@ class Node:
     """
 
     kinds = (ids.KIND_PARTICIPANT,)
+    # Instances of these are connections, which nodes share; all else is a transport.
+    _connections: "tuple[type, ...]" = (Connection,)
+    # Made when they are first asked for.
+    _rosout: "Rosout | None" = None
+    _parameters: "ParameterServer | None" = None
 
     def __init__(
         self,
         name: str,
-        transport: "Transport | Connection",
+        transport: "Transport | NodeConnection",
         namespace: str = "",
         domain_id: int = 0,
         key: "int | None" = None,
@@ -59,15 +64,17 @@ class Node:
             executor = Executor()
             executor.between = self._serve
         self.executor = executor
-        self.connection: "Any" = transport
-        self._owner = False
-        if not hasattr(transport, "pump"):
+        line: "Any" = transport
+        self._owner = not isinstance(line, self._connections)
+        if self._owner:
             if not hasattr(transport, "mtu"):
                 raise TypeError("%r is no transport, as UdpTransport(host, port) is" % transport)
-            self._owner = True
-            self.connection = Connection(
-                transport, board_key(name) if key is None else key, **options
+            connection: "NodeConnection" = Connection(
+                line, board_key(name) if key is None else key, **options
             )
+        else:
+            connection = line
+        self.connection = connection
         # Ticks, and the time since 1970: ``node.clock.stamp(message.header.stamp)``.
         self.clock: "Clock" = self.connection.clock
         self._entities: "list[Any]" = []  # and timers: all that is called back
@@ -146,7 +153,7 @@ class Node:
 
     def get_logger(self) -> "Logger":
         """The node's log, on the console and on /rosout: see uros.client.rosout."""
-        log: "Rosout | None" = getattr(self, "_rosout", None)
+        log = self._rosout
         if log is None:
             from .rosout import Rosout
 
@@ -156,7 +163,7 @@ class Node:
     # See uros.client.parameters.
 
     def _parameter_server(self) -> "Any":
-        server = getattr(self, "_parameters", None)
+        server = self._parameters
         if server is None:
             from .parameters import ParameterServer
 
@@ -271,7 +278,7 @@ class Node:
         delete what is ours.
         """
         for entity in reversed(list(self._entities)):
-            if self._owner or not hasattr(entity, "kinds"):
+            if self._owner or entity.kinds is None:
                 self.forget(entity)
             else:
                 entity.destroy()
@@ -286,13 +293,12 @@ class Node:
     @property
     def state(self) -> int:
         """WAITING_AGENT, AGENT_AVAILABLE, AGENT_CONNECTED or AGENT_DISCONNECTED."""
-        state: int = self.connection.state
-        return state
+        return self.connection.state
 
     @property
     def on_state(self) -> "Callable[[int], object] | None":
         """Called with each new state."""
-        return self.connection.on_state  # type: ignore[no-any-return]
+        return self.connection.on_state
 
     @on_state.setter
     def on_state(self, callback: "Callable[[int], object] | None") -> None:

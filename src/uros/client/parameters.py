@@ -60,7 +60,7 @@ class ParameterServer:
         self, node: "Any", persist: "Any" = None, overrides: "dict[str, Any] | None" = None,
         allow_undeclared: bool = False, events: bool = True,
     ) -> None:  # fmt: skip
-        if getattr(node, "_parameters", None) is not None:
+        if node._parameters is not None:
             raise ValueError("%s has parameters already: make the server first" % node.name)
         node._parameters = self
         self.node = node

@@ -19,6 +19,7 @@ from ..client.clock import Clock
 from ..client.connection import AGENT_CONNECTED, AGENT_DISCONNECTED
 from ..client.entities import Client, Future, Publisher, Service, Subscription
 from ..client.node import Node
+from ..client.protocols import NodeConnection
 from ..interfaces.codec import to_cdr
 from ..middleware import base
 from ..printable import printable
@@ -228,20 +229,18 @@ def _service(entity: Service | Client) -> base.Service:
     )
 
 
-class Direct:
+class Direct(NodeConnection):
     """One or more nodes' connection to the network of ``middleware``, which it owns.
 
     Use it from one thread. It is closed with its last node, or when the program ends.
     """
 
-    # A session's, for publishers: a message of a host stands in no buffer of its own.
-    free = 0
-    stack = (None,)
+    connections = 1
 
     def __init__(self, middleware: base.Middleware, domain: int = 0) -> None:
         self.middleware = middleware
         self.domain = domain
-        self.clock = SystemClock()
+        self.clock: Clock = SystemClock()
         self.state = AGENT_CONNECTED
         self.on_state: Callable[[int], object] | None = None
         self.reason = ""
@@ -257,6 +256,11 @@ class Direct:
         atexit.register(self.close)
 
     # --- what nodes and entities ask for -------------------------------------------------------
+
+    @property
+    def session(self) -> None:
+        """None: there is no agent."""
+        return None
 
     def add(self, entity: Any) -> int:
         """Put a node into the graph, or an entity onto the network; its number.
@@ -292,8 +296,8 @@ class Direct:
         assert isinstance(end, _Out)
         return end.matched()
 
-    def latched(self, depth: int) -> QoSProfile:
-        """For :mod:`~uros.client.actions`, which say it by a flag where nodes need no profile."""
+    def transient_local(self, depth: int) -> QoSProfile:
+        """Return the profile of a publisher whose last ``depth`` messages late readers get."""
         return QoSProfile(depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
     def remove(self, entity: Any, object_ids: tuple[int, ...]) -> None:
@@ -310,7 +314,7 @@ class Direct:
             self._waiting.discard(end)
             end.close()
 
-    def write(self, object_id: int, message: Any, prefix: bytes, reliable: bool) -> int:
+    def write(self, object_id: int, message: Any, prefix: bytes, reliable: bool | int) -> int:
         """Send a message; never waits. 0: no room now."""
         end = self._ends.get(object_id >> 4)
         if end is None:

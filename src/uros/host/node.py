@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from ..client import node
+from ..client.connection import Connection
 from ..middleware import open_middleware
 from ..middleware.base import environment_domain
 from .direct import Direct
@@ -25,6 +26,8 @@ class Node(node.Node):
     or the ``connection`` of another node to share it; each is spun by itself. Use a node from one
     thread. A node that is there when the program ends, by Ctrl-C too, is destroyed then.
     """
+
+    _connections = (Connection, Direct)
 
     def __init__(
         self,

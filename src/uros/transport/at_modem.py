@@ -126,7 +126,7 @@ class ModemTransport:
         self.linked = False
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.connection.Transport`. Without a size, all of it."""
+        """See :class:`uros.client.protocols.Transport`. Without a size, all of it."""
         if size < 0:
             size = len(message)
         if not self.linked and self._to:  # a question of half a second ago
@@ -149,7 +149,7 @@ class ModemTransport:
             self._step()
 
     def receive(self, timeout_ms: int) -> "bytes | None":
-        """See :class:`uros.client.connection.Transport`. This takes the dialogue on."""
+        """See :class:`uros.client.protocols.Transport`. This takes the dialogue on."""
         if self._messages:
             return self._messages.pop(0)
         if self._steps is None:

@@ -78,14 +78,14 @@ class CanTransport:
             self.port.close()
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.connection.Transport`. Without a size, all of it."""
+        """See :class:`uros.client.protocols.Transport`. Without a size, all of it."""
         if size < 0:
             size = len(message)
         if size > MTU or self.port.send(self.can_id, can_frame(message, size)) is False:
             self.dropped += 1
 
     def receive(self, timeout_ms: int) -> "bytes | None":
-        """See :class:`uros.client.connection.Transport`."""
+        """See :class:`uros.client.protocols.Transport`."""
         end = ticks_add(ticks_ms(), timeout_ms)
         frames = 0
         while True:

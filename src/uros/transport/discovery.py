@@ -132,7 +132,7 @@ class DiscoveringTransport:
             line.close()
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.connection.Transport`. Without a size, all of it.
+        """See :class:`uros.client.protocols.Transport`. Without a size, all of it.
 
         While there is no agent, the last message is kept for it, and the question is repeated.
         """
@@ -144,7 +144,7 @@ class DiscoveringTransport:
             self._ask()
 
     def receive(self, timeout_ms: int) -> "bytes | None":
-        """See :class:`uros.client.connection.Transport`."""
+        """See :class:`uros.client.protocols.Transport`."""
         end = ticks_add(ticks_ms(), timeout_ms)
         if self._line is None:
             found = self._search.take(timeout_ms)

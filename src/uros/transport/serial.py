@@ -75,7 +75,7 @@ class StreamTransport:
             self.port.close()
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.connection.Transport`. Without a size, all of it.
+        """See :class:`uros.client.protocols.Transport`. Without a size, all of it.
 
         A reliable message is left in its buffer until the line has room; a session keeps that until
         the agent has acknowledged it. One that is in use again by then is sent as it is.
@@ -134,7 +134,7 @@ class StreamTransport:
                 return
 
     def receive(self, timeout_ms: int) -> "bytes | None":
-        """See :class:`uros.client.connection.Transport`."""
+        """See :class:`uros.client.protocols.Transport`."""
         if self._messages:
             return self._messages.pop(0)
         end = ticks_add(ticks_ms(), timeout_ms)

@@ -96,7 +96,7 @@ class TcpTransport:
                     pass
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.connection.Transport`. What is sent before there is a
+        """See :class:`uros.client.protocols.Transport`. What is sent before there is a
         connection goes out with it. Without a size, all of the message.
         """
         if self._line is not None:
@@ -117,7 +117,7 @@ class TcpTransport:
             self._push()
 
     def receive(self, timeout_ms: int) -> "bytes | None":
-        """See :class:`uros.client.connection.Transport`."""
+        """See :class:`uros.client.protocols.Transport`."""
         if self._messages:
             return self._messages.pop(0)
         end = ticks_add(ticks_ms(), timeout_ms)

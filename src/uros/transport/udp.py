@@ -67,7 +67,7 @@ class UdpTransport:
             self._socket = None
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.connection.Transport`. Without a size, all of it.
+        """See :class:`uros.client.protocols.Transport`. Without a size, all of it.
 
         What the network does not take now, or has nobody to take, is lost: an agent that is not
         there yet is no reason to close the socket.
@@ -78,7 +78,7 @@ class UdpTransport:
             pass
 
     def receive(self, timeout_ms: int) -> "bytes | None":
-        """See :class:`uros.client.connection.Transport`."""
+        """See :class:`uros.client.protocols.Transport`."""
         if not self._poll.poll(timeout_ms):
             return None
         try:

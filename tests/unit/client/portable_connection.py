@@ -16,10 +16,10 @@ from uros.wire.entities import pull_create, push_binary_participant
 CYCLE = [AGENT_DISCONNECTED, WAITING_AGENT, AGENT_AVAILABLE, AGENT_CONNECTED]
 
 
-class Thing:
+class FakeEntity:
     """An entity of one object, or more (``kinds``); it keeps what it gets."""
 
-    def __init__(self, name="thing", kinds=(ids.KIND_PARTICIPANT,), connection=None):
+    def __init__(self, name="entity", kinds=(ids.KIND_PARTICIPANT,), connection=None):
         self.name = name
         self.kinds = kinds
         self.data = []
@@ -42,6 +42,9 @@ class Thing:
 
     def on_lost(self):
         self.lost += 1
+
+    def on_refused(self, request_id):
+        return False
 
 
 class Bench:
@@ -146,7 +149,7 @@ def test_ticks_that_come_round_change_nothing() -> None:
 
 def test_from_the_first_ping_to_connected() -> None:
     bench = Bench()
-    things = [Thing("one", connection=bench.connection), Thing("two", connection=bench.connection)]
+    entities = [FakeEntity(name, connection=bench.connection) for name in ("one", "two")]
     bench.run(1)
     assert bench.states == [(0, AGENT_AVAILABLE), (0, AGENT_CONNECTED)]
     assert bench.agent.hellos == [(1000, 0x81)]
@@ -157,12 +160,12 @@ def test_from_the_first_ping_to_connected() -> None:
     assert bench.agent.times == 3 and bench.connection.clock.synchronized
     bench.agent.sample(0x11, b"abcd")
     bench.run(1)
-    assert things[0].data == [] and things[1].data == [b"abcd"]
+    assert entities[0].data == [] and entities[1].data == [b"abcd"]
 
 
 def test_creation_has_the_flags_and_the_order_of_the_c_client() -> None:
     bench = Bench()
-    Thing("name", connection=bench.connection)
+    FakeEntity("name", connection=bench.connection)
     bench.run(1)
     flags, payload = bench.agent.creations[0]
     assert flags == 0x07  # little endian, reuse, replace: as captured
@@ -218,25 +221,25 @@ def test_pongs_that_come_late_or_twice_change_nothing() -> None:
 
 def test_a_slow_line_answers_two_hellos_and_works() -> None:
     bench = Bench()
-    thing = Thing(connection=bench.connection)
+    entity = FakeEntity(connection=bench.connection)
     bench.agent.delay = (150000, 150000)
     bench.run(5000)
     assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
     assert [it for _, it in bench.agent.hellos] == [0x81, 0x81]
     bench.agent.sample(0x01, b"abcd")
     bench.run(500)
-    assert thing.data == [b"abcd"]
+    assert entity.data == [b"abcd"]
 
 
 def test_more_entities_than_a_window_are_created_in_order() -> None:
     bench = Bench()
     bench.agent.delay = (5000, 5000)
-    things = [Thing("thing%d" % i, connection=bench.connection) for i in range(50)]
+    entities = [FakeEntity("entity%d" % i, connection=bench.connection) for i in range(50)]
     bench.run(2000)
     assert bench.connection.state == AGENT_CONNECTED
     expected = []
-    for thing in things:
-        for object_id in thing.object_ids():
+    for entity in entities:
+        for object_id in entity.object_ids():
             expected += [(ids.CREATE, object_id), (ids.READ_DATA, object_id)]
     assert bench.agent.requests == expected
 
@@ -282,7 +285,7 @@ def test_an_agent_that_drops_answers_to_many_requests_at_once_loses_none() -> No
     bench.connection.transport = bench.agent = Forgetful(bench.clock)
     kinds = tuple(range(1, 9))
     for i in range(6):
-        Thing("thing%d" % i, kinds, bench.connection)
+        FakeEntity("entity%d" % i, kinds, bench.connection)
     bench.run(2000)
     assert bench.agent.dropped == 0 and bench.connection.state == AGENT_CONNECTED
     assert bench.connection.connections == 1
@@ -293,19 +296,19 @@ def test_entities_are_made_though_an_agent_drops_all_its_answers() -> None:
     bench = Bench()
     bench.until(AGENT_CONNECTED)
     bench.agent.reliable = lambda kind, payload: None
-    things = [Thing("thing%d" % i, connection=bench.connection) for i in range(20)]
+    entities = [FakeEntity("entity%d" % i, connection=bench.connection) for i in range(20)]
     bench.run(3000)
-    assert [it for _, it in bench.agent.requests[::2]] == [it.object_ids()[0] for it in things]
+    assert [it for _, it in bench.agent.requests[::2]] == [it.object_ids()[0] for it in entities]
     assert bench.connection.connections == 1
 
 
 def test_a_slow_line_takes_its_time_over_many_entities() -> None:
     bench = Bench()
     bench.agent.delay = (250000, 250000)
-    things = [Thing("thing%d" % i, connection=bench.connection) for i in range(90)]
+    entities = [FakeEntity("entity%d" % i, connection=bench.connection) for i in range(90)]
     bench.until(AGENT_CONNECTED, 20000)
     # Longer than an agent may leave requests unanswered, but each was answered soon.
-    assert bench.now() > 3000 and things[0].lost == 0, bench.now()
+    assert bench.now() > 3000 and entities[0].lost == 0, bench.now()
     assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
 
 
@@ -316,8 +319,8 @@ def test_numbers_count_up_for_each_first_kind() -> None:
         (ids.KIND_PARTICIPANT,), (ids.KIND_TOPIC, ids.KIND_DATAWRITER), (ids.KIND_REPLIER,),
         (ids.KIND_TOPIC, ids.KIND_DATAREADER), (ids.KIND_REPLIER,),
     ]  # fmt: skip
-    things = [Thing("thing", kind, bench.connection) for kind in kinds]
-    assert [it.object_ids() for it in things] == [
+    entities = [FakeEntity("entity", kind, bench.connection) for kind in kinds]
+    assert [it.object_ids() for it in entities] == [
         (0x01,), (0x02, 0x05), (0x08,), (0x12, 0x16), (0x18,),
     ]  # fmt: skip
 
@@ -327,8 +330,8 @@ def test_numbers_count_up_for_each_first_kind() -> None:
 
 def test_a_refused_entity_is_named_with_its_status_and_tried_again_after_a_pause() -> None:
     bench = Bench()
-    Thing("good", connection=bench.connection)
-    Thing("bad", connection=bench.connection)
+    FakeEntity("good", connection=bench.connection)
+    FakeEntity("bad", connection=bench.connection)
     bench.agent.refuse = {0x11: ids.STATUS_ERR_RESOURCES}
     bench.run(1100)
     assert [(at, state) for at, state in bench.states] == [
@@ -355,7 +358,7 @@ def test_a_refused_session_is_told() -> None:
 
 def test_an_entity_that_fits_no_message_is_told() -> None:
     bench = Bench()
-    Thing("x" * 600, connection=bench.connection)
+    FakeEntity("x" * 600, connection=bench.connection)
     bench.run(1)
     assert bench.connection.state == WAITING_AGENT
     assert bench.connection.reason and len(bench.said) == 1
@@ -364,7 +367,7 @@ def test_an_entity_that_fits_no_message_is_told() -> None:
 
 def test_an_entity_that_is_there_already_is_as_good_as_made() -> None:
     bench = Bench()
-    Thing(connection=bench.connection)
+    FakeEntity(connection=bench.connection)
     bench.agent.refuse = {0x01: ids.STATUS_OK_MATCHED}
     bench.run(1)
     assert bench.connection.state == AGENT_CONNECTED and bench.said == []
@@ -375,19 +378,19 @@ def test_an_entity_that_is_there_already_is_as_good_as_made() -> None:
 
 def test_a_silent_agent_is_pinged_and_then_lost() -> None:
     bench = Bench()
-    thing = Thing(connection=bench.connection)
+    entity = FakeEntity(connection=bench.connection)
     bench.run(1)
     bench.agent.silent = True
     sent = len(bench.agent.sent)
     bench.run(2190)
-    assert bench.connection.state == AGENT_CONNECTED and thing.lost == 0
+    assert bench.connection.state == AGENT_CONNECTED and entity.lost == 0
     pings = [it for it in bench.agent.sent[sent:] if it[4] == ids.GET_INFO]
     assert set(pings) == {bytes.fromhex("8100000002010800000afffd02000000")}
     assert len(pings) == 10
     bench.run(20)
     # Two seconds from the first ping without an answer.
     assert bench.states[2:] == [(2200, AGENT_DISCONNECTED), (2200, WAITING_AGENT)]
-    assert thing.lost == 1 and not bench.agent.is_open
+    assert entity.lost == 1 and not bench.agent.is_open
     assert bench.connection.reason == "the agent is silent"
 
 
@@ -454,7 +457,7 @@ def test_an_agent_that_is_back_within_two_seconds_is_never_missed() -> None:
     # Whatever came last before: an answer to a ping, a sample, an answer about the time.
     for after in range(0, 460, 7):
         bench = Bench()
-        Thing(connection=bench.connection)
+        FakeEntity(connection=bench.connection)
         bench.run(after)
         if after % 2:
             bench.agent.sample(0x01, b"abcd")
@@ -483,7 +486,7 @@ def test_a_callback_that_takes_long_is_no_silence_on_a_slow_line() -> None:
 
 def test_an_agent_that_speaks_is_not_pinged() -> None:
     bench = Bench()
-    Thing(connection=bench.connection)
+    FakeEntity(connection=bench.connection)
     bench.run(10)
     before = len(bench.agent.pings)
     for _ in range(100):
@@ -506,7 +509,7 @@ def test_a_callback_that_takes_long_is_no_fault_of_the_agent() -> None:
 
 def test_an_agent_that_comes_back_gets_everything_again() -> None:
     bench = Bench()
-    things = [Thing("one", connection=bench.connection), Thing("two", connection=bench.connection)]
+    entities = [FakeEntity(name, connection=bench.connection) for name in ("one", "two")]
     for turn in range(5):
         bench.run(700)
         assert bench.connection.state == AGENT_CONNECTED
@@ -517,8 +520,8 @@ def test_an_agent_that_comes_back_gets_everything_again() -> None:
         bench.run(1)
         bench.agent.forget()
         bench.until(WAITING_AGENT)
-    assert things[1].data == [bytes((i,)) for i in range(5)]
-    assert things[0].lost == 5 and bench.connection.connections == 5
+    assert entities[1].data == [bytes((i,)) for i in range(5)]
+    assert entities[0].lost == 5 and bench.connection.connections == 5
     assert [it for _, it in bench.agent.hellos] == [0x81, 0x82, 0x83, 0x84, 0x85]
     assert [state for _, state in bench.states] == (CYCLE[2:] + CYCLE[:2]) * 5
 
@@ -536,12 +539,12 @@ def test_an_agent_that_says_it_does_not_know_us_is_left_at_once() -> None:
 
 def test_the_line_goes_while_something_is_received() -> None:
     bench = Bench()
-    thing = Thing(connection=bench.connection)
+    entity = FakeEntity(connection=bench.connection)
     bench.run(10)
     bench.agent.fail_receive = OSError(5, "unplugged")
     bench.run(10)
     assert bench.states[2:] == [(10, AGENT_DISCONNECTED), (10, WAITING_AGENT)]
-    assert "unplugged" in bench.connection.reason and thing.lost == 1
+    assert "unplugged" in bench.connection.reason and entity.lost == 1
     bench.run(2000)  # open works, then receiving fails: no storm, and no state that changes
     assert len(bench.states) == 4 and bench.agent.opened <= 6, bench.states
     bench.agent.fail_receive = None
@@ -583,7 +586,7 @@ def test_an_agent_that_restarts_while_entities_are_made() -> None:
     for after in range(1, 9):
         bench = Bench()
         for i in range(4):
-            Thing("thing%d" % i, connection=bench.connection)
+            FakeEntity("entity%d" % i, connection=bench.connection)
         usual = bench.agent.submessage
 
         def submessage(kind, flags, payload, bench=bench, usual=usual, after=after):
@@ -604,7 +607,7 @@ def test_a_late_hello_begins_the_agents_session_anew_and_ours_too() -> None:
     """Datagrams may come twice and late: then the agent's streams start from nothing."""
     for after_ms in (0, 5, 1000):
         bench = Bench()
-        thing = Thing(connection=bench.connection)
+        entity = FakeEntity(connection=bench.connection)
         bench.run(1)
         for i in range(after_ms // 100):
             bench.agent.sample(0x01, bytes((i,)))
@@ -613,18 +616,18 @@ def test_a_late_hello_begins_the_agents_session_anew_and_ours_too() -> None:
         bench.agent.hear(hello)
         bench.run(3000)
         assert bench.connection.state == AGENT_CONNECTED
-        before = len(thing.data)
+        before = len(entity.data)
         for _ in range(3):
             bench.agent.sample(0x01, b"after")
             assert bench.connection.write(5, Number(7), b"", True)
             bench.run(300)
-        assert len(thing.data) == before + 3 and len(bench.agent.samples) == 3, after_ms
+        assert len(entity.data) == before + 3 and len(bench.agent.samples) == 3, after_ms
 
 
 def test_a_session_that_stays_unfinished_is_begun_anew() -> None:
     """The agent answers pings, but never what was asked of it."""
     bench = Bench()
-    Thing(connection=bench.connection)
+    FakeEntity(connection=bench.connection)
     usual = bench.agent.submessage
 
     def submessage(kind, flags, payload):
@@ -642,13 +645,13 @@ def test_a_session_that_stays_unfinished_is_begun_anew() -> None:
 def test_an_entity_added_while_connected_is_created_at_once() -> None:
     bench = Bench()
     bench.run(10)
-    thing = Thing("late", connection=bench.connection)
+    entity = FakeEntity("late", connection=bench.connection)
     bench.run(10)
     assert bench.agent.requests == [(ids.CREATE, 0x01), (ids.READ_DATA, 0x01)]
     assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
     bench.agent.sample(0x01, b"abcd")
     bench.run(1)
-    assert thing.data == [b"abcd"]
+    assert entity.data == [b"abcd"]
     bench.agent.forget()
     bench.until(WAITING_AGENT)
     bench.until(AGENT_CONNECTED)
@@ -658,32 +661,32 @@ def test_an_entity_added_while_connected_is_created_at_once() -> None:
 def test_an_entity_added_by_the_state_callback() -> None:
     for state in (AGENT_AVAILABLE, AGENT_CONNECTED):
         bench = Bench()
-        things = []
+        entities = []
 
-        def on_state(now, state=state, things=things, bench=bench):
+        def on_state(now, state=state, entities=entities, bench=bench):
             if now == state:
-                things.append(Thing(connection=bench.connection))
+                entities.append(FakeEntity(connection=bench.connection))
 
         bench.connection.on_state = on_state
         bench.run(10)
         assert bench.agent.requests == [(ids.CREATE, 0x01), (ids.READ_DATA, 0x01)], state
-        assert len(things) == 1
+        assert len(entities) == 1
 
 
 def test_a_removed_entity_is_deleted_the_last_object_first_and_never_comes_back() -> None:
     bench = Bench()
     kinds = (ids.KIND_TOPIC, ids.KIND_SUBSCRIBER, ids.KIND_DATAREADER)
-    thing = Thing("thing", kinds, bench.connection)
-    other = Thing("other", kinds, bench.connection)
+    entity = FakeEntity("entity", kinds, bench.connection)
+    other = FakeEntity("other", kinds, bench.connection)
     bench.run(10)
     del bench.agent.requests[:]
-    bench.connection.remove(thing, thing.object_ids())
+    bench.connection.remove(entity, entity.object_ids())
     bench.run(10)
     assert bench.agent.requests == [(ids.DELETE, it) for it in (0x06, 0x04, 0x02)]
     bench.agent.sample(0x06, b"abcd")
     bench.agent.sample(0x16, b"abcd")
     bench.run(1)
-    assert thing.data == [] and other.data == [b"abcd"]
+    assert entity.data == [] and other.data == [b"abcd"]
     bench.agent.forget()
     bench.until(WAITING_AGENT)
     bench.until(AGENT_CONNECTED)
@@ -693,10 +696,10 @@ def test_a_removed_entity_is_deleted_the_last_object_first_and_never_comes_back(
 
 def test_an_entity_removed_before_it_is_created_is_not_asked_for() -> None:
     bench = Bench()
-    bench.connection.remove(Thing("one", connection=bench.connection), (0x01,))
+    bench.connection.remove(FakeEntity("one", connection=bench.connection), (0x01,))
     bench.run(10)
-    thing = Thing("two", connection=bench.connection)
-    bench.connection.remove(thing, thing.object_ids())
+    entity = FakeEntity("two", connection=bench.connection)
+    bench.connection.remove(entity, entity.object_ids())
     bench.run(10)
     assert bench.agent.requests == [] and bench.connection.state == AGENT_CONNECTED
 
@@ -708,9 +711,9 @@ def test_an_entity_removed_while_it_is_being_created_leaves_nothing() -> None:
     for created, before in ((0, (3, 3, 3, 3)), (1, (3, 3, 3, 2)), (2, (3, 3, 3, 1)),
                             (3, (3, 3, 2, 1)), (3, (3, 3, 3))):  # fmt: skip
         bench = Bench()
-        others = [Thing("other", three[:count], bench.connection) for count in before]
-        thing = Thing("thing", three, bench.connection)
-        others.append(Thing("last", three, bench.connection))
+        others = [FakeEntity("other", three[:count], bench.connection) for count in before]
+        entity = FakeEntity("entity", three, bench.connection)
+        others.append(FakeEntity("last", three, bench.connection))
         there = set()
         usual = bench.agent.submessage
 
@@ -729,8 +732,8 @@ def test_an_entity_removed_while_it_is_being_created_leaves_nothing() -> None:
         acknowledge = bench.agent.acknowledge
         bench.agent.acknowledge = lambda: None
         bench.run(10)
-        assert len(there & set(thing.object_ids())) == created
-        bench.connection.remove(thing, thing.object_ids())
+        assert len(there & set(entity.object_ids())) == created
+        bench.connection.remove(entity, entity.object_ids())
         bench.agent.acknowledge = acknowledge
         bench.agent.acknowledge()
         bench.run(1000)
@@ -760,13 +763,13 @@ def test_a_state_callback_that_raises_is_told_and_nothing_else() -> None:
 def test_samples_have_their_turn_one_by_one() -> None:
     """A pump ends after a sample, so that its callback runs before the next one is taken."""
     bench = Bench()
-    thing = Thing(connection=bench.connection)
+    entity = FakeEntity(connection=bench.connection)
     bench.run(10)
     for _ in range(3):
         bench.agent.sample(0x01, b"abcd")
     for count in (1, 2, 3):
         bench.connection.pump(100)
-        assert len(thing.data) == count
+        assert len(entity.data) == count
     assert bench.now() == 10
 
 
@@ -782,7 +785,7 @@ def test_a_flood_ends_a_pump() -> None:
 def test_no_datagram_of_a_burst_is_lost() -> None:
     """The scripted agent sends nothing again."""
     bench = Bench()
-    Thing(connection=bench.connection)
+    FakeEntity(connection=bench.connection)
     bench.run(10)
     heard = []
 
@@ -814,13 +817,13 @@ def test_strays_keep_nobody_alive() -> None:
 
 def test_close_says_goodbye_and_waits_for_the_answer() -> None:
     bench = Bench()
-    thing = Thing(connection=bench.connection)
+    entity = FakeEntity(connection=bench.connection)
     bench.run(10)
     bench.agent.delay = (20000, 20000)
     bench.connection.close()
     assert bench.now() == 50 and bench.agent.session_id == 0
     assert bench.states[2:] == [(50, AGENT_DISCONNECTED), (50, WAITING_AGENT)]
-    assert not bench.agent.is_open and thing.lost == 1
+    assert not bench.agent.is_open and entity.lost == 1
 
 
 def test_close_does_not_wait_for_ever_nor_for_a_line_that_is_gone() -> None:

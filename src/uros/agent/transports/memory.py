@@ -89,14 +89,14 @@ class MemoryTransport:
             pass
 
     def send(self, message: bytes | bytearray | memoryview, size: int = -1) -> None:
-        """See :class:`uros.client.connection.Transport`."""
+        """See :class:`uros.client.protocols.Transport`."""
         try:
             self._socket.send(message if size < 0 else memoryview(message)[:size])
         except OSError:  # full, or there is no agent
             pass
 
     def receive(self, timeout_ms: int) -> bytes | None:
-        """See :class:`uros.client.connection.Transport`."""
+        """See :class:`uros.client.protocols.Transport`."""
         if not select.select([self._socket], [], [], timeout_ms / 1000)[0]:
             return None
         try:

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from ..common import domain, positive_float, topic_name
 from ..errors import ToolError
@@ -292,7 +292,7 @@ class _Rover(Watched):
     def begin(self) -> None:
         """Wait for the rover, and switch its motors on."""
         told = False
-        network: Direct = self._node.connection
+        network = cast("Direct", self._node.connection)
         while not (
             self.known and network.matched(self._drive) and network.matched(self._power)
         ):  # fmt: skip
