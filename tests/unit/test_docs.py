@@ -496,7 +496,7 @@ def test_every_metric_is_on_the_page_and_no_other():
     wanted |= {f"uros_transport_{name}_total" for name, _, _ in prometheus._TRANSPORT}
     assert sorted(told) == sorted(wanted)
     page = " ".join(SEEING.read_text("utf-8").split())
-    assert f"the first {prometheus.MAX_SERIES} are one" in page
+    assert f"the first {prometheus.MAX_SERIES} share one" in page
 
 
 def test_what_the_log_says_of_tls_is_in_the_sources():
