@@ -143,7 +143,7 @@ class World:
         self.outside = MemoryMiddleware(self.bus)
         self._sink = _Sink()
         self.agent = Agent(self.middleware, Log(level, self._sink), limits=limits)
-        self.agent.now = lambda: self.clock  # type: ignore[method-assign]
+        self.agent.now = lambda: self.clock
         self.agent.faults = self.agent.strangers = _Always()
         self.place = Place()
         self.bytes_sent = 0

@@ -14,8 +14,8 @@ import random
 
 from support.board import FakeClock
 from uros.agent.agent import Agent
+from uros.agent.clock import Clock
 from uros.agent.log import Log
-from uros.agent.objects import client as agent_client
 from uros.agent.transports.base import ServerTransport
 from uros.client import AGENT_CONNECTED, Node
 from uros.middleware.memory import MemoryMiddleware
@@ -95,14 +95,13 @@ class Wire:
         self._events = []
         self._order = 0
         self.start_agent()
-        self._wall_clock = agent_client.wall_clock
-        agent_client.wall_clock = lambda: divmod(self.epoch_ns(), 1_000_000_000)
 
     def start_agent(self):
         """An agent that knows nobody; the one before is gone without a word."""
         self.said = io.StringIO()
         self.middleware = MemoryMiddleware()
-        self.agent = Agent(self.middleware, Log(4, self.said))
+        clock = Clock(time_ns=self.epoch_ns)
+        self.agent = Agent(self.middleware, Log(4, self.said), clock=clock)
         self.agent.now = lambda: self.clock.t // 1000 & TIME_MASK
         self.place = _Place(self)
 
@@ -118,7 +117,6 @@ class Wire:
         return self
 
     def __exit__(self, *_):
-        agent_client.wall_clock = self._wall_clock
         if self.agent is not None:
             self.agent.close()
             self.middleware.close()

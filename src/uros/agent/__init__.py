@@ -4,7 +4,8 @@
 ``agent``          All clients of one agent: who may come in, and whose a datagram is
 ``context``        What the parts of the agent use of it and of each other: AgentContext and its
                    neighbours
-``clock``          The agent's clock: milliseconds modulo 2^30, which no jump takes out of reach
+``clock``          The agent's clock: the one place where the core of the agent takes the time
+                   from
 ``log``            Log lines in the columns of the C++ agent
 ``malloc_trim``    Memory that clients have left goes back to the system
 ``server``         The agent's one thread: sockets, timers and middleware around an Agent

@@ -10,7 +10,6 @@ a client that is known elsewhere waits until that is decided (:mod:`.rivals`).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -67,12 +66,16 @@ class Agent:
         admission: Admission | None = None,
         dead_time: float | None = None,
         limits: Limits | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self.middleware = middleware
-        self.log = log or Log()
+        self.clock = clock or Clock()
+        # Milliseconds modulo 2^30.
+        self.now: Callable[[], int] = self.clock.ticks
+        self.log = log or Log(clock=self.clock)
         self.taps = Taps(self.log)
-        self.faults = RateLimit()
-        self.strangers = RateLimit(10.0)
+        self.faults = RateLimit(clock=self.clock.monotonic)
+        self.strangers = RateLimit(10.0, clock=self.clock.monotonic)
         self.references = references or References()
         self.domain_of_agent = domain_of_agent
         self.domain_override = domain_override
@@ -83,10 +86,9 @@ class Agent:
         self.clients: dict[int, ProxyClient] = {}
         self.limits = limits or Limits()
         self.budget = Budget(self.limits.memory, lambda: self.clients.values(), self._dismiss)
-        self.time_budget = TimeBudget()
-        self.close_queue = DeferredCloseQueue(self.failed)
+        self.time_budget = TimeBudget(self.clock.monotonic)
+        self.close_queue = DeferredCloseQueue(self.failed, self.clock.monotonic)
         self.heap = Heap()
-        self._clock = Clock()
         # Where each client talks from: its transport and address there.
         self._places: dict[int, tuple[ServerTransport, Any]] = {}
         self.shares = Shares()
@@ -121,7 +123,7 @@ class Agent:
             pause = self.liveliness.look()
             if self.budget.freed:
                 self.budget.freed, self.heap.somebody_left = False, True
-            self.heap.look(time.monotonic())
+            self.heap.look(self.clock.monotonic())
         finally:
             self.wake_at(pause, self._look)
 
@@ -133,9 +135,6 @@ class Agent:
         """Where a client talks from, as a person reads it."""
         transport, peer = self._places[key]
         return transport.address(peer)
-
-    def now(self) -> int:
-        return self._clock()
 
     def attend(self, session: Session) -> None:
         """The session has something to send, or a new deadline."""
@@ -253,7 +252,7 @@ class Agent:
             else:
                 self.take_over(key, transport, peer, request)
             return
-        self.refusals.note(key, what, transport.address(peer), time.monotonic())
+        self.refusals.note(key, what, transport.address(peer), self.clock.monotonic())
         if (times := self.faults.times(f"create_client {what}")) is not None:
             self.log.warning(
                 "Root", "create_client", what,
@@ -302,7 +301,7 @@ class Agent:
             address, what = transport.address(peer), ADDRESS_NOT_ALLOWED
             key = key_of_newcomer(message)
             if key is not None:
-                self.refusals.note(key, what, address, time.monotonic(), count)
+                self.refusals.note(key, what, address, self.clock.monotonic(), count)
             self.log.warning(
                 transport.name, "receive", what,
                 f"address: {address}, it is in no network of --allow-net"

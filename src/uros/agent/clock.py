@@ -1,42 +1,59 @@
-"""The agent's clock: milliseconds modulo 2^30, which no jump takes out of reach.
+"""The agent's clock: the one place where the core of the agent takes the time from.
 
-Times are compared modulo 2^30, so two must not be more than 6 days apart. A process that was
-stopped for longer, or a virtual machine that was, would find its deadlines in the future.
+Timestamps of a session are milliseconds modulo 2^30 and are compared modulo 2^30, so two must not
+be more than 6 days apart. A process that was stopped for longer, or a virtual machine that was,
+would find its deadlines in the future; :meth:`Clock.ticks` therefore limits each step.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Final
 
 from ..ticks import TIME_MASK
 
-# A TIMESTAMP knows no later one, and none before 1970.
+# A TIMESTAMP submessage holds no later second, and none before 1970.
 _LAST_SECOND: Final = 0x7FFFFFFF
-# More than this has not passed between two looks at the clock.
+# The most milliseconds that ticks() advances between two calls.
 MAX_STEP: Final = 3_600_000
 
 
 class Clock:
-    """Call it for the time."""
+    """The time, as an agent and its parts see it.
 
-    __slots__ = ("_behind", "_last")
+    Attributes:
+        monotonic: Returns seconds that never go backwards.
+        time_ns: Returns nanoseconds since 1970, which may jump.
 
-    def __init__(self) -> None:
-        self._last = int(time.monotonic() * 1000)
-        self._behind = 0  # what was not counted
+    Args:
+        monotonic: By default :func:`time.monotonic`.
+        time_ns: By default :func:`time.time_ns`.
+    """
 
-    def __call__(self) -> int:
-        now = int(time.monotonic() * 1000)
-        passed = now - self._last
+    def __init__(
+        self,
+        monotonic: Callable[[], float] | None = None,
+        time_ns: Callable[[], int] | None = None,
+    ) -> None:
+        self.monotonic = monotonic or time.monotonic
+        self.time_ns = time_ns or time.time_ns
+        self._last = int(self.monotonic() * 1000)
+        self._skipped = 0  # milliseconds that ticks() has not counted
+
+    def ticks(self) -> int:
+        """Milliseconds modulo 2^30, at most :data:`MAX_STEP` after the call before."""
+        now = int(self.monotonic() * 1000)
+        step = now - self._last
         self._last = now
-        if passed > MAX_STEP:
-            self._behind += passed - MAX_STEP
-        elif passed < 0:  # on no system that keeps its word
-            self._behind += passed
-        return (now - self._behind) & TIME_MASK
+        if step > MAX_STEP:
+            self._skipped += step - MAX_STEP
+        elif step < 0:  # not on a system whose monotonic clock is one
+            self._skipped += step
+        return (now - self._skipped) & TIME_MASK
 
-
-def wall_clock() -> tuple[int, int]:
-    """Seconds and nanoseconds, as a message can have them: the clock may stand anywhere."""
-    return divmod(min(max(0, time.time_ns()), _LAST_SECOND * 1_000_000_000), 1_000_000_000)
+    def wall_clock(self) -> tuple[int, int]:
+        """Seconds and nanoseconds since 1970, within the range of a TIMESTAMP submessage."""
+        return divmod(
+            min(max(0, self.time_ns()), _LAST_SECOND * 1_000_000_000), 1_000_000_000
+        )

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from ..middleware.base import Middleware
+from .clock import Clock
 from .log import Log, RateLimit
 from .objects.object_table import XrceObject
 from .objects.ros_graph import Graphs
@@ -85,6 +86,7 @@ class AgentContext(Protocol):
 
     log: Log
     faults: RateLimit
+    clock: Clock
     middleware: Middleware
     references: References
     graphs: Graphs

@@ -15,11 +15,11 @@ import queue
 import select
 import sys
 import threading
-import time
 from collections.abc import Callable
 from typing import Final, TextIO
 
 from ..printable import printable_ascii, unguarded
+from .clock import Clock
 from .policy.token_bucket import KeyedTokenBuckets, TokenBucket
 
 CRITICAL: Final = 1
@@ -59,8 +59,11 @@ class Log:
     not take, because the disk is full, are lost; the next one that it takes says how many.
     """
 
-    def __init__(self, level: int = INFO, stream: TextIO | None = None) -> None:
+    def __init__(
+        self, level: int = INFO, stream: TextIO | None = None, clock: Clock | None = None
+    ) -> None:
         self.level = level
+        self._clock = clock or Clock()
         self._stream = unguarded(stream or sys.stdout)
         self._colour = self._stream.isatty()
         self._waiting: queue.Queue[str | None] = queue.Queue(_MAX_WAITING)
@@ -89,9 +92,12 @@ class Log:
             return
         if level < DEBUG and len(about) > _MAX_ABOUT:
             about = f"{about[:_MAX_ABOUT]}... ({len(about)} characters)"
-        now = time.time_ns() // 1000
+        clock = self._clock
+        now = clock.time_ns() // 1000
         name = f"{_NAMES[level]:<8}"
-        if self._left_out and (level != INFO or self._info_limit.available(time.monotonic()) > 1):
+        if self._left_out and (
+            level != INFO or self._info_limit.available(clock.monotonic()) > 1
+        ):
             about += f" ({self._left_out} lines of info were left out before: too many at once)"
             self._left_out = 0
         if self._colour:
@@ -113,7 +119,7 @@ class Log:
             self._lost += 1
 
     def _admit_info(self) -> bool:
-        if self._info_limit.take(time.monotonic()):
+        if self._info_limit.take(self._clock.monotonic()):
             return True
         self._left_out += 1
         return False
@@ -204,13 +210,13 @@ class RateLimit:
     def __init__(
         self, seconds: float = 1.0, burst: int = 1, clock: Callable[[], float] | None = None
     ) -> None:
-        self._clock = clock
+        self._monotonic = clock or Clock().monotonic
         self._lines = KeyedTokenBuckets((burst, 1 / seconds), (MAX_LINES, MAX_LINES / seconds))
         self._held: dict[str, int] = {}
 
     def admit(self, kind: str) -> int:
         """Count a line; return the number of lines to report, 0 while throttled."""
-        now = time.monotonic() if self._clock is None else self._clock()
+        now = self._monotonic()
         if self._lines.take(kind, now):
             return self._held.pop(kind, 0) + 1
         if kind in self._lines:

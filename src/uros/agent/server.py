@@ -12,7 +12,6 @@ import heapq
 import itertools
 import selectors
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, Protocol
@@ -52,7 +51,8 @@ class Server:
         self.agent = agent
         self.transports = transports
         self.attachments: list[Attachment] = []
-        self.started = time.monotonic()
+        self._monotonic = agent.clock.monotonic
+        self.started = self._monotonic()
         agent.middleware.batching = True
         self._selector = selectors.DefaultSelector()
         self._wake = Wake()
@@ -132,7 +132,7 @@ class Server:
         self.agent.log(level, part, function, what, about)
 
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
-        heapq.heappush(self._calls, (time.monotonic() + seconds, next(self._order), call))
+        heapq.heappush(self._calls, (self._monotonic() + seconds, next(self._order), call))
 
     def soon(self, call: Callable[[], None]) -> None:
         """Call once, in the server's thread; from any thread."""
@@ -210,7 +210,7 @@ class Server:
             deadline = self.agent.middleware.next_deadline()
         except Exception as error:  # whatever it is, the boards go on
             self.agent.failed(error)
-            deadline = self._tick_after = time.monotonic() + _AGAIN
+            deadline = self._tick_after = self._monotonic() + _AGAIN
         if deadline is not None and deadline < self._tick_after:
             deadline = self._tick_after
         return deadline
@@ -234,7 +234,7 @@ class Server:
         deadline = self._deadline()
         if self._calls and (deadline is None or self._calls[0][0] < deadline):
             deadline = self._calls[0][0]
-        timeout = None if deadline is None else max(0.0, deadline - time.monotonic())
+        timeout = None if deadline is None else max(0.0, deadline - self._monotonic())
         self.asleep = True
         ready = self._selector.select(timeout)
         self.asleep = False
@@ -246,7 +246,7 @@ class Server:
             except Exception as error:  # whatever it is, the other boards go on
                 self.agent.failed(error)
         if deadline is not None:
-            self._due(time.monotonic())
+            self._due(self._monotonic())
         try:
             middleware.flush()
             middleware.dispatch_local()
@@ -259,7 +259,7 @@ class Server:
 
     def _due(self, now: float) -> None:
         while self._calls and self._calls[0][0] <= now:
-            if time.monotonic() - now > _MOST_DUE:
+            if self._monotonic() - now > _MOST_DUE:
                 break  # others have their turn; the rest is due in the next
             self._try(heapq.heappop(self._calls)[2])
         if now < self._tick_after:
@@ -297,7 +297,7 @@ class Server:
         if deadline is None:
             self._timers.pop(client, None)
             return
-        at = time.monotonic() + max(0, ticks_diff(deadline, now)) / 1000
+        at = self._monotonic() + max(0, ticks_diff(deadline, now)) / 1000
         known = self._timers.get(client)
         if known is not None and known <= at:
             return  # it will be looked at before that, and set anew

@@ -4,6 +4,7 @@ import errno
 import io
 import os
 import re
+import time
 
 import pytest
 from support.waiting import eventually as wait_until
@@ -38,7 +39,7 @@ def test_the_columns():
 
 
 def test_the_time_is_in_seconds_since_1970(monkeypatch):
-    monkeypatch.setattr(module.time, "time_ns", lambda: 1_763_750_000_000_042_999)
+    monkeypatch.setattr(time, "time_ns", lambda: 1_763_750_000_000_042_999)
     assert lines(4, (4, "a", "b", "c", ""))[0].startswith("[1763750000.000042] ")
 
 
@@ -146,7 +147,7 @@ def clock(monkeypatch):
     class Clock:
         now = 100.0
 
-    monkeypatch.setattr(module.time, "monotonic", lambda: Clock.now)
+    monkeypatch.setattr(time, "monotonic", lambda: Clock.now)
     return Clock
 
 

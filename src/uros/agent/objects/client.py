@@ -22,7 +22,6 @@ made and deleted with all entities it lists.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 
@@ -32,7 +31,6 @@ from ...wire import data, entities, ids
 from ...wire import session as messages
 from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
-from ..clock import wall_clock
 from ..context import AgentContext
 from ..log import INFO, TRACE, WARNING
 from ..policy.limits import TooMany
@@ -68,7 +66,7 @@ class ProxyClient:
         self.certificate = certificate  # what it has shown, see ServerTransport.certificate_of
         self.session = Session(key, session_id, mtu, self, agent.budget, agent.limits.message)
         self.objects: dict[int, XrceObject] = {}
-        self.born = time.monotonic()
+        self.born = agent.clock.monotonic()
         # The client's own time minus ours, in seconds, when its last TIMESTAMP came.
         self.clock_offset: float | None = None
         self._agent = agent
@@ -466,7 +464,8 @@ class ProxyClient:
         )  # fmt: skip
 
     def _timestamp(self, r: Reader) -> None:
-        received = wall_clock()
+        clock = self._agent.clock
+        received = clock.wall_clock()
         originate = messages.pull_timestamp(r)
         self.clock_offset = (
             originate[0] - received[0] + (originate[1] - received[1]) / 1_000_000_000
@@ -474,7 +473,7 @@ class ProxyClient:
         self.session.answer(
             ids.TIMESTAMP_REPLY, ids.STREAM_NONE, self._agent.now(),
             lambda w: messages.push_timestamp_reply(
-                w, wall_clock(), received, originate
+                w, clock.wall_clock(), received, originate
             ),
         )  # fmt: skip
 

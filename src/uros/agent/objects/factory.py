@@ -160,7 +160,9 @@ class ObjectFactory:
     def _make_node(self, client: ObjectOwner, thing: XrceObject, spec: ParticipantSpec) -> str:
         agent, key = self._agent, client.key
         given = node_name(spec.name)
-        settings = agent.control.settings(key, agent.address(key), names.join(*given))
+        settings = agent.control.settings(
+            key, agent.address(key), names.join(*given), agent.clock.monotonic
+        )
         settings.any_name = agent.middleware.any_name
         domain = self._domain(spec, settings)
         use(self._domains, domain, agent.limits.domains, "domains")

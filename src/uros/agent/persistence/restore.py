@@ -11,7 +11,6 @@ is written before. So it has "no room" until as many have matched as there were,
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Final
 
@@ -134,7 +133,8 @@ def _make_objects(entry: Entry, agent: AgentContext, log: Log) -> None:
                 f"client_key: {key_label(client.key)}, object_id: {object_label(object_id)},"
                 f" {error}",
             )  # fmt: skip
-    entry.hold_until = time.monotonic() + HOLD_SECONDS
+    monotonic = agent.clock.monotonic
+    entry.hold_until = monotonic() + HOLD_SECONDS
     for object_id, thing in list(client.objects.items()):
         endpoint = thing.endpoint
         if not isinstance(endpoint, WriterEndpoint):
@@ -145,7 +145,7 @@ def _make_objects(entry: Entry, agent: AgentContext, log: Log) -> None:
         entry.watch_samples(thing, agent.attend)
         readers = kept.matched.get(object_id, 0)
         if readers:
-            endpoint.set_gate(_open_with(readers, entry.hold_until))
+            endpoint.set_gate(_open_with(readers, entry.hold_until, monotonic))
     for object_id, reading in list(kept.reads.items()):
         if client.read(object_id, *reading):
             entry.note_limits(object_id, reading)
@@ -153,6 +153,8 @@ def _make_objects(entry: Entry, agent: AgentContext, log: Log) -> None:
             del kept.reads[object_id]
 
 
-def _open_with(readers: int, until: float) -> Callable[[int], bool]:
+def _open_with(
+    readers: int, until: float, monotonic: Callable[[], float]
+) -> Callable[[int], bool]:
     """A gate that opens when so many readers have matched, or at ``until``."""
-    return lambda matched: matched >= readers or time.monotonic() >= until
+    return lambda matched: matched >= readers or monotonic() >= until

@@ -15,7 +15,6 @@ to be missing, so that such a client starts anew after a restart instead of with
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Iterable
 from typing import Any, Final
@@ -129,7 +128,7 @@ class Keeper:
     def _fall_asleep(self, kept: Kept) -> None:
         about = kept.about
         assert about is not None
-        about.asleep_since = about.asleep_since or time.time()
+        about.asleep_since = about.asleep_since or self._unix_time()
         if about.key in self._asleep or not self._free or self._too_old(about):
             return
         self._asleep[about.key] = self._free.popleft(), kept
@@ -138,9 +137,12 @@ class Keeper:
             f"client_key: {key_label(about.key)}, this agent has no {about.transport}",
         )  # fmt: skip
 
-    @staticmethod
-    def _too_old(about: About) -> bool:
-        return abs(time.time() - about.asleep_since) > ASLEEP_SECONDS
+    def _too_old(self, about: About) -> bool:
+        return abs(self._unix_time() - about.asleep_since) > ASLEEP_SECONDS
+
+    def _unix_time(self) -> float:
+        assert self._server is not None
+        return self._server.agent.clock.time_ns() / 1e9
 
     # --- what the agent reports -------------------------------------------------------
 
@@ -474,7 +476,9 @@ class Keeper:
         """How many readers each writer has, some writers at a time."""
         if not self._turns:
             self._turns.extend(self._entries)
-        left, now = _COUNTED, time.monotonic()
+        if self._server is None:
+            return
+        left, now = _COUNTED, self._server.agent.clock.monotonic()
         while self._turns and left > 0:
             entry = self._entries.get(self._turns.popleft())
             if entry is None or now < entry.hold_until:
@@ -487,7 +491,7 @@ class Keeper:
                 if readers != entry.kept.matched.get(object_id, 0):
                     entry.kept.matched[object_id] = readers
                     self._add(entry, matched_payload(object_id, readers))
-            if entry.changed and self._server is not None:
+            if entry.changed:
                 self._server.agent.attend(entry.client.session)
 
 

@@ -17,7 +17,6 @@ loses some, not its session.
 
 from __future__ import annotations
 
-import time
 from typing import Any, Final
 
 from ...ticks import ticks_add, ticks_diff
@@ -143,7 +142,7 @@ class Rivals:
         why = "answers"
         if client.certificate not in (None, transport.certificate_of(peer)):
             why = "has shown a certificate, and its place goes to no other"
-        agent.refusals.note(key, KEY_IN_USE, address, time.monotonic())
+        agent.refusals.note(key, KEY_IN_USE, address, agent.clock.monotonic())
         times = agent.faults.times(f"{KEY_IN_USE} {key:08X}")
         if times is not None:
             agent.log.warning(

@@ -322,10 +322,12 @@ class Control:
         """Add one rule, as a ``[[client]]`` table has it. Raises ControlError."""
         self._rules.append(parse_rule(table))
 
-    def settings(self, key: int, address: str, node: str) -> Settings:
+    def settings(
+        self, key: int, address: str, node: str, clock: Callable[[], float] = time.monotonic
+    ) -> Settings:
         """What applies to a node of a client; see :meth:`Rule.matches`."""
         rules = [rule for rule in self._rules if rule.matches(key, address, node)]
-        return Settings(rules) if rules else NOTHING
+        return Settings(rules, clock) if rules else NOTHING
 
     def same_rules(self, key: int, one: str, other: str) -> bool:
         """Whether a client that talks from either of two addresses has the same rules, whatever its

@@ -36,10 +36,12 @@ class TimeBudget:
 
     Attributes:
         enabled: Set by a server, as only there somebody waits; otherwise nothing is limited.
+        monotonic: The clock, in seconds.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
         self.enabled = False
+        self.monotonic = monotonic
         self.shared = TokenBucket(BURST_OF_ALL, SHARE_OF_ALL)
 
     def for_client(self) -> ClientTimeBudget:
@@ -68,14 +70,14 @@ class ClientTimeBudget:
 
     def start(self) -> bool:
         """Return whether the client may create or delete now, and start to measure."""
-        now = self._started_at = time.monotonic()
+        now = self._started_at = self._budget.monotonic()
         if not self._budget.enabled:
             return True
         return self._own.available(now) > 0 and self._budget.shared.available(now) > 0
 
     def charge(self) -> None:
         """Charge the time since :meth:`start`."""
-        seconds = time.monotonic() - self._started_at
+        seconds = self._budget.monotonic() - self._started_at
         self._own.spend(seconds)
         self._budget.shared.spend(seconds)
 
@@ -90,9 +92,15 @@ class DeferredCloseQueue:
 
     Args:
         failed: Called with the error when closing raises one; the rest is closed all the same.
+        monotonic: The clock, in seconds.
     """
 
-    def __init__(self, failed: Callable[[Exception], None]) -> None:
+    def __init__(
+        self,
+        failed: Callable[[Exception], None],
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._monotonic = monotonic
         self.schedule: Callable[[], None] | None = None
         self._failed = failed
         self._queue: deque[Callable[[], None]] = deque()
@@ -134,9 +142,9 @@ class DeferredCloseQueue:
             self._close(self._queue.popleft())
 
     def _timed(self, close: Callable[[], None]) -> None:
-        start = time.monotonic()
+        start = self._monotonic()
         self._close(close)
-        self._spent += time.monotonic() - start
+        self._spent += self._monotonic() - start
 
     def _close(self, close: Callable[[], None]) -> None:
         try:

@@ -2,6 +2,7 @@
 
 import os
 import struct
+import time
 from collections import deque
 from pathlib import Path
 from types import SimpleNamespace
@@ -671,7 +672,7 @@ def test_readers_that_have_left_are_not_waited_for_longer_than_some_seconds(worl
     world.wait(1500)
     reader.close()
     now = 0.0
-    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    monkeypatch.setattr(time, "monotonic", lambda: now)
     world.restart()
     client.write(0x15, number(1))
     client.turns()
@@ -749,7 +750,7 @@ def test_sessions_of_a_transport_that_is_not_there_wait_for_it(world, monkeypatc
 def test_but_not_for_ever(world, monkeypatch):
     publisher(world)
     now = 1e9
-    monkeypatch.setattr(module.time, "time", lambda: now)
+    monkeypatch.setattr(time, "time_ns", lambda: round(now * 1e9))
     with monkeypatch.context() as patch:
         patch.setattr(helpers.Place, "name", "OtherAgent")
         world.restart()

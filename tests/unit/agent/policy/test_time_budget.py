@@ -25,8 +25,8 @@ from uros.wire import ids
 
 
 @pytest.fixture
-def clock(monkeypatch):
-    """``clock.now`` is the time of time_budget.py."""
+def clock():
+    """``clock.now`` is the time."""
 
     class Clock:
         now = 50.0
@@ -34,16 +34,14 @@ def clock(monkeypatch):
         def monotonic(self):
             return self.now
 
-    one = Clock()
-    monkeypatch.setattr(module, "time", one)
-    return one
+    return Clock()
 
 
 # --- budgets ----------------------------------------------------------------------------
 
 
 def test_one_client_gets_its_part_and_others_theirs(clock):
-    budget = TimeBudget()
+    budget = TimeBudget(clock.monotonic)
     budget.enabled = True
     greedy, modest = budget.for_client(), budget.for_client()
     worked = {greedy: 0, modest: 0}
@@ -60,7 +58,7 @@ def test_one_client_gets_its_part_and_others_theirs(clock):
 
 
 def test_all_together_never_work_longer_than_a_burst(clock):
-    budget = TimeBudget()
+    budget = TimeBudget(clock.monotonic)
     budget.enabled = True
     start, turn = clock.now, 0
     for one in [budget.for_client() for _ in range(100)]:
@@ -72,7 +70,7 @@ def test_all_together_never_work_longer_than_a_burst(clock):
 
 
 def test_without_a_server_nobody_waits(clock):
-    budget = TimeBudget().for_client()
+    budget = TimeBudget(clock.monotonic).for_client()
     for _ in range(100):
         assert budget.start()
         clock.now += 1
@@ -84,7 +82,7 @@ def test_without_a_server_nobody_waits(clock):
 
 def test_closing_is_done_in_slices_in_order_and_once(clock):
     later, closed, failed = [], [], []
-    closing = DeferredCloseQueue(failed.append)
+    closing = DeferredCloseQueue(failed.append, clock.monotonic)
     closing.schedule = lambda: later.append(1)
 
     def close(number):
@@ -114,7 +112,7 @@ def test_closing_is_done_in_slices_in_order_and_once(clock):
 def test_what_waits_has_an_end_and_so_has_the_end(clock, monkeypatch):
     monkeypatch.setattr(module, "MAX_CLOSING", 10)
     closed = []
-    closing = DeferredCloseQueue(lambda error: None)
+    closing = DeferredCloseQueue(lambda error: None, clock.monotonic)
     closing.schedule = lambda: None
     closing._spent = 1.0
     for number in range(30):
