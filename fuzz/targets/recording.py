@@ -7,9 +7,9 @@ import json
 from collections.abc import Iterator
 from random import Random
 
-from uros.agent.observability.format import MAX_LINE, describe
-from uros.agent.observability.message_hooks import Passing
-from uros.agent.observability.pcapng import Packets
+from uros.agent.observability.format import MAX_LINE, format_message
+from uros.agent.observability.message_hooks import MessageEvent
+from uros.agent.observability.pcapng import PcapngEncoder
 from uros.tools.capture.recordings import parser_for, read
 from uros.tools.capture.records import RecordingError
 
@@ -22,7 +22,7 @@ _MESSAGE = 1  # in the first byte: no file, but one message
 
 
 def _described(message: bytes) -> None:
-    line = describe(message)
+    line = format_message(message)
     must(len(line) <= MAX_LINE + 100, f"a line of {len(line)} characters")
     must(line.isprintable() or not line, f"a line with {line!r}")
 
@@ -61,10 +61,10 @@ def one_input(data: bytes) -> None:
 
 def _pcapng() -> bytes:
     """A capture as the agent writes it."""
-    packets, place = Packets(), Place()
+    packets, place = PcapngEncoder(), Place()
     said = (("client", BARE_PING), ("agent", BARE_PING), ("client", bytes(70_000)))
     return b"".join(
-        packets.encode(Passing(place, 1, who, message[:900], 1_700_000_000_000_000, 7), lost)
+        packets.encode(MessageEvent(place, 1, who, message[:900], 1_700_000_000_000_000, 7), lost)
         for lost, (who, message) in enumerate(said)
     )
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from random import Random
 
 from uros import names
-from uros.agent.policy.rules import GLOBAL, MAX_FILE, Control, ControlError, NameRefused
+from uros.agent.policy.rules import GLOBAL, MAX_FILE, ConfigError, NameRefused, Rules
 from uros.middleware.base import MAX_DOMAIN, Service
 from uros.qos import QoSProfile
 
@@ -24,10 +24,10 @@ _ADDRESSES = ("192.168.1.9:4000", "[fe80::1%lo]:5", "/dev/ttyUSB0 (1)", "can0 (0
 def one_input(data: bytes) -> None:
     path = scratch()
     path.write_bytes(data)
-    control = Control()
+    rules = Rules()
     try:
-        count = control.load(path)
-    except ControlError as error:
+        count = rules.load(path)
+    except ConfigError as error:
         text = str(error)
         must(text.startswith(str(path)), f"the file is not named: {text[:200]}")
         must(len(text) < len(data) + 2000, "a text for people")
@@ -36,7 +36,7 @@ def one_input(data: bytes) -> None:
     for key in (0, 0x4B0CBE99, 0xFFFFFFFF):
         for address in _ADDRESSES:
             for namespace, name in _NODES:
-                _apply(control.settings(key, address, f"{namespace.rstrip('/')}/{name}"), namespace)
+                _apply(rules.settings(key, address, f"{namespace.rstrip('/')}/{name}"), namespace)
 
 
 def _apply(settings, namespace: str) -> None:  # type: ignore[no-untyped-def]

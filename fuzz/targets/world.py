@@ -165,15 +165,15 @@ class World:
 
     def received(self, transport, session, buf, view, length, now) -> None:  # type: ignore
         self._look(transport, view[:length])
-        if self.agent.taps:
-            self.agent.taps(transport, 0, CLIENT, view, length, session.key)
+        if self.agent.message_hooks:
+            self.agent.message_hooks(transport, 0, CLIENT, view, length, session.key)
         if session.receive(buf, view, length, now):
             self.agent.attend(session)
 
     def stray(self, transport, peer, buf, view, length) -> None:  # type: ignore
         self._look(transport, view[:length], peer)
-        if self.agent.taps:
-            self.agent.taps(transport, peer, CLIENT, view, length, 0)
+        if self.agent.message_hooks:
+            self.agent.message_hooks(transport, peer, CLIENT, view, length, 0)
         self.agent.stray(transport, peer, buf, view, length)
 
     def _look(self, transport: object, datagram: memoryview, peer: object = None) -> None:
@@ -190,7 +190,7 @@ class World:
         pass
 
     def lost(self, transport: ServerTransport) -> None:
-        self.agent.lines.lost(transport)
+        self.agent.line_loss.lost(transport)
 
     def note(self, level: int, part: str, function: str, what: str, about: str) -> None:
         self.agent.log(level, part, function, what, about)

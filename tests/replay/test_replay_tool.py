@@ -74,7 +74,7 @@ def test_by_the_clock_of_the_recording(tmp_path):
     recorded_gap = list(read(path))[4].time - list(read(path))[0].time
     with running_agent("udp", "memory") as agent:
         heard = []
-        agent.agent.taps.append(heard.append)
+        agent.agent.message_hooks.append(heard.append)
         assert cli.main(["replay", str(path), address(agent)]) == 0
     times = [it.now / 1e6 for it in heard if it.direction == "client"]
     assert recorded_gap > 1 and times[-1] - times[0] >= recorded_gap * 0.99
@@ -108,8 +108,8 @@ def test_a_capture_opens_in_wireshark_and_replays_into_a_fresh_agent(kind, form,
     path = tmp_path / f"it.{form}"
     passed = []
     with running_agent(kind, "memory") as agent:
-        capture = Capture(str(path), 10**9, agent.agent.log, agent.agent.taps)
-        agent.agent.taps.append(passed.append)
+        capture = Capture(str(path), 10**9, agent.agent.log, agent.agent.message_hooks)
+        agent.agent.message_hooks.append(passed.append)
         agent.line(7).send(b"nonsense of a stranger")
         converse(agent)
     capture.close()

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from unit.test_house import ALLOWED
 
-from uros.agent.policy.rules import Control
+from uros.agent.policy.rules import Rules
 from uros.boards.virtual.hardware.board import VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
 from uros.boards.virtual.models.catalog import BOARDS
@@ -565,11 +565,11 @@ def test_the_rules_of_the_page_do_what_it_says(tmp_path):
     (text,) = re.findall(r"^```toml\n(.+?)^```$", AGENT.read_text("utf-8"), re.M | re.S)
     file = tmp_path / "rules.toml"
     file.write_text(text)
-    control = Control()
-    assert control.load(file) == text.count("\n[[client]]") == 4
+    rules = Rules()
+    assert rules.load(file) == text.count("\n[[client]]") == 4
 
     def settings(key=1, address="/dev/ttyS0 (1)", node="/n"):
-        return control.settings(key, address, node)
+        return rules.settings(key, address, node)
 
     for key, namespace in ((0x4B0CBE99, "/left"), (0x4B0CBE9A, "/right"), (7, "/right"), (8, "")):
         assert settings(key=key).namespace == namespace
@@ -588,10 +588,10 @@ def test_the_rules_of_the_page_do_what_it_says(tmp_path):
 
 
 def test_names_and_policies_on_the_page_are_all_there_are():
-    from uros.agent.policy import rules as control
+    from uros.agent.policy import rules
 
     text = AGENT.read_text("utf-8").partition("\n## Rules for clients\n")[2]
-    words = {*control.GLOBAL, *control._SELECTORS, *control._ACTIONS, *control._NUMBERS}
-    for policy, values in control._POLICIES.items():
+    words = {*rules.GLOBAL, *rules._SELECTORS, *rules._ACTIONS, *rules._NUMBERS}
+    for policy, values in rules._POLICIES.items():
         words |= {policy, *values}
     assert not [word for word in sorted(words) if f"`{word}`" not in text]

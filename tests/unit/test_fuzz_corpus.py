@@ -198,7 +198,7 @@ def test_a_state_that_is_not_sound_is_a_finding(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_description_that_harms_terminals_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(target("recording"), "describe", lambda message: "\033[2J")
+    monkeypatch.setattr(target("recording"), "format_message", lambda message: "\033[2J")
     with pytest.raises(world.Finding):
         target("recording").one_input(kept_as("recording", "ping"))
 

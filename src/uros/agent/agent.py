@@ -5,7 +5,7 @@ with a lower id by the client key in every header, wherever it talks from. What
 belongs to no session can be a CREATE_CLIENT, a ping, or the farewell of a
 client that is forgotten already; everything else stays unanswered, which is
 how micro-ROS clients learn that they must start anew. Who talks with the key of
-a client that is known elsewhere waits until that is decided (:mod:`.rivals`).
+a client that is known elsewhere waits until that is decided (:mod:`.policy.key_conflict`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .objects.client import ProxyClient
 from .objects.kinds import key_label
 from .objects.ros_graph import Graphs
 from .objects.xml_profiles import References
-from .observability.message_hooks import AGENT, Taps
+from .observability.message_hooks import AGENT, MessageHooks
 from .policy.admission import (
     ADDRESS_NOT_ALLOWED,
     KEY_NOT_ALLOWED,
@@ -35,13 +35,13 @@ from .policy.admission import (
     Admission,
     Refusals,
 )
-from .policy.eviction import Shares
-from .policy.key_conflict import Rivals
+from .policy.eviction import EvictionPolicy
+from .policy.key_conflict import KeyConflicts
 from .policy.limits import Limits
-from .policy.line_loss import Lines
+from .policy.line_loss import LineLossMonitor
 from .policy.liveliness import DEAD_TIME, LOOK_MS, Liveliness
-from .policy.memory_budget import CLIENT_BYTES, Budget
-from .policy.rules import Control
+from .policy.memory_budget import CLIENT_BYTES, MemoryBudget
+from .policy.rules import Rules
 from .policy.time_budget import DeferredCloseQueue, TimeBudget
 from .session.session import MIN_MTU, Session
 from .transports.base import ServerTransport
@@ -62,7 +62,7 @@ class Agent:
         references: References | None = None,
         domain_of_agent: int = 0,
         domain_override: int | None = None,
-        control: Control | None = None,
+        rules: Rules | None = None,
         admission: Admission | None = None,
         dead_time: float | None = None,
         limits: Limits | None = None,
@@ -73,25 +73,25 @@ class Agent:
         # Milliseconds modulo 2^30.
         self.now: Callable[[], int] = self.clock.ticks
         self.log = log or Log(clock=self.clock)
-        self.taps = Taps(self.log)
+        self.message_hooks = MessageHooks(self.log)
         self.faults = RateLimit(clock=self.clock.monotonic)
         self.strangers = RateLimit(10.0, clock=self.clock.monotonic)
         self.references = references or References()
         self.domain_of_agent = domain_of_agent
         self.domain_override = domain_override
-        self.control = control or Control()
+        self.rules = rules or Rules()
         self.admission = admission or Admission()
         self.refusals = Refusals()
         self.keeper: Persistence | None = None  # with --state
         self.clients: dict[int, ProxyClient] = {}
         self.limits = limits or Limits()
-        self.budget = Budget(self.limits.memory, lambda: self.clients.values(), self._dismiss)
+        self.budget = MemoryBudget(self.limits.memory, lambda: self.clients.values(), self._dismiss)
         self.time_budget = TimeBudget(self.clock.monotonic)
         self.close_queue = DeferredCloseQueue(self.failed, self.clock.monotonic)
         self.heap = Heap()
         # Where each client talks from: its transport and address there.
         self._places: dict[int, tuple[ServerTransport, Any]] = {}
-        self.shares = Shares()
+        self.eviction = EvictionPolicy()
         self.attended: set[Session] = set()
         self._scratch = bytearray(128)
         # Sessions that have ended since the last flush, which takes them out: what they still
@@ -99,8 +99,8 @@ class Agent:
         self._left: dict[Session, tuple[ServerTransport, Any]] = {}
         self._conflicts: set[tuple[str, str, str]] = set()
         self.liveliness = Liveliness(self, DEAD_TIME if dead_time is None else dead_time)
-        self.rivals = Rivals(self)
-        self.lines = Lines(self)
+        self.key_conflicts = KeyConflicts(self)
+        self.line_loss = LineLossMonitor(self)
         # Call something in so many seconds; nothing is called before :meth:`start`.
         self.wake_at: Callable[[float, Callable[[], None]], None] = lambda seconds, call: None
         self.graphs = Graphs(middleware, self.log)
@@ -190,7 +190,7 @@ class Agent:
             if client is not None and client.session.session_id == session_id:
                 if self._places[client.key] != (transport, peer):
                     if self._may_go_on(client, transport, peer):
-                        self.rivals.challenge(client, transport, peer, None)
+                        self.key_conflicts.challenge(client, transport, peer, None)
                     else:  # it must begin anew, with the rules of its own place
                         self._stranger(transport, peer, session_id)
                 elif client.session.receive(buf, view, length, self.now()):
@@ -248,7 +248,7 @@ class Agent:
             request = CreateClientRequest(session_id, min(mtu, MAX_MTU, transport.mtu), properties)
             client = self.clients.get(key)
             if client is not None and self._places[key] != (transport, peer):
-                self.rivals.challenge(client, transport, peer, request)
+                self.key_conflicts.challenge(client, transport, peer, request)
             else:
                 self.take_over(key, transport, peer, request)
             return
@@ -311,13 +311,13 @@ class Agent:
         return True
 
     def _has_room(self, key: int, transport: ServerTransport, peer: Any) -> bool:
-        """Whether the client may come in; see :mod:`.shares` for who leaves for it."""
+        """Whether the client may come in; see :mod:`.policy.eviction` for who leaves for it."""
         most = self.admission.max_clients
         if key in self.clients:
             return True
-        if len(self.clients) < most and not self.shares.is_over(transport, peer, most):
+        if len(self.clients) < most and not self.eviction.is_over(transport, peer, most):
             return True
-        leaving, why = self.shares.leaving(transport, peer, most, self.now())
+        leaving, why = self.eviction.leaving(transport, peer, most, self.now())
         for client in leaving:
             self.delete_client(client.key)
         if leaving and (times := self.faults.times("no places left")) is not None:
@@ -372,7 +372,7 @@ class Agent:
             at == peer
             or (
                 client.certificate == transport.certificate_of(peer)
-                and self.control.same_rules(
+                and self.rules.same_rules(
                     client.key, known.address(at), transport.address(peer)
                 )
             )
@@ -386,7 +386,7 @@ class Agent:
         """
         self._admit(transport, peer, key, request)
         client = self.clients[key]
-        self.lines.watch(client)  # its board may have been unplugged meanwhile
+        self.line_loss.watch(client)  # its board may have been unplugged meanwhile
         return client
 
     def _move(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> None:
@@ -395,10 +395,10 @@ class Agent:
         if place == (transport, peer):
             return
         if place is not None:
-            self.shares.remove(client, *place)
+            self.eviction.remove(client, *place)
             place[0].sessions.pop(place[1], None)
         self._places[client.key] = transport, peer
-        self.shares.add(client, transport, peer)
+        self.eviction.add(client, transport, peer)
         if client.session.session_id & 0x80:
             transport.sessions[peer] = client.session
         self.log.info(
@@ -435,8 +435,8 @@ class Agent:
     # --- sending -----------------------------------------------------------------
 
     def _send(self, transport: ServerTransport, peer: Any, datagram: bytes, key: int) -> None:
-        if self.taps:
-            self.taps(transport, peer, AGENT, datagram, len(datagram), key)
+        if self.message_hooks:
+            self.message_hooks(transport, peer, AGENT, datagram, len(datagram), key)
         transport.send(peer, datagram)
 
     def flush(self, session: Session) -> None:
@@ -447,9 +447,9 @@ class Agent:
             return
         if place is not None:
             transport, peer = place
-            if self.taps:
+            if self.message_hooks:
                 for datagram in outgoing:
-                    self.taps(transport, peer, AGENT, datagram, len(datagram), session.key)
+                    self.message_hooks(transport, peer, AGENT, datagram, len(datagram), session.key)
             size = 0
             for datagram in outgoing:
                 transport.send(peer, datagram)
@@ -474,7 +474,7 @@ class Agent:
         self.heap.somebody_left = True
         place = self._places.pop(key, None)
         if place is not None:
-            self.shares.remove(client, *place)
+            self.eviction.remove(client, *place)
             place[0].sessions.pop(place[1], None)
             self._left[client.session] = place
             self.attend(client.session)  # so that it is flushed, whoever has deleted it
@@ -499,13 +499,13 @@ class Agent:
             )  # fmt: skip
         self.delete_client(key)
 
-    def resident(self, transport: ServerTransport, peer: Any) -> bool:
+    def has_client(self, transport: ServerTransport, peer: Any) -> bool:
         """Whether a client talks from there."""
         return (transport, peer) in self._places.values()
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
         """The peer's connection is closed: a session cannot outlive a TCP connection."""
-        self.rivals.gone(transport, peer)
+        self.key_conflicts.gone(transport, peer)
         for key, place in list(self._places.items()):
             if place == (transport, peer):
                 self.delete_client(key)

@@ -17,8 +17,8 @@ from .objects.ros_graph import Graphs
 from .objects.xml_profiles import References
 from .policy.admission import Admission, Refusals
 from .policy.limits import Limits
-from .policy.memory_budget import Budget
-from .policy.rules import Control
+from .policy.memory_budget import MemoryBudget
+from .policy.rules import Rules
 from .policy.time_budget import DeferredCloseQueue, TimeBudget
 from .session.session import Session
 from .transports.base import ServerTransport
@@ -90,11 +90,11 @@ class AgentContext(Protocol):
     middleware: Middleware
     references: References
     graphs: Graphs
-    control: Control
+    rules: Rules
     admission: Admission
     refusals: Refusals
     limits: Limits
-    budget: Budget
+    budget: MemoryBudget
     time_budget: TimeBudget
     close_queue: DeferredCloseQueue
     keeper: Persistence | None

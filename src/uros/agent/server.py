@@ -62,7 +62,7 @@ class Server:
         self._soon: deque[Callable[[], None]] = deque()
         # The time each client's timer is set to; other heap entries of it are stale.
         self._timers: dict[ProxyClient, float] = {}
-        self._taps = agent.taps
+        self._message_hooks = agent.message_hooks
         # A middleware that fails is asked again, but not at once.
         self._failures = 0
         self._tick_after = 0.0
@@ -82,8 +82,8 @@ class Server:
     def stray(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
-        if self._taps:
-            self._taps(transport, peer, CLIENT, view, length, 0)
+        if self._message_hooks:
+            self._message_hooks(transport, peer, CLIENT, view, length, 0)
         try:
             self.agent.stray(transport, peer, buf, view, length)
         except Exception as error:  # whatever it is, what else is in the burst counts
@@ -93,9 +93,9 @@ class Server:
         self, transport: ServerTransport, session: Session, buf: bytearray, view: memoryview,
         length: int, now: int,
     ) -> None:  # fmt: skip
-        if self._taps:
+        if self._message_hooks:
             peer = self.agent.place(session.key)[1]
-            self._taps(transport, peer, CLIENT, view, length, session.key)
+            self._message_hooks(transport, peer, CLIENT, view, length, session.key)
         try:
             if session.receive(buf, view, length, now):
                 self.agent.attended.add(session)
@@ -107,10 +107,10 @@ class Server:
         self.agent.gone(transport, peer)
 
     def lost(self, transport: ServerTransport) -> None:
-        self.agent.lines.lost(transport)
+        self.agent.line_loss.lost(transport)
 
-    def resident(self, transport: ServerTransport, peer: Any) -> bool:
-        return self.agent.resident(transport, peer)
+    def has_client(self, transport: ServerTransport, peer: Any) -> bool:
+        return self.agent.has_client(transport, peer)
 
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if writing else 0)

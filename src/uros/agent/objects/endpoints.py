@@ -24,7 +24,7 @@ from ...middleware.base import (
 from ...qos import HistoryPolicy, QoSProfile, services_profile
 from ...wire.data import SAMPLE_IDENTITY_SIZE, pull_sample_identity, push_sample_identity
 from ...wire.errors import DecodeError
-from ..policy.memory_budget import MESSAGE_BYTES, Budget
+from ..policy.memory_budget import MESSAGE_BYTES, MemoryBudget
 from ..policy.reader_backlog import Backlog
 from ..policy.rules import Limiter
 
@@ -64,7 +64,7 @@ class WriterEndpoint:
         self,
         writer: Writer,
         qos: QoSProfile,
-        budget: Budget,
+        budget: MemoryBudget,
         limiter: Limiter | None = None,
         on_too_large: Callable[[str], None] = _ignore,
     ) -> None:
@@ -178,7 +178,7 @@ class ReaderEndpoint(ReadingEndpoint):
         type_name: str,
         qos: QoSProfile,
         on_ready: Callable[[], None],
-        budget: Budget,
+        budget: MemoryBudget,
         dropped: Callable[[str], None],
     ) -> None:
         if qos.history == HistoryPolicy.KEEP_ALL:
@@ -213,7 +213,7 @@ class RequesterEndpoint(ReadingEndpoint):
         object_id: int,
         on_ready: Callable[[], None],
         on_refusal: Callable[[list[int], str], None],
-        budget: Budget,
+        budget: MemoryBudget,
         dropped: Callable[[str], None],
     ) -> None:
         self._object_id = object_id.to_bytes(2, "big")
@@ -272,7 +272,7 @@ class ReplierEndpoint(ReadingEndpoint):
     __slots__ = ("_replier",)
 
     def __init__(
-        self, node: Node, service: Service, on_ready: Callable[[], None], budget: Budget,
+        self, node: Node, service: Service, on_ready: Callable[[], None], budget: MemoryBudget,
         dropped: Callable[[str], None],
     ) -> None:  # fmt: skip
         self.taken = 0  # requests

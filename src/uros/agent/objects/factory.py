@@ -160,7 +160,7 @@ class ObjectFactory:
     def _make_node(self, client: ObjectOwner, thing: XrceObject, spec: ParticipantSpec) -> str:
         agent, key = self._agent, client.key
         given = node_name(spec.name)
-        settings = agent.control.settings(
+        settings = agent.rules.settings(
             key, agent.address(key), names.join(*given), agent.clock.monotonic
         )
         settings.any_name = agent.middleware.any_name

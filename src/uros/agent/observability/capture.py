@@ -1,7 +1,8 @@
 """``--capture FILE``: every message that passes the agent, both ways, in a file.
 
-It has the form of :mod:`.jsonlines` or of :mod:`.pcapng`. A thread writes it, because boards must
-not wait for a disk; it writes whole records, so that a file is readable whatever ends the agent.
+The file has the format of :mod:`.jsonl` or of :mod:`.pcapng`. A thread writes it, because boards
+must not wait for a disk; it writes whole records, so that a file is readable however the agent
+ends.
 """
 
 from __future__ import annotations
@@ -16,96 +17,106 @@ import time
 from typing import Final, Protocol
 
 from ..log import Log, RateLimit, unexpected
-from .jsonl import Lines
-from .message_hooks import Passing, Taps
-from .pcapng import MAGIC, Packets
+from .jsonl import JsonLinesEncoder
+from .message_hooks import MessageEvent, MessageHooks
+from .pcapng import MAGIC, PcapngEncoder
 
 try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-# What may wait for the disk; beyond it messages are not captured. A message has its overhead.
+# Bytes that may wait for the disk, with the overhead of each message; further messages are not
+# captured.
 MAX_WAITING: Final = 16 * 1024 * 1024
 _OVERHEAD: Final = 300
 # Written at once where so much waits.
 _CHUNK: Final = 64 * 1024
-# How long the end of the agent waits for the disk, in seconds, and for one that takes nothing.
+# How long closing waits for the disk in all, and for one that takes nothing, in seconds.
 _PATIENCE: Final = 5.0
 _STILL: Final = 1.0
-# Windows would change line ends, and elsewhere a terminal would become ours.
+# Windows would change line ends; elsewhere a terminal would become our controlling terminal.
 _NEW: Final = (
     os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
 )
-# What boards and nodes say to each other is nobody else's, whatever the umask.
+# Messages of boards and nodes are private, whatever the umask.
 _MODE: Final = 0o600
 
 
 class CaptureError(Exception):
-    """A file cannot be captured into; the text says why and what to do."""
+    """The capture file cannot be used; the text says why and what to do."""
 
 
-class _Form(Protocol):
+class _Encoder(Protocol):
     def reset(self) -> None: ...
 
-    def encode(self, passing: Passing, lost: int) -> bytes: ...
+    def encode(self, event: MessageEvent, lost: int) -> bytes: ...
 
 
 class Capture:
-    """A tap that writes to ``path``: pcapng where that ends with ``.pcapng``, else text.
+    """A message hook that writes a capture file.
 
-    A file that reaches ``limit`` bytes becomes ``path`` with ``.1`` behind it, and a new one is
-    begun: the last two are kept. So does a capture that is there already: what an agent wrote
-    before it crashed is not lost by starting it again. Where the disk is full, the capture ends
-    with a warning and the agent goes on. Raises CaptureError where nothing can be written, or
-    something else would be overwritten.
+    A file that reaches its limit is renamed to ``path`` with ``.1`` appended, and a new one is
+    begun: the last two are kept. A capture that exists already is renamed in the same way, so that
+    what an agent wrote before it crashed is not lost by starting it again. Where the disk is full,
+    the capture ends with a warning and the agent goes on.
+
+    Args:
+        path: The file; pcapng where its name ends with ``.pcapng``, else JSON lines.
+        limit: Its size in bytes at which the next file is begun.
+        log: The agent's log.
+        message_hooks: The agent's hooks, to which this one is added.
+
+    Raises:
+        CaptureError: The file cannot be written, or it exists and is no capture.
     """
 
-    def __init__(self, path: str, limit: int, log: Log, taps: Taps) -> None:
+    def __init__(self, path: str, limit: int, log: Log, message_hooks: MessageHooks) -> None:
         self.path = path
         self.lost = 0
         self.written = 0  # messages
         self._limit = limit
         self._log = log
-        self._taps = taps
-        self._form: _Form = Packets() if path.endswith(".pcapng") else Lines()
-        self._lost_said = RateLimit(10.0)
-        self._waiting: queue.SimpleQueue[tuple[Passing, int] | None] = queue.SimpleQueue()
-        self._put = 0  # bytes, by the agent's thread
-        self._taken = 0  # and by the other
-        self._untold = 0  # lost since the last that was put
+        self._message_hooks = message_hooks
+        pcapng = path.endswith(".pcapng")
+        self._encoder: _Encoder = PcapngEncoder() if pcapng else JsonLinesEncoder()
+        self._lost_lines = RateLimit(10.0)
+        self._waiting: queue.SimpleQueue[tuple[MessageEvent, int] | None] = queue.SimpleQueue()
+        self._put = 0  # bytes queued, counted by the agent's thread
+        self._taken = 0  # bytes written, counted by the writing thread
+        self._unreported = 0  # lost since the last one that was queued
         self._ended = False
         self._size = 0
         self._file, self._rotates = _open(path)
         self._thread = threading.Thread(target=self._run, name="uros-capture", daemon=True)
         self._thread.start()
-        taps.append(self.tap)
+        message_hooks.append(self.record)
         log.info("Capture", "open", "capturing", f"file: {path}")
 
     # --- the agent's thread -----------------------------------------------------------
 
-    def tap(self, passing: Passing) -> None:
-        """Take one message. Never waits."""
+    def record(self, event: MessageEvent) -> None:
+        """Queue one message for the thread; never blocks."""
         if self._ended:
-            self._taps.drop(self.tap)
+            self._message_hooks.discard(self.record)
             return
         if self._put - self._taken > MAX_WAITING:
             self.lost += 1
-            self._untold += 1
-            if self._lost_said.admit("lost"):
+            self._unreported += 1
+            if self._lost_lines.admit("lost"):
                 self._log.warning(
                     "Capture", "write", "messages not captured",
                     f"file: {self.path}, lost: {self.lost} (the disk is slower than the boards:"
                     " capture to a faster one)",
                 )  # fmt: skip
             return
-        self._put += len(passing.message) + _OVERHEAD
-        lost, self._untold = self._untold, 0
-        self._waiting.put((passing, lost))
+        self._put += len(event.message) + _OVERHEAD
+        lost, self._unreported = self._unreported, 0
+        self._waiting.put((event, lost))
 
     def close(self) -> None:
-        """Write what waits, as far as the disk takes it in a few seconds."""
-        self._taps.drop(self.tap)
+        """Write the queued messages, as far as the disk takes them within a few seconds."""
+        self._message_hooks.discard(self.record)
         self._waiting.put(None)
         end = time.monotonic() + _PATIENCE
         before = -1
@@ -129,13 +140,13 @@ class Capture:
                 self._write_what_waits()
         except OSError as error:
             self._ended = True
-            # The log takes lines of any thread; this is the only one that comes from here.
+            # The log is thread-safe.
             self._log.warning(
                 "Capture", "write", "capture ends",
                 f"file: {self.path}, {_trouble(error)}; the {self.written} messages in it are"
                 " whole, the agent goes on",
             )  # fmt: skip
-        except Exception as error:  # whatever it is, boards go on
+        except Exception as error:  # whatever it is, boards are served
             self._ended = True
             self._log.error(
                 "Capture", "write", "internal error", unexpected(error, "; the capture ends")
@@ -145,22 +156,22 @@ class Capture:
                 os.close(self._file)
 
     def _write_what_waits(self) -> None:
-        """Sleep until there is something, and write it."""
+        """Wait for messages and write them."""
         item = self._waiting.get()
         records: list[bytes] = []
         size = 0
         while item is not None:
-            passing, lost = item
-            data = self._form.encode(passing, lost)
+            event, lost = item
+            data = self._encoder.encode(event, lost)
             full = self._size + size
             if self._rotates and full and full + len(data) > self._limit:
                 self._write(records)
                 records, size = [], 0
                 self._rotate()
-                data = self._form.encode(passing, lost)
+                data = self._encoder.encode(event, lost)
             records.append(data)
             size += len(data)
-            self._taken += len(passing.message) + _OVERHEAD
+            self._taken += len(event.message) + _OVERHEAD
             if size >= _CHUNK:
                 break
             try:
@@ -172,18 +183,18 @@ class Capture:
         self._write(records)
 
     def _write(self, records: list[bytes]) -> None:
-        """All of them, or as many whole ones as there is room for, and OSError."""
+        """Write all records, or as many whole ones as there is room for, and raise OSError."""
         data = memoryview(b"".join(records))
         done = 0
         try:
             while done < len(data):
                 done += os.write(self._file, data[done:])
         except OSError:
-            for it in records:
-                if done < len(it):
+            for record in records:
+                if done < len(record):
                     break
-                done -= len(it)
-                self._size += len(it)
+                done -= len(record)
+                self._size += len(record)
                 self.written += 1
             if self._rotates:
                 os.ftruncate(self._file, self._size)
@@ -198,17 +209,17 @@ class Capture:
         self._file = os.open(self.path, _NEW, _MODE)
         _lock(self._file)
         self._size = 0
-        self._form.reset()
+        self._encoder.reset()
 
 
 def _open(path: str) -> tuple[int, bool]:
-    """The descriptor of an empty file, and whether it is one that can be renamed."""
+    """Open an empty file; return its descriptor, and whether it can be renamed."""
     file = -1
     try:
-        for it in (path, f"{path}.1"):
-            if os.path.isfile(it) and not is_capture(it):
+        for name in (path, f"{path}.1"):
+            if os.path.isfile(name) and not is_capture(name):
                 raise CaptureError(
-                    f"--capture {path}: {it} is there already and no capture, so it is not"
+                    f"--capture {path}: {name} is there already and no capture, so it is not"
                     " overwritten: name another file, or remove that one"
                 )
         # A pipe that nobody reads yet must not keep the agent from starting.
@@ -237,7 +248,7 @@ def _open(path: str) -> tuple[int, bool]:
 
 
 def _lock(file: int) -> None:
-    """The file is ours while it is open. Raises BlockingIOError where it is another agent's."""
+    """Lock the file while it is open; raises BlockingIOError where another agent has it."""
     try:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -248,7 +259,7 @@ def _lock(file: int) -> None:
 
 
 def _check_free(path: str) -> None:
-    """Raises BlockingIOError where another agent captures into the file.
+    """Raise BlockingIOError where another agent captures into the file.
 
     A second agent that is started by mistake must not spoil it before it finds its port in use.
     """
@@ -260,7 +271,7 @@ def _check_free(path: str) -> None:
 
 
 def is_capture(path: str) -> bool:
-    """Whether a file begins as a capture, or is empty. Raises OSError."""
+    """Return whether a file begins like a capture, or is empty; raises OSError."""
     with open(path, "rb") as file:
         head = file.read(512)
     return not head or head.startswith(MAGIC) or (head.startswith(b'{"t": ') and b'"from"' in head)

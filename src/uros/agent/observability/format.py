@@ -2,9 +2,10 @@
 
     0x81 reliable 5: CREATE #10 datawriter 0x001(5) in publisher 0x001(3) on topic 0x001(2) ...
 
-It is for bytes from anywhere: nothing is raised, what means nothing is shown in hex after ``??``
-and the reason, and a line has an end. Names from outside are escaped where they could do something
-to a terminal. Entities are read as the agent reads them, by :mod:`.representation`.
+Any bytes are accepted: nothing is raised, bytes that cannot be decoded are shown in hex after
+``??`` and the reason, and the length of a line is limited. Names from outside are escaped where
+they could control a terminal. Entities are parsed as the agent parses them, by
+:mod:`uros.agent.objects.representation`.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ MAX_LINE: Final = 2000
 _MAX_TEXT: Final = 100
 _MAX_LISTED: Final = 8
 _MAX_BYTES: Final = 16
-# XML is parsed to be described; a longer one is shown as it begins.
+# XML up to this size is parsed; of a longer one only the beginning is shown.
 _MAX_XML: Final = 8192
 
 PERFORMANCE: Final = 16  # eProsima's, for measuring; agents drop it
@@ -81,8 +82,8 @@ _FORMATS: Final = {
 }
 
 
-class Part(NamedTuple):
-    """One submessage: its name, and what it says."""
+class ParsedSubmessage(NamedTuple):
+    """One submessage: the name of its kind, and its content as text."""
 
     kind: str
     text: str
@@ -91,65 +92,72 @@ class Part(NamedTuple):
         return f"{self.kind} {self.text}".rstrip()
 
 
-class Description(NamedTuple):
-    """A message taken apart. ``number`` and ``key`` are None where the header has none;
-    ``trouble`` is what begins where it stops to mean something, with its bytes.
+class ParsedMessage(NamedTuple):
+    """A parsed message.
+
+    Attributes:
+        session: Session id; None where even the header is too short.
+        stream: Stream id.
+        number: Sequence number; None where the header has none.
+        key: Client key; None where the header has none.
+        parts: The submessages up to the first that cannot be decoded.
+        error: What is wrong from there on, with the bytes; "" where nothing is.
     """
 
     session: int | None
     stream: int | None
     number: int | None
     key: int | None
-    parts: list[Part]
-    trouble: str
+    parts: list[ParsedSubmessage]
+    error: str
 
     def __str__(self) -> str:
         said = [str(part) for part in self.parts]
-        if self.trouble:
-            said.append(self.trouble)
+        if self.error:
+            said.append(self.error)
         text = f"{_head(self)} {'; '.join(said)}".strip()
         return text if len(text) <= MAX_LINE else f"{text[: MAX_LINE - 3]}..."
 
 
-def describe(message: bytes) -> str:
-    """One line of at most ``MAX_LINE`` characters, all of them printable ASCII."""
-    return str(take_apart(message))
+def format_message(message: bytes) -> str:
+    """Format a message as one line of at most ``MAX_LINE`` printable ASCII characters."""
+    return str(parse_message(message))
 
 
-def take_apart(message: bytes) -> Description:
-    """The parts of a message, as far as they mean something."""
+def parse_message(message: bytes) -> ParsedMessage:
+    """Parse a message as far as it can be decoded; raises nothing."""
     size = len(message)
     if size < 4 or size < header_size(message[0]):
         about = f"?? {_count(size, 'byte')}, too few for a header: {_octets(message)}"
-        return Description(None, None, None, None, [], about.rstrip(": "))
+        return ParsedMessage(None, None, None, None, [], about.rstrip(": "))
     session_id, stream = message[0], message[1]
     number = int.from_bytes(message[2:4], "little")
     at = header_size(session_id)
     key = int.from_bytes(message[4:8], "big") if at == 8 else None
-    parts: list[Part] = []
-    trouble = ""
+    parts: list[ParsedSubmessage] = []
+    error = ""
     if at == size:
-        trouble = "?? no submessage"
-    while at + 4 <= size and not trouble:
+        error = "?? no submessage"
+    while at + 4 <= size and not error:
         if len(parts) >= MAX_SUBMESSAGES:
-            trouble = f"... and {size - at} bytes more"
+            error = f"... and {size - at} bytes more"
             break
         try:
             kind, flags, start, stop = pull_subheader(message, at, size)
-        except DecodeError as error:
+        except DecodeError as cause:
             kind = message[at]
             name = KINDS.get(kind, f"submessage {kind}")
-            trouble = f"?? {name}: {error}: {_octets(message[at:])}"
+            error = f"?? {name}: {cause}: {_octets(message[at:])}"
             break
         parts.append(_part(kind, flags, message[start:stop]))
         at = stop + (-stop & 3)
-    if not trouble and any(message[at:]):  # C clients fill up with zeros
-        trouble = f"?? {_count(size - at, 'byte')} left over: {_octets(message[at:])}"
-    return Description(session_id, stream, number, key, parts, trouble)
+    if not error and any(message[at:]):  # C clients fill up with zeros
+        error = f"?? {_count(size - at, 'byte')} left over: {_octets(message[at:])}"
+    return ParsedMessage(session_id, stream, number, key, parts, error)
 
 
 def stream_name(stream: int) -> str:
-    """As people call it: ``reliable``, and with its id where it is not the usual one."""
+    """Return ``reliable`` or ``best effort``, with the id where it is not the usual one."""
     if stream == ids.STREAM_NONE:
         return "none"
     kind, usual = ("reliable", ids.STREAM_RELIABLE)
@@ -159,29 +167,29 @@ def stream_name(stream: int) -> str:
 
 
 def object_name(object_id: int) -> str:
-    """As in the agent's log, but those that every client has by their names."""
+    """Return an object id as the log shows it; agent, client and session by their names."""
     return _NAMED.get(object_id) or object_label(object_id)
 
 
-def _head(it: Description) -> str:
-    if it.session is None or it.stream is None:
+def _head(message: ParsedMessage) -> str:
+    if message.session is None or message.stream is None:
         return ""
-    text = f"0x{it.session:02X}"
-    if it.key is not None:
-        text += f" key {key_label(it.key)}"
-    if it.stream or it.number:
-        text += f" {stream_name(it.stream)} {it.number}"
+    text = f"0x{message.session:02X}"
+    if message.key is not None:
+        text += f" key {key_label(message.key)}"
+    if message.stream or message.number:
+        text += f" {stream_name(message.stream)} {message.number}"
     return f"{text}:"
 
 
 # --- submessages --------------------------------------------------------------------
 
 
-def _part(kind: int, flags: int, payload: bytes) -> Part:
+def _part(kind: int, flags: int, payload: bytes) -> ParsedSubmessage:
     name = KINDS.get(kind)
     if name is None:
         about = f"of {_count(len(payload), 'byte')}: {_octets(payload)}"
-        return Part(f"submessage {kind}", about.rstrip(": "))
+        return ParsedSubmessage(f"submessage {kind}", about.rstrip(": "))
     r = Reader(payload, 0, len(payload), bool(flags & ids.FLAG_LITTLE_ENDIAN))
     said: list[str] = []
     try:
@@ -194,7 +202,7 @@ def _part(kind: int, flags: int, payload: bytes) -> Part:
             said.append(f"?? {_count(r.remaining(), 'byte')} more: {_octets(payload[r.offset :])}")
     if not r.little and kind not in (ids.RESET, ids.FRAGMENT):
         said.append("[big endian]")
-    return Part(name, " ".join(it for it in said if it))
+    return ParsedSubmessage(name, " ".join(text for text in said if text))
 
 
 def _create_client(r: Reader, flags: int) -> Iterator[str]:
@@ -204,13 +212,13 @@ def _create_client(r: Reader, flags: int) -> Iterator[str]:
         yield f"?? cookie {_octets(cookie)}"
     yield f"XRCE {version[0]}.{version[1]} vendor {vendor.hex().upper()}"
     if properties:
-        yield f"[{_listed(f'{plain(name)}={plain(value)}' for name, value in properties)}]"
+        yield f"[{_listed(f'{escape(name)}={escape(value)}' for name, value in properties)}]"
 
 
 def _create(r: Reader, flags: int) -> Iterator[str]:
     request, object_id, kind, form, content, parent = pull_create(r)
-    thing = KIND_NAMES.get(kind, f"kind {kind}")
-    yield f"#{request} {thing} {object_name(object_id)}"
+    name = KIND_NAMES.get(kind, f"kind {kind}")
+    yield f"#{request} {name} {object_name(object_id)}"
     within = PARENTS.get(kind)
     if within is not None:
         yield f"in {KIND_NAMES[within]} {object_name(parent)}"
@@ -235,7 +243,7 @@ def _representation(
         spec = parse(kind, form, content, parent, little, _NOTHING)
     except (DecodeError, xml_profiles.ProfileError, UnknownReference) as error:
         about = _octets(content) if isinstance(content, bytes) else _quoted(content)
-        yield f"{_form(form)} ?? {plain(str(error))}: {about}"
+        yield f"{_form(form)} ?? {escape(str(error))}: {about}"
         return
     yield from _spec(spec)
     if form == ids.AS_XML:
@@ -247,7 +255,7 @@ def _form(form: int) -> str:
 
 
 class _Nothing:
-    """What is referred to stands in other messages and files: unknown here."""
+    """References lead to other messages and files, which are not known here."""
 
     def find(self, tag: str, name: str) -> xml_profiles.Profile | None:
         return None
@@ -261,27 +269,27 @@ def _spec(spec: Spec) -> Iterator[str]:
         yield "without a name" if spec.name is None else _quoted(spec.name)
         yield "on this machine only" if spec.localhost_only else ""
     elif isinstance(spec, TopicSpec):
-        yield f"{plain(spec.name)} of type {plain(spec.type_name)}"
+        yield f"{escape(spec.name)} of type {escape(spec.type_name)}"
     elif isinstance(spec, GroupSpec):
         if spec.partitions:
             yield f"partitions {_listed(map(_quoted, spec.partitions))}"
     elif isinstance(spec, EndpointSpec):
         if spec.topic is not None:
-            yield f"on {plain(spec.topic.name)}"
+            yield f"on {escape(spec.topic.name)}"
         elif spec.topic_id is not None:
             yield f"on topic {object_name(spec.topic_id)}"
         yield _qos(spec.qos)
     elif isinstance(spec, ServiceSpec):
-        topics = plain(spec.request_topic), plain(spec.reply_topic)
-        yield f"{topics[0]} of type {plain(spec.request_type)}, {topics[1]} of type"
-        yield plain(spec.reply_type)
+        topics = escape(spec.request_topic), escape(spec.reply_topic)
+        yield f"{topics[0]} of type {escape(spec.request_type)}, {topics[1]} of type"
+        yield escape(spec.reply_type)
     elif isinstance(spec, TypeSpec):
-        yield _listed(map(plain, sorted(spec.names)))
+        yield _listed(map(escape, sorted(spec.names)))
     elif isinstance(spec, QosProfileSpec):
-        yield _listed(map(plain, spec.named))
+        yield _listed(map(escape, spec.named))
     elif isinstance(spec, ApplicationSpec):
         kinds = [KIND_NAMES.get(item.kind, "?") for item in spec.items]
-        yield f"of {_listed(f'{kinds.count(it)} {it}' for it in dict.fromkeys(kinds))}"
+        yield f"of {_listed(f'{kinds.count(kind)} {kind}' for kind in dict.fromkeys(kinds))}"
 
 
 _DURABILITIES: Final = {
@@ -292,7 +300,7 @@ _DURABILITIES: Final = {
 
 
 def _qos(qos: QoSProfile) -> str:
-    """Reliability and history, and the rest where it is not the usual."""
+    """Reliability and history, and other policies where they are not the default."""
     best_effort = qos.reliability == ReliabilityPolicy.BEST_EFFORT
     words = ["best_effort" if best_effort else "reliable", _DURABILITIES.get(qos.durability, "")]
     words.append("keep_all" if qos.history == HistoryPolicy.KEEP_ALL else f"keep_last {qos.depth}")
@@ -354,7 +362,7 @@ def _info(r: Reader, flags: int) -> Iterator[str]:
         yield f"#{request} {object_name(object_id)} {ids.status_name(status)}"
         yield "session known" if known else "no session"
         if locators:
-            yield f"at {_listed(_locator(*it) for it in locators)}"
+            yield f"at {_listed(_locator(*locator) for locator in locators)}"
         return
     yield from _status(r, flags)
     if r.remaining():
@@ -481,7 +489,7 @@ def _octets(data: bytes) -> str:
 
 
 def _bytes(r: Reader) -> str:
-    """All that is left, by number and first octets."""
+    """The remaining bytes: how many, and the first of them."""
     rest = r.octets(r.remaining())
     return _count(len(rest), "byte") + (f": {_octets(rest)}" if rest else "")
 
@@ -490,17 +498,17 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
-def plain(text: str) -> str:
-    """A name from outside, escaped where it must be, and within its limit."""
+def escape(text: str) -> str:
+    """Escape a name from outside and cut it to its limit."""
     if len(text) > _MAX_TEXT:
-        return f"{plain(text[:_MAX_TEXT])}... ({len(text)} characters)"
+        return f"{escape(text[:_MAX_TEXT])}... ({len(text)} characters)"
     return printable_ascii(text) or "''"
 
 
 def _quoted(text: str) -> str:
-    plain = " ".join(text[: 2 * _MAX_TEXT].split())
-    cut = len(plain) > _MAX_TEXT or len(text) > 2 * _MAX_TEXT
-    return ascii(plain[:_MAX_TEXT]) + ("..." if cut else "")
+    words = " ".join(text[: 2 * _MAX_TEXT].split())
+    cut = len(words) > _MAX_TEXT or len(text) > 2 * _MAX_TEXT
+    return ascii(words[:_MAX_TEXT]) + ("..." if cut else "")
 
 
 def _listed(texts: Iterator[str] | map[str]) -> str:

@@ -1,11 +1,11 @@
-"""The text form of captures, and of what ``uros trace`` is told: one JSON line a message.
+"""The text format of captures and of ``uros trace``: one JSON line a message.
 
-As the recordings of C++ agents in ``tests/captures``, and it says more::
+The format of the recordings of C++ agents in ``tests/captures``, with more fields::
 
     {"t": 1763750000.123456, "from": "client", "client": 0, "transport": "UDPv4Agent",
      "address": "192.0.2.7:2018", "key": "0x4B0CBE99", "hex": "8180..."}
 
-``t`` is in seconds since 1970, ``client`` counts the addresses.
+``t`` is in seconds since 1970; ``client`` numbers the addresses from 0.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from typing import Final
 
 from ..objects.kinds import key_label
 from ..transports.base import ServerTransport
-from .message_hooks import Passing
+from .message_hooks import MessageEvent
 
-# Attack: messages from one address after the other; their numbers start anew then.
+# Attack: messages from one address after the other; the numbers start anew then.
 _MAX_CLIENTS: Final = 65536
 
 
-class Lines:
-    """Makes the lines of the text form."""
+class JsonLinesEncoder:
+    """Encodes messages as JSON lines."""
 
     def __init__(self) -> None:
-        # What the lines of a place have in common.
+        # What the lines of one transport and address have in common.
         self._places: dict[tuple[ServerTransport, str], str] = {}
 
     def reset(self) -> None:
-        """Clients keep their numbers in the file that follows."""
+        """Begin a new file; clients keep their numbers in it."""
 
-    def encode(self, passing: Passing, lost: int) -> bytes:
-        """The line of a message; ``lost``: how many before it are not in the file."""
-        transport, _, direction, message, now, key = passing
-        address = transport.address(passing.peer)
+    def encode(self, event: MessageEvent, lost: int) -> bytes:
+        """Return the line of a message; ``lost`` messages before it were not captured."""
+        transport, _, direction, message, now, key = event
+        address = transport.address(event.peer)
         where = self._places.get((transport, address))
         if where is None:
             if len(self._places) >= _MAX_CLIENTS:

@@ -1,8 +1,9 @@
-"""Where the messages of boards can be listened to as they pass the agent.
+"""Hooks that are called for each message that passes the agent.
 
-``Agent.taps`` is empty most of the time, and then costs the look whether it is. A tap gets every
-message, before the agent handles it or as it goes out: those of sessions, those of strangers and
-those that are refused. It is called by the agent's one thread and must not wait.
+``Agent.message_hooks`` is empty most of the time and then costs one truth test a message. A hook
+gets every message before the agent handles it, or as it is sent: those of sessions, those of
+unknown clients and those that are refused. It is called by the agent's one thread and must not
+block.
 """
 
 from __future__ import annotations
@@ -15,14 +16,21 @@ from ..log import DEBUG, TRACE, Log, unexpected
 from ..objects.kinds import key_label
 from ..transports.base import ServerTransport
 
-# Who says a message.
+# Directions: who sent a message.
 CLIENT: Final = "client"
 AGENT: Final = "agent"
 
 
-class Passing(NamedTuple):
-    """One message as it passes. ``now`` is in microseconds since 1970, ``key`` that of the
-    client whose session it is, 0 where nobody knows.
+class MessageEvent(NamedTuple):
+    """One message that passes the agent.
+
+    Attributes:
+        transport: The transport that carries it.
+        peer: The client's address there.
+        direction: :data:`CLIENT` or :data:`AGENT`, who sent it.
+        message: Its bytes.
+        now: Microseconds since 1970.
+        key: The client key of its session; 0 where it is unknown.
     """
 
     transport: ServerTransport
@@ -33,52 +41,55 @@ class Passing(NamedTuple):
     key: int
 
 
-Tap = Callable[[Passing], None]
+MessageHook = Callable[[MessageEvent], None]
 
 
-class Taps(list[Tap]):
-    """All that listen. ``if taps: taps(...)`` is how a message is passed by."""
+class MessageHooks(list[MessageHook]):
+    """The hooks of one agent; used as ``if hooks: hooks(...)``.
+
+    At log level 5 or 6 it begins with a hook that logs each message.
+    """
 
     def __init__(self, log: Log) -> None:
         super().__init__()
         self._log = log
         if log.level >= DEBUG:
-            self.append(lambda passing: trace(log, passing))
+            self.append(lambda event: log_message(log, event))
 
     def __call__(
         self, transport: ServerTransport, peer: Any, direction: str,
         message: bytes | memoryview, length: int, key: int,
     ) -> None:  # fmt: skip
-        """Let everybody hear ``message[:length]``. A tap that fails hears no more."""
+        """Call all hooks with ``message[:length]``; a hook that raises is removed."""
         now = time.time_ns() // 1000
-        passing = Passing(transport, peer, direction, bytes(message[:length]), now, key)
-        for tap in self[:]:  # one that has heard enough takes itself out
+        event = MessageEvent(transport, peer, direction, bytes(message[:length]), now, key)
+        for hook in self[:]:  # a hook may remove itself
             try:
-                tap(passing)
-            except Exception as error:  # whatever it is, boards go on
-                self.drop(tap)
+                hook(event)
+            except Exception as error:  # whatever the hook does, boards are served
+                self.discard(hook)
                 self._log.error(
                     "Server", "trace", "internal error",
-                    unexpected(error, "; this listener hears no more"),
+                    unexpected(error, "; this message hook is removed"),
                 )  # fmt: skip
 
-    def drop(self, tap: Tap) -> None:
-        """Take a tap out. Twice is once."""
-        if tap in self:
-            self.remove(tap)
+    def discard(self, hook: MessageHook) -> None:
+        """Remove a hook; idempotent."""
+        if hook in self:
+            self.remove(hook)
 
 
-def trace(log: Log, passing: Passing) -> None:
-    """Lines for a message: at level 5 its length, at 6 its bytes and what they mean too."""
-    transport, _, direction, message, _, key = passing
+def log_message(log: Log, event: MessageEvent) -> None:
+    """Log a message: at level 5 its length, at level 6 its bytes and its meaning too."""
+    transport, _, direction, message, _, key = event
     label = transport.kind
     sent = direction == AGENT
     function = "send_message" if sent else "recv_message"
     about = f"client_key: {key_label(key)}, len: {len(message)}"
     if log.level >= TRACE:
-        from .format import describe
+        from .format import format_message
 
-        log(TRACE, transport.name, "trace", "sent" if sent else "received", describe(message))
+        log(TRACE, transport.name, "trace", "sent" if sent else "received", format_message(message))
         about += f", data: {message.hex(' ').upper()}"
     arrow = f"[** <<{label}>> **]" if sent else f"[==>> {label} <<==]"
     log.debug(transport.name, function, arrow, about)

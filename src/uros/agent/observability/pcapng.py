@@ -1,9 +1,9 @@
 """Captured messages as pcapng, for Wireshark and tshark.
 
 Each transport is an interface, each message an IP packet with UDP in it (LINKTYPE_RAW), because
-that is what every tool opens. Peers with an IP address have it in there, those of TCP too; a board
-on a serial line, on CAN or on something of the user's has a made-up one, 127.(interface).0.(board),
-and the agent 127.0.0.1 then. The packet's comment says where it really was::
+every tool opens that. Peers with an IP address keep it, those of TCP too; a board on a serial line,
+on CAN or on a custom transport gets the made-up address 127.(interface).0.(board), and the agent
+127.0.0.1. The packet's comment has the real address::
 
     SerialAgent /dev/ttyACM0 (1) key 0x4B0CBE99
 """
@@ -18,7 +18,7 @@ from ...printable import printable
 from ..objects.kinds import key_label
 from ..transports.addresses import own_address
 from ..transports.base import DEFAULT_PORT, ServerTransport
-from .message_hooks import AGENT, Passing
+from .message_hooks import AGENT, MessageEvent
 
 LINKTYPE_RAW: Final = 101
 MAGIC: Final = b"\x0a\x0d\x0d\x0a"
@@ -39,8 +39,8 @@ _ZEROS: Final = bytes(4)
 _Endpoint = tuple[bytes, int]
 
 
-class Packets:
-    """Makes the blocks of one file; :meth:`reset` begins another."""
+class PcapngEncoder:
+    """Encodes messages as pcapng blocks."""
 
     def __init__(self) -> None:
         self._interfaces: dict[ServerTransport, int] = {}
@@ -50,41 +50,41 @@ class Packets:
         self._begun = False
 
     def reset(self) -> None:
-        """The next block is the first of a file."""
+        """Begin a new file: its section header comes with the next message."""
         self._interfaces.clear()
         self._begun = False
 
-    def encode(self, passing: Passing, lost: int) -> bytes:
-        """The blocks of a message; ``lost``: how many before it are not in the file."""
+    def encode(self, event: MessageEvent, lost: int) -> bytes:
+        """Return the blocks of a message; ``lost`` messages before it were not captured."""
         out = b""
         if not self._begun:
             self._begun = True
             out = _section()
-        transport = passing.transport
+        transport = event.transport
         number = self._interfaces.get(transport)
         if number is None:
             number = self._interfaces[transport] = len(self._interfaces)
             out += _interface(transport)
-        address = transport.address(passing.peer)
+        address = transport.address(event.peer)
         client, agent = self._endpoints(transport, address, number)
-        sent = passing.direction == AGENT
-        payload = passing.message[:MAX_PAYLOAD]
+        sent = event.direction == AGENT
+        payload = event.message[:MAX_PAYLOAD]
         comment = f"{transport.name} {printable(address)}"
-        if passing.key:
-            comment += f" key {key_label(passing.key)}"
-        if len(payload) < len(passing.message):
-            comment += f" (cut, of {len(passing.message)} bytes)"
+        if event.key:
+            comment += f" key {key_label(event.key)}"
+        if len(payload) < len(event.message):
+            comment += f" (cut, of {len(event.message)} bytes)"
         packet = _udp(agent, client, payload) if sent else _udp(client, agent, payload)
         options = _option(_COMMENT, comment.encode("utf-8", "replace")[:1000])
         options += _SENT if sent else _RECEIVED
         if lost:
             options += _option(_DROPPED, struct.pack("<Q", lost))
         size = len(packet)
-        # The block's kind and length, the interface, the time, the packet twice measured; at
-        # its end no more options, and the length again.
+        # Block type and length, interface, time, captured and original length of the packet; at
+        # its end the end of the options, and the block length again.
         length = 28 + size + (-size & 3) + len(options) + 8
         head = _HEAD.pack(
-            _PACKET, length, number, passing.now >> 32, passing.now & 0xFFFFFFFF, size, size
+            _PACKET, length, number, event.now >> 32, event.now & 0xFFFFFFFF, size, size
         )
         return b"".join((out, head, packet, _ZEROS[: -size & 3], options, _TAIL.pack(0, length)))
 
@@ -137,8 +137,8 @@ def _udp(source: _Endpoint, destination: _Endpoint, payload: bytes) -> bytes:
 
 
 def _checksum(data: bytes | bytearray) -> int:
-    """The Internet checksum: the sum of 16-bit words with its carries, turned over."""
-    # A number modulo 2^16 - 1 is the sum of its digits of 16 bits; this way C adds them up.
+    """The Internet checksum (RFC 1071): ones' complement of the ones' complement sum."""
+    # A number modulo 2^16 - 1 is the sum of its 16-bit digits; this way C adds them up.
     total = int.from_bytes(data + b"\0" * (len(data) & 1), "big")
     return 0xFFFF - (total % 0xFFFF or 0xFFFF)
 

@@ -1,17 +1,17 @@
-"""Looking into a running agent: a Unix socket that its owner's tools ask.
+"""The status socket: a Unix socket that the owner's tools query.
 
 It is in a folder that only the owner may enter, ``uros`` in ``$XDG_RUNTIME_DIR`` or, without
-that, ``/tmp/uros-<uid>``, and is called ``agent-<pid>.sock``. Questions and answers are JSON, one
-a line:
+that, ``/tmp/uros-<uid>``, and is called ``agent-<pid>.sock``. Queries and answers are JSON, one a
+line:
 
 * ``{"ask":"status"}`` is answered by one line, the :mod:`~uros.agent.observability.snapshot`;
-* ``{"ask":"trace"}`` by a line for each message that passes from then on, in the form of
-  :mod:`~uros.agent.observability.jsonl`, until the asker goes or ends its side;
+* ``{"ask":"trace"}`` by a line for each message that passes from then on, in the format of
+  :mod:`~uros.agent.observability.jsonl`, until the tool closes the connection;
 * anything else by ``{"error":...}``.
 
-The server's thread does it, between what boards want: a part of a millisecond at a time, and no
-more than an asker takes. Where there are no Unix sockets, or no folder can be had, the agent goes
-on without.
+The server's thread answers between messages of boards, a part of a millisecond at a time, and
+writes no more than a connection takes. Without Unix sockets, or where the folder cannot be used,
+the agent runs without a status socket.
 """
 
 from __future__ import annotations
@@ -28,33 +28,34 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..transports.base import INFO, WARNING
-from .jsonl import Lines
-from .message_hooks import Passing
+from .jsonl import JsonLinesEncoder
+from .message_hooks import MessageEvent
 from .snapshot import RATE_SECONDS, SLICE, Rates, pieces
 
 if TYPE_CHECKING:
     from ..server import Server
 
-# Attack, or a slip of a script: askers without end.
-MAX_ASKERS: Final = 16
-# The same: a question that never ends. The longest there is has 16 octets.
+# Attack, or a faulty script: connections without end.
+MAX_CONNECTIONS: Final = 16
+# Attack: a query that never ends. The longest valid one has 16 bytes.
 MAX_LINE: Final = 1024
-# Questions that may wait for the answer before.
+# Queries of one connection that may wait.
 MAX_WAITING: Final = 64
-# A message that nobody takes is not kept for ever: so many of them, and bytes.
-MAX_PASSING: Final = 2000
-MAX_PASSING_BYTES: Final = 1024 * 1024
-# Who takes nothing of an answer for so many seconds is cut off.
+# Messages that a connection does not take, and their bytes; further ones are counted as lost.
+MAX_EVENTS: Final = 2000
+MAX_EVENT_BYTES: Final = 1024 * 1024
+# A connection that takes nothing of an answer for so many seconds is closed.
 PATIENCE: Final = 10.0
-# Handed to the socket at once.
+# Bytes handed to the socket at once.
 _CHUNK: Final = 64 * 1024
-# Messages that pass are sent on so much later, many at a time; the same where accepting failed.
+# Traced messages are sent in batches, after so many seconds; the same pause follows a failed
+# accept().
 _PAUSE: Final = 0.02
 _NAME: Final = re.compile(r"agent-(\d+)\.sock(\.new)?")
 
 
 def folders() -> list[Path]:
-    """Where agents of this user may have their sockets, the one for a new agent first."""
+    """Return the folders where this user's agents have sockets, that of a new agent first."""
     if not hasattr(os, "getuid"):
         return []
     found = []
@@ -70,27 +71,28 @@ def folders() -> list[Path]:
 
 
 def check_folder(folder: Path) -> None:
-    """Raises OSError where somebody else might have put something there."""
+    """Raise OSError where another user could have created files in the folder."""
     found = os.lstat(folder)
     if not stat.S_ISDIR(found.st_mode):
-        raise OSError(f"{folder} is no folder: remove it")
+        raise OSError(f"{folder} is not a directory: remove it")
     if found.st_uid != os.getuid():
-        raise OSError(f"{folder} belongs to somebody else: remove it, or set XDG_RUNTIME_DIR")
+        raise OSError(f"{folder} belongs to another user: remove it, or set XDG_RUNTIME_DIR")
     if found.st_mode & 0o077:
-        raise OSError(f"others may enter {folder}: chmod 700 {folder}")
+        raise OSError(f"other users may enter {folder}: chmod 700 {folder}")
 
 
 def sockets(folder: Path) -> dict[int, Path]:
-    """The sockets that are there, by the agent's pid; ended agents may have left theirs."""
+    """Return the sockets in a folder by the agent's pid; agents that crashed leave theirs."""
     try:
         check_folder(folder)
         names = sorted(os.listdir(folder))
     except OSError:
         return {}
-    return {int(it[1]): folder / it[0] for name in names if (it := _NAME.fullmatch(name))}
+    found = filter(None, map(_NAME.fullmatch, names))
+    return {int(match[1]): folder / match[0] for match in found}
 
 
-def _clean(folder: Path) -> None:
+def _remove_stale(folder: Path) -> None:
     """Remove the sockets of agents that have ended."""
     for path in sockets(folder).values():
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as sock:
@@ -103,41 +105,47 @@ def _clean(folder: Path) -> None:
                 pass  # busy, or gone already
 
 
-class _Asker:
+class _Connection:
+    """A tool that is connected."""
+
     __slots__ = (
-        "answer", "ended", "form", "heard", "kept", "lost", "moved", "out", "passing",
-        "questions", "scheduled", "sock", "tracing",
+        "answer", "encoder", "ended", "event_bytes", "events", "heard", "lost", "out",
+        "progress_at", "queries", "scheduled", "sock", "tracing",
     )  # fmt: skip
 
     def __init__(self, sock: socket.socket) -> None:
         self.sock = sock
-        self.heard = bytearray()  # of a question that is not whole
-        self.questions: deque[bytes] = deque()
+        self.heard = bytearray()  # the beginning of an incomplete query
+        self.queries: deque[bytes] = deque()
         self.answer: Iterator[str] | None = None
         self.out = bytearray()
-        self.moved = 0.0  # when it took something the last time, while there was something
-        self.ended = False  # it asks nothing more
+        self.progress_at = 0.0  # when it last took something of `out`
+        self.ended = False  # the tool sends no more queries
         self.scheduled = False
         self.tracing = False
-        self.passing: deque[tuple[Passing, int]] = deque()
-        self.kept = 0  # bytes of these messages
-        self.lost = 0  # messages since the last that was kept
-        self.form = Lines()
+        self.events: deque[tuple[MessageEvent, int]] = deque()
+        self.event_bytes = 0  # bytes of the messages in `events`
+        self.lost = 0  # messages since the last one in `events`
+        self.encoder = JsonLinesEncoder()
 
 
-class Inspection:
-    """The agent's end, attached to a server. ``folder``: see :func:`folders`."""
+class StatusSocket:
+    """The status socket of an agent, an attachment of its server.
+
+    Args:
+        folder: Where the socket is made; None for the first of :func:`folders`.
+    """
 
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = folder
         self._server: Server | None = None
         self._socket: socket.socket | None = None
-        self._askers: dict[_Asker, None] = {}
+        self._connections: dict[_Connection, None] = {}
         self.path: Path | None = None
         self.rates: Rates | None = None
 
     def open(self, server: Server) -> None:
-        """See :class:`~uros.agent.server.Attachment`. It never keeps an agent from starting."""
+        """Open the socket; a failure is logged and the agent starts without it."""
         self._server = server
         self.rates = Rates(server.agent.clients)
         self._sweep()
@@ -149,21 +157,21 @@ class Inspection:
             path, self._socket = self._listen(folder)
         except OSError as error:
             server.note(
-                WARNING, "Inspection", "init", "not to be looked into",
+                WARNING, "StatusSocket", "init", "no status socket",
                 f"{error.strerror or error} ({folder}; 'uros agent status' will not find this"
                 " agent; set XDG_RUNTIME_DIR to a folder of your own with a short name)",
             )  # fmt: skip
             return
         self.path = path
-        self._wait()
-        server.note(INFO, "Inspection", "init", "may be looked into", f"socket: {path}")
+        self._watch_listener()
+        server.note(INFO, "StatusSocket", "init", "status socket open", f"socket: {path}")
 
     def _listen(self, folder: Path) -> tuple[Path, socket.socket]:
         folder.mkdir(mode=0o700, exist_ok=True)
         if os.lstat(folder).st_uid == os.getuid() and not folder.is_symlink():
             os.chmod(folder, 0o700)
         check_folder(folder)
-        _clean(folder)
+        _remove_stale(folder)
         path = folder / f"agent-{os.getpid()}.sock"
         new = path.with_name(path.name + ".new")
         new.unlink(missing_ok=True)
@@ -172,17 +180,17 @@ class Inspection:
             sock.setblocking(False)
             sock.bind(str(new))
             os.chmod(new, 0o600)
-            sock.listen(MAX_ASKERS)
-            new.rename(path)  # who finds it can connect
+            sock.listen(MAX_CONNECTIONS)
+            new.rename(path)  # from now on a tool that finds it can connect
         except BaseException:
             sock.close()
             raise
         return path, sock
 
     def close(self) -> None:
-        """See :class:`~uros.agent.server.Attachment`."""
-        for asker in list(self._askers):
-            self._drop(asker)
+        """Close all connections and remove the socket."""
+        for connection in list(self._connections):
+            self._drop(connection)
         sock, self._socket = self._socket, None
         if sock is not None and self._server is not None:
             self._server.unwatch(sock.fileno())
@@ -196,20 +204,21 @@ class Inspection:
         self._server = None
 
     def _sweep(self) -> None:
-        """Remember the counters, cut off who takes nothing."""
+        """Record the counters and close connections that take nothing; each RATE_SECONDS."""
         server = self._server
         if server is None or self.rates is None:
             return
         now = time.monotonic()
         server.wake_at(RATE_SECONDS, self._sweep)
         self.rates.mark(now)
-        for asker in list(self._askers):
-            if asker.out and not asker.tracing and now - asker.moved > PATIENCE:
-                self._drop(asker)
+        for connection in list(self._connections):
+            idle = now - connection.progress_at
+            if connection.out and not connection.tracing and idle > PATIENCE:
+                self._drop(connection)
 
-    # --- askers -----------------------------------------------------------------------
+    # --- connections --------------------------------------------------------------------
 
-    def _wait(self) -> None:
+    def _watch_listener(self) -> None:
         if self._socket is not None and self._server is not None:
             self._server.watch(self._socket.fileno(), self._accept)
 
@@ -223,168 +232,168 @@ class Inspection:
             return
         except OSError:  # out of descriptors; the connection stays ready
             server.unwatch(listener.fileno())
-            server.wake_at(_PAUSE, self._wait)
+            server.wake_at(_PAUSE, self._watch_listener)
             return
         sock.setblocking(False)
-        if len(self._askers) >= MAX_ASKERS:
+        if len(self._connections) >= MAX_CONNECTIONS:
             try:
-                sock.send(_error(f"over {MAX_ASKERS} ask already: end one of them"))
+                sock.send(_error(f"over {MAX_CONNECTIONS} connections: close one of them"))
             except OSError:
                 pass
             sock.close()
             return
-        asker = _Asker(sock)
-        self._askers[asker] = None
-        server.watch(sock.fileno(), lambda: self._ready(asker))
+        connection = _Connection(sock)
+        self._connections[connection] = None
+        server.watch(sock.fileno(), lambda: self._ready(connection))
 
-    def _drop(self, asker: _Asker) -> None:
-        if asker not in self._askers:
+    def _drop(self, connection: _Connection) -> None:
+        if connection not in self._connections:
             return
-        del self._askers[asker]
+        del self._connections[connection]
         if self._server is not None:
-            self._server.unwatch(asker.sock.fileno())
-            if asker.tracing and not any(it.tracing for it in self._askers):
-                self._server.agent.taps.drop(self._tap)
-        asker.sock.close()
+            self._server.unwatch(connection.sock.fileno())
+            if connection.tracing and not any(it.tracing for it in self._connections):
+                self._server.agent.message_hooks.discard(self._on_message)
+        connection.sock.close()
 
-    def _ready(self, asker: _Asker) -> None:
-        if asker not in self._askers:
+    def _ready(self, connection: _Connection) -> None:
+        if connection not in self._connections:
             return
         try:
-            chunk = asker.sock.recv(4096)
+            chunk = connection.sock.recv(4096)
         except BlockingIOError:
             chunk = None
         except OSError:
-            self._drop(asker)
+            self._drop(connection)
             return
         if chunk == b"":
-            asker.ended = True  # it may still read
+            connection.ended = True  # the tool may still read
             assert self._server is not None
-            self._server.unwatch(asker.sock.fileno())
+            self._server.unwatch(connection.sock.fileno())
         elif chunk:
-            lines = (asker.heard + chunk).split(b"\n")
-            asker.heard = bytearray(lines.pop())
-            asker.questions.extend(map(bytes, lines))
-            if len(asker.heard) > MAX_LINE or len(asker.questions) > MAX_WAITING:
-                asker.questions.clear()
-                asker.out += _error("a question too long, or too many at once")
-                self._push(asker)
-                self._drop(asker)
+            lines = (connection.heard + chunk).split(b"\n")
+            connection.heard = bytearray(lines.pop())
+            connection.queries.extend(map(bytes, lines))
+            if len(connection.heard) > MAX_LINE or len(connection.queries) > MAX_WAITING:
+                connection.queries.clear()
+                connection.out += _error("query too long, or too many at once")
+                self._push(connection)
+                self._drop(connection)
                 return
-        self._go(asker)
+        self._answer(connection)
 
-    def _question(self, line: bytes) -> str | None:
-        """What is asked: ``status``, ``trace``, or None for anything else."""
+    def _parse_query(self, line: bytes) -> str | None:
+        """Return ``status`` or ``trace``; None for anything else."""
         if len(line) > MAX_LINE:
             return None
         try:
-            question: Any = json.loads(line)
+            query: Any = json.loads(line)
         except (ValueError, RecursionError):
             return None
-        asked = question.get("ask") if isinstance(question, dict) else None
+        asked = query.get("ask") if isinstance(query, dict) else None
         return asked if asked in ("status", "trace") else None
 
-    def _next(self, asker: _Asker) -> bool:
-        """Begin to answer the next question, where there is one."""
-        if not asker.questions:
+    def _next(self, connection: _Connection) -> bool:
+        """Begin to answer the next query; return whether there was one."""
+        if not connection.queries:
             return False
-        line = asker.questions.popleft()
-        asked = self._question(line)
+        line = connection.queries.popleft()
+        asked = self._parse_query(line)
         if not line.strip():
             return True
         if asked is None:
-            asker.out += _error('not understood: ask {"ask":"status"} or {"ask":"trace"}')
+            connection.out += _error('not understood: ask {"ask":"status"} or {"ask":"trace"}')
         elif asked == "status":
             assert self._server is not None and self.rates is not None
-            asker.answer = pieces(self._server, self.rates)
-        elif not asker.tracing:
+            connection.answer = pieces(self._server, self.rates)
+        elif not connection.tracing:
             assert self._server is not None
-            asker.tracing = True
-            if self._tap not in self._server.agent.taps:
-                self._server.agent.taps.append(self._tap)
+            connection.tracing = True
+            if self._on_message not in self._server.agent.message_hooks:
+                self._server.agent.message_hooks.append(self._on_message)
         return True
 
-    def _go(self, asker: _Asker) -> None:
-        """Answer, as far as it takes the answer, and for no longer than a slice."""
-        asker.scheduled = False
-        if asker in self._askers:
+    def _answer(self, connection: _Connection) -> None:
+        """Write as much of the answers as the connection takes, for at most a slice of time."""
+        connection.scheduled = False
+        if connection in self._connections:
             try:
-                self._work(asker)
+                self._work(connection)
             except Exception:
-                self._drop(asker)  # else it waits for the rest of a line
+                self._drop(connection)  # otherwise the tool would wait for the rest of a line
                 raise
 
-    def _work(self, asker: _Asker) -> None:
+    def _work(self, connection: _Connection) -> None:
         end = time.monotonic() + SLICE
         while True:
-            if asker.answer is not None and len(asker.out) < _CHUNK:
-                piece = next(asker.answer, None)
+            if connection.answer is not None and len(connection.out) < _CHUNK:
+                piece = next(connection.answer, None)
                 if piece is None:
-                    asker.answer = None
+                    connection.answer = None
                 else:
-                    asker.out += piece.encode()
-            elif asker.passing and len(asker.out) < _CHUNK:
-                passing, lost = asker.passing.popleft()
-                asker.kept -= len(passing.message)
-                asker.out += asker.form.encode(passing, lost)
-            elif len(asker.out) >= _CHUNK or not self._next(asker):
+                    connection.out += piece.encode()
+            elif connection.events and len(connection.out) < _CHUNK:
+                event, lost = connection.events.popleft()
+                connection.event_bytes -= len(event.message)
+                connection.out += connection.encoder.encode(event, lost)
+            elif len(connection.out) >= _CHUNK or not self._next(connection):
                 break
             if time.monotonic() >= end:
                 break
-        if not self._push(asker):
+        if not self._push(connection):
             return
-        more = bool(asker.answer is not None or asker.passing or asker.questions)
-        if asker.out:
-            if asker.ended:
-                if asker.moved + PATIENCE < time.monotonic():
-                    self._drop(asker)
+        more = bool(connection.answer is not None or connection.events or connection.queries)
+        if connection.out:
+            if connection.ended:
+                if connection.progress_at + PATIENCE < time.monotonic():
+                    self._drop(connection)
                 else:
-                    self._later(asker, _PAUSE)
+                    self._later(connection, _PAUSE)
         elif more:
-            self._later(asker, 0.0)
-        elif asker.ended:
-            self._drop(asker)
+            self._later(connection, 0.0)
+        elif connection.ended:
+            self._drop(connection)
 
-    def _later(self, asker: _Asker, seconds: float) -> None:
-        if not asker.scheduled and self._server is not None:
-            asker.scheduled = True
-            self._server.wake_at(seconds, lambda: self._go(asker))
+    def _later(self, connection: _Connection, seconds: float) -> None:
+        if not connection.scheduled and self._server is not None:
+            connection.scheduled = True
+            self._server.wake_at(seconds, lambda: self._answer(connection))
 
-    def _push(self, asker: _Asker) -> bool:
-        """Send what the socket takes. False: the asker is gone."""
-        if asker.out:
+    def _push(self, connection: _Connection) -> bool:
+        """Send what the socket takes; return whether the connection is still open."""
+        if connection.out:
             try:
-                sent = asker.sock.send(memoryview(asker.out)[:_CHUNK])
+                sent = connection.sock.send(memoryview(connection.out)[:_CHUNK])
             except BlockingIOError:
                 sent = 0
             except OSError:
-                self._drop(asker)
+                self._drop(connection)
                 return False
-            del asker.out[:sent]
-            if sent or not asker.moved:
-                asker.moved = time.monotonic()
-        if not asker.out:
-            asker.moved = 0.0
-        if not asker.ended and self._server is not None:
+            del connection.out[:sent]
+            if sent or not connection.progress_at:
+                connection.progress_at = time.monotonic()
+        if not connection.out:
+            connection.progress_at = 0.0
+        if not connection.ended and self._server is not None:
             self._server.watch(
-                asker.sock.fileno(), lambda: self._ready(asker), bool(asker.out)
+                connection.sock.fileno(), lambda: self._ready(connection), bool(connection.out)
             )
         return True
 
-    # --- messages that pass -------------------------------------------------------------
+    # --- traced messages ----------------------------------------------------------------
 
-    def _tap(self, passing: Passing) -> None:
-        for asker in self._askers:
-            if not asker.tracing:
+    def _on_message(self, event: MessageEvent) -> None:
+        for connection in self._connections:
+            if not connection.tracing:
                 continue
-            kept = asker.kept + len(passing.message)
-            if len(asker.passing) >= MAX_PASSING or kept > MAX_PASSING_BYTES:
-                asker.lost += 1
+            kept = connection.event_bytes + len(event.message)
+            if len(connection.events) >= MAX_EVENTS or kept > MAX_EVENT_BYTES:
+                connection.lost += 1
                 continue
-            asker.passing.append((passing, asker.lost))
-            asker.kept, asker.lost = kept, 0
-            if not asker.out:
-                self._later(asker, _PAUSE)
+            connection.events.append((event, connection.lost))
+            connection.event_bytes, connection.lost = kept, 0
+            if not connection.out:
+                self._later(connection, _PAUSE)
 
 
 def _error(text: str) -> bytes:

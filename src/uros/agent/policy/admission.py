@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Any, Final, NamedTuple
 
-from .config_values import ControlError, key_of, listed, only, shown, typed, whole
+from .config_values import ConfigError, key_of, listed, only, shown, typed, whole
 
 # Attack: CREATE_CLIENT with one key after the other. See .shares for who leaves then.
 MAX_CLIENTS: Final = 4096
@@ -79,14 +79,14 @@ def make_admission(
 ) -> Admission:
     """Of the files' ``(name, table)`` and of the command line, whose number goes before theirs.
 
-    Raises ControlError saying where a mistake is.
+    Raises ConfigError saying where a mistake is.
     """
     made = Admission()
     for name, table in tables:
         try:
             _add(made, _table(table))
-        except ControlError as error:
-            raise ControlError(f"{name}: [admission]: {error}") from error
+        except ConfigError as error:
+            raise ConfigError(f"{name}: [admission]: {error}") from error
     if keys:
         _add(made, {"keys": [typed(it) for it in keys]})
     if networks:
@@ -100,7 +100,7 @@ def _add(made: Admission, table: Mapping[str, Any]) -> None:
     only(table, ("keys", "networks", "max_clients"), "it")
     for name in ("keys", "networks"):
         if name in table and not listed(table[name]):
-            raise ControlError(f"{name} is empty, which would let nobody in: leave it out for all")
+            raise ConfigError(f"{name} is empty, which would let nobody in: leave it out for all")
     made.keys |= {key_of(it) for it in listed(table.get("keys", []))}
     made.networks += tuple(_network(it) for it in listed(table.get("networks", [])))
     if "max_clients" in table:
@@ -109,7 +109,7 @@ def _add(made: Admission, table: Mapping[str, Any]) -> None:
 
 def _table(value: Any) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise ControlError("it is a table, with one bracket on each side")
+        raise ConfigError("it is a table, with one bracket on each side")
     return value
 
 
@@ -119,7 +119,7 @@ def _network(value: Any) -> IPv4Network | IPv6Network:
             return ip_network(value, strict=False)
         except ValueError:
             pass
-    raise ControlError(f'{shown(value)} is no network, such as "192.168.1.0/24" or "fd00::/8"')
+    raise ConfigError(f'{shown(value)} is no network, such as "192.168.1.0/24" or "fd00::/8"')
 
 
 # --- the refused --------------------------------------------------------------------

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from typing import Any
 
 
-class ControlError(ValueError):
+class ConfigError(ValueError):
     """A rule that cannot be; the text says where, what, and what would be right."""
 
 
@@ -19,7 +19,7 @@ def only(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
         if key not in known:
             close = get_close_matches(key, known, 1, 0.6)
             hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
-            raise ControlError(f"{what} has no {key!r}{hint}")
+            raise ConfigError(f"{what} has no {key!r}{hint}")
 
 
 def shown(value: Any) -> str:
@@ -43,7 +43,7 @@ def listed(value: Any) -> list[Any]:
 
 def table_of(value: Any, what: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ControlError(f"{what} is {shown(value)}, not a table such as {{ … = … }}")
+        raise ConfigError(f"{what} is {shown(value)}, not a table such as {{ … = … }}")
     return value
 
 
@@ -56,7 +56,7 @@ def key_of(value: Any) -> int:
 
 def whole(value: Any, what: str, low: int, high: int, also: str = "") -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ControlError(
+        raise ConfigError(
             f"{what} is {shown(value)}, not a whole number from {low} to {high}{also}"
         )
     return value

@@ -52,7 +52,7 @@ def network_of(transport: ServerTransport, peer: Any) -> Hashable:
     return str(address.ipv4_mapped) if address.ipv4_mapped else int(address) >> 64
 
 
-class Shares:
+class EvictionPolicy:
     """See the module. Where each client is, and who goes for a newcomer."""
 
     def __init__(self) -> None:

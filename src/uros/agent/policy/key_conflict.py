@@ -1,18 +1,19 @@
-"""Two who say they are the same client: one came with its key from elsewhere.
+"""Duplicate client keys: the incumbent wins if it answers a probe.
 
-It may be the board itself, after a reset or on another network; another board with the same
-firmware and key; or somebody who wants to take its place. So the known place is asked for a
-sign of life. While that is awaited the newcomer gets no answer (C clients ask again each
-second). Whatever comes from the known place in half a second defends it, and the newcomer is
-refused; else the newcomer has its place.
+A claimant is a client that uses the key of another one, the incumbent, from another address. It
+may be the board itself, after a reset or on another network; another board with the same firmware
+and key; or an attacker. So the agent sends the incumbent up to three probes. Meanwhile the claimant
+gets no answer (C clients repeat CREATE_CLIENT each second). Any message of the incumbent within
+half a second refuses the claimant; otherwise the claimant takes over.
 
-A place with a certificate goes to nobody who does not show the same one, however silent it is: the
-client must have left, or be forgotten. And who takes a place has what the former client made only
-where transport, certificate and rules are the same (:meth:`.agent.Agent.take_over`).
+The key of a client that showed a certificate goes only to a claimant with the same certificate,
+however silent the incumbent is: it must leave, or be forgotten. A claimant inherits the objects of
+the incumbent only where transport, certificate and rules are the same
+(:meth:`uros.agent.agent.Agent.take_over`).
 
-A place that was defended is not asked again for some seconds, in which all newcomers are
-refused at once: a flood of them costs the client a few small messages and, where its network
-loses some, not its session.
+After an incumbent has answered, it is not probed again for :data:`DEFENDED_MS`, in which all
+claimants are refused at once: a flood of claimants costs the incumbent a few small messages and,
+where its network loses some of them, not its session.
 """
 
 from __future__ import annotations
@@ -25,123 +26,126 @@ from ..objects.kinds import key_label
 from ..transports.base import ServerTransport
 from .admission import KEY_IN_USE
 
-# The known place is asked, and given so long each time.
+# How long the incumbent has to answer each probe, in milliseconds.
 WAIT_MS: Final = (150, 150, 200)
-# How long a defended place is safe.
+# How long an incumbent that answered is not probed again, in milliseconds.
 DEFENDED_MS: Final = 5000
-# Attack: newcomers for all clients at once. Decisions that may be awaited; others wait.
-MAX_TRIALS: Final = 256
+# Attack: claimants for all clients at once. So many keys are probed; other claimants wait.
+MAX_PROBES: Final = 256
 
 
-class _Trial:
-    """One key, two places. ``request`` is None where the newcomer goes on with the session."""
+class _TakeoverProbe:
+    """One key with its incumbent and its claimant.
 
-    __slots__ = ("asked", "client", "due", "heard", "peer", "request", "transport")
+    ``request`` is None where the claimant continues the session instead of creating one.
+    """
+
+    __slots__ = ("claimant", "due", "heard", "incumbent", "probes", "request")
 
     def __init__(
         self,
-        client: ClientState,
-        transport: ServerTransport,
-        peer: Any,
+        incumbent: ClientState,
+        claimant: tuple[ServerTransport, Any],
         request: CreateClientRequest | None,
         now: int,
     ) -> None:
-        self.client = client
-        self.transport = transport
-        self.peer = peer
+        self.incumbent = incumbent
+        self.claimant = claimant
         self.request = request
-        self.asked = 0
+        self.probes = 0  # sent so far
         self.due = now
-        if client.session.heard == now:
-            # What comes in this same millisecond must differ.
-            client.session.heard = ticks_add(now, -1)
-        self.heard = client.session.heard
+        if incumbent.session.heard == now:
+            # A message in this same millisecond must make a difference.
+            incumbent.session.heard = ticks_add(now, -1)
+        self.heard = incumbent.session.heard
 
 
-class Rivals:
-    """See the module."""
+class KeyConflicts:
+    """Decides which of two clients with one key the agent serves."""
 
     def __init__(self, agent: AgentContext) -> None:
         self._agent = agent
-        self._trials: dict[int, _Trial] = {}
-        self._defended: dict[int, int] = {}  # since when, by key
+        self._probes: dict[int, _TakeoverProbe] = {}
+        self._defended: dict[int, int] = {}  # when the incumbent answered, by key
 
     def challenge(
-        self,
-        client: ClientState,
-        transport: ServerTransport,
-        peer: Any,
+        self, incumbent: ClientState, transport: ServerTransport, peer: Any,
         request: CreateClientRequest | None,
-    ) -> None:
-        """A newcomer talks as ``client``, which is known at another place."""
-        key, now = client.key, self._agent.now()
-        if client.certificate not in (None, transport.certificate_of(peer)):
-            self._refuse(client, transport, peer, request)
+    ) -> None:  # fmt: skip
+        """Handle a message with the incumbent's key from another address.
+
+        Args:
+            incumbent: The client that has the key.
+            transport: The claimant's transport.
+            peer: The claimant's address there.
+            request: Its CREATE_CLIENT; None where it continues the session.
+        """
+        key, now = incumbent.key, self._agent.now()
+        if incumbent.certificate not in (None, transport.certificate_of(peer)):
+            self._refuse(incumbent, transport, peer, request)
             return
-        trial = self._trials.get(key)
-        if trial is not None:
-            if trial.transport is transport and trial.peer == peer:
-                trial.request = request or trial.request
-            self._look(key, trial)
+        probe = self._probes.get(key)
+        if probe is not None:
+            if probe.claimant[0] is transport and probe.claimant[1] == peer:
+                probe.request = request or probe.request
+            self._check(key, probe)
             return
         since = self._defended.get(key)
         if since is not None and 0 <= ticks_diff(now, since) < DEFENDED_MS:
-            self._refuse(client, transport, peer, request)
-        elif len(self._trials) < MAX_TRIALS:
-            trial = self._trials[key] = _Trial(client, transport, peer, request, now)
-            self._look(key, trial)
+            self._refuse(incumbent, transport, peer, request)
+        elif len(self._probes) < MAX_PROBES:
+            probe = _TakeoverProbe(incumbent, (transport, peer), request, now)
+            self._probes[key] = probe
+            self._check(key, probe)
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
-        """A newcomer's connection is closed: it does not wait any more."""
-        for key, trial in list(self._trials.items()):
-            if trial.transport is transport and trial.peer == peer:
-                del self._trials[key]
+        """Drop the claims of a peer whose connection is closed."""
+        for key, probe in list(self._probes.items()):
+            if probe.claimant[0] is transport and probe.claimant[1] == peer:
+                del self._probes[key]
 
-    def _look(self, key: int, trial: _Trial) -> None:
-        """Ask, or decide, what is due."""
-        if self._trials.get(key) is not trial:
+    def _check(self, key: int, probe: _TakeoverProbe) -> None:
+        """Send a probe or decide, if it is time."""
+        if self._probes.get(key) is not probe:
             return
-        agent, client, now = self._agent, trial.client, self._agent.now()
-        resident = agent.clients.get(key)
-        if resident is not client:  # it has left meanwhile
-            del self._trials[key]
-            place, request = (trial.transport, trial.peer), trial.request
-            if request is not None and resident is not None and agent.place(key) != place:
-                self.challenge(resident, *place, request)  # another one has come before it
+        agent, incumbent, now = self._agent, probe.incumbent, self._agent.now()
+        current = agent.clients.get(key)
+        if current is not incumbent:  # the incumbent has left meanwhile
+            del self._probes[key]
+            place, request = probe.claimant, probe.request
+            if request is not None and current is not None and agent.place(key) != place:
+                self.challenge(current, *place, request)  # another claimant came first
             elif request is not None:
                 agent.take_over(key, *place, request)
-        elif client.session.heard != trial.heard:
-            del self._trials[key]
-            if len(self._defended) >= MAX_TRIALS:
+        elif incumbent.session.heard != probe.heard:
+            del self._probes[key]
+            if len(self._defended) >= MAX_PROBES:
                 self._defended.clear()
             self._defended[key] = now
-            self._refuse(client, trial.transport, trial.peer, trial.request)
-        elif ticks_diff(now, trial.due) < 0:
+            self._refuse(incumbent, *probe.claimant, probe.request)
+        elif ticks_diff(now, probe.due) < 0:
             return
-        elif trial.asked < len(WAIT_MS):
-            # One question a look, whatever the clock says: there must be time for an answer.
-            wait = WAIT_MS[trial.asked]
-            trial.asked += 1
-            trial.due = ticks_add(now, wait)
-            client.session.probe()
-            agent.attend(client.session)
+        elif probe.probes < len(WAIT_MS):
+            # One probe a check, whatever the clock says: there must be time for an answer.
+            wait = WAIT_MS[probe.probes]
+            probe.probes += 1
+            probe.due = ticks_add(now, wait)
+            incumbent.session.probe()
+            agent.attend(incumbent.session)
             # One more: timers fire in the millisecond before, too.
-            agent.wake_at((wait + 1) / 1000, lambda: self._look(key, trial))
+            agent.wake_at((wait + 1) / 1000, lambda: self._check(key, probe))
         else:
-            del self._trials[key]
-            agent.take_over(key, trial.transport, trial.peer, trial.request)
+            del self._probes[key]
+            agent.take_over(key, *probe.claimant, probe.request)
 
     def _refuse(
-        self,
-        client: ClientState,
-        transport: ServerTransport,
-        peer: Any,
+        self, incumbent: ClientState, transport: ServerTransport, peer: Any,
         request: CreateClientRequest | None,
-    ) -> None:
-        agent, key, address = self._agent, client.key, transport.address(peer)
+    ) -> None:  # fmt: skip
+        agent, key, address = self._agent, incumbent.key, transport.address(peer)
         why = "answers"
-        if client.certificate not in (None, transport.certificate_of(peer)):
-            why = "has shown a certificate, and its place goes to no other"
+        if incumbent.certificate not in (None, transport.certificate_of(peer)):
+            why = "showed a certificate, and the key is reserved for that certificate"
         agent.refusals.note(key, KEY_IN_USE, address, agent.clock.monotonic())
         times = agent.faults.times(f"{KEY_IN_USE} {key:08X}")
         if times is not None:

@@ -39,7 +39,7 @@ class _Missing:
         self.asked = 0
 
 
-class Lines:
+class LineLossMonitor:
     """See the module."""
 
     def __init__(self, agent: AgentContext) -> None:

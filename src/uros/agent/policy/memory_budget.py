@@ -38,7 +38,7 @@ class Holder(Protocol):
         """When it was heard last, in milliseconds modulo 2^30."""
 
 
-class Budget:
+class MemoryBudget:
     """See the module. ``holders`` gives all clients, ``dismiss`` sends one away, and is told how
     much it held.
     """
@@ -106,6 +106,6 @@ class Budget:
         self.full = self.total > self.limit * 15 // 16
 
 
-def unlimited() -> Budget:
+def unlimited() -> MemoryBudget:
     """For a session without an agent."""
-    return Budget(1 << 62, lambda: (), lambda _key, _size: None)
+    return MemoryBudget(1 << 62, lambda: (), lambda _key, _size: None)

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
-from .memory_budget import MESSAGE_BYTES, Budget
+from .memory_budget import MESSAGE_BYTES, MemoryBudget
 
 # Attack: a reader that keeps all, of a topic of pictures, and is never asked. One sample is kept
 # whatever its size.
@@ -52,7 +52,7 @@ class Backlog:
     __slots__ = ("_budget", "_dropped", "_most", "_sizes", "_source", "empty", "octets")
 
     def __init__(
-        self, source: Source, depth: int, budget: Budget, dropped: Callable[[str], None]
+        self, source: Source, depth: int, budget: MemoryBudget, dropped: Callable[[str], None]
     ) -> None:
         self._source = source
         self._budget = budget

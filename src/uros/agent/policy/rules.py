@@ -42,7 +42,7 @@ from ...qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from .config_values import ControlError as ControlError
+from .config_values import ConfigError as ConfigError
 from .config_values import key_of, listed, only, shown, table_of, whole
 from .token_bucket import TokenBucket
 
@@ -284,7 +284,7 @@ class Settings:
 NOTHING: Final = Settings([])
 
 
-class Control:
+class Rules:
     """All rules, in order."""
 
     def __init__(self) -> None:
@@ -293,7 +293,7 @@ class Control:
         self.admission: list[tuple[str, Any]] = []
 
     def load(self, path: str | Path) -> int:
-        """Add a file's rules; how many. Raises ControlError naming the file."""
+        """Add a file's rules; how many. Raises ConfigError naming the file."""
         if sys.version_info >= (3, 11):
             import tomllib
         else:
@@ -302,24 +302,24 @@ class Control:
             with Path(path).open("rb") as file:
                 raw = file.read(MAX_FILE + 1)
         except OSError as error:
-            raise ControlError(f"{path}: {error.strerror}") from error
+            raise ConfigError(f"{path}: {error.strerror}") from error
         if len(raw) > MAX_FILE:
-            raise ControlError(f"{path}: over {MAX_FILE} bytes")
+            raise ConfigError(f"{path}: over {MAX_FILE} bytes")
         try:
             document = tomllib.loads(raw.decode("utf-8"))
         except (ValueError, RecursionError) as error:  # also of a number of 5000 digits
-            raise ControlError(f"{path}: no TOML: {error}") from error
+            raise ConfigError(f"{path}: no TOML: {error}") from error
         try:
             rules = _rules(document)
-        except ControlError as error:
-            raise ControlError(f"{path}: {error}") from error
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {error}") from error
         self._rules.extend(rules)
         if "admission" in document:
             self.admission.append((str(path), document["admission"]))
         return len(rules)
 
     def add(self, table: Mapping[str, Any]) -> None:
-        """Add one rule, as a ``[[client]]`` table has it. Raises ControlError."""
+        """Add one rule, as a ``[[client]]`` table has it. Raises ConfigError."""
         self._rules.append(parse_rule(table))
 
     def settings(
@@ -359,23 +359,23 @@ def _rules(document: Mapping[str, Any]) -> list[Rule]:
     only(document, ("client", "admission"), "the file")
     tables = document.get("client", [])
     if not isinstance(tables, list) or not all(isinstance(it, dict) for it in tables):
-        raise ControlError("rules are [[client]] tables, with two brackets")
+        raise ConfigError("rules are [[client]] tables, with two brackets")
     if not tables and "admission" not in document:
-        raise ControlError("there is no [[client]] table in it, and no [admission]")
+        raise ConfigError("there is no [[client]] table in it, and no [admission]")
     rules = []
     for number, table in enumerate(tables, 1):
         try:
             rules.append(parse_rule(table))
-        except ControlError as error:
-            raise ControlError(f"[[client]] number {number}: {error}") from error
+        except ConfigError as error:
+            raise ConfigError(f"[[client]] number {number}: {error}") from error
     return rules
 
 
 def parse_rule(table: Mapping[str, Any]) -> Rule:
-    """A rule from a ``[[client]]`` table. Raises ControlError."""
+    """A rule from a ``[[client]]`` table. Raises ConfigError."""
     only(table, _SELECTORS + _ACTIONS, "a rule")
     if not any(key in table for key in _ACTIONS):
-        raise ControlError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
+        raise ConfigError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
     rule = Rule(
         keys=frozenset(key_of(it) for it in listed(table.get("key", []))),
         addresses=tuple(_address(it) for it in listed(table.get("address", []))),
@@ -402,7 +402,7 @@ def parse_rule(table: Mapping[str, Any]) -> Rule:
 def _rate(value: Any) -> float:
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not number or not 0.0 < value < 1e9:
-        raise ControlError(
+        raise ConfigError(
             f"max_rate is {shown(value)}, not a number of messages a second above 0"
         )
     return float(value)
@@ -410,7 +410,7 @@ def _rate(value: Any) -> float:
 
 def _pattern(value: Any, what: str) -> str:
     if not isinstance(value, str) or not value:
-        raise ControlError(f"{what} is {shown(value)}, not a text")
+        raise ConfigError(f"{what} is {shown(value)}, not a text")
     return value
 
 
@@ -421,7 +421,7 @@ def _address(value: Any) -> str:
         try:
             ip_network(pattern, strict=False)
         except ValueError as error:
-            raise ControlError(
+            raise ConfigError(
                 f"address is {shown(value)}, which is no network, such as 192.168.1.0/24"
             ) from error
     return pattern
@@ -430,12 +430,12 @@ def _address(value: Any) -> str:
 def _name(value: Any, what: str) -> str:
     name = names.absolute(value) if isinstance(value, str) else ""
     if not names.is_valid(name):
-        raise ControlError(
+        raise ConfigError(
             f"{what}: {shown(value)} is no ROS name: letters, digits and _ between slashes, no"
             " part beginning with a digit"
         )
     if len(name) > names.MAX_NAMESPACE:
-        raise ControlError(
+        raise ConfigError(
             f"{what}: {shown(value)} has {len(name)} characters, and {names.MAX_NAMESPACE} are the"
             " most that leave room for a topic"
         )
@@ -456,5 +456,5 @@ def _qos(fields: Mapping[str, Any], about: str) -> dict[str, int]:
             found[key] = _POLICIES[key][value]
         else:
             known = " or ".join(_POLICIES[key])
-            raise ControlError(f"{about}.{key} is {shown(value)}, not {known}")
+            raise ConfigError(f"{about}.{key} is {shown(value)}, not {known}")
     return found

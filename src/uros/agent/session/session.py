@@ -40,7 +40,7 @@ from ...wire.streams import (
     split,
 )
 from ..log import unexpected
-from ..policy.memory_budget import MESSAGE_BYTES, Budget, unlimited
+from ..policy.memory_budget import MESSAGE_BYTES, MemoryBudget, unlimited
 from .handler import GONE, Handler
 from .reassembly import NONE, beginning, long_stop, surplus
 
@@ -131,7 +131,7 @@ class Session:
         session_id: int,
         mtu: int,
         handler: Handler,
-        budget: Budget | None = None,
+        budget: MemoryBudget | None = None,
         limit: int = MAX_MESSAGE,
     ) -> None:
         """``limit``: the longest message either way. What it keeps is charged to ``budget``."""

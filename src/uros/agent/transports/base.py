@@ -61,7 +61,7 @@ class Host(Protocol):
     def lost(self, transport: ServerTransport) -> None:
         """A line of the transport is gone, and with it some peers; see is_away()."""
 
-    def resident(self, transport: ServerTransport, peer: Any) -> bool:
+    def has_client(self, transport: ServerTransport, peer: Any) -> bool:
         """Whether a client talks from there; seldom asked, as all are looked at."""
 
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:

@@ -194,7 +194,7 @@ class TcpServer(ServerTransport):
             if 0.0 < connection.begun <= before:
                 why = f"a message that was not whole after {IDLE_SECONDS:.0f} s"
             elif connection in self.sessions or (
-                connection.spoke & 0x7F and self._host.resident(self, connection)
+                connection.spoke & 0x7F and self._host.has_client(self, connection)
             ):
                 continue  # a session, which may be silent: the agent probes it
             else:

@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
         ToolError: An option is wrong, or a transport cannot be used.
     """
     from ...agent.objects.xml_profiles import ProfileError
-    from ...agent.policy.rules import ControlError
+    from ...agent.policy.rules import ConfigError
     from ...agent.transports.base import TransportError
 
     if args.transport is None:
@@ -128,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
         return _serve(options, parts)
     except TransportError as error:
         raise ToolError(error.strerror or str(error)) from error
-    except (ProfileError, ControlError) as error:
+    except (ProfileError, ConfigError) as error:
         raise ToolError(str(error)) from error
 
 
@@ -166,8 +166,8 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     references = References()
     for file in options.refs:
         references.load(file)
-    control = rules.make_control(options)
-    admitted = admission.make_admission(options, control)
+    client_rules = rules.make_rules(options)
+    admitted = admission.make_admission(options, client_rules)
     transports = [transport for part in parts for transport in make(part)]
     if options.discovery is not None:
         transports.append(make_discovery(options.discovery, transports))
@@ -175,7 +175,7 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     middleware = open_middleware(_MIDDLEWARES[options.middleware])
     log = Log(options.verbose)
     agent = Agent(
-        middleware, log, references, domain_of_agent, options.domain, control,
+        middleware, log, references, domain_of_agent, options.domain, client_rules,
         admitted, options.dead_time, limits.make_limits(options),
     )  # fmt: skip
     server = Server(agent, transports)

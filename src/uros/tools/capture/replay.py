@@ -375,14 +375,14 @@ class Player:
             Whether all answers are as recorded.
         """
         from ...agent.objects.kinds import key_label
-        from ...agent.observability.format import plain
+        from ...agent.observability.format import escape
 
         head = ("client", "sent", "answers", "as recorded", "differ", "missing", "more")
         rows: list[tuple[str, ...]] = [head]
         parts: list[str] = []
         same = True
         for client, board in sorted(self._boards.items()):
-            name = f"{client} {key_label(board.key)} {plain(self._names[client])}"
+            name = f"{client} {key_label(board.key)} {escape(self._names[client])}"
             equal = differ = missing = more = 0
             keys = {key for key in (*self.expected, *self.got) if key[0] == client}
             for key in sorted(keys):

@@ -57,11 +57,11 @@ class Answer(NamedTuple):
         return self.kind, self.flags, self.payload
 
     def __str__(self) -> str:
-        from ...agent.observability.format import take_apart
+        from ...agent.observability.format import parse_message
 
         size = len(self.payload).to_bytes(4, "little")[:2]
         message = b"\x81\0\0\0" + bytes((self.kind, self.flags)) + size + self.payload
-        return str(take_apart(message)).removeprefix("0x81: ")
+        return str(parse_message(message)).removeprefix("0x81: ")
 
 
 class Step(NamedTuple):

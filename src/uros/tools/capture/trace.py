@@ -236,7 +236,7 @@ class Printer:
         return f"{at - since:12.6f}"
 
     def _text(self, record: Record, name: str) -> str:
-        from ...agent.observability.format import describe, plain
+        from ...agent.observability.format import escape, format_message
 
         stamp = self._time(record.time)
         lines = []
@@ -244,13 +244,13 @@ class Printer:
             if len(self._introduced) > 65536:
                 self._introduced.clear()
             self._introduced[record.client] = name
-            where = f"{plain(record.transport)} {plain(record.address)}"
+            where = f"{escape(record.transport)} {escape(record.address)}"
             about = f"client {record.client} {name or '(no key yet)'} is at {where}"
             lines.append(self._coloured(_DIM, f"-- {about}"))
         if record.lost:
             what = f"-- {record.lost} messages were not captured"
             lines.append(self._coloured(_TROUBLE, what))
-        text = describe(record.message)
+        text = format_message(record.message)
         arrow, colour = ("->", _CLIENT) if record.from_client else ("<-", _AGENT)
         if "??" in text:
             colour = _TROUBLE
@@ -266,9 +266,9 @@ class Printer:
         return f"{colour}{text}{_OFF}" if self._colours else text
 
     def _fields(self, record: Record, name: str) -> dict[str, Any]:
-        from ...agent.observability.format import stream_name, take_apart
+        from ...agent.observability.format import parse_message, stream_name
 
-        found = take_apart(record.message)
+        found = parse_message(record.message)
         out: dict[str, Any] = {
             "t": record.time,
             "from": "client" if record.from_client else "agent",
@@ -281,8 +281,8 @@ class Printer:
             "number": found.number,
             "submessages": [{"kind": part.kind, "text": part.text} for part in found.parts],
         }
-        if found.trouble:
-            out["trouble"] = found.trouble
+        if found.error:
+            out["trouble"] = found.error
         if record.lost:
             out["lost"] = record.lost
         out["hex"] = record.message.hex()

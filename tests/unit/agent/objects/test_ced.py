@@ -31,7 +31,7 @@ from unit.agent.helpers import (
     xml,
 )
 
-from uros.agent.policy.rules import Control
+from uros.agent.policy.rules import Rules
 from uros.middleware import open_middleware
 
 TOPIC_XML = "<dds><topic><name>rt/a</name><dataType>T</dataType></topic></dds>"
@@ -110,9 +110,9 @@ def test_names_of_ros_and_binary_forms_go_on_as_with_memory(desk):
 
 
 def test_a_namespace_holds_every_board_all_the_same():
-    control = Control()
-    control.add({"namespace": "/jail"})
-    desk = Desk(middleware=open_middleware("ced"), control=control)
+    rules = Rules()
+    rules.add({"namespace": "/jail"})
+    desk = Desk(middleware=open_middleware("ced"), rules=rules)
     board = Board(desk)
     statuses = board.ask(*entities("plain text")[:2], xml(TOPIC, "rt/../x", PARTICIPANT))
     assert statuses[0] == OK and OK not in statuses[1:]

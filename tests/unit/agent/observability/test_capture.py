@@ -22,7 +22,7 @@ from unit.agent.helpers import get_info, message
 from uros.agent.log import Log
 from uros.agent.observability import capture as captures
 from uros.agent.observability.capture import Capture, CaptureError, is_capture
-from uros.agent.observability.message_hooks import AGENT, CLIENT, Taps
+from uros.agent.observability.message_hooks import AGENT, CLIENT, MessageHooks
 from uros.agent.observability.pcapng import MAX_PAYLOAD
 from uros.agent.transports.base import ServerTransport
 from uros.agent.transports.memory import MemoryServer
@@ -54,12 +54,12 @@ class Desk:
 
     def __init__(self, path, limit=HUGE):
         self.said = io.StringIO()
-        self.taps = Taps(Log(4, self.said))
+        self.message_hooks = MessageHooks(Log(4, self.said))
         self.path = str(path)
-        self.capture = Capture(self.path, limit, Log(4, self.said), self.taps)
+        self.capture = Capture(self.path, limit, Log(4, self.said), self.message_hooks)
 
     def say(self, data=PING, peer="1.2.3.4:5", transport=None, direction=CLIENT, key=0):
-        self.taps(transport or Named(), peer, direction, data, len(data), key)
+        self.message_hooks(transport or Named(), peer, direction, data, len(data), key)
 
     def close(self):
         self.capture.close()
@@ -249,12 +249,12 @@ def test_what_a_capture_is(tmp_path):
 
 def test_a_full_disk_ends_the_capture_and_not_the_agent():
     with running_agent("udp", "memory") as agent:
-        capture = Capture("/dev/full", HUGE, agent.agent.log, agent.agent.taps)
+        capture = Capture("/dev/full", HUGE, agent.agent.log, agent.agent.message_hooks)
         client = XrceClient(agent.line(), 0xCAFE)
         client.open()
         eventually(lambda: "capture ends" in agent.said.getvalue())
         assert client.ping() == 1
-        assert not agent.agent.taps
+        assert not agent.agent.message_hooks
         capture.close()
     said = agent.said.getvalue()
     assert "No space left on device (make room, or capture to another disk" in said
@@ -392,7 +392,7 @@ def test_a_fault_of_ours_ends_the_capture_and_is_told(tmp_path):
     desk.say(transport=Broken())
     eventually(lambda: "ZeroDivisionError: a slip; the capture ends" in desk.said.getvalue())
     desk.say()
-    assert not desk.taps
+    assert not desk.message_hooks
     desk.close()
 
 

@@ -20,7 +20,7 @@ from unit.agent.helpers import (
     xml,
 )
 
-from uros.agent.observability.format import MAX_LINE, MAX_SUBMESSAGES, describe, take_apart
+from uros.agent.observability.format import MAX_LINE, MAX_SUBMESSAGES, format_message, parse_message
 from uros.wire import ids
 
 NAMES = sorted(path.stem for path in CAPTURES.glob("*.jsonl"))
@@ -39,13 +39,13 @@ RECORDED = list(recorded())
 
 
 def one(submessage, **more):
-    return describe(message([submessage], 0x80, 5, **more)).removeprefix("0x81 reliable 5: ")
+    return format_message(message([submessage], 0x80, 5, **more)).removeprefix("0x81 reliable 5: ")
 
 
 def test_everything_that_was_recorded_means_something():
     for it in RECORDED:
-        assert "??" not in describe(it), describe(it)
-    kinds = {part.kind for it in RECORDED for part in take_apart(it).parts}
+        assert "??" not in format_message(it), format_message(it)
+    kinds = {part.kind for it in RECORDED for part in parse_message(it).parts}
     assert kinds == {
         "CREATE_CLIENT", "CREATE", "GET_INFO", "DELETE", "STATUS_AGENT", "STATUS", "INFO",
         "WRITE_DATA", "READ_DATA", "DATA", "ACKNACK", "HEARTBEAT", "FRAGMENT", "TIMESTAMP",
@@ -54,8 +54,8 @@ def test_everything_that_was_recorded_means_something():
 
 
 def test_a_conversation_reads_like_one():
-    lines = [describe(it) for _, it in messages("rclc_trigger", load("rclc_trigger"), True)]
-    lines += [describe(it) for _, it in messages("rclc_trigger", load("rclc_trigger"), False)]
+    lines = [format_message(it) for _, it in messages("rclc_trigger", load("rclc_trigger"), True)]
+    lines += [format_message(it) for _, it in messages("rclc_trigger", load("rclc_trigger"), False)]
     for line in (
         "0x80: CREATE_CLIENT key 0x00000011 session 0x81 mtu 508 XRCE 1.0 vendor 010F",
         "0x81 reliable 0: CREATE #10 participant 0x000(1) in domain 0 'trigger_server_node'"
@@ -142,9 +142,9 @@ def test_each_kind(submessage, said):
 
 def test_the_header():
     low = message([sub(ids.RESET)], 3, 9, session_id=0x01, key=0x4B0CBE99)
-    assert describe(low) == "0x01 key 0x4B0CBE99 best effort (0x03) 9: RESET"
-    assert describe(message([sub(ids.RESET)], 0, 0)) == "0x81: RESET"
-    assert "mtu 512 XRCE 1.0 vendor 010F [uxr_sm=1, uxr_hl=2]" in describe(
+    assert format_message(low) == "0x01 key 0x4B0CBE99 best effort (0x03) 9: RESET"
+    assert format_message(message([sub(ids.RESET)], 0, 0)) == "0x81: RESET"
+    assert "mtu 512 XRCE 1.0 vendor 010F [uxr_sm=1, uxr_hl=2]" in format_message(
         create_client(properties=[("uxr_sm", "1"), ("uxr_hl", "2")])
     )
 
@@ -173,14 +173,14 @@ def test_the_header():
     ],
 )
 def test_where_it_stops_to_mean_something(octets, said):
-    assert describe(bytes.fromhex(octets)) == said
+    assert format_message(bytes.fromhex(octets)) == said
 
 
 def check(octets):
-    said = describe(octets)
+    said = format_message(octets)
     assert len(said) <= MAX_LINE
     assert said.isascii() and said.isprintable()
-    assert len(take_apart(octets).parts) <= MAX_SUBMESSAGES
+    assert len(parse_message(octets).parts) <= MAX_SUBMESSAGES
 
 
 @given(st.binary(max_size=400))

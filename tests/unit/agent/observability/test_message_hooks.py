@@ -8,7 +8,7 @@ from support.client import XrceClient
 from unit.agent.helpers import get_info, message
 
 from uros.agent.log import Log
-from uros.agent.observability.message_hooks import AGENT, CLIENT, Taps
+from uros.agent.observability.message_hooks import AGENT, CLIENT, MessageHooks
 from uros.agent.transports.memory import MemoryServer
 from uros.wire import ids
 
@@ -16,7 +16,7 @@ from uros.wire import ids
 def test_strangers_sessions_and_answers_are_heard_in_order():
     heard = []
     with running_agent("udp", "memory") as agent:
-        agent.agent.taps.append(heard.append)
+        agent.agent.message_hooks.append(heard.append)
         line = agent.line()
         client = XrceClient(line, 0xCAFE)
         line.send(b"nonsense of a stranger")
@@ -37,7 +37,7 @@ def test_what_is_heard_is_as_it_came_though_the_agent_writes_into_its_buffer():
         client = XrceClient(agent.line(), 0xCAFE)
         client.open()
         writer = client.writer("n", "rt/x", "a::msg::dds_::B_")
-        agent.agent.taps.append(heard.append)
+        agent.agent.message_hooks.append(heard.append)
         client.write(writer, b"\1\2\3\4")
         client.ping()
     (sent,) = [it.message for it in heard if it.message[4] == ids.WRITE_DATA]
@@ -50,40 +50,40 @@ def said():
 
 
 def test_a_tap_that_fails_is_told_once_and_hears_no_more(said):
-    taps = Taps(Log(4, said))
+    message_hooks = MessageHooks(Log(4, said))
     heard = []
 
-    def broken(passing):
+    def broken(event):
         raise ZeroDivisionError("a slip")
 
-    taps.append(broken)
-    taps.append(heard.append)
+    message_hooks.append(broken)
+    message_hooks.append(heard.append)
     for _ in range(3):
-        taps(MemoryServer(), 1, CLIENT, b"12345", 3, 0)
-    assert said.getvalue().count("ZeroDivisionError: a slip; this listener hears no more") == 1
+        message_hooks(MemoryServer(), 1, CLIENT, b"12345", 3, 0)
+    assert said.getvalue().count("ZeroDivisionError: a slip; this message hook is removed") == 1
     assert [it.message for it in heard] == [b"123"] * 3
 
 
 def test_a_tap_may_take_itself_out(said):
-    taps = Taps(Log(4, said))
+    message_hooks = MessageHooks(Log(4, said))
     heard = []
 
-    def once(passing):
-        heard.append(passing)
-        taps.drop(once)
+    def once(event):
+        heard.append(event)
+        message_hooks.discard(once)
 
-    taps.append(once)
+    message_hooks.append(once)
     for _ in range(2):
-        taps(MemoryServer(), 1, CLIENT, b"1", 1, 0)
-    assert len(heard) == 1 and not taps
+        message_hooks(MemoryServer(), 1, CLIENT, b"1", 1, 0)
+    assert len(heard) == 1 and not message_hooks
 
 
 @pytest.mark.parametrize(("level", "lines"), [(4, 0), (5, 1), (6, 2)])
 def test_what_the_levels_of_the_log_show(said, level, lines):
-    taps = Taps(Log(level, said))
-    assert bool(taps) == (lines > 0)
+    message_hooks = MessageHooks(Log(level, said))
+    assert bool(message_hooks) == (lines > 0)
     ping = message([get_info()], 0, 0)
-    taps(MemoryServer(), 1, CLIENT, ping, len(ping), 0xCAFE)
+    message_hooks(MemoryServer(), 1, CLIENT, ping, len(ping), 0xCAFE)
     got = said.getvalue().splitlines()
     assert len(got) == lines
     assert [it for it in got if it.endswith(" | 0x81: GET_INFO #50 agent activity")] == got[:-1]

@@ -121,11 +121,11 @@ def test_a_board_with_a_publisher_and_a_subscription(owner):
 
 
 def test_topics_are_those_of_the_network_after_the_rules():
-    from uros.agent.policy.rules import Control
+    from uros.agent.policy.rules import Rules
 
-    control = Control()
-    control.add({"namespace": "/hall", "remap": {"/ns/board/x": "/y"}})
-    owner = Owner(control=control)
+    rules = Rules()
+    rules.add({"namespace": "/hall", "remap": {"/ns/board/x": "/y"}})
+    owner = Owner(rules=rules)
     Board(owner.desk).ask(*publisher_entities(name="rt/out"))
     client = owner.client()
     assert client["nodes"] == [{"name": "/hall/ns/board", "domain": 0}]

@@ -1,4 +1,4 @@
-"""The socket that an agent's owner asks: what it answers, and that no asker hurts the agent."""
+"""The status socket: what it answers, and that no query or connection harms the agent."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from support.lines import SECONDS
 from support.waiting import eventually
 
 from uros.agent.observability import status_socket as module
-from uros.agent.observability.status_socket import Inspection, folders, sockets
+from uros.agent.observability.status_socket import StatusSocket, folders, sockets
 from uros.tools.agent import running_agents as tool
 from uros.tools.agent.running_agents import PATIENCE, ask, find_agent, find_agents, stream
 from uros.tools.errors import ToolError
@@ -29,10 +29,10 @@ TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
 
 @contextmanager
 def inspected(folder=None):
-    """An agent on UDP that may be looked into."""
+    """An agent on UDP with a status socket."""
     running = RunningAgent("udp", "memory", 0, 4)
-    running.inspection = Inspection(folder)
-    running.server.attachments.append(running.inspection)
+    running.status_socket = StatusSocket(folder)
+    running.server.attachments.append(running.status_socket)
     with serving(running):
         yield running
 
@@ -40,13 +40,13 @@ def inspected(folder=None):
 def connect(running):
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     sock.settimeout(SECONDS)
-    sock.connect(str(running.inspection.path))
+    sock.connect(str(running.status_socket.path))
     return sock
 
 
 def here(running):
     """It, as tools find it."""
-    return tool.RunningAgent(os.getpid(), running.inspection.path)
+    return tool.RunningAgent(os.getpid(), running.status_socket.path)
 
 
 def ours():
@@ -65,7 +65,7 @@ def line_of(sock):
 
 def tracing(running, count=1):
     """So many watch now."""
-    eventually(lambda: sum(it.tracing for it in list(running.inspection._askers)) == count)
+    eventually(lambda: sum(it.tracing for it in list(running.status_socket._connections)) == count)
 
 
 def served(running, key=0x51):
@@ -87,11 +87,11 @@ def test_an_agent_is_found_and_asked_and_gone_when_it_ends():
         answer = ask(find_agent(os.getpid()), "status")
         assert answer["pid"] == os.getpid()
         assert [it["key"] for it in answer["clients"]] == ["0x00001234"]
-        path = running.inspection.path
+        path = running.status_socket.path
         assert stat.S_IMODE(os.stat(path).st_mode) == 0o600
         assert stat.S_IMODE(os.stat(path.parent).st_mode) == 0o700
         assert path.name == f"agent-{os.getpid()}.sock" and len(os.listdir(path.parent)) == 1
-        assert "may be looked into" in running.said.getvalue()
+        assert "status socket open" in running.said.getvalue()
     assert ours() == [] and os.listdir(path.parent) == []
 
 
@@ -147,7 +147,7 @@ def trouble(folder):
     """What an agent warns of that cannot have its socket there; boards are served."""
     with inspected(folder) as running:
         served(running)
-        assert running.inspection.path is None
+        assert running.status_socket.path is None
         return running.said.getvalue()
 
 
@@ -158,12 +158,12 @@ def test_a_folder_that_cannot_be_had_is_a_warning(tmp_path):
     for folder, why in (
         (tmp_path / "none" / "uros", "No such file"),
         (tmp_path / "file", "exists"),
-        (tmp_path / "link", "is no folder: remove it"),
+        (tmp_path / "link", "is not a directory: remove it"),
         (tmp_path / ("x" * 120), "too long"),
     ):
         said = trouble(folder)
         (warning,) = [it for it in said.splitlines() if "warning" in it]
-        assert "not to be looked into" in warning and why in warning, warning
+        assert "no status socket" in warning and why in warning, warning
         assert "'uros agent status' will not find this agent; set XDG_RUNTIME_DIR" in warning
     assert os.listdir(tmp_path / "real") == []
 
@@ -173,7 +173,7 @@ def test_a_folder_of_somebody_else_is_not_used(tmp_path, monkeypatch):
     folder = tmp_path / "uros"
     folder.mkdir(mode=0o700)
     monkeypatch.setattr(os, "getuid", lambda: 4711)
-    assert "belongs to somebody else" in trouble(folder)
+    assert "belongs to another user" in trouble(folder)
 
 
 def test_a_system_without_unix_sockets(monkeypatch, tmp_path):
@@ -181,7 +181,7 @@ def test_a_system_without_unix_sockets(monkeypatch, tmp_path):
         patch.delattr(socket, "AF_UNIX")
         with inspected(tmp_path / "uros") as running:
             served(running)
-            assert running.inspection.path is None
+            assert running.status_socket.path is None
             assert "warning" not in running.said.getvalue()
 
 
@@ -248,20 +248,20 @@ def test_a_mad_asker_is_cut_off(data):
                 pass
         except ConnectionError:
             pass
-        eventually(lambda: not running.inspection._askers)
+        eventually(lambda: not running.status_socket._connections)
         served(running)
         assert ask(here(running), "status")["version"] == 1
 
 
 def test_more_askers_than_may_be_are_refused_and_may_come_again():
     with inspected() as running:
-        held = [connect(running) for _ in range(module.MAX_ASKERS)]
+        held = [connect(running) for _ in range(module.MAX_CONNECTIONS)]
         held[-1].sendall(b'{"ask":"status"}\n')
         assert line_of(held[-1])["version"] == 1
-        with pytest.raises(ToolError, match=f"over {module.MAX_ASKERS} ask already"):
+        with pytest.raises(ToolError, match=f"over {module.MAX_CONNECTIONS} connections"):
             ask(here(running), "status")
         held.pop().close()
-        eventually(lambda: len(running.inspection._askers) < module.MAX_ASKERS)
+        eventually(lambda: len(running.status_socket._connections) < module.MAX_CONNECTIONS)
         assert ask(here(running), "status")["version"] == 1
         for sock in held:
             sock.close()
@@ -288,12 +288,12 @@ def test_an_asker_that_does_not_read_costs_little_and_is_cut_off(monkeypatch):
         with connect(running) as slow:
             slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
             slow.sendall(b'{"ask":"status"}\n' * 20)
-            eventually(lambda: running.inspection._askers)
-            (asker,) = running.inspection._askers
+            eventually(lambda: running.status_socket._connections)
+            (connection,) = running.status_socket._connections
             most = 0
             deadline = time.monotonic() + SECONDS
-            while running.inspection._askers:
-                most = max(most, len(asker.out))
+            while running.status_socket._connections:
+                most = max(most, len(connection.out))
                 assert time.monotonic() < deadline
                 assert len(ask(here(running), "status")["clients"]) == 3
             assert 0 < most < 200_000  # a chunk, and one client's part
@@ -316,10 +316,10 @@ def test_messages_that_pass_are_told_to_those_who_watch():
             assert bytes.fromhex(told[2]["hex"])[0] == 0x81
         one.sendall(b'{"ask":"status"}\n')
         assert line_of(one)["version"] == 1
-        assert len(running.agent.taps) == 1
+        assert len(running.agent.message_hooks) == 1
         one.close()
         two.close()
-        eventually(lambda: not running.agent.taps)  # nobody watches: it costs nothing
+        eventually(lambda: not running.agent.message_hooks)  # nobody watches: it costs nothing
         served(running, 2)
 
 
@@ -339,24 +339,24 @@ def test_the_tools_stream():
 
 
 def test_a_watcher_that_does_not_read_loses_messages_and_hears_how_many(monkeypatch):
-    monkeypatch.setattr(module, "MAX_PASSING", 10)
+    monkeypatch.setattr(module, "MAX_EVENTS", 10)
     monkeypatch.setattr(module, "_CHUNK", 4096)
     with inspected() as running, connect(running) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         sock.sendall(b'{"ask":"trace"}\n')
         tracing(running)
         client = served(running)
-        (asker,) = running.inspection._askers
+        (connection,) = running.status_socket._connections
         writer = client.writer("n", "rt/x", TYPE)
         sent = 0
         deadline = time.monotonic() + SECONDS
-        while asker.lost < 50:
+        while connection.lost < 50:
             client.write(writer, bytes(400), stream=ids.STREAM_BEST_EFFORT)
             sent += 1
             if not sent % 50:
                 assert client.ping() == 1  # the agent keeps up
             assert time.monotonic() < deadline
-        assert len(asker.passing) <= 10 and len(asker.out) < 3 * 4096
+        assert len(connection.events) <= 10 and len(connection.out) < 3 * 4096
         lost = 0
         # Once it reads again, it is told so with the first message behind the gap.
         while not lost:

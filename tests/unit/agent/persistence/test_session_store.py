@@ -502,7 +502,7 @@ def test_a_restored_session_is_not_for_somebody_of_another_transport(world, last
     """Nor is it for a board with a certificate: it begins with its own rules."""
     publisher(world).turns()
     desk = world.restart()
-    desk.agent.control.add({"address": "peer 9", "namespace": "/left"})
+    desk.agent.rules.add({"address": "peer 9", "namespace": "/left"})
     assert desk.agent.clients[0xA1].objects
     place, other = desk.place, helpers.Place()
     other.lasting, other.name = lasting, "OtherAgent"
@@ -526,7 +526,7 @@ def test_a_restored_session_has_the_rules_of_today(world, monkeypatch):
 
     def ruled(self, *args, **more):
         init(self, *args, **more)
-        self.agent.control.add({"namespace": "/jail"})
+        self.agent.rules.add({"namespace": "/jail"})
 
     monkeypatch.setattr(Desk, "__init__", ruled)
     world.restart()
@@ -716,7 +716,7 @@ def test_a_last_sample_is_kept_up_to_its_limit_and_no_longer(world, monkeypatch,
 
 def test_a_sample_over_max_size_is_not_the_last_one_after_a_restart(world):
     """The rules have dropped the sample: nobody has read it, and a late reader must not."""
-    world.desk.agent.control.add({"max_size": 8})
+    world.desk.agent.rules.add({"max_size": 8})
     qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     client = publisher(world, qos=qos, depth=1)
     client.write(0x15, number(1))

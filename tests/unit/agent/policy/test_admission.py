@@ -25,7 +25,7 @@ from unit.agent.helpers import (
 
 from uros.agent.agent import key_of_newcomer
 from uros.agent.policy.admission import MAX_REFUSALS, Admission, Refusals, make_admission
-from uros.agent.policy.rules import Control, ControlError
+from uros.agent.policy.rules import ConfigError, Rules
 from uros.agent.transports.discovery import DiscoveryServer
 from uros.agent.transports.udp import UdpServer
 from uros.wire import ids
@@ -118,7 +118,7 @@ def test_files_and_the_command_line_add_up_and_its_number_counts():
     ],
 )
 def test_mistakes_are_named(table, said):
-    with pytest.raises(ControlError, match=r"rules.toml: \[admission\]: ") as caught:
+    with pytest.raises(ConfigError, match=r"rules.toml: \[admission\]: ") as caught:
         make_admission([("rules.toml", table)])
     assert said in str(caught.value)
 
@@ -134,7 +134,7 @@ VALUES = st.recursive(
 def test_whatever_a_table_holds_it_is_lists_or_refused(table):
     try:
         one = make_admission([("file", table)])
-    except ControlError as error:
+    except ConfigError as error:
         assert len(str(error)) < 400
     else:
         assert 1 <= one.max_clients <= 4096
@@ -144,7 +144,7 @@ def test_whatever_a_table_holds_it_is_lists_or_refused(table):
 def test_whatever_the_command_line_holds_it_is_lists_or_refused(keys, networks):
     try:
         one = make_admission((), keys, networks)
-    except ControlError:
+    except ConfigError:
         return
     assert all(0 <= it <= 0xFFFFFFFF for it in one.keys)
 
@@ -157,18 +157,18 @@ def test_any_host_is_inside_or_outside(host):
 def test_a_file_may_hold_the_table_alone_or_beside_rules(tmp_path):
     file = tmp_path / "rules.toml"
     file.write_text('[admission]\nkeys = ["0x4B0CBE99"]\n')
-    control = Control()
-    assert control.load(file) == 0
+    rules = Rules()
+    assert rules.load(file) == 0
     file.write_text('[admission]\nnetworks = ["10.0.0.0/8"]\n[[client]]\ndomain = 3\n')
-    assert control.load(file) == 1
-    one = make_admission(control.admission)
+    assert rules.load(file) == 1
+    one = make_admission(rules.admission)
     assert one.keys == {0x4B0CBE99} and len(one.networks) == 1
-    assert control.settings(1, "x", "/n").domain == 3
+    assert rules.settings(1, "x", "/n").domain == 3
     file.write_text("[[admission]]\nkeys = [1]\n")
-    control = Control()
-    control.load(file)
-    with pytest.raises(ControlError, match="with one bracket on each side"):
-        make_admission(control.admission)
+    rules = Rules()
+    rules.load(file)
+    with pytest.raises(ConfigError, match="with one bracket on each side"):
+        make_admission(rules.admission)
 
 
 def test_the_table_of_the_page(tmp_path):
@@ -176,9 +176,9 @@ def test_the_table_of_the_page(tmp_path):
     (text,) = re.findall(r"^```toml\n(.+?)^```$", page.read_text("utf-8"), re.M | re.S)
     file = tmp_path / "rules.toml"
     file.write_text(text)
-    control = Control()
-    control.load(file)
-    one = make_admission(control.admission)
+    rules = Rules()
+    rules.load(file)
+    one = make_admission(rules.admission)
     assert one.keys == {0x4B0CBE99, 0x4B0CBE9A, 7} and one.max_clients == 20
     assert [str(it) for it in one.networks] == ["192.168.1.0/24", "fd00::/8"]
 

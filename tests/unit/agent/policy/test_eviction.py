@@ -19,7 +19,7 @@ from unit.agent.helpers import (
 
 from uros.agent.policy import eviction as module
 from uros.agent.policy.admission import MAX_CLIENTS, make_admission
-from uros.agent.policy.eviction import Shares, network_of
+from uros.agent.policy.eviction import EvictionPolicy, network_of
 
 
 class Addresses(Place):
@@ -188,8 +188,8 @@ def test_a_flood_in_vain_costs_a_look_ten_times_a_second(monkeypatch):
     desk = a_desk()
     fill(desk, lambda key: ("192.0.2.66", key))
     looks = []
-    silent = Shares._silent
-    monkeypatch.setattr(Shares, "_silent", lambda *them: looks.append(1) or silent(*them))
+    silent = EvictionPolicy._silent
+    monkeypatch.setattr(EvictionPolicy, "_silent", lambda *them: looks.append(1) or silent(*them))
     for number in range(1000):
         assert come(desk, 1_000_000 + number, ("192.0.2.66", 10_000 + number)) == RESOURCES
         desk.clock += 1
@@ -249,11 +249,11 @@ def test_the_counts_are_those_of_the_clients_whatever_comes(steps):
             desk.wait(250 * key)
     counted = {
         client.key: (transport, peer)
-        for sockets in desk.agent.shares._networks.values()
+        for sockets in desk.agent.eviction._networks.values()
         for (transport, peer), clients in sockets.items()
         for client in clients
     }
     assert counted == desk.agent._places
-    assert sum(desk.agent.shares._counts.values()) == len(desk.agent.clients) <= 20
+    assert sum(desk.agent.eviction._counts.values()) == len(desk.agent.clients) <= 20
     desk.close()
-    assert not desk.agent.shares._networks and not desk.agent.shares._counts
+    assert not desk.agent.eviction._networks and not desk.agent.eviction._counts

@@ -124,7 +124,7 @@ def test_one_that_asks_again_while_it_waits_is_answered_once_and_by_the_last(des
 def test_from_the_same_place_nobody_waits(desk):
     Board(desk, 1)
     assert statuses(desk.hear(create_client(), 1), 1) == [OK]
-    assert not desk.agent.rivals._trials
+    assert not desk.agent.key_conflicts._probes
 
 
 def test_a_client_that_leaves_meanwhile_makes_room(desk):
@@ -150,7 +150,7 @@ def test_a_newcomer_whose_connection_closes_waits_no_more(desk):
     desk.hear(create_client(), 2)
     desk.agent.gone(desk.place, 2)
     desk.wait(DECIDED)
-    assert of(desk) == 1 and not desk.agent.rivals._trials
+    assert of(desk) == 1 and not desk.agent.key_conflicts._probes
 
 
 def test_without_a_clock_that_wakes_the_next_request_decides(desk):
@@ -183,8 +183,8 @@ def test_a_place_with_a_certificate_goes_to_no_other_however_silent_it_is(desk, 
     desk.wait(60_000)
     assert of(desk) == 1 and desk.agent.clients[KEY].objects
     assert (
-        "refused at peer 2: the client at peer 1 has shown a certificate, and its place goes to no"
-        " other (give each board a key of its own)"
+        "refused at peer 2: the client at peer 1 showed a certificate, and the key is reserved for"
+        " that certificate (give each board a key of its own)"
     ) in desk.log()
 
 
@@ -225,8 +225,8 @@ def test_another_transport_has_nothing_of_what_was_made(desk):
 
 @pytest.mark.parametrize("session_id", [0x05, 0x81])
 def test_other_rules_at_the_other_address_have_nothing_of_what_was_made(desk, session_id):
-    desk.agent.control.add({"address": "peer 1", "namespace": "/left"})
-    desk.agent.control.add({"address": ["peer 1", "peer 3"], "key": 5, "max_rate": 3})
+    desk.agent.rules.add({"address": "peer 1", "namespace": "/left"})
+    desk.agent.rules.add({"address": ["peer 1", "peer 3"], "key": 5, "max_rate": 3})
     Board(desk, 1, session_id=session_id).ask(*publisher_entities())
     datagram = message([write_data(WRITER, b"mine")], 0x80, 4, session_id)
     desk.hear(datagram, 2)
@@ -320,15 +320,15 @@ def test_newcomers_for_all_clients_at_once_are_bounded(desk):
         desk.hear(create_client(number), number)
     for number in range(1, 601):
         desk.hear(create_client(number), 1000 + number)
-    assert len(desk.agent.rivals._trials) == module.MAX_TRIALS
+    assert len(desk.agent.key_conflicts._probes) == module.MAX_PROBES
     desk.wait(DECIDED)
-    assert not desk.agent.rivals._trials
+    assert not desk.agent.key_conflicts._probes
     for number in range(1, 601):
         desk.hear(create_client(number), 1000 + number)
         desk.hear(create_client(number), number)
         desk.wait(1)
     desk.wait(DECIDED)
-    assert len(desk.agent.rivals._defended) <= module.MAX_TRIALS
+    assert len(desk.agent.key_conflicts._defended) <= module.MAX_PROBES
     assert len(desk.agent.refusals) <= 256
 
 
@@ -358,7 +358,7 @@ def test_whoever_comes_there_is_one_client_at_one_place(steps):
         assert len(desk.agent.clients) <= 1
         assert list(desk.place.sessions) == [place[1] for place in desk.agent._places.values()]
     desk.wait(2 * DECIDED)  # who waited begins to wait anew where another one came before it
-    assert not desk.agent.rivals._trials
+    assert not desk.agent.key_conflicts._probes
     desk.close()
 
 
@@ -442,7 +442,7 @@ def mutual(tmp_path):
     made = Authority(tmp_path)
     tls = TlsServer(0, "127.0.0.1", Certificates(*made.agent(), made.ca))
     with serving(RunningAgent(tls, "memory", 0, 4)) as running:
-        running.agent.control.add({"address": "*(CN=left)", "namespace": "/left"})
+        running.agent.rules.add({"address": "*(CN=left)", "namespace": "/left"})
         yield running, made, _second(running, UdpServer(0, "127.0.0.1"))
 
 

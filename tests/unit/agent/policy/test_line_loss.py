@@ -56,7 +56,7 @@ def desk():
 
 def unplug(desk, *peers):
     desk.place.away.update(peers)
-    desk.agent.lines.lost(desk.place)
+    desk.agent.line_loss.lost(desk.place)
 
 
 def questions(sent, peer=1):
@@ -73,7 +73,7 @@ def test_who_does_not_come_back_leaves_within_ten_seconds_with_all_it_made(desk)
     assert set(desk.agent.clients) == {2}
     assert len(desk.middleware.bus.nodes) == 1
     assert "address: peer 1, not back within 7 s: forgotten" in desk.log()
-    assert not desk.agent.lines._missing and not desk.agent.lines._looking
+    assert not desk.agent.line_loss._missing and not desk.agent.line_loss._looking
 
 
 @pytest.mark.parametrize("after", [500, 3000, 6900])
@@ -86,7 +86,7 @@ def test_a_line_that_comes_back_has_its_clients_asked_and_who_answers_stays(desk
     assert questions(sent) == 1
     desk.hear(ALIVE, 1)
     assert not questions(desk.wait(20_000))
-    assert KEY in desk.agent.clients and not desk.agent.lines._missing
+    assert KEY in desk.agent.clients and not desk.agent.line_loss._missing
 
 
 @pytest.mark.parametrize("after", [0, 500, 3000, 6900])
@@ -123,7 +123,7 @@ def test_a_board_that_says_goodbye_meanwhile_is_gone_and_nothing_is_left(desk):
     desk.agent.delete_client(KEY)
     Board(desk, 2)  # another one with its key
     desk.wait(MOST)
-    assert KEY in desk.agent.clients and not desk.agent.lines._missing
+    assert KEY in desk.agent.clients and not desk.agent.line_loss._missing
 
 
 def test_a_line_that_goes_again_and_again_does_not_keep_its_board(desk):
@@ -257,7 +257,7 @@ def test_a_program_opens_the_pseudo_terminal_again_and_goes_on(quick, monkeypatc
             one.write(writer, bytes([turn]) * 4)
             assert one.sample(reader) == bytes([turn]) * 4
         assert running.transport.device == device
-        eventually(lambda: not running.agent.lines._missing)
+        eventually(lambda: not running.agent.line_loss._missing)
 
 
 def test_a_board_that_is_plugged_in_again_in_time_stays_and_is_asked(quick, monkeypatch, tmp_path):
@@ -269,9 +269,9 @@ def test_a_board_that_is_plugged_in_again_in_time_stays_and_is_asked(quick, monk
         assert one.open() == ids.STATUS_OK
         one.participant("n")
         device.unplug()
-        eventually(lambda: running.agent.lines._missing)
+        eventually(lambda: running.agent.line_loss._missing)
         one.line = device.plug()
-        one.until(lambda: not running.agent.lines._missing, "it is not asked")
+        one.until(lambda: not running.agent.line_loss._missing, "it is not asked")
         assert running.agent.clients[0x11].objects
     device.unplug()
 

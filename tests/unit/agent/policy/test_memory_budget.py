@@ -30,7 +30,7 @@ from unit.agent.test_server import Running
 
 from uros.agent.policy import memory_budget as module
 from uros.agent.policy.limits import Limits
-from uros.agent.policy.memory_budget import MESSAGE_BYTES, OBJECT_BYTES, Budget, unlimited
+from uros.agent.policy.memory_budget import MESSAGE_BYTES, OBJECT_BYTES, MemoryBudget, unlimited
 from uros.wire import ids
 
 MB = 1024 * 1024
@@ -54,7 +54,7 @@ class Clients:
         self.all = {key: Holder(key, size) for key, size in enumerate(sizes)}
         self.gone = []
         self.counts = 0
-        self.budget = Budget(limit, self._holders, self._dismiss)
+        self.budget = MemoryBudget(limit, self._holders, self._dismiss)
 
     def _holders(self):
         self.counts += 1

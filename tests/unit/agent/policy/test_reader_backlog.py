@@ -23,7 +23,7 @@ from unit.agent.helpers import (
 
 from uros.agent.policy import reader_backlog as module
 from uros.agent.policy.limits import Limits
-from uros.agent.policy.memory_budget import MESSAGE_BYTES, Budget, unlimited
+from uros.agent.policy.memory_budget import MESSAGE_BYTES, MemoryBudget, unlimited
 from uros.agent.policy.reader_backlog import Backlog
 from uros.middleware.base import Service
 from uros.qos import HistoryPolicy, QoSProfile, services_profile
@@ -107,7 +107,8 @@ def test_over_the_limit_the_oldest_go_and_one_stays_whatever_its_size():
 
 
 def test_a_reader_has_an_eighth_of_what_all_may_have_at_most():
-    backlog = Backlog(Reader(9), 9, Budget(8 * MB, lambda: (), lambda *_: None), lambda _: None)
+    budget = MemoryBudget(8 * MB, lambda: (), lambda *_: None)
+    backlog = Backlog(Reader(9), 9, budget, lambda _: None)
     assert backlog._most == MB
 
 

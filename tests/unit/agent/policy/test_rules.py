@@ -8,10 +8,10 @@ from uros import names
 from uros.agent.policy.rules import (
     GLOBAL,
     NOTHING,
-    Control,
-    ControlError,
+    ConfigError,
     NameRefused,
     Rule,
+    Rules,
     Settings,
     parse_rule,
 )
@@ -40,15 +40,15 @@ deadline_ms = 100
 """
 
 
-def control(text, tmp_path):
+def load_rules(text, tmp_path):
     path = tmp_path / "control.toml"
     path.write_text(text)
-    one = Control()
+    one = Rules()
     return one, one.load(path)
 
 
 def test_a_file_of_rules(tmp_path):
-    one, count = control(FILE, tmp_path)
+    one, count = load_rules(FILE, tmp_path)
     assert count == 2
     nothing = one.settings(1, "10.0.0.1:7", "/other")
     assert nothing.domain is None and nothing.topic("rt/cmd_vel") == "rt/cmd_vel"
@@ -300,22 +300,22 @@ def test_without_limits_there_is_no_limiter():
     ],
 )  # fmt: skip
 def test_a_wrong_file_says_what_is_wrong(text, said, tmp_path):
-    with pytest.raises(ControlError, match="control.toml: ") as caught:
-        control(text, tmp_path)
+    with pytest.raises(ConfigError, match="control.toml: ") as caught:
+        load_rules(text, tmp_path)
     assert said in str(caught.value)
 
 
 def test_a_file_that_cannot_be_read(tmp_path):
-    with pytest.raises(ControlError, match="No such file"):
-        Control().load(tmp_path / "none.toml")
+    with pytest.raises(ConfigError, match="No such file"):
+        Rules().load(tmp_path / "none.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(ControlError, match="no TOML"):
-        Control().load(tmp_path / "bytes.toml")
+    with pytest.raises(ConfigError, match="no TOML"):
+        Rules().load(tmp_path / "bytes.toml")
     (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
-    with pytest.raises(ControlError, match="over 1048576 bytes"):
-        Control().load(tmp_path / "large.toml")
-    with pytest.raises(ControlError, match="over 1048576 bytes"):
-        Control().load("/dev/zero")
+    with pytest.raises(ConfigError, match="over 1048576 bytes"):
+        Rules().load(tmp_path / "large.toml")
+    with pytest.raises(ConfigError, match="over 1048576 bytes"):
+        Rules().load("/dev/zero")
 
 
 _ANY = st.recursive(
@@ -331,7 +331,7 @@ _WORDS = ["key", "address", "node", "domain", "namespace", "remap", "qos", "max_
 def test_whatever_a_table_holds_it_is_a_rule_or_refused(table):
     try:
         rule = parse_rule(table)
-    except ControlError:
+    except ConfigError:
         return
     settings = Settings([rule])
     assert rule.matches(1, "10.0.0.1:7", "/n") in (True, False)

@@ -67,8 +67,8 @@ def endpoints(agent, monkeypatch):
 
 
 def test_names_domain_and_qos_are_the_owners(agent, monkeypatch):
-    agent.agent.control.add({"namespace": "/hall", "qos": {"odom": {"depth": 1}}})
-    agent.agent.control.add(
+    agent.agent.rules.add({"namespace": "/hall", "qos": {"odom": {"depth": 1}}})
+    agent.agent.rules.add(
         {
             "key": 2, "domain": 9, "remap": {"odom": "position"},
             "qos": {"/odom": {"reliability": "best_effort", "durability": "transient_local"}},
@@ -92,7 +92,7 @@ def test_names_domain_and_qos_are_the_owners(agent, monkeypatch):
 
 def test_a_domain_for_one_goes_before_the_one_for_all(monkeypatch):
     with running_agent("udp", "memory", 5) as agent:
-        agent.agent.control.add({"node": "/two", "domain": 9})
+        agent.agent.rules.add({"node": "/two", "domain": 9})
         seen = endpoints(agent, monkeypatch)
         client(agent, 1).writer("one", "rt/a", TYPE)
         client(agent, 2).writer("two", "rt/a", TYPE)
@@ -100,7 +100,7 @@ def test_a_domain_for_one_goes_before_the_one_for_all(monkeypatch):
 
 
 def test_a_remapped_pair_meets_and_the_others_do_not(agent):
-    agent.agent.control.add({"key": 1, "remap": {"a": "b"}})
+    agent.agent.rules.add({"key": 1, "remap": {"a": "b"}})
     one, two, three = (client(agent, key) for key in (1, 2, 3))
     readers = two.reader("two", "rt/a", TYPE), three.reader("three", "rt/b", TYPE)
     two.read(readers[0])
@@ -112,8 +112,8 @@ def test_a_remapped_pair_meets_and_the_others_do_not(agent):
 
 
 def test_a_service_is_found_under_its_new_name(agent):
-    agent.agent.control.add({"key": 1, "namespace": "/r1"})
-    agent.agent.control.add({"key": 2, "remap": {"go": "/r1/go"}})
+    agent.agent.rules.add({"key": 1, "namespace": "/r1"})
+    agent.agent.rules.add({"key": 2, "remap": {"go": "/r1/go"}})
     one, two = client(agent, 1), client(agent, 2)
     replier = one.service(ids.KIND_REPLIER, "one", *SERVICE)
     requester = two.service(ids.KIND_REQUESTER, "two", *SERVICE)
@@ -127,7 +127,7 @@ def test_a_service_is_found_under_its_new_name(agent):
 
 
 def test_what_is_too_large_is_dropped_and_told(agent):
-    agent.agent.control.add({"max_size": 12})
+    agent.agent.rules.add({"max_size": 12})
     one = client(agent, 1)
     writer, reader = one.writer("one", "rt/a", TYPE), one.reader("one", "rt/a", TYPE)
     one.read(reader)
@@ -138,7 +138,7 @@ def test_what_is_too_large_is_dropped_and_told(agent):
 
 
 def test_a_request_that_is_too_large_is_dropped_and_told(agent):
-    agent.agent.control.add({"max_size": 12})
+    agent.agent.rules.add({"max_size": 12})
     one = client(agent, 1)
     replier = one.service(ids.KIND_REPLIER, "one", *SERVICE)
     requester = one.service(ids.KIND_REQUESTER, "one", *SERVICE)
@@ -150,7 +150,7 @@ def test_a_request_that_is_too_large_is_dropped_and_told(agent):
 
 
 def test_a_rate_makes_a_reliable_client_wait_and_loses_nothing(agent):
-    agent.agent.control.add({"max_rate": 200})
+    agent.agent.rules.add({"max_rate": 200})
     one = client(agent, 1)
     writer, reader = one.writer("one", "rt/a", TYPE), one.reader("one", "rt/a", TYPE)
     one.read(reader)
@@ -161,7 +161,7 @@ def test_a_rate_makes_a_reliable_client_wait_and_loses_nothing(agent):
 
 
 def test_a_rate_drops_best_effort_samples_and_counts_them(agent):
-    agent.agent.control.add({"max_rate": 0.001})
+    agent.agent.rules.add({"max_rate": 0.001})
     one = client(agent, 1)
     writer = one.writer("one", "rt/a", TYPE, BEST_EFFORT)
     for number in range(10):
@@ -237,7 +237,7 @@ def _desk(tmp_path, name):
 @pytest.mark.parametrize("name", HALVES)
 def test_no_endpoint_leaves_its_namespace_however_it_is_made(tmp_path, form, name):
     desk = _desk(tmp_path, name)
-    desk.agent.control.add({"namespace": "/jail"})
+    desk.agent.rules.add({"namespace": "/jail"})
     board = Board(desk, mtu=60_000)
     made = _made(form, name)
     assert board.ask(*made) == [OK] * len(made), desk.log()
@@ -249,7 +249,7 @@ def test_no_endpoint_leaves_its_namespace_however_it_is_made(tmp_path, form, nam
 @pytest.mark.parametrize("name", ["rt/../x", "rq/../goRequest", "rt/jail/../x", "Square"])
 def test_names_that_lead_out_are_refused_however_they_are_made(tmp_path, form, name):
     desk = _desk(tmp_path, name)
-    desk.agent.control.add({"namespace": "/jail"})
+    desk.agent.rules.add({"namespace": "/jail"})
     board = Board(desk, mtu=60_000)
     answers = board.ask(*_made(form, name))
     if form == "binary":  # the endpoints' topic does not exist
@@ -276,7 +276,7 @@ def test_names_that_are_none_of_ros_pass_where_no_rule_is_against_it(tmp_path, f
 @pytest.mark.parametrize("name", ["rq/goRequest", "ra/a", "rt/a"])
 def test_limits_hold_for_every_prefix(tmp_path, name):
     desk = _desk(tmp_path, name)
-    desk.agent.control.add({"max_size": 8, "qos": {"/go": {"depth": 3}, "/a": {"depth": 3}}})
+    desk.agent.rules.add({"max_size": 8, "qos": {"/go": {"depth": 3}, "/a": {"depth": 3}}})
     board = Board(desk, mtu=60_000)
     board.ask(*_made("binary", name))
     board.send(helpers.write_data(WRITER, bytes(20)))

@@ -31,7 +31,7 @@ class Host(BareHost):
     def gone(self, transport, peer):
         transport.sessions.pop(peer, None)
 
-    def resident(self, transport, peer):
+    def has_client(self, transport, peer):
         return peer in self.residents
 
 

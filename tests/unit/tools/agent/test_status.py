@@ -180,7 +180,7 @@ def parser():
 def test_status_of_a_running_agent_and_of_one_of_two():
     with process("udp4", "-p", 0, "-m", "memory") as first:
         port = int(first.until(r"running\.\.\. +\| port: (\d+)")[1])
-        first.until("may be looked into")
+        first.until("status socket open")
         pid = first.popen.pid
         line = UdpLine(port)
         board = XrceClient(line, 0x1234)
@@ -191,7 +191,7 @@ def test_status_of_a_running_agent_and_of_one_of_two():
         for word in (f"agent {pid}, up", f"port {port}", "0x00001234", "/talker", "/numbers"):
             assert word in done.stdout
         with process("udp4", "-p", 0, "-m", "memory") as second:
-            second.until("may be looked into")
+            second.until("status socket open")
             done = run()
             assert done.returncode == 1 and "choose one with --agent (" in done.stderr
             assert str(pid) in done.stderr and str(second.popen.pid) in done.stderr
@@ -206,7 +206,7 @@ def test_status_of_a_running_agent_and_of_one_of_two():
 
 def test_watching_shows_it_again_until_the_agent_ends():
     with process("udp4", "-p", 0, "-m", "memory") as one:
-        one.until("may be looked into")
+        one.until("status socket open")
         watching = subprocess.Popen(
             [sys.executable, "-m", "uros", "agent", "status", "--watch", "0.05",
              "--agent", str(one.popen.pid)],
@@ -238,7 +238,7 @@ def test_no_inspection_leaves_no_socket():
         one.until(r"running\.\.\.")
         path = status_socket.folders()[0] / f"agent-{one.popen.pid}.sock"
         assert one.end() == 0
-        assert "may be looked into" not in one.text and not path.exists()
+        assert "status socket open" not in one.text and not path.exists()
 
 
 def test_status_is_no_transport_among_others():

@@ -12,9 +12,9 @@ from support.replay import load as load_recorded
 from support.replay import messages as recorded_messages
 from unit.agent.helpers import create_client, get_info, message
 
-from uros.agent.observability.jsonl import Lines
-from uros.agent.observability.message_hooks import AGENT, CLIENT, Passing
-from uros.agent.observability.pcapng import Packets
+from uros.agent.observability.jsonl import JsonLinesEncoder
+from uros.agent.observability.message_hooks import AGENT, CLIENT, MessageEvent
+from uros.agent.observability.pcapng import PcapngEncoder
 from uros.agent.transports.udp import UdpServer
 from uros.tools.capture.pcapng import PcapngParser
 from uros.tools.capture.recordings import MAX_LINE, TextParser, parser_for, read
@@ -25,19 +25,19 @@ NAMES = sorted(path.stem for path in CAPTURES.glob("*.jsonl"))
 UDP = UdpServer(8888, "192.0.2.1")
 
 
-def passing(data=PING, direction=CLIENT, port=2018, now=1_763_750_000_123_456, key=0x4B0CBE99):
-    return Passing(UDP, ("192.0.2.7", port), direction, data, now, key)
+def event(data=PING, direction=CLIENT, port=2018, now=1_763_750_000_123_456, key=0x4B0CBE99):
+    return MessageEvent(UDP, ("192.0.2.7", port), direction, data, now, key)
 
 
 def captured(form, count=3):
     made = form()
     return b"".join(
-        made.encode(passing(PING + bytes(i), (CLIENT, AGENT)[i % 2], 2018 + i), 5 * (i == 1))
+        made.encode(event(PING + bytes(i), (CLIENT, AGENT)[i % 2], 2018 + i), 5 * (i == 1))
         for i in range(count)
     )
 
 
-@pytest.mark.parametrize("form", [Lines, Packets])
+@pytest.mark.parametrize("form", [JsonLinesEncoder, PcapngEncoder])
 def test_what_the_agent_writes_is_read(form):
     head = captured(form)
     assert parser_for(head, "it").feed(head) == [
@@ -49,7 +49,7 @@ def test_what_the_agent_writes_is_read(form):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("form", [Lines, Packets])
+@pytest.mark.parametrize("form", [JsonLinesEncoder, PcapngEncoder])
 @given(st.data())
 def test_pieces_of_any_size_give_the_same_records(form, data):
     whole = captured(form)
@@ -75,7 +75,7 @@ def test_recordings_of_other_agents_are_taken_out_of_their_frames(name):
     assert {it.transport for it in records} == {kind}
 
 
-@pytest.mark.parametrize("form", [Lines, Packets])
+@pytest.mark.parametrize("form", [JsonLinesEncoder, PcapngEncoder])
 def test_an_end_that_was_cut_off_is_told(form, tmp_path):
     path = tmp_path / "it"
     path.write_bytes(captured(form)[:-3])
@@ -86,7 +86,7 @@ def test_an_end_that_was_cut_off_is_told(form, tmp_path):
 
 
 def test_a_new_section_has_its_own_interfaces():
-    whole = captured(Packets) + captured(Packets)
+    whole = captured(PcapngEncoder) + captured(PcapngEncoder)
     assert len(PcapngParser("it").feed(whole)) == 6
 
 
@@ -134,7 +134,7 @@ def test_a_file_that_wireshark_wrote(tmp_path):
         (b'{"a":' + b"[" * 100_000 + b"\n", "it:1 is not a line of a capture: "),
         (b"{" + b" " * (MAX_LINE + 1), "it:1 is not a line of a capture: a line of over"),
         (b"\x0a\x0d\x0d\x0a" + b"\x1c\0\0\0" + b"\1\2\3\4", "a section without its magic number"),
-        (captured(Packets)[:200] + b"\0" * 64, "not a sound pcapng file"),
+        (captured(PcapngEncoder)[:200] + b"\0" * 64, "not a sound pcapng file"),
     ],
 )
 def test_what_is_no_capture_says_where(content, says, tmp_path):
@@ -166,11 +166,11 @@ def test_any_bytes_are_read_or_refused(data):
 
 @given(st.data())
 def test_captures_with_wrong_bytes_are_read_or_refused(data):
-    form = data.draw(st.sampled_from([Lines, Packets]))
+    form = data.draw(st.sampled_from([JsonLinesEncoder, PcapngEncoder]))
     whole = bytearray(captured(form))
     for _ in range(data.draw(st.integers(1, 5))):
         whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
-    feed(TextParser("it") if form is Lines else PcapngParser("it"), bytes(whole))
+    feed(TextParser("it") if form is JsonLinesEncoder else PcapngParser("it"), bytes(whole))
 
 
 _JSON = st.recursive(

@@ -13,8 +13,8 @@ from support.lines import SECONDS, UdpLine
 from support.replay import CAPTURES
 from unit.tools.capture.test_recordings import captured
 
-from uros.agent.observability.jsonl import Lines
-from uros.agent.observability.pcapng import Packets
+from uros.agent.observability.jsonl import JsonLinesEncoder
+from uros.agent.observability.pcapng import PcapngEncoder
 from uros.tools import cli
 from uros.tools.capture import trace
 from uros.tools.capture.recordings import read
@@ -29,7 +29,7 @@ def run(capsys, *args):
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "it.pcapng"
-    path.write_bytes(captured(Packets))
+    path.write_bytes(captured(PcapngEncoder))
     return path
 
 
@@ -150,7 +150,7 @@ def test_an_empty_file(capsys, tmp_path):
 # --- files that grow ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", [Lines, Packets])
+@pytest.mark.parametrize("form", [JsonLinesEncoder, PcapngEncoder])
 def test_a_file_is_followed_as_it_grows_and_into_the_next(tmp_path, form):
     path = tmp_path / "it"
     whole = captured(form)
@@ -175,8 +175,8 @@ def test_a_file_is_followed_as_it_grows_and_into_the_next(tmp_path, form):
 
 def test_a_file_that_begins_anew_is_followed(tmp_path):
     path = tmp_path / "it"
-    path.write_bytes(captured(Lines, 3))
-    steps = [lambda: path.write_bytes(captured(Lines, 1))]
+    path.write_bytes(captured(JsonLinesEncoder, 3))
+    steps = [lambda: path.write_bytes(captured(JsonLinesEncoder, 1))]
 
     def pause():
         if not steps:
@@ -203,7 +203,7 @@ def test_an_agent_that_runs(tmp_path):
     tracer = None
     try:
         port = 0
-        while b"may be looked into" not in (line := agent.stdout.readline()):
+        while b"status socket open" not in (line := agent.stdout.readline()):
             assert line, "the agent has ended"
             if b"port: " in line:
                 port = int(line.rpartition(b"port: ")[2])

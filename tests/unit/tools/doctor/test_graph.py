@@ -101,10 +101,10 @@ def test_the_rules_are_those_of_the_dds(own_domain_id):
 
 def apply(qos, rule):
     """What the agent does with a rule of `--qos`."""
-    from uros.agent.policy.rules import Control
+    from uros.agent.policy.rules import Rules
 
     name, _, value = rule.partition("=")
-    control = Control()
+    control = Rules()
     control.add({"qos": {"/t": {name: int(value) if value.isdecimal() else value}}})
     control.settings(1, "here", "/n").apply(qos, "rt/t")
 

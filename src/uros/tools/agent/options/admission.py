@@ -10,7 +10,7 @@ from .group import OptionGroup
 
 if TYPE_CHECKING:
     from ....agent.policy.admission import Admission
-    from ....agent.policy.rules import Control
+    from ....agent.policy.rules import Rules
 
 
 def dead_time(text: str) -> float:
@@ -51,17 +51,17 @@ OPTIONS.add(
 )  # fmt: skip
 
 
-def make_admission(options: argparse.Namespace, control: Control) -> Admission:
+def make_admission(options: argparse.Namespace, rules: Rules) -> Admission:
     """Make the admission rules of the options and of the rules files.
 
     Raises:
-        ControlError: A key or a network is wrong.
+        ConfigError: A key or a network is wrong.
     """
     from ....agent.policy.admission import make_admission as make
-    from ....agent.policy.config_values import ControlError
+    from ....agent.policy.config_values import ConfigError
 
-    make(control.admission)  # first alone: a mistake in a file is not the command line's
+    make(rules.admission)  # first alone: a mistake in a file is not the command line's
     try:
-        return make(control.admission, options.allow_key, options.allow_net, options.max_clients)
-    except ControlError as error:
-        raise ControlError(f"the command line: {error}") from error
+        return make(rules.admission, options.allow_key, options.allow_net, options.max_clients)
+    except ConfigError as error:
+        raise ConfigError(f"the command line: {error}") from error

@@ -48,6 +48,8 @@ def open_capture(options: argparse.Namespace, agent: Agent) -> Capture | None:
             f"--state and --capture are both {options.capture}: give each a file of its own"
         )
     try:
-        return Capture(options.capture, options.capture_size * 1_000_000, agent.log, agent.taps)
+        return Capture(
+            options.capture, options.capture_size * 1_000_000, agent.log, agent.message_hooks
+        )
     except CaptureError as error:
         raise ToolError(str(error)) from error

@@ -10,7 +10,7 @@ from ...errors import ToolError
 from .group import OptionGroup
 
 if TYPE_CHECKING:
-    from ....agent.policy.rules import Control
+    from ....agent.policy.rules import Rules
 
 OPTIONS: Final = OptionGroup(
     "rules for all boards", "A rules file (--control) can hold rules for single boards."
@@ -43,19 +43,19 @@ OPTIONS.add(
 )  # fmt: skip
 
 
-def make_control(options: argparse.Namespace) -> Control:
+def make_rules(options: argparse.Namespace) -> Rules:
     """Make the rules: those of the files in their order, then those of the command line.
 
     Raises:
-        ControlError: A rule is wrong.
+        ConfigError: A rule is wrong.
         ToolError: An option is malformed.
     """
-    from ....agent.policy.config_values import ControlError
-    from ....agent.policy.rules import Control
+    from ....agent.policy.config_values import ConfigError
+    from ....agent.policy.rules import Rules
 
-    control = Control()
+    rules = Rules()
     for file in options.control:
-        control.load(file)
+        rules.load(file)
     rule: dict[str, Any] = {
         name: value
         for name in ("namespace", "max_rate", "max_size")
@@ -68,10 +68,10 @@ def make_control(options: argparse.Namespace) -> Control:
         rule.setdefault("qos", {}).setdefault(topic, {}).update(fields)
     try:
         if rule:
-            control.add(rule)
-    except ControlError as error:
-        raise ControlError(f"the command line: {error}") from error
-    return control
+            rules.add(rule)
+    except ConfigError as error:
+        raise ConfigError(f"the command line: {error}") from error
+    return rules
 
 
 def _remap(texts: list[str]) -> dict[str, str]:

@@ -42,9 +42,9 @@ def attach(options: argparse.Namespace, server: Server) -> None:
         ToolError: The metrics cannot be served.
     """
     if options.inspection:
-        from ....agent.observability.status_socket import Inspection
+        from ....agent.observability.status_socket import StatusSocket
 
-        server.attachments.append(Inspection())
+        server.attachments.append(StatusSocket())
     if options.metrics is not None:
         from ....agent.observability.prometheus import Metrics
 

@@ -19,7 +19,7 @@ from uros.wire import ids
 
 def made(line):
     got = options(line)
-    return make_admission(got, rules.make_control(got))
+    return make_admission(got, rules.make_rules(got))
 
 
 def test_nothing_said_lets_all_in_and_forgets_after_the_agents_time():

@@ -7,12 +7,12 @@ from unit.tools.agent.test_command import options, parser, parts
 
 from uros.qos import QoSProfile, ReliabilityPolicy
 from uros.tools.agent import command
-from uros.tools.agent.options.rules import make_control
+from uros.tools.agent.options.rules import make_rules
 from uros.tools.errors import ToolError
 
 
 def settings(line, key=1, node="/n"):
-    return make_control(options(line)).settings(key, "10.0.0.1:7", node)
+    return make_rules(options(line)).settings(key, "10.0.0.1:7", node)
 
 
 def test_rules_of_the_command_line_are_for_all():
