@@ -2,6 +2,7 @@
 #
 #   make demo [SECONDS=20]   a virtual board, through the agent, on the ROS 2 network
 #   make board [NAME=...]    a virtual board and an agent; NAME=list has them
+#   make quick               lint and the unit tests without the long ones: for daily work
 #   make test                all tests that a change must pass
 #   make test-full           these and the slow ones
 #   make coverage            how much of wire and agent their own tests reach
@@ -16,7 +17,7 @@
 
 PYTHON ?= python3
 
-.PHONY: demo board test test-full coverage fuzz soak lint bench bench-board clean
+.PHONY: demo board quick test test-full coverage fuzz soak lint bench bench-board clean
 
 demo:
 	@$(PYTHON) scripts/env.py run
@@ -25,6 +26,13 @@ demo:
 board:
 	@$(PYTHON) scripts/env.py run
 	@.venv/bin/uros board $(if $(filter list,$(NAME)),list,run $(or $(NAME),esp32_button_led)) $(ARGS)
+
+quick:
+	@$(PYTHON) scripts/env.py dev
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	@.venv/bin/pytest -q -n 2 --dist loadfile -m "not slow and not long" \
+	    --hypothesis-profile=quick tests/unit $(ARGS)
 
 test:
 	@$(PYTHON) scripts/env.py test
@@ -52,6 +60,7 @@ lint:
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 	.venv/bin/python scripts/lint_boards.py
+	@.venv/bin/python scripts/long_files.py
 
 bench:
 	@$(PYTHON) scripts/env.py test

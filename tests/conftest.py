@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from support.examples import SCALE
+from support.long_tests import LONG
 
 # No deadline: how long an example takes depends on the machine. --hypothesis-profile chooses
 # another profile; tests/support/examples.py scales the tests that ask for a number of their own.
@@ -45,6 +46,14 @@ for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION", "RO
 # Where agents have their sockets for `uros agent status`: those of this run are nobody else's.
 os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="uros-run-")
 atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what `make quick` leaves out."""
+    long_files = {ROOT / "tests" / "unit" / path for path in LONG}
+    for item in items:
+        if item.path in long_files:
+            item.add_marker("long")
 
 
 @contextmanager
