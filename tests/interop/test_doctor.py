@@ -34,7 +34,7 @@ def test_a_reliable_subscription_of_a_best_effort_board(peer, domain, port):
     with agent(port) as which, board(port, domain, BEST_EFFORT):
         (one,), _ = look(which, domain, port)
         assert "/board publishes on /temp reaches /real/peer: reliability offered" in one.what
-    option = re.fullmatch(r"start the agent with --qos (\S+)", one.mend)[1]
+    option = re.fullmatch(r"start the agent with --qos (\S+)", one.fix)[1]
     with agent(port, "--qos", option) as which, board(port, domain, BEST_EFFORT):
         assert look(which, domain, port)[0] == []
         peer.message("/temp")  # it has come through
@@ -46,7 +46,7 @@ def test_a_latched_subscription_of_a_volatile_board(peer, domain, port):
     with agent(port) as which, board(port, domain):
         (one,), _ = look(which, domain, port)
         assert "durability offered is volatile, requested transient_local" in one.what
-    option = re.fullmatch(r"start the agent with --qos (\S+)", one.mend)[1]
+    option = re.fullmatch(r"start the agent with --qos (\S+)", one.fix)[1]
     with agent(port, "--qos", option) as which, board(port, domain):
         assert look(which, domain, port)[0] == []
         peer.message("/temp")
@@ -59,7 +59,7 @@ def test_another_type(peer, domain, port):
         (one,), _ = look(which, domain, port)
     assert one.check == "types"
     assert "Temperature in /board" in one.what and "String in /real/peer" in one.what
-    new = re.search(r"--remap (\S+)\)", one.mend)[1]
+    new = re.search(r"--remap (\S+)\)", one.fix)[1]
     with agent(port, "--remap", new) as which, board(port, domain):
         assert look(which, domain, port)[0] == []
     peer.do("unsubscribe", topic="/temp")
@@ -73,11 +73,11 @@ def test_another_domain(ros_python, domain, port):
             assert one.check == "domain" and f"/real/peer subscribes to it in domain {other}" in (
                 one.what
             )
-        # The node goes where the board is, as the first half of the mending says.
-        number = re.match(r"export ROS_DOMAIN_ID=(\d+) before /real/peer starts", one.mend)[1]
+        # The node goes where the board is, as the first half of the fix says.
+        number = re.match(r"export ROS_DOMAIN_ID=(\d+) before /real/peer starts", one.fix)[1]
         assert int(number) == domain
         # The second half: the agent puts the board where the node is.
-        number = re.search(r"start the agent with --domain (\d+)$", one.mend)[1]
+        number = re.search(r"start the agent with --domain (\d+)$", one.fix)[1]
         with agent(port, "--domain", number) as which, board(port, domain):
             assert look(which, other, port)[0] == []
             peer.message("/temp")

@@ -212,11 +212,11 @@ def _watch(
 def _draw(topics: list[_Topic], live: bool = False) -> int:
     """Print the table, cut to the terminal where it is to be drawn over; its lines."""
     rows = [("TOPIC", "COUNT", "RATE", "DELAY", "VALUE", "TYPE")]
-    for it in topics:
-        rate = "-" if it.rate is None else f"{it.rate:.1f} Hz"
-        delays = it.delays_ms(_RECENT if live else 0)
+    for topic in topics:
+        rate = "-" if topic.rate is None else f"{topic.rate:.1f} Hz"
+        delays = topic.delays_ms(_RECENT if live else 0)
         shown = f"{statistics.median(delays):.2f} ms" if delays else "-"
-        rows.append((it.name, str(it.count), rate, shown, it.value, it.type_name))
+        rows.append((topic.name, str(topic.count), rate, shown, topic.value, topic.type_name))
     widths = [max(len(row[i]) for row in rows) for i in range(5)]
     room = shutil.get_terminal_size().columns - 1
     for row in rows:

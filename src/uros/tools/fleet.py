@@ -97,7 +97,7 @@ def read(file: Path) -> list[Plan]:
         plans += _plans(where, file.parent, {**whole, **board})
         if len(plans) > _MOST:
             raise ToolError(f"{where}: these are more than {_MOST} boards")
-    for plan, title in zip(plans, titles([it.board for it in plans]), strict=True):
+    for plan, title in zip(plans, titles([plan.board for plan in plans]), strict=True):
         plan.title = title
     return plans
 
@@ -110,7 +110,7 @@ def _check(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None
         kind = _KEYS[key]
         fits = isinstance(value, kind) and not isinstance(value, bool)
         if kind is list:
-            fits = fits and all(isinstance(it, str) for it in value)
+            fits = fits and all(isinstance(item, str) for item in value)
         if not fits:
             raise ToolError(f"{where}: {key} takes {_WORDS[kind]}, not {value!r}")
 
@@ -143,7 +143,7 @@ def _plans(where: str, folder: Path, board: Mapping[str, Any]) -> list[Plan]:
         Plan(
             name, name, _path(folder, board.get("firmware")), engine,
             board.get("seed", 0) + index, board.get("happen", ()), board.get("plug", ()),
-            [str(folder / it) for it in board.get("interfaces", ())],
+            [str(folder / name) for name in board.get("interfaces", ())],
             _path(folder, board.get("link")), float(speed),
             f"{namespace}{index + 1}" if namespace and count > 1 else namespace,
         )

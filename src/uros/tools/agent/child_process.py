@@ -1,4 +1,4 @@
-"""An agent as a child process, for virtual boards. It ends with its parent, however that ends."""
+"""An agent in a child process, for virtual boards. It ends with its parent, however that ends."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ _END_SECONDS: Final = 5.0
 
 
 class AgentProcess:
-    """``uros agent`` with ``arguments``, such as ``("serial", "--dev", "/dev/ttyACM0")``, in
-    ``domain``. ``on_line`` gets its log, line by line, from another thread.
+    """Runs ``uros agent`` in a child process.
+
+    Args:
+        arguments: Its arguments, such as ``("serial", "--dev", "/dev/ttyACM0")``.
+        domain: The ROS domain of its boards.
+        on_line: Called from another thread with each line of its log.
     """
 
     def __init__(
@@ -24,7 +28,7 @@ class AgentProcess:
              "--stop-at-eof"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, encoding="utf-8",
-            start_new_session=True,  # Ctrl-C is for us: the board goes first
+            start_new_session=True,  # Ctrl-C must not end it: the boards end first
         )  # fmt: skip
         self._on_line = on_line
         self._reader = threading.Thread(target=self._read, name="agent", daemon=True)
@@ -37,14 +41,16 @@ class AgentProcess:
 
     @property
     def pid(self) -> int:
+        """The process id."""
         return self._process.pid
 
     @property
     def ended(self) -> bool:
+        """Whether the process has ended."""
         return self._process.poll() is not None
 
     def close(self) -> None:
-        """End it, kindly at first; all of its log has been told then. Twice is once."""
+        """End the process and wait for the rest of its log. Idempotent."""
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.close()
         try:

@@ -1,4 +1,4 @@
-"""Asking the agents that run on this machine: who they are, what they say.
+"""Finds the agents that run on this machine and queries them over their status sockets.
 
 The other end is :mod:`uros.agent.observability.status_socket`.
 """
@@ -16,12 +16,12 @@ from ..errors import ToolError
 
 # How long an agent may take for an answer, or for the next part of one, in seconds.
 PATIENCE: Final = 5.0
-# A slip, or somebody else's socket: an answer that never ends.
+# Bounds the memory for an answer that never ends, of a socket that is not an agent's.
 MAX_ANSWER: Final = 256 * 1024 * 1024
 
 
 class RunningAgent(NamedTuple):
-    """One that can be asked."""
+    """An agent that can be asked."""
 
     pid: int
     path: Path
@@ -31,7 +31,7 @@ class RunningAgent(NamedTuple):
 
 
 def find_agents() -> list[RunningAgent]:
-    """The agents of this user that listen now, by pid."""
+    """Return the agents of this user that accept connections, sorted by process id."""
     from ...agent.observability.status_socket import folders, sockets
 
     found: dict[int, RunningAgent] = {}
@@ -40,36 +40,53 @@ def find_agents() -> list[RunningAgent]:
             agent = RunningAgent(pid, path)
             try:
                 _connect(agent).close()
-            except ToolError:  # it has ended
+            except ToolError:  # the agent has ended
                 continue
             found.setdefault(pid, agent)
     return [found[pid] for pid in sorted(found)]
 
 
 def find_agent(pid: int | None = None) -> RunningAgent:
-    """The agent with this pid, or the only one. Raises ToolError that tells what to do."""
+    """Return the agent with this process id, or the only one.
+
+    Raises:
+        ToolError: There is no such agent, or there are several.
+    """
     agents = find_agents()
-    pids = ", ".join(str(it.pid) for it in agents)
     if not agents:
         raise ToolError(
-            "no agent of uros runs here under this user: start one, such as"
-            " 'uros agent udp4 --port 8888', or ask as the user that it runs under (one with"
-            " --no-inspection cannot be asked, nor can one in another container)"
+            "no uros agent runs here under this user: start one, such as"
+            " 'uros agent udp4 --port 8888', or run this as the agent's user (an agent with"
+            " --no-inspection, or in another container, cannot be asked)"
         )
     if pid is None:
         if len(agents) > 1:
-            raise ToolError(f"{len(agents)} agents run here: choose one with --agent ({pids})")
+            each = " or ".join(map(_described, agents))
+            raise ToolError(f"{len(agents)} agents run here, choose one: {each}")
         return agents[0]
     for agent in agents:
         if agent.pid == pid:
             return agent
-    raise ToolError(f"there is no agent with pid {pid} to ask; there is {pids}")
+    each = " or ".join(map(_described, agents))
+    raise ToolError(f"there is no agent with pid {pid}, choose another one: {each}")
+
+
+def _described(agent: RunningAgent) -> str:
+    """Return the option that chooses an agent, with its transports as far as it answers."""
+    option = f"--agent {agent.pid}"
+    try:
+        transports = ask(agent, "status")["transports"]
+        where = ", ".join(f"{one['name']} {one['label']}" for one in transports)
+    except (ToolError, KeyError, TypeError):
+        return option
+    return f"{option} ({where})"
 
 
 def ask(agent: RunningAgent, question: str) -> dict[str, Any]:
-    """The answer to a question that has one line of answer, such as ``status``.
+    """Return the answer to a question that has a one-line answer, such as ``status``.
 
-    Raises ToolError where the agent has ended, does not answer or does not understand.
+    Raises:
+        ToolError: The agent has ended, does not answer, or does not know the question.
     """
     parts: list[bytes] = []
     size = 0
@@ -80,14 +97,20 @@ def ask(agent: RunningAgent, question: str) -> dict[str, Any]:
             return _understood(agent, b"".join(parts))
         size += len(line)
         if size > MAX_ANSWER:
-            raise ToolError(f"{agent} answers without end: is it an agent?")
+            raise ToolError(f"{agent} sends an endless answer: is this socket an agent's?")
     raise ToolError(f"{agent} has ended")
 
 
 def stream(agent: RunningAgent, question: str, patience: float | None = None) -> Iterator[bytes]:
-    """An answer as it comes, such as that to ``trace``, until the agent ends.
+    """Yield the parts of an answer, such as the one to ``trace``, until the agent ends.
 
-    ``patience``: how many seconds the next part may take; None waits for it for ever.
+    Args:
+        agent: The agent.
+        question: What to ask.
+        patience: How many seconds the next part may take; None waits without limit.
+
+    Raises:
+        ToolError: The agent does not answer, or does not know the question.
     """
     with closing(_connect(agent)) as sock:
         sock.settimeout(patience)
@@ -95,14 +118,14 @@ def stream(agent: RunningAgent, question: str, patience: float | None = None) ->
             try:
                 sock.sendall(json.dumps({"ask": question}).encode() + b"\n")
             except ConnectionError:
-                pass  # it has said why before it closed
+                pass  # the agent has sent the reason before it closed
             while chunk := sock.recv(65536):
                 if chunk.startswith(b'{"error":'):
                     _understood(agent, chunk.partition(b"\n")[0])
                 yield chunk
         except TimeoutError:
             raise ToolError(
-                f"{agent} has not answered for {patience:g} s: is it stopped, or busy?"
+                f"{agent} has not answered for {patience:g} s: is it stopped or busy?"
             ) from None
         except ConnectionError:
             return
@@ -114,9 +137,9 @@ def _understood(agent: RunningAgent, line: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError):
         answer = None
     if not isinstance(answer, dict):
-        raise ToolError(f"{agent} says what is not understood: is it of another version of uros?")
+        raise ToolError(f"{agent} sent a malformed answer: is it of another version of uros?")
     if "error" in answer:
-        raise ToolError(f"{agent} says: {answer['error']}")
+        raise ToolError(f"{agent} answers: {answer['error']}")
     return answer
 
 

@@ -1,4 +1,4 @@
-"""``uros agent status``: how a running agent is, and the boards that it serves."""
+"""``uros agent status``: print the state of a running agent and of its boards."""
 
 from __future__ import annotations
 
@@ -14,31 +14,38 @@ from ...printable import unguarded
 from ..common import positive_float, positive_int
 
 NAME: Final = "status"
-_HELP: Final = "show a running agent: its transports, boards, and who was refused"
+_HELP: Final = "print the state of a running agent: its transports and its boards"
 _WATCH: Final = 2.0
-# A column of text is cut to no less than this where the terminal is narrow.
+# The least width of a column of text on a narrow terminal.
 _LEAST: Final = 8
 
 Snapshot = dict[str, Any]
 
 
 def add_parser(transports: Any) -> None:
-    """One more word in the place of the transport; no transport may follow it."""
+    """Declare ``status``, which stands in the place of a transport."""
     parser = transports.add_parser(NAME, help=_HELP, description=_HELP)
     parser.add_argument(
-        "--agent", type=positive_int, metavar="PID", help="which one, where several run here"
-    )
+        "--agent", type=positive_int, metavar="PID",
+        help="process id of the agent, if several run here",
+    )  # fmt: skip
     parser.add_argument(
         "--watch", nargs="?", type=positive_float, const=_WATCH, metavar="SECONDS",
-        help=f"show it again every so many seconds (default {_WATCH:g}), until Ctrl-C",
+        help=f"print again at this period (default: {_WATCH:g}) until Ctrl-C",
     )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print the agent's answer as it is")
+    parser.add_argument("--json", action="store_true", help="print the agent's answer as JSON")
     parser.add_argument(
-        "-v", "--verbose", action="store_true", help="show the topics and services of each board"
-    )
+        "-v", "--verbose", action="store_true",
+        help="print the topics and services of each board too",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the state once, or again and again.
+
+    Raises:
+        ToolError: No agent runs, several run, or it does not answer.
+    """
     from .running_agents import ask, find_agent
 
     agent = find_agent(args.agent)
@@ -70,8 +77,13 @@ def run(args: argparse.Namespace) -> int:
 def page(
     snapshot: Snapshot, before: Snapshot | None = None, verbose: bool = False, width: int = 80
 ) -> list[str]:
-    """The lines of a page, none wider than ``width``. With the snapshot ``before`` it, rates are
-    over the time between.
+    """Return the lines of a page.
+
+    Args:
+        snapshot: The agent's answer.
+        before: An earlier answer: rates are then of the time between.
+        verbose: Whether to list the endpoints of each board.
+        width: Columns of the terminal.
     """
     lines = [_cut(_head(snapshot, before), width), ""]
     lines += _table(_transports(snapshot), width, "<<>><", 1, 4)
@@ -110,20 +122,20 @@ def _head(snapshot: Snapshot, before: Snapshot | None) -> str:
 
 def _transports(snapshot: Snapshot) -> list[list[str]]:
     rows = [["TRANSPORT", "WHERE", "MESSAGES", "BYTES", ""]]
-    for it in snapshot["transports"]:
+    for transport in snapshot["transports"]:
         about = []
-        if it.get("connections"):
-            about.append(f"{it['connections']} connected")
+        if transport.get("connections"):
+            about.append(f"{transport['connections']} connected")
         for name, text in (
             ("refused", "refused"), ("crc_errors", "CRC errors"), ("malformed", "malformed"),
             ("foreign", "for others"), ("skipped", "bytes between frames"),
             ("dropped", "not sent"),
         ):  # fmt: skip
-            if it.get(name):
-                about.append(f"{it[name]} {text}")
+            if transport.get(name):
+                about.append(f"{transport[name]} {text}")
         rows.append(
-            [it["name"], plain(it["label"]), f"{it['messages']:,}", octets(it["bytes"]),
-             ", ".join(about)]
+            [transport["name"], plain(transport["label"]), f"{transport['messages']:,}",
+             octets(transport["bytes"]), ", ".join(about)]
         )  # fmt: skip
     return rows
 
@@ -132,22 +144,23 @@ def _clients(snapshot: Snapshot, before: Snapshot | None) -> list[list[str]]:
     rows = [
         ["BOARD", "ADDRESS", "NODES", "HEARD", "IN/S", "OUT/S", "LOST", "RESENT", "WAITING"]
     ]
-    earlier = {it["key"]: it for it in before["clients"]} if before else {}
-    for it in snapshot["clients"]:
-        rate_in, rate_out = _rates(it, earlier.get(it["key"]))
-        nodes = [node_name(node) for node in it["nodes"]]
-        queues = it["queues"]
+    earlier = {client["key"]: client for client in before["clients"]} if before else {}
+    for client in snapshot["clients"]:
+        rate_in, rate_out = _rates(client, earlier.get(client["key"]))
+        nodes = [node_name(node) for node in client["nodes"]]
+        queues = client["queues"]
         rows.append(
-            [it["key"], plain(it["address"]), " ".join(nodes) or "-",
-             duration(it["heard_ago"]), f"{rate_in:.1f}", f"{rate_out:.1f}",
-             str(it["received"]["lost"] + it["received"]["given_up"]), str(it["sent"]["resent"]),
+            [client["key"], plain(client["address"]), " ".join(nodes) or "-",
+             duration(client["heard_ago"]), f"{rate_in:.1f}", f"{rate_out:.1f}",
+             str(client["received"]["lost"] + client["received"]["given_up"]),
+             str(client["sent"]["resent"]),
              str(queues["unacknowledged"] + queues["stalled"] + queues["early"])]
         )  # fmt: skip
     return rows
 
 
 def _boards(rows: list[list[str]], width: int) -> list[str]:
-    """The table of boards. Where it is too wide, the nodes stand below each."""
+    """Return the table of boards. If it is too wide, the nodes stand below each board."""
     lines = _table(rows, 10_000, "<<<>>>>>>")
     if max(map(len, lines)) <= width:
         return lines
@@ -162,7 +175,7 @@ def _boards(rows: list[list[str]], width: int) -> list[str]:
 
 
 def node_name(node: dict[str, Any]) -> str:
-    """As a page shows it, with its domain unless that is 0."""
+    """Return a node's name for a table, with its domain unless that is 0."""
     name = plain(node["name"])
     return f"{name}@{node['domain']}" if node["domain"] else name
 
@@ -179,25 +192,24 @@ def _rates(client: dict[str, Any], before: dict[str, Any] | None) -> tuple[float
 
 def _over(snapshot: Snapshot, before: Snapshot | None) -> str:
     if before:
-        return ", since the look before"
-    longest = max(it["rate_over"] for it in snapshot["clients"])
+        return ", since the previous time"
+    longest = max(client["rate_over"] for client in snapshot["clients"])
     return f", over the last {duration(longest)}"
 
 
 def _remedy(why: str) -> str:
-    """What to do about a refusal."""
+    """Return what to do about a refusal."""
     from ...agent.policy.admission import ADDRESS_NOT_ALLOWED, KEY_IN_USE, KEY_NOT_ALLOWED
 
     remedies = (
         (KEY_IN_USE, "another board answers with this key: give each its own (uros: key=,"
-         " micro-ROS: rmw_uros_options_set_client_key), or end that one"),
-        (KEY_NOT_ALLOWED, "let it in by --allow-key, or take the key off a board that is none of"
-         " yours"),
-        (ADDRESS_NOT_ALLOWED, "let its network in by --allow-net"),
+         " micro-ROS: rmw_uros_options_set_client_key), or switch that one off"),
+        (KEY_NOT_ALLOWED, "allow its key with --allow-key, unless the board is not yours"),
+        (ADDRESS_NOT_ALLOWED, "allow its network with --allow-net"),
         ("over ", "raise --max-clients, or start another agent"),
-        ("memory", "raise --max-memory, or see which board holds so much (-v)"),
+        ("memory", "raise --max-memory, or find the board that uses so much (-v)"),
         ("MTU", "give its transport a larger MTU"),
-        ("", "is it a micro-ROS client, of XRCE 1?"),
+        ("", "is this a micro-ROS client of XRCE 1?"),
     )  # fmt: skip
     return next(text for start, text in remedies if why.startswith(start))
 
@@ -205,12 +217,12 @@ def _remedy(why: str) -> str:
 def _refused(snapshot: Snapshot, width: int) -> list[str]:
     rows = [["REFUSED", "ADDRESS", "TIMES", "LAST", "WHY"]]
     rows += [
-        [it["key"], plain(it["address"]), str(it["times"]), f"{duration(it['ago'])} ago",
-         plain(it["why"])]
-        for it in snapshot["refused"]
+        [refusal["key"], plain(refusal["address"]), str(refusal["times"]),
+         f"{duration(refusal['ago'])} ago", plain(refusal["why"])]
+        for refusal in snapshot["refused"]
     ]  # fmt: skip
     lines = _table(rows, width, "<<>><", 4, 1)
-    for why in dict.fromkeys(it["why"] for it in snapshot["refused"]):
+    for why in dict.fromkeys(refusal["why"] for refusal in snapshot["refused"]):
         lines += _wrapped(f"{plain(why)}: {_remedy(why)}", width)
     return lines
 
@@ -246,11 +258,12 @@ def _endpoints(client: dict[str, Any], width: int) -> list[str]:
     if client["sent"]["dropped"]:
         lines.append(_cut(f"  dropped: {client['sent']['dropped']}", width))
     if client["clock_offset"] is not None:
-        lines.append(_cut(f"  its clock minus ours: {client['clock_offset']:+.3f} s", width))
+        lines.append(_cut(f"  its clock minus the agent's: {client['clock_offset']:+.3f} s", width))
     rows = [
-        ["  " + it["kind"], plain(it["topic"]), plain(it["type"]), f"{it['samples']:,}"]
-        for it in client["endpoints"]
-    ]
+        ["  " + endpoint["kind"], plain(endpoint["topic"]), plain(endpoint["type"]),
+         f"{endpoint['samples']:,}"]
+        for endpoint in client["endpoints"]
+    ]  # fmt: skip
     if rows:
         header = ["  ENDPOINT", "TOPIC", "TYPE", "SAMPLES"]
         lines += _table([header, *rows], width, "<<<>", 2, 1)
@@ -263,7 +276,7 @@ def _endpoints(client: dict[str, Any], width: int) -> list[str]:
 
 
 def duration(seconds: float) -> str:
-    """``0.1 s``, ``42 s``, ``3 min``, ``2 h 5 min``, ``3 d 4 h``."""
+    """Return a time span as ``0.1 s``, ``42 s``, ``3 min``, ``2 h 5 min`` or ``3 d 4 h``."""
     if seconds < 10:
         return f"{seconds:.1f} s"
     whole = int(seconds)
@@ -277,7 +290,7 @@ def duration(seconds: float) -> str:
 
 
 def octets(count: int) -> str:
-    """``950 B``, ``12.3 kB``, ``4.5 MB``."""
+    """Return a size as ``950 B``, ``12.3 kB`` or ``4.5 MB``."""
     if count < 1000:
         return f"{count} B"
     size = float(count)
@@ -293,9 +306,7 @@ def _cut(text: str, width: int) -> str:
 
 
 def _table(rows: list[list[str]], width: int, aligned: str, *narrow: int) -> list[str]:
-    """Rows under each other. Where they are too wide, the columns ``narrow`` are cut, the first
-    one first.
-    """
+    """Return rows as aligned lines. If too wide, the columns ``narrow`` are cut in turn."""
     sizes = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for column in narrow:
         over = sum(sizes) + 2 * (len(sizes) - 1) - width

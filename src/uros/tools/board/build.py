@@ -74,7 +74,7 @@ def _passes_help() -> str:
     from ...boards.builder.pipeline import PASSES
 
     lines = [
-        f"  {it.name:<15} {it.purpose}{' (--mpy)' if it.bytecode else ''}" for it in PASSES
+        f"  {one.name:<15} {one.purpose}{' (--mpy)' if one.bytecode else ''}" for one in PASSES
     ]
     return "\n".join(["", "passes over uros's modules, in this order:", "", *lines, ""])
 

@@ -104,7 +104,7 @@ def _which(command: str) -> str:
             "no --port is given, and no serial port is there: plug the board in with a cable that"
             " carries data"
         )
-    known = ", ".join(f"{it} ({text})" if (text := _describe(it)) else it for it in found)
+    known = ", ".join(f"{port} ({text})" if (text := _describe(port)) else port for port in found)
     return f"no --port is given; there are {known}: {command} ... --port {found[0]}"
 
 
@@ -129,8 +129,8 @@ def _why(device: str, error: OSError) -> str:
     from ..doctor.serial import check_device
 
     for finding in check_device(device, touch=False):
-        if finding.mend and finding.state in (PROBLEM, NOTE):
-            return f"{finding.what}: {finding.mend}"
+        if finding.fix and finding.state in (PROBLEM, NOTE):
+            return f"{finding.what}: {finding.fix}"
     return str(error.strerror or error)
 
 
@@ -165,7 +165,7 @@ def _carry(port: OpenPort, device: str, text: Any, keys: int | None, end: float 
             port.wait(_WAIT_MS)
             data = port.read(4096) or b""
             typed = _typed(keys)
-            if any(it in typed for it in _LEAVE):
+            if any(key in typed for key in _LEAVE):
                 return
             if typed:
                 port.write(typed.replace(_INTERRUPT, b"\x03"))
@@ -198,7 +198,7 @@ def _print(text: str, live: bool) -> None:
 
 def _reopen(port: OpenPort, keys: int | None, end: float | None) -> bool:
     while end is None or time.monotonic() < end:
-        if any(it in _typed(keys) for it in _LEAVE):
+        if any(key in _typed(keys) for key in _LEAVE):
             return False
         try:
             port.open()

@@ -69,13 +69,13 @@ def _describe(name: str) -> None:
         pins = [f"{pin.name} {pin.function}" for pin in board.pins.values() if pin.function]
         print(f"pins      {', '.join(pins)}")
         acts, faults = board.acts(), board.faults()
-        width = max(len(it.spec) for it in (*acts, *faults))
+        width = max(len(happening.spec) for happening in (*acts, *faults))
         print("\nWhat can be done by hand, while it runs or with --fault:")
-        for it in acts:
-            print(f"  {it.spec:{width}}  {it.text}")
+        for act in acts:
+            print(f"  {act.spec:{width}}  {act.text}")
         print("\nWhat can go wrong:")
-        for it in faults:
-            print(f"  {it.spec:{width}}  {it.text}")
+        for fault in faults:
+            print(f"  {fault.spec:{width}}  {fault.text}")
         print("NAME:off heals a part, all:off everything.")
     finally:
         board.close()
@@ -87,15 +87,18 @@ def _print_ports() -> None:
 
     rows = [("BOARD", "MCU", "RAM", "MICROPYTHON", "WHICH IS")]
     rows += [
-        (it.name, it.mcu, it.ram, f"{it.port}, {it.image}" if it.port else "none", it.title)
-        for it in NAMED.values()
-    ]
+        (
+            board.name, board.mcu, board.ram,
+            f"{board.port}, {board.image}" if board.port else "none", board.title,
+        )
+        for board in NAMED.values()
+    ]  # fmt: skip
     widths = [max(len(row[at]) for row in rows) for at in range(4)]
     for *row, title in rows:
         columns = [text.ljust(width) for text, width in zip(row, widths, strict=True)]
         print("  ".join([*columns, title]))
     print()
-    for it in NAMED.values():
-        if not it.port:
-            print(f"{it.name}: {it.note}.\n")
+    for board in NAMED.values():
+        if not board.port:
+            print(f"{board.name}: {board.note}.\n")
     print("docs/ports.md has the first steps for each.")

@@ -158,7 +158,7 @@ class Simulation:
             arguments += ["serial", "--dev", lines[0]]
         elif lines:
             arguments += ["multiserial", "--devs", *lines]
-        if any(find(it.board).agent or it.plugs for it in self._plans) or not lines:
+        if any(find(plan.board).agent or plan.plugs for plan in self._plans) or not lines:
             arguments += ["udp4", "--port", str(self._port)]
         # The table shows who is there: beside it, only what is wrong.
         arguments += ["--verbose", str(_WARNINGS if self._screen.live else _INFO)]
@@ -205,7 +205,7 @@ class Simulation:
         except ToolError:
             self._clients = {}
             return
-        self._clients = {it["address"]: it for it in snapshot["clients"]}
+        self._clients = {client["address"]: client for client in snapshot["clients"]}
 
     def _client(self, seat: _Seat) -> dict[str, Any] | None:
         line = f"{seat.board.path} ("  # and the number that it has on that line
@@ -266,7 +266,7 @@ class Simulation:
             client = self._client(seat)
             node, came, went = "-", "-", "-"
             if client is not None:
-                node = " ".join(node_name(it) for it in client["nodes"]) or "-"
+                node = " ".join(node_name(node_info) for node_info in client["nodes"]) or "-"
                 if client["rate_over"] < client["age"]:  # else it has the burst of creation
                     came = f"{client['received']['rate']:.1f}"
                     went = f"{client['sent']['rate']:.1f}"
@@ -356,13 +356,15 @@ class Simulation:
         if line in ("quit", "exit"):
             raise KeyboardInterrupt
         title, _, rest = line.partition(" ")
-        meant = [it for it in self._seats if it.plan.title == title]
+        meant = [seat for seat in self._seats if seat.plan.title == title]
         if meant:
             line = rest.strip()
         else:
             part = line.partition(":")[0] + ":"
             having = [
-                it for it in self._seats if any(s.startswith(part) for s in it.board.happenings)
+                seat
+                for seat in self._seats
+                if any(spec.startswith(part) for spec in seat.board.happenings)
             ]
             meant = self._seats if len(self._seats) == 1 else having
         if line == "all:off":
@@ -370,7 +372,7 @@ class Simulation:
                 seat.board.press("happen", spec=line)
             return
         if len(meant) != 1:
-            known = ", ".join(it.plan.title for it in self._seats)
+            known = ", ".join(seat.plan.title for seat in self._seats)
             self._say(None, f"say which board, a space, and what: {known}")
             return
         seat = meant[0]
@@ -402,7 +404,7 @@ def talks_to_agent(plan: Plan) -> bool:
     from ...boards.virtual.models.catalog import find
 
     folder = Path(plan.firmware) if plan.firmware else firmware_folder(find(plan.board))
-    return any("uros.client" in it.read_text(encoding="utf-8") for it in folder.rglob("*.py"))
+    return any("uros.client" in file.read_text(encoding="utf-8") for file in folder.rglob("*.py"))
 
 
 def _read_input(events: queue.Queue[tuple[_Seat | None, dict[str, Any]]]) -> None:

@@ -1,21 +1,20 @@
 """``uros doctor``: a module for each subject that it checks.
 
 =============  ===================================================================================
-``agents``     The agents on this machine: their ports, and what their snapshots tell of boards
-``clock``      Clocks: the stamps of messages against this host's clock, and whether that one is
-               right
-``command``    ``uros doctor``: why boards and ROS 2 nodes do not meet on this machine, and what
-               mends it
-``finding``    What a check of ``uros doctor`` has found out
-``graph``      What the graphs of the domains tell: ends of a topic that are apart, and types that
-               differ
-``network``    Discovery: what the environment allows, and whether multicast works on the
-               interfaces
-``process``    Who holds a device or a port on this machine, by Linux's /proc
-``qos``        Which writers and readers of a topic do not reach each other for their QoS, and
-               what mends it
-``serial``     The serial device: whether it is there, may be opened, is free, and what comes over
-               it
-``snapshots``  The snapshots of the agents that run on this machine
+``agents``     Checks the agents on this machine: their ports, and their boards as the snapshots
+               show them
+``clock``      Checks clocks: the stamps of messages against this host's clock, and the clock
+               itself
+``command``    ``uros doctor``: find out why boards and ROS 2 nodes do not communicate on this
+               machine
+``finding``    The result of a check of ``uros doctor``
+``graph``      Checks the ROS graph: names, domains and types of nodes and topics
+``network``    Checks discovery: the environment, and multicast on the network interfaces
+``process``    Finds the processes that use a device or a port, by Linux's /proc
+``qos``        Checks the QoS of publishers and subscriptions: which pairs do not match, and how
+               to fix them
+``serial``     Checks a serial device: existence, permission, other users, and the data that
+               arrives
+``snapshots``  Collects the snapshots of the agents that run on this machine
 =============  ===================================================================================
 """

@@ -1,4 +1,4 @@
-"""Clocks: the stamps of messages against this host's clock, and whether that one is right."""
+"""Checks clocks: the stamps of messages against this host's clock, and the clock itself."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .graph import EVERYWHERE, Picture, full_name
 if TYPE_CHECKING:
     from ...host.network import Network, Received
 
-# So far off, in seconds, is a fault: what is fused by time, tf and cameras, comes out wrong.
+# A larger offset is a fault, in seconds: it disturbs tf and the fusion of sensors.
 LIMIT: Final = 0.1
 # A stamp before 2001 counts from the board's start.
 _NEVER_SET: Final = 1_000_000_000
@@ -23,14 +23,14 @@ _MOST: Final = 64
 _DEPTH: Final = 16
 _STAMPED: Final = ("std_msgs/Header", "std_msgs/msg/Header",
                    "builtin_interfaces/Time", "builtin_interfaces/msg/Time")  # fmt: skip
-_MEND: Final = (
+_FIX: Final = (
     "in C: rmw_uros_sync_session(1000), then stamp with rmw_uros_epoch_nanos(); with uros:"
     " node.clock.stamp(message.header.stamp)"
 )
 
 
 def is_stamped(type_name: str) -> bool:
-    """Whether messages of the type begin with a stamp, as far as we know the type."""
+    """Return whether messages of the type begin with a stamp; False for an unknown type."""
     from ...interfaces import load
     from ...interfaces.errors import InterfaceError
 
@@ -42,7 +42,7 @@ def is_stamped(type_name: str) -> bool:
 
 
 def stamp_of(cdr: bytes) -> tuple[int, int] | None:
-    """Seconds and nanoseconds at the beginning of a sample; None where there are none."""
+    """Return the seconds and nanoseconds at the beginning of a sample, or None."""
     if len(cdr) < 12 or cdr[0] or cdr[1] > 1:
         return None
     seconds, nanoseconds = struct.unpack_from("<iI" if cdr[1] else ">iI", cdr, 4)
@@ -51,8 +51,14 @@ def stamp_of(cdr: bytes) -> tuple[int, int] | None:
 
 @dataclass
 class Stamps:
-    """Of one topic. ``nearest`` is the least distance to our clock, in seconds: how long a message
-    is on its way adds to it.
+    """The stamps of one topic.
+
+    Attributes:
+        nodes: The topic's publishers.
+        count: How many stamps came.
+        empty: How many of them are 0.
+        unset: How many count from the start of a board.
+        nearest: The smallest offset from this host's clock, in seconds, transmission included.
     """
 
     nodes: list[str]
@@ -62,6 +68,7 @@ class Stamps:
     nearest: float | None = field(default=None)
 
     def add(self, cdr: bytes, received_ns: int) -> None:
+        """Count the stamp of a sample that was received at ``received_ns`` (Unix time)."""
         stamp = stamp_of(cdr)
         if stamp is None:
             return
@@ -78,14 +85,14 @@ class Stamps:
 
 
 def judge(topic: str, stamps: Stamps, is_board: bool) -> Finding | None:
-    """What is wrong with the stamps of a topic; None: nothing."""
+    """Return the finding about the stamps of a topic, or None if they are right."""
     who = " and ".join(stamps.nodes)
     if stamps.unset:
         return problem(
             "clock",
             f"the stamps of {topic} by {who} count from the board's start: it does not know the"
             " time",
-            _MEND,
+            _FIX,
         )
     if stamps.nearest is not None and abs(stamps.nearest) > LIMIT:
         way = "behind" if stamps.nearest > 0 else "ahead of"
@@ -93,12 +100,12 @@ def judge(topic: str, stamps: Stamps, is_board: bool) -> Finding | None:
             f"the stamps of {topic} by {who} are {_time(abs(stamps.nearest))} {way} this host's"
             " clock"
         )
-        # Of a node that is no board, old stamps may be meant: those of what it has processed.
+        # A node that is not a board may forward the stamps of older data.
         if is_board or stamps.nearest < 0:
-            return problem("clock", what, _MEND)
+            return problem("clock", what, _FIX)
         return note("clock", what, "compare the clocks of both machines: date +%s.%N")
     if stamps.count and stamps.empty == stamps.count:
-        return note("clock", f"the stamps of {topic} by {who} are all 0", _MEND)
+        return note("clock", f"the stamps of {topic} by {who} are all 0", _FIX)
     return None
 
 
@@ -113,18 +120,27 @@ def check_stamps(
     boards: Collection[str] | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> list[Finding]:
-    """Listen to what has stamps. ``boards`` are full names of boards' nodes; None: not known."""
+    """Listen to topics with stamps and judge them.
+
+    Args:
+        network: The domain.
+        picture: Its graph.
+        seconds: How long to listen.
+        boards: Full names of boards' nodes; None if they are not known.
+        say: Prints what is being done.
+    """
     from ...host.matching import adapt
     from ...middleware.base import MiddlewareError
     from ...qos import QoSProfile
 
     if picture.writers("/clock"):
-        return [unknown("clock", f"time is simulated in domain {network.domain}: /clock is there")]
+        simulated = f"time is simulated in domain {network.domain}: /clock is published"
+        return [unknown("clock", simulated)]
     watched: dict[str, Stamps] = {}
     closers = []
     for topic in picture.topics:
         publishers = picture.writers(topic)
-        types = {it.type_name for it in picture.ends(topic)}
+        types = {end.type_name for end in picture.ends(topic)}
         if not publishers or len(types) > 1 or topic in EVERYWHERE:
             continue
         (type_name,) = types
@@ -133,8 +149,8 @@ def check_stamps(
         if len(watched) == _MOST:
             break
         qos = QoSProfile(_DEPTH)
-        # Volatile: what was kept for us is old, and has a right to be.
-        adapt(qos, [it.qos for it in publishers], keep_durability=True)
+        # Volatile: samples kept for late joiners are rightly old.
+        adapt(qos, [end.qos for end in publishers], keep_durability=True)
         stamps = Stamps(list(dict.fromkeys(map(full_name, publishers))))
         try:
             closers.append(network.listen(topic, type_name, qos, _adder(stamps)))
@@ -143,18 +159,17 @@ def check_stamps(
         watched[topic] = stamps
     if not watched:
         return []
-    say(f"listening to what has stamps in domain {network.domain}"
-        f" for {seconds:g} s")  # fmt: skip
+    say(f"listening for {seconds:g} s to topics with stamps in domain {network.domain}")
     network.spin(lambda: False, seconds)
     for close in closers:
         close()
     found = []
     for topic, stamps in watched.items():
-        is_board = boards is None or any(it in boards for it in stamps.nodes)
+        is_board = boards is None or any(name in boards for name in stamps.nodes)
         finding = judge(topic, stamps, is_board)
         if finding is not None:
             found.append(finding)
-    heard = sum(bool(it.count) for it in watched.values())
+    heard = sum(bool(stamps.count) for stamps in watched.values())
     if not found and heard:
         what = "topic" if heard == 1 else "topics"
         return [ok("clock", f"the stamps of {heard} {what} agree with this host's clock")]
@@ -163,7 +178,7 @@ def check_stamps(
         return [
             unknown(
                 "clock",
-                f"nothing with a stamp came within {seconds:g} s",
+                f"no message with a stamp came within {seconds:g} s",
                 f"listen longer: uros doctor --seconds {longer}",
             )
         ]
@@ -175,12 +190,12 @@ def _adder(stamps: Stamps) -> Callable[[Received], None]:
 
 
 def check_host() -> Finding:
-    """Whether this host's own clock is kept right by NTP or PTP, as the kernel knows."""
+    """Check whether NTP or PTP synchronizes this host's clock, as the kernel knows."""
     if sys.platform != "linux":
-        return unknown("host clock", "whether this host's clock is synchronised is told by Linux")
+        return unknown("host clock", "only Linux tells whether its clock is synchronised")
     import ctypes
 
-    # struct timex; with no mode set it asks only. 5 is TIME_ERROR: not synchronised.
+    # struct timex; without a mode it only reads. 5 is TIME_ERROR: not synchronised.
     asked = ctypes.create_string_buffer(512)
     try:
         answer = ctypes.CDLL(None).adjtimex(asked)

@@ -1,10 +1,11 @@
-"""``uros doctor``: why boards and ROS 2 nodes do not meet on this machine, and what mends it."""
+"""``uros doctor``: find out why boards and ROS 2 nodes do not communicate on this machine."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
+import re
 import shutil
 import sys
 import textwrap
@@ -29,58 +30,71 @@ _WIDTH: Final = 100
 _LEAST_WIDTH: Final = 60
 _COLOURS: Final = {OK: "\033[32m", NOTE: "\033[33m", PROBLEM: "\033[1;31m", UNKNOWN: "\033[35m"}
 _INDENT: Final = " " * 24
-# How often agents are asked for boards that push each other out, in seconds.
+# How often agents are asked, to see boards that end each other's sessions, in seconds.
 _LOOK_AGAIN: Final = 0.5
 _EPILOG: Final = """\
-One line a check, and what mends it where something is wrong. With --dev it listens on the line,
-which may reset the board; an agent must not be using it. Nothing is changed. The exit status is 1
-where there is a problem.
+Prints one line for each check, and a fix below each problem. It changes nothing. With --dev it
+opens the device and listens, which may reset the board; no agent may use the device then. The exit
+status is 1 if there is a problem.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros doctor``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
-    parser.add_argument("--dev", metavar="DEVICE", help="serial device of a board, to listen on")
+    parser.add_argument(
+        "--dev", metavar="DEVICE", help="serial device of a board to check and to listen on"
+    )
     parser.add_argument(
         "--baudrate", type=_baudrate, default=115200, metavar="N",
-        help="rate that the board should have (default 115200)",
+        help="baud rate of the board (default: 115200)",
     )  # fmt: skip
     parser.add_argument(
         "--port", type=_port, metavar="N",
-        help=f"port that an agent should have (default {DEFAULT_PORT})",
+        help=f"port of the agent (default: {DEFAULT_PORT})",
     )  # fmt: skip
     parser.add_argument(
         "--domain", type=domain_number, metavar="N", action="append", default=[],
-        help="domain of your ROS 2 nodes; may be repeated (default: ROS_DOMAIN_ID, and 0)",
+        help="ROS domain of your nodes; may be repeated (default: ROS_DOMAIN_ID, and 0)",
     )  # fmt: skip
-    parser.add_argument("--agent", type=positive_int, metavar="PID", help="look at this agent only")
+    parser.add_argument(
+        "--agent", type=positive_int, metavar="PID", help="process id of the only agent to check"
+    )
     parser.add_argument(
         "--seconds", type=positive_float, default=_SECONDS, metavar="S",
-        help=f"how long to listen, each time (default {_SECONDS:g})",
+        help=f"seconds of each listening (default: {_SECONDS:g})",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
 
 
 def _baudrate(text: str) -> int:
     if not text.isdecimal() or len(text) > 8 or not 0 < int(text) <= _MAX_BAUD:
-        raise argparse.ArgumentTypeError(f"{text!r} is no baud rate, such as 115200")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a baud rate, such as 115200")
     return int(text)
 
 
 def _port(text: str) -> int:
     if not text.isdecimal() or len(text) > 5 or not 0 < int(text) < 65536:
-        raise argparse.ArgumentTypeError(f"{text!r} is no port (1 to 65535)")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port (1 to 65535)")
     return int(text)
 
 
 def run(args: argparse.Namespace, agents: Agents | None = None) -> int:
-    """Make all checks; 1 where one has found a problem."""
+    """Make all checks and print the findings.
+
+    Args:
+        args: The command line.
+        agents: Asks the agents of this machine; a test's own ones.
+
+    Returns:
+        1 if a check found a problem, else 0.
+    """
     doctor = Doctor(args, agents or Agents(args.agent), None if args.json else _print)
     doctor.examine()
-    problems = sum(it.state == PROBLEM for it in doctor.findings)
+    problems = sum(finding.state == PROBLEM for finding in doctor.findings)
     if args.json:
-        told = [it.plain() for it in doctor.findings]
+        told = [finding.plain() for finding in doctor.findings]
         print(json.dumps({"version": 1, "problems": problems, "findings": told}, indent=2))
     else:
         print(_summary(doctor.findings))
@@ -99,35 +113,58 @@ def _print(finding: Finding) -> None:
 
 
 def lines(finding: Finding, width: int = _WIDTH) -> str:
-    """A finding as it is printed: the sentence, and what mends it, each on a line of its own
-    that is not broken within commands.
+    """Return a finding as it is printed: the sentence, and the fix on lines of its own.
+
+    Args:
+        finding: What to print.
+        width: Columns of the terminal. A command in a fix stays on one line even if it is longer,
+            so that it can be copied.
     """
     head = f"{finding.state:<9}{finding.check:<15}"
     told = textwrap.wrap(
         printable(finding.what), width - len(head), break_long_words=False, break_on_hyphens=False
     )
     out = [head + f"\n{_INDENT}".join(told)]
-    if finding.mend:
-        out.append(f"{'':<9}{'mend:' if finding.state in (PROBLEM, UNKNOWN) else 'hint:':<15}"
-                   + printable(finding.mend))  # fmt: skip
+    if finding.fix:
+        label = "fix:" if finding.state in (PROBLEM, UNKNOWN) else "hint:"
+        fixes = _wrap_fix(printable(finding.fix), width - len(_INDENT))
+        out.append(f"{'':<9}{label:<15}" + f"\n{_INDENT}".join(fixes))
     return "\n".join(out)
+
+
+def _wrap_fix(text: str, width: int) -> list[str]:
+    """Break a fix between its parts, never within a command."""
+    wrapped = [""]
+    for part in re.split(r"(?<=[,;:]) ", text):
+        joined = f"{wrapped[-1]} {part}".lstrip()
+        if wrapped[-1] and len(joined) > width:
+            wrapped.append(part)
+        else:
+            wrapped[-1] = joined
+    return wrapped
 
 
 def _summary(findings: list[Finding]) -> str:
     def count(state: str, one: str, more: str) -> str:
-        number = sum(it.state == state for it in findings)
+        number = sum(finding.state == state for finding in findings)
         return f"{number} {one if number == 1 else more}"
 
     told = [count(PROBLEM, "problem", "problems")]
-    if any(it.state == NOTE for it in findings):
+    if any(finding.state == NOTE for finding in findings):
         told.append(count(NOTE, "note", "notes"))
-    if any(it.state == UNKNOWN for it in findings):
+    if any(finding.state == UNKNOWN for finding in findings):
         told.append(count(UNKNOWN, "check", "checks") + " could not be made")
     return "\n" + ", ".join(told)
 
 
 class Doctor:
-    """One examination. ``tell`` hears of each finding as soon as it is made."""
+    """Makes all checks once.
+
+    Args:
+        args: The command line.
+        agents: Asks the agents of this machine.
+        tell: Called with each finding as soon as it is made.
+    """
 
     def __init__(
         self,
@@ -151,6 +188,7 @@ class Doctor:
         print(f"... {printable(text)}", file=sys.stderr, flush=True)
 
     def examine(self) -> None:
+        """Make the checks. Their findings are in ``findings``."""
         from . import agents as doctor_agents
         from . import clock
 
@@ -206,7 +244,9 @@ class Doctor:
             there = process.environment(pid)
             names = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "CYCLONEDDS_URI",
                      "ROS_STATIC_PEERS", "ROS_SECURITY_ENABLE")  # fmt: skip
-            if there is not None and any(here.get(it, "") != there.get(it, "") for it in names):
+            if there is None:
+                continue
+            if any(here.get(name, "") != there.get(name, "") for name in names):
                 places.append((there, f"the agent {pid}"))  # type: ignore[arg-type]
         for environment, whose in places:
             self._found(doctor_network.check_range(environment, whose))
@@ -216,7 +256,7 @@ class Doctor:
         self._found(doctor_network.check_firewall())
 
     def _wanted(self) -> list[int]:
-        """The domains of the user's own nodes."""
+        """Return the domains of the user's own nodes."""
         from ...middleware.base import MiddlewareError, environment_domain
 
         if self._args.domain:
@@ -228,12 +268,12 @@ class Doctor:
             return []
 
     def _graphs(self, wanted: list[int]) -> None:
-        """Look at every domain in which boards or nodes may be."""
+        """Check every domain in which boards or nodes may be."""
         from . import graph
 
         boards = self._agents.nodes()
         besides = [] if self._args.domain else [0]
-        domains = list(dict.fromkeys([*wanted, *(it for _, it in boards), *besides]))
+        domains = list(dict.fromkeys([*wanted, *(domain for _, domain in boards), *besides]))
         found = {}
         for domain in domains:
             ends = self._graph(domain, boards)
@@ -243,7 +283,7 @@ class Doctor:
             self._found(graph.check_domains(found, boards, wanted))
 
     def _graph(self, domain: int, boards: list[tuple[str, int]]) -> list[End] | None:
-        """The checks within one domain; the ends of its topics, or None where we cannot join."""
+        """Check one domain; return the endpoints of its topics, or None if it cannot be joined."""
         from ...host.network import Network
         from ...middleware.base import MiddlewareError
         from . import clock, graph, qos
@@ -254,25 +294,24 @@ class Doctor:
         try:
             with Network(domain) as network:
                 network.settle()
-                ours = {it for it in network.graph.nodes() if it == f"/_uros_{os.getpid()}"}
+                ours = {node for node in network.graph.nodes() if node == f"/_uros_{os.getpid()}"}
                 picture = graph.Picture(network.graph, ours)
+                self._found(graph.check_names(picture, domain))
                 self._found(graph.check_types(picture, domain))
                 self._found(qos.check_qos(picture, domain, names))
                 ends = graph.ends(picture)
                 self._found(
-                    clock.check_stamps(
-                        network, picture, self._args.seconds, known, self._say
-                    )
+                    clock.check_stamps(network, picture, self._args.seconds, known, self._say)
                 )
                 return ends
         except MiddlewareError as error:
-            self._found([unknown("graph", f"domain {domain} cannot be looked at: {error}")])
+            self._found([unknown("graph", f"domain {domain} cannot be joined: {error}")])
             return None
 
     # --- boards ---------------------------------------------------------------------------------
 
     def _keys(self, began: float) -> None:
-        """Look at the agents until boards that push each other out have done so."""
+        """Ask the agents for as long as boards with one key take to end each other's sessions."""
         from .agents import check_keys
 
         agents = self._agents

@@ -1,7 +1,8 @@
-"""What the graphs of the domains tell: ends of a topic that are apart, and types that differ."""
+"""Checks the ROS graph: names, domains and types of nodes and topics."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -11,14 +12,14 @@ from .finding import Finding, note, ok, problem, word
 if TYPE_CHECKING:
     from ...host.graph import EndpointInfo, Graph
 
-# Topics that every node has an end of, and that lack the other one in a healthy system.
+# Topics of every node. In a healthy system many have publishers but no subscription.
 EVERYWHERE: Final = frozenset({"/rosout", "/parameter_events"})
-# So many topics are named in one sentence.
+# How many names one sentence lists.
 _NAMED: Final = 3
 
 
 def full_name(endpoint: EndpointInfo) -> str:
-    """Its node's name, or what it is where that is not known."""
+    """Return the full name of an endpoint's node, or a description if it is not known."""
     from ... import names
     from ...host.graph import BARE_DDS, UNKNOWN_NODE
 
@@ -30,35 +31,45 @@ def full_name(endpoint: EndpointInfo) -> str:
 
 
 class Picture:
-    """What a graph has been at one moment, without the nodes in ``ours``: asked once, and looked
-    at by several checks. ``topics`` has those that others have an end of.
+    """A graph at one moment, for several checks.
+
+    Args:
+        graph: The graph.
+        ours: Full names of nodes to leave out.
+
+    Attributes:
+        nodes: Full names of the nodes. A name of two nodes stands twice.
+        topics: The topics that have an endpoint.
     """
 
     def __init__(self, graph: Graph, ours: Collection[str] = ()) -> None:
-        self.nodes = [it for it in graph.nodes() if it not in ours]
+        self.nodes = [node for node in graph.nodes() if node not in ours]
         self.topics: list[str] = []
         self._writers: dict[str, list[EndpointInfo]] = {}
         self._readers: dict[str, list[EndpointInfo]] = {}
         for topic in graph.topics():
-            writers = [it for it in graph.publishers(topic) if full_name(it) not in ours]
-            readers = [it for it in graph.subscriptions(topic) if full_name(it) not in ours]
+            writers = [end for end in graph.publishers(topic) if full_name(end) not in ours]
+            readers = [end for end in graph.subscriptions(topic) if full_name(end) not in ours]
             if writers or readers:
                 self.topics.append(topic)
                 self._writers[topic], self._readers[topic] = writers, readers
 
     def writers(self, topic: str) -> list[EndpointInfo]:
+        """Return the publishers of a topic."""
         return self._writers.get(topic, [])
 
     def readers(self, topic: str) -> list[EndpointInfo]:
+        """Return the subscriptions of a topic."""
         return self._readers.get(topic, [])
 
     def ends(self, topic: str) -> list[EndpointInfo]:
+        """Return the publishers, then the subscriptions of a topic."""
         return [*self.writers(topic), *self.readers(topic)]
 
 
 @dataclass(frozen=True)
 class End:
-    """Of a topic, in a domain."""
+    """A publisher or subscription of a topic, without its QoS."""
 
     topic: str
     type_name: str
@@ -67,11 +78,29 @@ class End:
 
 
 def ends(picture: Picture) -> list[End]:
-    """All ends of topics."""
+    """Return the endpoints of all topics."""
     return [
-        End(topic, it.type_name, full_name(it), it.is_publisher)
+        End(topic, end.type_name, full_name(end), end.is_publisher)
         for topic in picture.topics
-        for it in picture.ends(topic)
+        for end in picture.ends(topic)
+    ]
+
+
+# --- names ------------------------------------------------------------------------------------
+
+
+def check_names(picture: Picture, domain: int) -> list[Finding]:
+    """Find nodes of one domain that have the same name."""
+    counts = Counter(picture.nodes)
+    return [
+        note(
+            "node name",
+            f"{count} nodes in domain {domain} have the name {name}: what is sent to one, such as"
+            " a parameter request, may reach the other",
+            "give one of them another name: --ros-args -r __node:=NAME; of a board, in its program",
+        )
+        for name, count in counts.items()
+        if count > 1
     ]
 
 
@@ -83,10 +112,12 @@ def check_domains(
     boards: Sequence[tuple[str, int]],
     wanted: Sequence[int],
 ) -> list[Finding]:
-    """Boards, and ends of topics, that are in another domain than those they are for.
+    """Find boards and endpoints that are in another domain than their peers.
 
-    ``found`` are the ends by domain, ``boards`` boards' nodes with their domain, ``wanted`` the
-    domains that the user's own nodes are in.
+    Args:
+        found: The endpoints by domain.
+        boards: The boards' nodes, each with its domain.
+        wanted: The domains of the user's own nodes.
     """
     findings = []
     told: set[int] = set()
@@ -121,7 +152,7 @@ def check_domains(
         return findings
     if boards:
         return [ok("domain", f"all boards are in domain {' and '.join(map(str, _of(boards)))}")]
-    where = [it for it in found if found[it]]
+    where = [domain for domain in found if found[domain]]
     if where:
         return [ok("domain", f"no topic has its ends in different domains (nodes are in domain"
                    f" {' and '.join(map(str, sorted(where)))})")]  # fmt: skip
@@ -140,18 +171,18 @@ def _of(boards: Sequence[tuple[str, int]]) -> list[int]:
 
 
 def _apart(found: Mapping[int, Sequence[End]], here: int, there: int) -> list[str]:
-    """The topics that have only writers here, and only readers there, of the same type."""
+    """Return the topics with only publishers here and only subscriptions there, of one type."""
     topics = []
-    for topic in dict.fromkeys(it.topic for it in found[here] if it.is_writer):
+    for topic in dict.fromkeys(end.topic for end in found[here] if end.is_writer):
         if topic in EVERYWHERE:
             continue
-        writers = [it for it in found[here] if it.topic == topic]
-        readers = [it for it in found[there] if it.topic == topic]
+        writers = [end for end in found[here] if end.topic == topic]
+        readers = [end for end in found[there] if end.topic == topic]
         if (
             readers
-            and all(it.is_writer for it in writers)
-            and not any(it.is_writer for it in readers)
-            and {it.type_name for it in writers} & {it.type_name for it in readers}
+            and all(end.is_writer for end in writers)
+            and not any(end.is_writer for end in readers)
+            and {end.type_name for end in writers} & {end.type_name for end in readers}
         ):
             topics.append(topic)
     return topics
@@ -170,14 +201,14 @@ def _apart_finding(
         agent, other, moved = here, there, senders
     else:
         agent, other, moved = there, here, receivers
-    mend = f"export ROS_DOMAIN_ID={other} before {_some(moved)} starts"
+    fix = f"export ROS_DOMAIN_ID={other} before {_some(moved)} starts"
     if boards & {*senders, *receivers}:
-        mend += f", or start the agent with --domain {agent}"
-    return problem("domain", what, mend)
+        fix += f", or start the agent with --domain {agent}"
+    return problem("domain", what, fix)
 
 
 def _nodes(some: Sequence[End], topics: Collection[str]) -> list[str]:
-    return list(dict.fromkeys(it.node for it in some if it.topic in topics))
+    return list(dict.fromkeys(end.node for end in some if end.topic in topics))
 
 
 def _some(words: Sequence[str]) -> str:
@@ -190,20 +221,20 @@ def _some(words: Sequence[str]) -> str:
 
 
 def check_types(picture: Picture, domain: int) -> list[Finding]:
-    """Topics whose ends have different types, or one type in different versions."""
+    """Find topics whose endpoints have different types, or different versions of a type."""
     findings = []
     for topic in picture.topics:
         all_ends = picture.ends(topic)
         by_type: dict[str, list[str]] = {}
-        for it in all_ends:
-            by_type.setdefault(it.type_name, []).append(full_name(it))
+        for end in all_ends:
+            by_type.setdefault(end.type_name, []).append(full_name(end))
         if len(by_type) > 1:
             findings.append(_types_differ(topic, by_type))
             continue
         by_hash: dict[str, list[str]] = {}
-        for it in all_ends:
-            if it.type_hash.startswith("RIHS"):
-                by_hash.setdefault(it.type_hash, []).append(full_name(it))
+        for end in all_ends:
+            if end.type_hash.startswith("RIHS"):
+                by_hash.setdefault(end.type_hash, []).append(full_name(end))
         if len(by_hash) > 1:
             findings.append(_hashes_differ(topic, all_ends[0].type_name, by_hash))
     if not findings and picture.topics:
@@ -219,11 +250,11 @@ def _types_differ(topic: str, by_type: Mapping[str, list[str]]) -> Finding:
         for type_name, nodes in by_type.items()
     )
     fewest = min(by_type.values(), key=len)
-    other = next(it for it, nodes in by_type.items() if nodes is not fewest)
+    other = next(one for one, nodes in by_type.items() if nodes is not fewest)
     new = word(f"{topic}:={topic}_2")
     return problem(
         "types",
-        f"{topic} has different types, whose ends do not reach each other: {told}",
+        f"{topic} has different types, so its endpoints do not match: {told}",
         f"use {other} in {fewest[0]} too, or another name there: --ros-args -r {new}"
         f" (a board's: uros agent ... --remap {new})",
     )
@@ -231,7 +262,8 @@ def _types_differ(topic: str, by_type: Mapping[str, list[str]]) -> Finding:
 
 def _hashes_differ(topic: str, type_name: str, by_hash: Mapping[str, list[str]]) -> Finding:
     told = ", and ".join(
-        f"{it[:15]}... in {_some(list(dict.fromkeys(nodes)))}" for it, nodes in by_hash.items()
+        f"{type_hash[:15]}... in {_some(list(dict.fromkeys(nodes)))}"
+        for type_hash, nodes in by_hash.items()
     )
     return problem(
         "types",

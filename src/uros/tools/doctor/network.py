@@ -1,4 +1,4 @@
-"""Discovery: what the environment allows, and whether multicast works on the interfaces."""
+"""Checks discovery: the environment, and multicast on the network interfaces."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from xml.etree import ElementTree
 from ...middleware.base import MiddlewareError
 from .finding import Finding, note, ok, problem, unknown
 
-GROUP: Final = "239.255.0.1"  # where DDS participants look for each other
+GROUP: Final = "239.255.0.1"  # the multicast group of DDS discovery
 _WAIT: Final = 0.5
 _SIOCGIFFLAGS, _SIOCGIFADDR = 0x8913, 0x8915
 _UP, _LOOPBACK, _POINT_TO_POINT, _RUNNING, _MULTICAST = 0x1, 0x8, 0x10, 0x40, 0x1000
 _UFW: Final = Path("/etc/ufw/ufw.conf")
-# Interfaces that containers and virtual machines stand behind: no board is reached by them.
+# Interfaces of containers and virtual machines, which reach no board.
 _INNER: Final = ("docker", "veth", "br-", "virbr", "lxc", "cni", "flannel", "cali")
 
 
@@ -32,7 +32,7 @@ SHELL: Final = "this shell"
 
 
 def spdp_port(domain: int) -> int:
-    """The port of discovery by multicast."""
+    """Return the UDP port of multicast discovery in a domain."""
     return 7400 + 250 * domain
 
 
@@ -40,7 +40,12 @@ def spdp_port(domain: int) -> int:
 
 
 def check_range(environment: Mapping[str, str], whose: str = SHELL) -> list[Finding]:
-    """How far discovery reaches. ``whose`` environment it is: this shell's, or an agent's."""
+    """Check how far discovery reaches.
+
+    Args:
+        environment: The variables.
+        whose: Whose environment this is: this shell's, or an agent's.
+    """
     from ...middleware.dds.config import discovery_range
 
     name = (
@@ -64,12 +69,12 @@ def check_range(environment: Mapping[str, str], whose: str = SHELL) -> list[Find
         ]
     if reach == "LOCALHOST":
         peers = environment.get("ROS_STATIC_PEERS", "")
-        besides = f", but for the peers {peers}" if peers else ""
+        besides = f", except the peers {peers}" if peers else ""
         return [
             note(
                 "discovery",
                 f"{whose} has {setting}: nodes on other machines are not seen{besides}",
-                f"if there are such: unset {name}{again}",
+                f"if you have nodes there: unset {name}{again}",
             )
         ]
     if reach == "SYSTEM_DEFAULT":
@@ -78,7 +83,7 @@ def check_range(environment: Mapping[str, str], whose: str = SHELL) -> list[Find
 
 
 def check_cyclone(environment: Mapping[str, str], whose: str = SHELL) -> list[Finding]:
-    """What CYCLONEDDS_URI does to discovery, where somebody has set it."""
+    """Check how CYCLONEDDS_URI limits discovery, if it is set."""
     from ...middleware.dds import config
 
     uri = environment.get("CYCLONEDDS_URI", "")
@@ -108,13 +113,13 @@ def check_cyclone(environment: Mapping[str, str], whose: str = SHELL) -> list[Fi
             findings.append(
                 problem(
                     "cyclone",
-                    f"CYCLONEDDS_URI in {whose} is no XML that can be read: {error}",
-                    "unset CYCLONEDDS_URI, or mend the XML",
+                    f"CYCLONEDDS_URI in {whose} is not sound XML: {error}",
+                    "unset CYCLONEDDS_URI, or correct the XML",
                 )
             )
-    here = {it.name: it.address for it in interfaces()}
+    here = {one.name: one.address for one in interfaces()}
     limits = []
-    for element in (it for root in roots for it in root.iter()):
+    for element in (element for root in roots for element in root.iter()):
         tag = element.tag.rpartition("}")[2].lower()
         if tag == "allowmulticast" and (element.text or "").strip().lower() == "false":
             limits.append("forbids multicast")
@@ -129,7 +134,7 @@ def check_cyclone(environment: Mapping[str, str], whose: str = SHELL) -> list[Fi
                     problem(
                         "cyclone",
                         f"CYCLONEDDS_URI in {whose} asks for the interface {wanted}, which is not"
-                        f" up; there are {', '.join(it for it in here if it != 'lo')}",
+                        f" up; there are {', '.join(one for one in here if one != 'lo')}",
                         "unset CYCLONEDDS_URI, or name one of these",
                     )
                 )
@@ -142,11 +147,11 @@ def check_cyclone(environment: Mapping[str, str], whose: str = SHELL) -> list[Fi
                 "if nodes are missing: unset CYCLONEDDS_URI",
             )
         )
-    return findings or [ok("cyclone", f"CYCLONEDDS_URI in {whose} does not narrow discovery")]
+    return findings or [ok("cyclone", f"CYCLONEDDS_URI in {whose} does not limit discovery")]
 
 
 def _rooted(text: str) -> str:
-    """Cyclone takes fragments; XML wants one root and no declaration within it."""
+    """Put a root around XML: Cyclone accepts fragments, XML parsers do not."""
     stripped = text.strip()
     if stripped.startswith("<?"):
         stripped = stripped.partition("?>")[2]
@@ -154,12 +159,12 @@ def _rooted(text: str) -> str:
 
 
 def _known(wanted: str, here: Mapping[str, str]) -> bool:
-    # An IPv6 address, or an attribute such as autodetermine="true", is not for us to judge.
+    # IPv6 addresses, and attributes such as autodetermine="true", are not checked.
     return not wanted or ":" in wanted or wanted in here or wanted in here.values()
 
 
 def check_security(environment: Mapping[str, str], whose: str = SHELL) -> list[Finding]:
-    """SROS 2, which uros has not."""
+    """Check whether SROS 2 is on, which uros does not support."""
     if environment.get("ROS_SECURITY_ENABLE", "").lower() != "true":
         return []
     return [
@@ -177,6 +182,8 @@ def check_security(environment: Mapping[str, str], whose: str = SHELL) -> list[F
 
 @dataclass(frozen=True)
 class Interface:
+    """A network interface that is up."""
+
     name: str
     index: int
     flags: int
@@ -184,23 +191,27 @@ class Interface:
 
     @property
     def is_up(self) -> bool:
+        """Whether the interface is up."""
         return bool(self.flags & _UP)
 
     @property
     def is_loopback(self) -> bool:
+        """Whether it is the loopback interface."""
         return bool(self.flags & _LOOPBACK)
 
     @property
     def has_multicast(self) -> bool:
+        """Whether multicast is enabled."""
         return bool(self.flags & _MULTICAST)
 
     @property
     def is_inner(self) -> bool:
+        """Whether it belongs to containers or virtual machines."""
         return self.name.startswith(_INNER)
 
 
 def interfaces() -> list[Interface]:
-    """Those that are up. Linux only; nothing elsewhere."""
+    """Return the interfaces that are up; on other systems than Linux none."""
     if sys.platform != "linux":
         return []
     import fcntl
@@ -227,10 +238,10 @@ def interfaces() -> list[Interface]:
 def check_multicast(
     environment: Mapping[str, str], domain: int, found: list[Interface] | None = None
 ) -> list[Finding]:
-    """Whether a datagram to DDS's group, sent on each interface, comes back to this machine.
+    """Check on each interface whether a datagram to DDS's multicast group comes back.
 
-    It does not leave the machine (its TTL is 0). Nothing is sent where the environment keeps DDS
-    from doing so.
+    It does not leave the machine (its TTL is 0). Nothing is sent if the environment restricts
+    discovery to less than the subnet.
     """
     from ...middleware.dds.config import discovery_range
 
@@ -238,70 +249,73 @@ def check_multicast(
         if discovery_range(environment) != "SUBNET":
             return []
     except MiddlewareError:
-        return []  # which the check of the environment tells
+        return []  # check_range reports it
     if sys.platform != "linux":
-        return [unknown("multicast", "multicast is tried out on Linux only")]
+        return [unknown("multicast", "multicast is checked on Linux only")]
     all_up = interfaces() if found is None else found
-    outer = [it for it in all_up if it.address and not it.is_loopback and not it.is_inner]
+    outer = [one for one in all_up if one.address and not one.is_loopback and not one.is_inner]
     if not outer:
         return [_no_network(all_up)]
-    return [_check_interface(it, domain) for it in outer]
+    return [_check_interface(one, domain) for one in outer]
 
 
 def _no_network(all_up: list[Interface]) -> Finding:
-    if any(it.is_loopback and it.is_up for it in all_up):
+    if any(one.is_loopback and one.is_up for one in all_up):
         return note(
             "multicast",
             "no network interface of this machine but loopback is up with an IPv4 address:"
-            " nodes meet on this machine only",
-            "connect it, or: export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST",
+            " nodes communicate on this machine only",
+            "connect this machine, or: export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST",
         )
     return problem("multicast", "not even the loopback interface is up", "sudo ip link set lo up")
 
 
-def _check_interface(it: Interface, domain: int) -> Finding:
-    if not it.has_multicast:
-        if it.flags & _POINT_TO_POINT:  # a VPN has none, and is not meant for DDS
+def _check_interface(interface: Interface, domain: int) -> Finding:
+    if not interface.has_multicast:
+        if interface.flags & _POINT_TO_POINT:  # typical of a VPN, and no fault
             return note(
                 "multicast",
-                f"{it.name} ({it.address}) has no multicast, as VPNs mostly: nodes behind it are"
-                " found by their addresses only",
+                f"{interface.name} ({interface.address}) has no multicast, like most VPNs: nodes"
+                " behind it are found by their addresses only",
                 "export ROS_STATIC_PEERS='ADDRESS;ADDRESS'",
             )
         return problem(
             "multicast",
-            f"{it.name} ({it.address}) is set to no multicast: nodes behind it are not found",
-            f"sudo ip link set {it.name} multicast on",
+            f"{interface.name} ({interface.address}) has multicast switched off: nodes behind it"
+            " are not found",
+            f"sudo ip link set {interface.name} multicast on",
         )
     try:
-        came = comes_back(it, spdp_port(domain))
+        came = comes_back(interface, spdp_port(domain))
     except OSError as error:
         return problem(
             "multicast",
-            f"multicast cannot be used on {it.name} ({it.address}): {error.strerror or error}",
-            _send_mend(it, error),
+            f"multicast cannot be used on {interface.name} ({interface.address}):"
+            f" {error.strerror or error}",
+            _send_fix(interface, error),
         )
     if came:
-        return ok("multicast", f"multicast to {GROUP} works on {it.name} ({it.address})")
+        where = f"{interface.name} ({interface.address})"
+        return ok("multicast", f"multicast to {GROUP} works on {where}")
     return problem(
         "multicast",
-        f"multicast to {GROUP} is lost on {it.name} ({it.address}): a firewall drops it, so that"
-        " nodes do not find each other",
-        _firewall_mend(it),
+        f"multicast to {GROUP} is lost on {interface.name} ({interface.address}): a firewall drops"
+        " it, so nodes do not find each other",
+        _firewall_fix(interface),
     )
 
 
-def _send_mend(it: Interface, error: OSError) -> str:
+def _send_fix(interface: Interface, error: OSError) -> str:
     if error.errno == errno.EPERM:
-        return _firewall_mend(it)
-    if error.errno == errno.ENOBUFS:  # this process has joined one group, and may not
+        return _firewall_fix(interface)
+    if error.errno == errno.ENOBUFS:  # this process may not join one more group
         return "sudo sysctl -w net.ipv4.igmp_max_memberships=20"
-    return f"sudo ip route add 224.0.0.0/4 dev {it.name}"
+    return f"sudo ip route add 224.0.0.0/4 dev {interface.name}"
 
 
-def _firewall_mend(it: Interface) -> str:
+def _firewall_fix(interface: Interface) -> str:
     if ufw_is_on():
-        subnet = it.address.rpartition(".")[0] + ".0/24"
+        subnet = interface.address.rpartition(".")[0] + ".0/24"
         return (
             "sudo ufw allow in proto udp to 224.0.0.0/4, and: sudo ufw allow in proto udp from"
             f" {subnet}"
@@ -313,6 +327,7 @@ def _firewall_mend(it: Interface) -> str:
 
 
 def ufw_is_on(file: Path = _UFW) -> bool:
+    """Return whether the firewall ufw is enabled."""
     try:
         return "ENABLED=yes" in file.read_text("utf-8", "replace").replace('"', "")
     except OSError:
@@ -320,26 +335,28 @@ def ufw_is_on(file: Path = _UFW) -> bool:
 
 
 def check_firewall(on: bool | None = None) -> list[Finding]:
-    """A firewall that lets nothing in but what it was told to."""
+    """Check whether a firewall is on that blocks incoming datagrams by default."""
     if not (ufw_is_on() if on is None else on):
         return []
     return [
         note(
             "firewall",
-            "ufw is on: boards and nodes on other machines may not get through to this one",
+            "ufw is on: it may block boards and nodes on other machines",
             "sudo ufw allow 8888 (the agent's port), and: sudo ufw allow in proto udp to"
             " 224.0.0.0/4",
         )
     ]
 
 
-def comes_back(it: Interface, port: int) -> bool:
-    """Whether a datagram to the group on this interface is received by a second socket.
+def comes_back(interface: Interface, port: int) -> bool:
+    """Return whether a second socket receives a datagram to the group on this interface.
 
-    Raises OSError where it cannot be sent, or the group cannot be joined.
+    Raises:
+        OSError: The datagram cannot be sent, or the group cannot be joined.
     """
     token = b"uros doctor " + secrets.token_bytes(16)
-    request = struct.pack("=4s4si", socket.inet_aton(GROUP), socket.inet_aton(it.address), it.index)
+    address = socket.inet_aton(interface.address)
+    request = struct.pack("=4s4si", socket.inet_aton(GROUP), address, interface.index)
     with _receiver(port) as (receiver, port), _udp() as sender:
         receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, request)
@@ -357,8 +374,9 @@ def comes_back(it: Interface, port: int) -> bool:
 
 @contextmanager
 def _receiver(port: int) -> Iterator[tuple[socket.socket, int]]:
-    """A socket on the port of discovery, which participants share; on another where one does not:
-    firewalls mind the group more than the port.
+    """Open a socket on the discovery port, or on a free port if a participant does not share it.
+
+    Firewalls filter by the group rather than by the port.
     """
     with _udp() as sock:
         try:

@@ -1,4 +1,4 @@
-"""Who holds a device or a port on this machine, by Linux's /proc."""
+"""Finds the processes that use a device or a port, by Linux's /proc."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Final
 
 PROC: Final = Path("/proc")
-# Of a TCP socket that listens, in /proc/net/tcp.
+# State of a listening TCP socket in /proc/net/tcp.
 _LISTENS: Final = "0A"
 # Attack: a command line of megabytes.
 _MAX_TEXT: Final = 65536
-# What eProsima's agent calls itself.
+# Process names of eProsima's agent.
 _FOREIGN_AGENTS: Final = ("MicroXRCEAgent", "micro_ros_agent")
 
 
 @dataclass(frozen=True)
 class Process:
-    """``name`` as people know it: the command without its folder, for Python the module."""
+    """A process. ``name`` is the command without its folder."""
 
     pid: int
     name: str
@@ -30,8 +30,8 @@ class Process:
 
     @property
     def is_uros_agent(self) -> bool:
-        """By its command line; one that was started by a program of its own has a socket only."""
-        words = [os.path.basename(it) for it in self.command]
+        """Whether the command line is that of ``uros agent``."""
+        words = [os.path.basename(word) for word in self.command]
         python = bool(words) and words[0].startswith("python")
         for at, word in enumerate(words):
             if word == "uros" or (word == "__main__.py" and "uros" in self.command[at]):
@@ -48,13 +48,13 @@ class Process:
 
 
 def can_look() -> bool:
-    """Whether this system has a /proc that tells all this."""
+    """Return whether this system has /proc."""
     return (PROC / "self" / "fd").is_dir()
 
 
 def process(pid: int) -> Process:
-    """What is known of a process; one that is gone has the name ``?``."""
-    command = tuple(it for it in _read(PROC / str(pid) / "cmdline").split("\0") if it)
+    """Return what is known of a process. One that has ended has the name ``?``."""
+    command = tuple(word for word in _read(PROC / str(pid) / "cmdline").split("\0") if word)
     name = _read(PROC / str(pid) / "comm").strip() or "?"
     if command:
         first = os.path.basename(command[0])
@@ -65,7 +65,7 @@ def process(pid: int) -> Process:
 
 
 def running(name: str) -> Process | None:
-    """A process of this name (of at most 15 characters)."""
+    """Return a process of this name, of which the first 15 characters count."""
     for pid in _pids():
         if _read(PROC / str(pid) / "comm").strip() == name[:15]:
             return process(pid)
@@ -73,25 +73,25 @@ def running(name: str) -> Process | None:
 
 
 def environment(pid: int) -> dict[str, str] | None:
-    """What a process was started with; None where we may not know."""
+    """Return the environment that a process was started with, or None without permission."""
     try:
         with open(PROC / str(pid) / "environ", "rb") as file:
             raw = file.read(_MAX_TEXT * 16)
     except OSError:
         return None
-    pairs = (it.decode("utf-8", "replace").partition("=") for it in raw.split(b"\0"))
+    pairs = (pair.decode("utf-8", "replace").partition("=") for pair in raw.split(b"\0"))
     return {name: value for name, _, value in pairs if name}
 
 
 def holders_of_file(path: str) -> list[Process]:
-    """Other processes that have opened the file, as far as we may look."""
+    """Return the other processes that have opened the file, as far as permissions allow."""
     wanted = os.path.realpath(path)
     return _holders(lambda target: target == wanted)
 
 
 @dataclass(frozen=True)
 class Taken:
-    """A port in use: by whom is empty where we may not look."""
+    """A port in use. ``holders`` is empty without permission to see them."""
 
     protocol: str
     port: int
@@ -99,7 +99,7 @@ class Taken:
 
 
 def taken_port(protocol: str, port: int) -> Taken | None:
-    """Who has the port, "udp" or "tcp" (where somebody listens); None: nobody."""
+    """Return who uses a port of ``udp``, or listens on one of ``tcp``; None if nobody does."""
     inodes = set()
     for table in (protocol, protocol + "6"):
         for line in _read(PROC / "net" / table, 64 * 1024 * 1024).splitlines()[1:]:
@@ -124,7 +124,7 @@ def _holders(wanted: Callable[[str], bool], own: bool = False) -> list[Process]:
             continue
         try:
             with os.scandir(PROC / str(pid) / "fd") as entries:
-                held = any(wanted(_target(it.path)) for it in entries)
+                held = any(wanted(_target(entry.path)) for entry in entries)
         except OSError:  # of another user, or gone
             continue
         if held:

@@ -1,6 +1,6 @@
-"""Which writers and readers of a topic do not reach each other for their QoS, and what mends it.
+"""Checks the QoS of publishers and subscriptions: which pairs do not match, and how to fix them.
 
-The rules are DDS's: what a writer offers must be as good as what the reader requests.
+The rules are those of DDS: a writer must offer at least what the reader requests.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .graph import Picture, full_name
 if TYPE_CHECKING:
     from ...host.graph import EndpointInfo
 
-# The better ones are further behind; what is not here counts as the first.
+# From weakest to strongest. An unknown one counts as the first.
 _DURABILITIES: Final = (
     DurabilityPolicy.VOLATILE,
     DurabilityPolicy.TRANSIENT_LOCAL,
@@ -25,7 +25,7 @@ _DURABILITIES: Final = (
     DurabilityPolicy.PERSISTENT,
 )
 _DURABILITY_NAMES: Final = ("volatile", "transient_local", "transient", "persistent")
-# A graph of a thousand mismatches is told of by its first.
+# Of more mismatches the first ones are reported.
 _MOST: Final = 32
 # Attack: a thousand writers and a thousand readers on one topic.
 _MAX_PAIRS: Final = 20_000
@@ -33,9 +33,14 @@ _MAX_PAIRS: Final = 20_000
 
 @dataclass(frozen=True)
 class Mismatch:
-    """One policy that keeps a pair apart, with each side's value in words. ``option`` is the rule
-    for a topic of `uros agent --qos` that makes a board's writer (``offer``) or reader
-    (``request``) fit, empty where none does.
+    """One policy that keeps a writer and a reader from matching.
+
+    Attributes:
+        policy: The policy's name.
+        offered: The writer's value.
+        requested: The reader's value.
+        offer: The rule of ``uros agent --qos`` that makes a board's writer match, or nothing.
+        request: The rule that makes a board's reader match, or nothing.
     """
 
     policy: str
@@ -46,7 +51,7 @@ class Mismatch:
 
 
 def mismatches(offered: QoSProfile, requested: QoSProfile) -> list[Mismatch]:
-    """Why a writer's samples do not reach a reader of the same topic and type; empty: they do."""
+    """Return why a writer and a reader of one topic and type do not match; empty if they do."""
     found = []
     if requested.reliable and not offered.reliable:
         found.append(
@@ -132,8 +137,9 @@ def _list(partitions: Sequence[str]) -> str:
 
 
 def _meet(ones: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether two lists of partitions have one in common. Patterns meet names, and no
-    pattern, not even the same one; no partition is the partition ''.
+    """Whether two lists of partitions have one in common.
+
+    A pattern matches names, but no pattern, not even itself. An empty list is the partition ''.
     """
     for one in ones or ("",):
         for other in others or ("",):
@@ -145,15 +151,19 @@ def _meet(ones: Sequence[str], others: Sequence[str]) -> bool:
 
 
 def _is_pattern(partition: str) -> bool:
-    return any(it in partition for it in "*?[")
+    return any(sign in partition for sign in "*?[")
 
 
 # --- a graph ------------------------------------------------------------------------------------
 
 
 def check_qos(picture: Picture, domain: int, boards: Collection[str] = ()) -> list[Finding]:
-    """All pairs of a domain that do not match. ``boards`` are full names of boards' nodes, which
-    `uros agent --qos` can change.
+    """Find the pairs of a domain that do not match.
+
+    Args:
+        picture: The graph.
+        domain: Its domain.
+        boards: Full names of boards' nodes, whose QoS ``uros agent --qos`` can change.
     """
     found: dict[Finding, None] = {}
     pairs = 0
@@ -161,7 +171,7 @@ def check_qos(picture: Picture, domain: int, boards: Collection[str] = ()) -> li
         for writer in picture.writers(topic):
             for reader in picture.readers(topic):
                 if writer.type_name != reader.type_name:
-                    continue  # which the check of types tells
+                    continue  # check_types reports it
                 if pairs == _MAX_PAIRS:
                     break
                 pairs += 1
@@ -190,11 +200,11 @@ def _pair(
         "qos",
         f"nothing that {sender} publishes on {topic} reaches {receiver}: {one.policy} offered is"
         f" {one.offered}, requested {one.requested}",
-        _mend(topic, sender, receiver, one, boards),
+        _fix(topic, sender, receiver, one, boards),
     )
 
 
-# The argument of rclpy's QoSProfile that stands for a policy, and how its value is written.
+# How rclpy's QoSProfile spells a policy and its value.
 _IN_CODE: Final[Mapping[str, str]] = {
     "reliability=reliable": "reliability=ReliabilityPolicy.RELIABLE",
     "reliability=best_effort": "reliability=ReliabilityPolicy.BEST_EFFORT",
@@ -205,7 +215,7 @@ _IN_CODE: Final[Mapping[str, str]] = {
 }
 
 
-def _mend(topic: str, sender: str, receiver: str, one: Mismatch, boards: Collection[str]) -> str:
+def _fix(topic: str, sender: str, receiver: str, one: Mismatch, boards: Collection[str]) -> str:
     if receiver in boards and one.request:
         return f"start the agent with --qos {word(f'{topic}:{one.request}')}"
     if sender in boards and one.offer:
@@ -215,10 +225,10 @@ def _mend(topic: str, sender: str, receiver: str, one: Mismatch, boards: Collect
         (sender, one.offer, "publisher"),
     ):
         if rule and who not in boards:
-            return f"in {who}, make the {what} of {topic} with {_code(rule)}"
+            return f"in {who}, create the {what} of {topic} with {_code(rule)}"
     if one.policy == "partition":
-        return f"give {sender} and {receiver} a partition in common, or none, on {topic}"
-    return f"make the {one.policy} of {topic} the same in {sender} and {receiver}"
+        return f"give {sender} and {receiver} a common partition, or none, on {topic}"
+    return f"set the same {one.policy} for {topic} in {sender} and {receiver}"
 
 
 def _code(rule: str) -> str:

@@ -1,4 +1,4 @@
-"""The serial device: whether it is there, may be opened, is free, and what comes over it."""
+"""Checks a serial device: existence, permission, other users, and the data that arrives."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from typing import Final, Protocol
 from . import process
 from .finding import Finding, note, ok, problem, unknown, word
 
-# Serial devices as Linux, macOS and the BSDs name them. A PC's ttyS0 to 31 are there without a
-# port behind them, and so are no answer to "which is my board".
+# Names of serial devices on Linux, macOS and the BSDs. A PC's ttyS0 to ttyS31 exist without a port
+# behind them, so they do not tell which device is the board.
 _PORTS: Final = (
     "/dev/ttyACM*",
     "/dev/ttyUSB*",
@@ -26,16 +26,16 @@ _PORTS: Final = (
     "/dev/cuaU*",
 )
 _BY_ID: Final = "/dev/serial/by-id"
-# What boards are set to, the likeliest first.
+# Usual baud rates of boards, the likeliest first.
 RATES: Final = (
     115200, 921600, 9600, 57600, 460800, 230400, 1000000, 2000000, 1500000, 500000, 38400, 19200,
 )  # fmt: skip
-# Bytes that a verdict other than "sound frames" takes, and how many are kept to judge.
+# The least number of bytes to judge text by, and the most that are kept.
 _ENOUGH: Final = 12
 _MOST: Final = 65536
-# Of a text's octets so many in a hundred are printable; of noise about forty are.
+# The least percentage of printable octets in text; noise has about forty.
 _PRINTABLE: Final = 90
-# Of a sound line's frames no more than one in so many is broken.
+# On a sound line at most one in so many frames is broken.
 _BROKEN: Final = 20
 
 _MOST_HOLDERS: Final = 3
@@ -49,10 +49,10 @@ Say = Callable[[str], object]
 
 
 def ports(patterns: Iterable[str] = _PORTS, by_id: str = _BY_ID) -> list[str]:
-    """The serial ports that are there; by the names that stay, where there are such."""
-    found = sorted(it for pattern in patterns for it in glob.glob(pattern))
-    named = {os.path.realpath(it): it for it in glob.glob(os.path.join(by_id, "*"))}
-    return [named.get(os.path.realpath(it), it) for it in found]
+    """Return the serial ports of this machine, by their stable names if they have one."""
+    found = sorted(path for pattern in patterns for path in glob.glob(pattern))
+    named = {os.path.realpath(path): path for path in glob.glob(os.path.join(by_id, "*"))}
+    return [named.get(os.path.realpath(path), path) for path in found]
 
 
 def check_device(
@@ -61,21 +61,27 @@ def check_device(
     known: Callable[[], list[str]] = ports,
     touch: bool = True,
 ) -> list[Finding]:
-    """What hinders an agent from opening ``device``; ``agents`` are pids of agents of ours.
+    """Check whether an agent could open a serial device.
 
-    The last finding is ``ok`` where somebody may listen on it now. Without ``touch`` it is not
-    opened, which may reset a board.
+    Args:
+        device: The device.
+        agents: Process ids of uros agents.
+        known: Lists the serial ports of this machine.
+        touch: Whether to open the device, which may reset a board.
+
+    Returns:
+        The findings. The last one is ``ok`` if the device can be used now.
     """
     from ...agent.transports.serial import has_termios, is_url
 
     if is_url(device):
-        return [unknown("device", f"{device} is no device of this machine: nothing to look at")]
+        return [unknown("device", f"{device} is not a device of this machine: nothing to check")]
     if not has_termios():
-        return [unknown("device", "serial devices are looked at on systems with termios only")]
+        return [unknown("device", "serial devices are checked on systems with termios only")]
     try:
         mode = os.stat(device).st_mode
     except ValueError:  # a NUL in the name
-        return [problem("device", f"{device!r} is no name of a device", _choose(known()))]
+        return [problem("device", f"{device!r} is not the name of a device", _choose(known()))]
     except OSError as error:
         return [_missing(device, error, known())]
     if not stat.S_ISCHR(mode):
@@ -88,28 +94,28 @@ def check_device(
         ]
     if not os.access(device, os.R_OK | os.W_OK):
         return [_forbidden(device)]
-    # Before it is said who holds it: half of all processes hold /dev/null, and nobody should end
-    # his own shell.
-    if touch and (stranger := _no_serial(device)):
-        return [problem("device", f"{device} is {stranger}", _choose(known()))]
+    # Before the holders are named: half of all processes hold /dev/null, and nobody should end
+    # their own shell.
+    if touch and (kind := _no_serial(device)):
+        return [problem("device", f"{device} is {kind}", _choose(known()))]
     holders = process.holders_of_file(device)
     if holders:
         return [*_modem_manager(device, holders), _busy(device, holders, agents)]
     if not touch:
-        return [*_modem_manager(device, ()), ok("device", f"{device} is there and free")]
+        return [*_modem_manager(device, ()), ok("device", f"{device} exists and is free")]
     return [*_modem_manager(device, ()), _try(device)]
 
 
 def _choose(known: list[str]) -> str:
     if known:
-        return f"use one that is there: --dev {' or --dev '.join(map(word, known))}"
+        return f"use one that exists: --dev {' or --dev '.join(map(word, known))}"
     return "plug the board in with a cable that carries data: ls /dev/ttyACM* /dev/ttyUSB*"
 
 
 def _missing(device: str, error: OSError, known: list[str]) -> Finding:
     if error.errno not in (errno.ENOENT, errno.ENOTDIR, errno.ELOOP):
-        return problem("device", f"{device} cannot be looked at: {error.strerror}", _choose(known))
-    what = f"{device} is not there"
+        return problem("device", f"{device} cannot be examined: {error.strerror}", _choose(known))
+    what = f"{device} does not exist"
     if os.path.islink(device):
         what += f": it points to {os.readlink(device)}, which is gone: the board is unplugged"
     elif known:
@@ -139,7 +145,7 @@ def _kind(mode: int) -> str:
 
 
 def _no_serial(device: str) -> str:
-    """What a character device is that can have no board behind it; empty: it may have one."""
+    """Say what a character device is if no board can be behind it, else return nothing."""
     for standard in (0, 1, 2):
         try:
             if os.path.realpath(os.ttyname(standard)) == os.path.realpath(device):
@@ -149,7 +155,7 @@ def _no_serial(device: str) -> str:
     try:
         fd = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError:
-        return ""  # in use, for one; that is told further on
+        return ""  # in use, for example, which is reported later
     try:
         return "" if os.isatty(fd) else "not a serial device"
     finally:
@@ -157,7 +163,7 @@ def _no_serial(device: str) -> str:
 
 
 def _forbidden(device: str) -> Finding:
-    """The user may not open it: by the group that may, or for want of one."""
+    """Say which group may open the device, or that there is none."""
     import grp
     import pwd
 
@@ -181,8 +187,8 @@ def _forbidden(device: str) -> Finding:
     if member:
         return problem(
             "permission",
-            f"{user} is in the group {group.gr_name}, which may use {device}, but was not yet when"
-            " this session began",
+            f"{user} joined the group {group.gr_name}, which may use {device}, after this session"
+            " began",
             f"log out and in again, or for this terminal: newgrp {group.gr_name}",
         )
     return problem(
@@ -204,33 +210,33 @@ def _user() -> str:
 def _busy(device: str, holders: list[process.Process], agents: Collection[int]) -> Finding:
     one = holders[0]
     names = " and ".join(map(str, holders[:_MOST_HOLDERS]))
-    if all(it.pid in agents or it.is_uros_agent for it in holders) and len(holders) == 1:
-        return note("device", f"{device} is served by an agent of uros already: {names}",
-                    f"for another program: kill {one.pid}")  # fmt: skip
+    if len(holders) == 1 and (one.pid in agents or one.is_uros_agent):
+        return note("device", f"{device} is served by a uros agent already: {names}",
+                    f"to use it in another program: kill {one.pid}")  # fmt: skip
     if one.name == "ModemManager":
-        mend = "sudo systemctl disable --now ModemManager"
+        fix = "sudo systemctl disable --now ModemManager"
     else:
-        # A list as long as that ends more than somebody means to.
-        pids = " ".join(str(it.pid) for it in holders)
-        mend = (
+        # With so many, kill would end more than the user means to.
+        pids = " ".join(str(holder.pid) for holder in holders)
+        fix = (
             f"kill {pids}"
             if len(holders) <= _MOST_HOLDERS
-            else f"see whose: fuser -v {word(device)}"
+            else f"list them: fuser -v {word(device)}"
         )
-    return problem("busy", f"{device} is in use by {names}", mend)
+    return problem("busy", f"{device} is in use by {names}", fix)
 
 
 def _modem_manager(device: str, holders: Collection[process.Process]) -> list[Finding]:
     if not os.path.basename(os.path.realpath(device)).startswith("ttyACM"):
         return []
-    if any(it.name == "ModemManager" for it in holders):
+    if any(holder.name == "ModemManager" for holder in holders):
         return []
     if process.running("ModemManager") is None:
         return []
     return [
         note(
             "modem manager",
-            f"ModemManager runs, and talks to {device} for some seconds after it is plugged in",
+            f"ModemManager runs, and sends to {device} for some seconds after it is plugged in",
             "sudo systemctl disable --now ModemManager, if no modem needs it",
         )
     ]
@@ -246,38 +252,38 @@ def _try(device: str) -> Finding:
         os.close(open_device(device, 115200))
     except (OSError, termios.error) as error:
         text = reason(device, error)
-        if text.startswith("errno: "):  # which says less than the words behind it
+        if text.startswith("errno: "):  # the text after it says more
             text = text.partition(", ")[2]
-        why, _, mend = text.partition(": ")
-        return problem("device", f"{device} cannot be opened: {why}", mend or "use another device")
-    return ok("device", f"{device} is there, free, and may be opened")
+        why, _, fix = text.partition(": ")
+        return problem("device", f"{device} cannot be opened: {why}", fix or "use another device")
+    return ok("device", f"{device} exists, is free, and can be opened")
 
 
 # --- what comes over it -------------------------------------------------------------------------
 
 
 class Line(Protocol):
-    """A line whose rate can be chosen. ``open`` and ``read`` may raise OSError."""
+    """A serial line with a selectable rate. ``open`` and ``read`` may raise OSError."""
 
     def open(self, rate: int) -> None:
-        """Begin to listen, or go on with another rate. What came before is dropped."""
+        """Start to listen, or change the rate. Earlier input is dropped."""
 
     def read(self, timeout_ms: int) -> bytes:
-        """What has come, waiting for it at most so long."""
+        """Return the bytes that have come, and wait for them at most so long."""
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the line. Idempotent."""
 
 
 class DeviceLine:
-    """A serial device by termios. It is opened once: each opening may reset a board."""
+    """A serial device. It is opened only once, because opening may reset a board."""
 
     def __init__(self, device: str) -> None:
         self._device = device
         self._fd = -1
 
     def open(self, rate: int) -> None:
-        """See :class:`Line`; the OSError says what to do."""
+        """See :class:`Line`. The OSError's text has the remedy."""
         import termios
 
         from ...agent.transports.baud import check_baud_rate, set_baud_rate
@@ -293,6 +299,7 @@ class DeviceLine:
             raise OSError(error.args[0], reason(self._device, error)) from error
 
     def read(self, timeout_ms: int) -> bytes:
+        """See :class:`Line`."""
         import select
 
         if not select.select([self._fd], [], [], timeout_ms / 1000)[0]:
@@ -302,10 +309,11 @@ class DeviceLine:
         except BlockingIOError:
             return b""
         if not data:
-            raise OSError(errno.EIO, "the line has ended")
+            raise OSError(errno.EIO, "the line was closed")
         return data
 
     def close(self) -> None:
+        """See :class:`Line`."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
@@ -313,7 +321,7 @@ class DeviceLine:
 
 @dataclass(frozen=True)
 class Heard:
-    """What came: ``kind`` is one of SOUND, TEXT, NOISE and SILENCE."""
+    """What came over a line. ``kind`` is SOUND, TEXT, NOISE or SILENCE."""
 
     kind: str
     size: int = 0
@@ -323,7 +331,7 @@ class Heard:
 
 
 def judge(data: bytes) -> Heard:
-    """What bytes of a line are: frames of a board, text, or neither."""
+    """Tell whether bytes of a line are a board's frames, text, or neither."""
     from ...wire.framing import Deframer
 
     deframer = Deframer(0)
@@ -332,18 +340,24 @@ def judge(data: bytes) -> Heard:
         return Heard(SOUND, len(data), frames, deframer.crc_errors)
     if not data:
         return Heard(SILENCE)
-    printable = sum(32 <= it < 127 or it in b"\r\n\t\x1b" for it in data)
+    printable = sum(32 <= octet < 127 or octet in b"\r\n\t\x1b" for octet in data)
     if len(data) >= _ENOUGH and printable * 100 >= len(data) * _PRINTABLE:
         last = data.decode("ascii", "replace").split("\n")
-        whole = [it.strip() for it in last if it.strip()]
+        whole = [line.strip() for line in last if line.strip()]
         return Heard(TEXT, len(data), 0, 0, max(whole, key=len, default="")[:60])
     return Heard(NOISE, len(data), 0, deframer.crc_errors)
 
 
 def listen(line: Line, rate: int, seconds: float) -> Heard:
-    """Listen until a sound frame has come, or so long; a little more to count broken ones.
+    """Listen for a sound frame, and a little longer to count broken ones.
 
-    Raises OSError where the rate cannot be set, or the line is gone.
+    Args:
+        line: The line.
+        rate: Its baud rate.
+        seconds: How long to listen if no sound frame comes.
+
+    Raises:
+        OSError: The rate cannot be set, or the line is lost.
     """
     line.open(rate)
     heard = bytearray()
@@ -366,7 +380,16 @@ def check_line(
     say: Say = lambda text: None,
     rates: Iterable[int] = RATES,
 ) -> Finding:
-    """Whether a board's frames come at ``baud``; if not, at which of the usual rates they do."""
+    """Check whether frames come at ``baud``, or else at which of the usual rates.
+
+    Args:
+        device: Name of the device.
+        line: The device.
+        baud: The rate that the board should have.
+        seconds: How long to listen at each rate.
+        say: Prints what is being done.
+        rates: Other rates to try.
+    """
     try:
         say(f"listening on {device} at {baud} baud for {seconds:g} s")
         heard = listen(line, baud, seconds)
@@ -394,7 +417,7 @@ def _sound(device: str, baud: int, heard: Heard) -> Finding:
 
 
 def _silence(device: str, baud: int, seconds: float) -> Finding:
-    # No ping from us: a board answers an agent's messages within its session only.
+    # No ping is sent: a board answers an agent only within its session.
     return problem(
         "baud",
         f"nothing came over {device} within {seconds:g} s: the board has not started, has no"
@@ -408,7 +431,7 @@ def _elsewhere(
     device: str, line: Line, baud: int, seconds: float, first: Heard, say: Say,
     rates: Iterable[int],
 ) -> Finding:  # fmt: skip
-    """Something came that is no frame: try the other rates."""
+    """Try the other rates: something came, but no frame."""
     text_at: tuple[int, Heard] | None = (baud, first) if first.kind == TEXT else None
     untried = []
     for rate in rates:
@@ -420,7 +443,7 @@ def _elsewhere(
         except OSError as error:
             if error.errno in (errno.EIO, errno.ENODEV, errno.ENXIO, errno.EBADF):
                 raise
-            untried.append(rate)  # a rate that the device does not do
+            untried.append(rate)  # the device does not support it
             continue
         if heard.kind == SOUND:
             return problem(
@@ -438,11 +461,11 @@ def _elsewhere(
             " console, or its firmware is without micro-ROS",
             "flash firmware with a micro-ROS transport on this port, or use the board's other port",
         )
-    left = f" (not tried, the device has not: {', '.join(map(str, untried))})" if untried else ""
+    left = f" (not supported by the device: {', '.join(map(str, untried))})" if untried else ""
     return problem(
         "baud",
-        f"{first.size} bytes came over {device} at {baud} baud and no frame among them, nor at the"
-        f" usual rates{left}",
+        f"{first.size} bytes came over {device} at {baud} baud, but no frame, nor at the usual"
+        f" rates{left}",
         f"uros agent serial --dev {word(device)} --baudrate N, where N is the rate in the"
         " firmware's transport; or flash micro-ROS firmware",
     )

@@ -1,4 +1,4 @@
-"""The snapshots of the agents that run on this machine."""
+"""Collects the snapshots of the agents that run on this machine."""
 
 from __future__ import annotations
 
@@ -11,8 +11,16 @@ Snapshot = dict[str, Any]
 
 
 class Agents:
-    """Those that can be asked, or the one with a pid. ``looks`` are what they said, each time that
-    they were asked.
+    """The agents of this machine, asked several times.
+
+    Args:
+        pid: The only agent to ask; None for all.
+        find: Finds the agents.
+        ask: Asks one for its snapshot.
+
+    Attributes:
+        looks: The snapshots of each time.
+        failed: Findings about agents that did not answer the last time.
     """
 
     def __init__(
@@ -29,22 +37,24 @@ class Agents:
 
     @property
     def now(self) -> list[Snapshot]:
-        """The last look."""
+        """The latest snapshots."""
         return self.looks[-1] if self.looks else []
 
     @property
     def pids(self) -> set[int]:
-        return {int(it["pid"]) for it in self.now if isinstance(it.get("pid"), int)}
+        """The process ids of the agents."""
+        pids = (snapshot.get("pid") for snapshot in self.now)
+        return {pid for pid in pids if isinstance(pid, int)}
 
     def look(self) -> None:
-        """Ask them all once. Who does not answer is a finding in ``failed``."""
+        """Ask all agents once."""
         found: list[Snapshot] = []
         self.failed = []
         try:
             agents = self._find()
         except OSError as error:
             agents = []
-            self.failed.append(unknown("agents", f"agents cannot be looked for: {error}"))
+            self.failed.append(unknown("agents", f"agents cannot be searched for: {error}"))
         for agent in agents:
             try:
                 snapshot = self._ask(agent)
@@ -57,19 +67,19 @@ class Agents:
             self.failed.append(
                 unknown(
                     "agents",
-                    f"there is no agent of uros with pid {self._pid}",
-                    "see which there are: uros agent status",
+                    f"there is no uros agent with pid {self._pid}",
+                    "list the agents: uros agent status",
                 )
             )
         self.looks.append(found)
 
     def nodes(self) -> list[tuple[str, int]]:
-        """The boards' nodes by full name, each with its domain."""
+        """Return the full names of the boards' nodes, each with its domain."""
         return [
             (str(node.get("name")), int(node.get("domain", 0)))
-            for it in self.now
-            if it.get("middleware") not in ("memory", "ced")
-            for client in it.get("clients", [])
+            for snapshot in self.now
+            if snapshot.get("middleware") not in ("memory", "ced")
+            for client in snapshot.get("clients", [])
             for node in client.get("nodes", [])
         ]
 

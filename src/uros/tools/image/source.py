@@ -43,7 +43,7 @@ class ImageSource:
         graph = self._network.graph
         publishers = graph.publishers(self._topic)
         for type_name in TYPES:
-            offered = [it.qos for it in publishers if it.type_name == type_name]
+            offered = [one.qos for one in publishers if one.type_name == type_name]
             if not offered:
                 self._end(type_name)
                 continue
@@ -55,7 +55,7 @@ class ImageSource:
                 self._listen(type_name, qos, manner)
         if self._heard:
             return ""
-        return self._why_nothing({it.type_name for it in publishers})
+        return self._why_nothing({publisher.type_name for publisher in publishers})
 
     def _why_nothing(self, types: set[str]) -> str:
         if types:

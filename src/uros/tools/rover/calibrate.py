@@ -258,9 +258,9 @@ def read_pose(text: str) -> tuple[float, ...]:
         values = [float(word) for word in words]
     except ValueError:
         raise ValueError(f"{text.strip()!r} is not of numbers: 0.998 0.004 1.5") from None
-    if not all(math.isfinite(it) and abs(it) < 1000 for it in values):
+    if not all(math.isfinite(value) and abs(value) < 1000 for value in values):
         raise ValueError("no rover is there: metres and degrees")
-    return (*values[:2], *(math.radians(it) for it in values[2:]))
+    return (*values[:2], *(math.radians(value) for value in values[2:]))
 
 
 class _Rover(Watched):

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         kind = load_service(type_name) if type_name else None
         filled = Filled(kind.Request, text) if kind else None
         servers = _find(network, args)
-        there = sorted({service_type_from_dds(it.type_name) for it in servers})
+        there = sorted({service_type_from_dds(server.type_name) for server in servers})
         if kind is None:
             if len(there) > 1:
                 raise ToolError(
@@ -93,7 +93,7 @@ def _find(network: Network, args: argparse.Namespace) -> list[EndpointInfo]:
     longest = args.timeout
     soon = _DISCOVERY if longest is None else min(_DISCOVERY, longest)
     if not network.spin(lambda: bool(graph.servers(args.service)), soon):
-        known = [it for it in graph.services() if it != args.service]
+        known = [name for name in graph.services() if name != args.service]
         warn(
             f"waiting for service {args.service} to become available;"
             f" there is none{remedy(network, args.service, known)}"
@@ -155,7 +155,7 @@ def _open(
 
     form = args.middleware
     if form == "auto":
-        ours = any(_CYCLONE_FORM in it.qos.user_data for it in servers)
+        ours = any(_CYCLONE_FORM in server.qos.user_data for server in servers)
         form = "dds" if ours else "ros2"
     service = Service(
         f"rq{args.service}Request", kind.Request._DDS_TYPE,

@@ -4,6 +4,7 @@ import argparse
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -13,7 +14,8 @@ from support.lines import SECONDS, UdpLine
 from unit.agent.transports.test_process import agent as process
 
 from uros.agent.observability import status_socket
-from uros.tools.agent import command, status
+from uros.tools import cli
+from uros.tools.agent import command, running_agents, status
 from uros.tools.agent.status import duration, octets, page
 from uros.tools.errors import ToolError
 from uros.wire import ids
@@ -73,7 +75,7 @@ BOARD       ADDRESS               NODES                        HEARD  IN/S  OUT/
 REFUSED     ADDRESS           TIMES       LAST  WHY
 0x00000007  192.168.1.8:2018     12  3.0 s ago  client key in use
   client key in use: another board answers with this key: give each its own (uros: key=, micro-ROS:
-  rmw_uros_options_set_client_key), or end that one"""  # noqa: E501
+  rmw_uros_options_set_client_key), or switch that one off"""  # noqa: E501
 
 
 def test_each_board_with_all_it_has():
@@ -83,7 +85,7 @@ def test_each_board_with_all_it_has():
   messages: 3 sent and not acknowledged, 1 wait for the network, 2 came early
   bytes of fragments: 100
   dropped: 1
-  its clock minus ours: -0.250 s
+  its clock minus the agent's: -0.250 s
   ENDPOINT    TOPIC               TYPE                         SAMPLES
   datawriter  /sensors/room_temp  sensor_msgs/msg/Temperature   12,345"""
     )
@@ -94,7 +96,7 @@ def test_rates_are_between_two_looks():
     after = snapshot(uptime=7502.0, cpu=12.5, clients=[client(received=120, sent=51, age=22.0)])
     text = "\n".join(page(after, before, width=120))
     assert "CPU 10.0 %" in text and "  10.0    0.5  " in text
-    assert "messages a second, since the look before" in text
+    assert "messages a second, since the previous time" in text
     # A session that is another one has no look before.
     anew = snapshot(uptime=7502.0, clients=[client(received=3, age=1.0)])
     assert "  10.0    5.0  " in "\n".join(page(anew, before, width=120))
@@ -193,13 +195,13 @@ def test_status_of_a_running_agent_and_of_one_of_two():
         with process("udp4", "-p", 0, "-m", "memory") as second:
             second.until("status socket open")
             done = run()
-            assert done.returncode == 1 and "choose one with --agent (" in done.stderr
+            assert done.returncode == 1 and "choose one: --agent " in done.stderr
             assert str(pid) in done.stderr and str(second.popen.pid) in done.stderr
             assert json.loads(run("--agent", second.popen.pid, "--json").stdout)["clients"] == []
             assert second.end() == 0
         done = run("--agent", 1)
         assert done.returncode == 1
-        assert "there is no agent with pid 1 to ask; there is " in done.stderr
+        assert "there is no agent with pid 1, choose another one: --agent " in done.stderr
         line.close()
         assert first.end() == 0
 
@@ -229,8 +231,27 @@ def test_watching_shows_it_again_until_the_agent_ends():
 
 def test_where_no_agent_runs_it_says_what_to_do(monkeypatch):
     monkeypatch.setattr(status_socket, "folders", list)
-    with pytest.raises(ToolError, match="no agent of uros runs here .*: start one, such as"):
+    with pytest.raises(ToolError, match="no uros agent runs here .*: start one, such as"):
         command.run(parser().parse_args(["status"]))
+
+
+def test_where_several_agents_run_each_is_named_with_its_transports(monkeypatch):
+    agents = [running_agents.RunningAgent(pid, Path("x")) for pid in (41, 42)]
+
+    def ask(agent, question):
+        if agent.pid == 42:
+            raise ToolError("busy")
+        return {"transports": [{"name": "UDPv4Agent", "label": "port 8888"}]}
+
+    monkeypatch.setattr(running_agents, "find_agents", lambda: agents)
+    monkeypatch.setattr(running_agents, "ask", ask)
+    for verb in (["agent", "status"], ["trace"]):
+        assert cli.main(verb) == 1
+    with pytest.raises(ToolError) as error:
+        running_agents.find_agent()
+    assert str(error.value) == (
+        "2 agents run here, choose one: --agent 41 (UDPv4Agent port 8888) or --agent 42"
+    )
 
 
 def test_no_inspection_leaves_no_socket():

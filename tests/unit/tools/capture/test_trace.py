@@ -247,4 +247,4 @@ def test_no_agent_runs(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setattr("uros.agent.observability.status_socket.folders", lambda: [tmp_path])
     status, _, err = run(capsys)
-    assert status == 1 and "no agent of uros runs here" in err
+    assert status == 1 and "no uros agent runs here" in err

@@ -72,7 +72,7 @@ def test_a_taken_port(kind, protocol, host):
         assert one.state == "problem"
         assert f"{protocol.upper()} port {port} is in use by" in one.what
         assert f"(pid {process.pid})" in one.what
-        kill, other = one.mend.split("; or ")
+        kill, other = one.fix.split("; or ")
         # The other port is free, and what frees this one does so.
         number = int(other.split("--port ")[1].split(",")[0])
         assert f"uros agent {protocol}4 --port {number}" in other
@@ -105,8 +105,8 @@ def test_a_port_that_an_agent_of_ours_has():
     port = free_port()
     with taking("SOCK_DGRAM", port) as process:
         (one,) = check_port(port, {process.pid})
-        assert one.state == "ok" and "an agent of uros" in one.what
-        assert f"kill {process.pid}" in one.mend
+        assert one.state == "ok" and "a uros agent" in one.what
+        assert f"kill {process.pid}" in one.fix
 
 
 def test_a_port_that_an_agent_of_this_command_line_has():
@@ -138,7 +138,7 @@ def test_a_port_of_eprosimas_agent(monkeypatch):
     )
     one = check_port(8888)[0]
     assert one.state == "problem" and "eProsima's agent" in one.what
-    assert one.mend.startswith("kill 4711; or choose another port: uros agent udp4 --port 8889")
+    assert one.fix.startswith("kill 4711; or use another port: uros agent udp4 --port 8889")
 
 
 def test_a_port_of_another_user(monkeypatch):
@@ -147,7 +147,7 @@ def test_a_port_of_another_user(monkeypatch):
     with taking("SOCK_DGRAM", port):
         (one,) = check_port(port)
     assert one.state == "problem" and "another user" in one.what
-    assert f"sudo ss -lpn 'sport = :{port}'" in one.mend
+    assert f"sudo ss -lpn 'sport = :{port}'" in one.fix
 
 
 # --- snapshots ----------------------------------------------------------------------------------
@@ -173,9 +173,9 @@ B = board("0x0000000B", "10.0.0.6:2018", ("/right", 5))
 
 def test_which_agents_run():
     one = check_agents([])
-    assert one.state == "note" and one.mend == "uros agent udp4 --port 8888"
+    assert one.state == "note" and one.fix == "uros agent udp4 --port 8888"
     one = check_agents([snapshot()])
-    assert one.state == "note" and "no board has found it" in one.what
+    assert one.state == "note" and "no board is connected" in one.what
     one = check_agents([snapshot(A, B), snapshot(pid=8)])
     assert one.state == "ok" and "pid 7 with 2 boards, pid 8 with 0 boards" in one.what
 
@@ -192,7 +192,7 @@ def test_a_key_that_is_refused_because_it_is_in_use():
     (one,) = check_keys([[snapshot(A, refused=[refused])]])
     assert one.state == "problem" and "0x0000000A" in one.what
     assert "10.0.0.5:2018" in one.what and "10.0.0.9:2018" in one.what
-    assert "rmw_uros_options_set_client_key" in one.mend and "key=KEY" in one.mend
+    assert "rmw_uros_options_set_client_key" in one.fix and "key=KEY" in one.fix
     assert check_refused([snapshot(A, refused=[refused])]) == []
 
 
@@ -200,29 +200,34 @@ def test_two_boards_that_push_each_other_out():
     other = dict(A, address="10.0.0.9:2018")
     (one,) = check_keys([[snapshot(A)], [snapshot(other)], [snapshot(A)]])
     assert one.state == "problem"
-    assert "10.0.0.5:2018 and 10.0.0.9:2018" in one.what and "key" in one.mend
+    assert "10.0.0.5:2018 and 10.0.0.9:2018" in one.what and "key" in one.fix
 
 
 def test_one_key_on_two_agents():
-    (one,) = check_keys([[snapshot(A), snapshot(A, pid=8)]])
-    assert one.state == "problem" and "(agent 7)" in one.what and "(agent 8)" in one.what
+    """Each agent has clients of its own."""
+    far = dict(A, address="10.0.0.9:2018")
+    (one,) = check_keys([[snapshot(A), snapshot(far, pid=8)]] * 2)
+    assert one.state == "ok" and "of an agent" in one.what
+    (one,) = check_keys([[snapshot(A, far), snapshot(A, pid=8)]])
+    assert one.state == "problem" and one.what.count("(agent 7)") == 2
+    assert "(agent 8)" not in one.what
 
 
 def test_a_board_that_has_moved_once_is_a_note():
     (one,) = check_keys([[snapshot(A)], [snapshot(dict(A, address="10.0.0.5:3000"))]])
-    assert one.state == "note" and "has moved" in one.what
+    assert one.state == "note" and "changed its address" in one.what
 
 
 def test_other_refusals():
     refused = {"key": "0x000000FF", "why": "not in the list of keys", "address": "10.0.0.9:1",
                "times": 2, "ago": 0.5}  # fmt: skip
     (one,) = check_refused([snapshot(refused=[refused])])
-    assert one.state == "problem" and "not in the list of keys" in one.what and one.mend
+    assert one.state == "problem" and "not in the list of keys" in one.what and one.fix
 
 
 def test_an_agent_that_reaches_nobody():
     (one,) = check_middleware([snapshot(A, middleware="memory")])
-    assert one.state == "problem" and "-m memory" in one.mend
+    assert one.state == "problem" and "-m memory" in one.fix
     assert check_middleware([snapshot(A), snapshot(middleware="memory")]) == []
 
 
@@ -230,7 +235,7 @@ def test_an_agent_that_reaches_nobody():
 def test_a_boards_clock_that_is_off(offset, word):
     (one,) = check_clocks([snapshot(dict(A, clock_offset=offset))])
     assert one.state == "note" and "/left" in one.what and word in one.what
-    assert "rmw_uros_sync_session" in one.mend
+    assert "rmw_uros_sync_session" in one.fix
 
 
 @pytest.mark.parametrize("offset", [None, 0.02, -0.1, -1.7e9])
@@ -256,7 +261,7 @@ def test_a_line_that_an_agent_serves(counters, state, words):
     (one,) = check_lines([snapshot(transports=[line(**counters)])])
     assert one.state == state and words in one.what
     if "bytes came" in words:
-        assert one.mend == "kill 7, then: uros doctor --dev /dev/ttyACM0"
+        assert one.fix == "kill 7, then: uros doctor --dev /dev/ttyACM0"
 
 
 def test_many_sound_lines_are_one_line_of_the_report():
@@ -299,7 +304,7 @@ def test_an_agent_that_is_not_there():
     agents = Agents(os.getpid(), find=lambda: [], ask=lambda which: {})
     agents.look()
     (one,) = agents.failed
-    assert one.state == "unknown" and str(os.getpid()) in one.what and one.mend
+    assert one.state == "unknown" and str(os.getpid()) in one.what and one.fix
 
 
 def test_boards_of_a_memory_agent_are_in_no_domain():

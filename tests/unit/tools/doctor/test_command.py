@@ -45,20 +45,20 @@ def test_a_healthy_system_has_no_problem(place):
         assert one_of(found, check).state == OK, check
 
 
-def test_qos_of_a_board_and_the_option_that_mends_it(place):
+def test_qos_of_a_board_and_the_option_that_fixes_it(place):
     domain, port = place
     with listener(domain):
         with agent(port) as which, board(port, domain, BEST_EFFORT):
             (one,), _ = look(which, domain, port)
         assert one.check == "qos" and "/board publishes on /temp" in one.what
-        option = re.fullmatch(r"start the agent with --qos (\S+)", one.mend)[1]
+        option = re.fullmatch(r"start the agent with --qos (\S+)", one.fix)[1]
         assert option == "/temp:reliability=reliable"
         with agent(port, "--qos", option) as which, board(port, domain, BEST_EFFORT):
             problems, found = look(which, domain, port)
         assert problems == [] and one_of(found, "qos").state == OK
 
 
-def test_a_board_in_another_domain_and_the_options_that_mend_it(place):
+def test_a_board_in_another_domain_and_the_options_that_fix_it(place):
     domain, port = place
     with leased_domain() as other, listener(domain):
         with agent(port) as which, board(port, other):
@@ -66,8 +66,8 @@ def test_a_board_in_another_domain_and_the_options_that_mend_it(place):
             assert one.check == "domain"
             assert f"/board in domain {other} publishes /temp" in one.what
             assert f"/listener subscribes to it in domain {domain}" in one.what
-            assert f"export ROS_DOMAIN_ID={other} before /listener starts" in one.mend
-            number = re.search(r"start the agent with --domain (\d+)$", one.mend)[1]
+            assert f"export ROS_DOMAIN_ID={other} before /listener starts" in one.fix
+            number = re.search(r"start the agent with --domain (\d+)$", one.fix)[1]
             # The first way: the listener goes to where the board is.
             with listener(other):
                 assert look(which, other, port)[0] == []
@@ -84,7 +84,7 @@ def test_a_type_that_differs(place):
         (one,), _ = look(which, domain, port)
         assert one.check == "types" and "sensor_msgs/msg/Temperature in /board" in one.what
         assert "std_msgs/msg/Float32 in /listener" in one.what
-    new = re.search(r"--remap (\S+)\)", one.mend)[1]
+    new = re.search(r"--remap (\S+)\)", one.fix)[1]
     with agent(port, "--remap", new) as which, board(port, domain), listener(domain, Float32):
         assert look(which, domain, port)[0] == []
 
@@ -95,7 +95,7 @@ def test_a_boards_clock(place):
         with board(port, domain, clock=-5.0):
             (one,), _ = look(which, domain, port)
             assert one.check == "clock" and "/temp by /board are 5" in one.what
-            assert "behind" in one.what and "rmw_uros_sync_session" in one.mend
+            assert "behind" in one.what and "rmw_uros_sync_session" in one.fix
         with board(port, domain, clock=0.0):
             assert look(which, domain, port)[0] == []
 
@@ -129,10 +129,10 @@ def test_two_boards_with_one_key(place):
     (one,) = problems
     assert one.check == "client key" and "0x0D0C0001" in one.what
     assert len(set(re.findall(r"127\.0\.0\.1:\d+", one.what))) == 2
-    assert "rmw_uros_options_set_client_key" in one.mend
+    assert "rmw_uros_options_set_client_key" in one.fix
 
 
-def test_another_key_mends_it(place):
+def test_another_key_fixes_it(place):
     domain, port = place
     with (
         agent(port) as which,
@@ -162,7 +162,7 @@ def test_an_agent_that_hides_itself(place, monkeypatch):
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         (one,), _ = look(which, domain, port)
     assert one.check == "discovery" and f"the agent {which.pid}" in one.what
-    assert one.mend == "unset ROS_AUTOMATIC_DISCOVERY_RANGE, and start it again"
+    assert one.fix == "unset ROS_AUTOMATIC_DISCOVERY_RANGE, and start it again"
 
 
 @pytest.mark.parametrize(
@@ -207,7 +207,7 @@ def test_a_board_on_a_line(place, monkeypatch, capsys, said, state, words):
     one = one_of([Finding(**it) for it in json.loads(capsys.readouterr().out)["findings"]], "baud")
     assert one.state == state and words in one.what and device in one.what
     assert status == (state == PROBLEM)
-    assert one.mend or state == OK
+    assert one.fix or state == OK
 
 
 def test_security_in_the_shell(place, monkeypatch):
@@ -215,7 +215,7 @@ def test_security_in_the_shell(place, monkeypatch):
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     with agent(port) as which:
         (one,), _ = look(which, domain, port)
-    assert one.check == "security" and "unset ROS_SECURITY_ENABLE" in one.mend
+    assert one.check == "security" and "unset ROS_SECURITY_ENABLE" in one.fix
 
 
 def test_a_domain_that_is_none(place, monkeypatch, capsys):
@@ -223,20 +223,30 @@ def test_a_domain_that_is_none(place, monkeypatch, capsys):
     assert cli.main(["doctor", "--json", "--seconds", "0.1", "--port", str(place[1])]) == 1
     found = json.loads(capsys.readouterr().out)["findings"]
     (one,) = [it for it in found if it["state"] == PROBLEM]
-    assert "banana" in one["what"] and one["mend"] == "export ROS_DOMAIN_ID=0"
+    assert "banana" in one["what"] and one["fix"] == "export ROS_DOMAIN_ID=0"
 
 
 # --- what it looks like -------------------------------------------------------------------------
 
 
 def test_lines_are_whole_and_commands_are_not_broken():
-    mend = "uros agent serial --dev /dev/serial/by-id/usb-" + "x" * 90 + " --baudrate 921600"
-    text = command.lines(Finding("baud", PROBLEM, "the board sends " + "slowly " * 20, mend))
+    fix = "uros agent serial --dev /dev/serial/by-id/usb-" + "x" * 90 + " --baudrate 921600"
+    text = command.lines(Finding("baud", PROBLEM, "the board sends " + "slowly " * 20, fix))
     assert text.splitlines()[0].startswith("problem  baud           the board sends")
-    assert text.splitlines()[-1] == " " * 9 + "mend:          " + mend
+    assert text.splitlines()[-1] == " " * 9 + "fix:           " + fix
     assert all(len(it) <= 100 for it in text.splitlines()[:-1])
     assert command.lines(Finding("port", OK, "free")) == "ok       port           free"
     assert "hint:" in command.lines(Finding("port", NOTE, "taken", "kill 5"))
+
+
+def test_a_fix_is_broken_between_its_parts_and_not_within_a_command():
+    fix = "kill 4711; or use another port: uros agent udp4 --port 8889, and set it in the boards"
+    text = command.lines(Finding("port", PROBLEM, "port 8888 is in use", fix), 72)
+    first, *rest = text.splitlines()[1:]
+    assert first == " " * 9 + "fix:           kill 4711; or use another port:"
+    indent = " " * 24
+    assert rest == [indent + "uros agent udp4 --port 8889,", indent + "and set it in the boards"]
+    assert " ".join([first.split(maxsplit=1)[1], *map(str.strip, rest)]) == fix
 
 
 def test_a_terminal_gets_lines_that_fit_and_the_state_in_colour(capsys, monkeypatch):
@@ -279,10 +289,10 @@ def test_it_prints_as_it_finds(place, capsys):
 @pytest.mark.parametrize(
     "options, words",
     [
-        (["--baudrate", "fast"], "no baud rate"),
-        (["--baudrate", "9" * 5000], "no baud rate"),
-        (["--port", "0"], "no port"),
-        (["--port", "9" * 5000], "no port"),
+        (["--baudrate", "fast"], "not a baud rate"),
+        (["--baudrate", "9" * 5000], "not a baud rate"),
+        (["--port", "0"], "not a port"),
+        (["--port", "9" * 5000], "not a port"),
         (["--domain", "233"], "no domain"),
         (["--seconds", "0"], "no number above 0"),
         (["--agent", "me"], "no whole number"),

@@ -18,7 +18,7 @@ from uros.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliability
 from uros.tools.doctor import clock
 from uros.tools.doctor import graph as doctor_graph
 from uros.tools.doctor import qos as doctor_qos
-from uros.tools.doctor.graph import End, Picture, check_domains, check_types, ends
+from uros.tools.doctor.graph import End, Picture, check_domains, check_names, check_types, ends
 from uros.tools.doctor.qos import check_qos, mismatches
 
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
@@ -124,7 +124,7 @@ def test_every_mismatch_has_a_way_out(offered, requested):
     assert mismatches(offered, offered) == []
     for one in mismatches(offered, requested):
         for boards in ((), ("/w",), ("/r",)):
-            assert doctor_qos._mend("/t", "/w", "/r", one, boards)
+            assert doctor_qos._fix("/t", "/w", "/r", one, boards)
 
 
 # --- QoS: planted -------------------------------------------------------------------------------
@@ -185,9 +185,9 @@ def test_a_pair_that_does_not_match(make, domain, offered, requested, policy, op
     assert one.state == "problem" and f"{policy} offered" in one.what
     assert "/talker publishes on /t" in one.what and "/listener" in one.what
     if option:
-        assert one.mend == f"start the agent with --qos /t:{option}"
+        assert one.fix == f"start the agent with --qos /t:{option}"
     else:
-        assert policy in one.mend and "/talker and /listener" in one.mend
+        assert policy in one.fix and "/talker and /listener" in one.fix
 
 
 def test_a_pair_that_matches(make, domain):
@@ -198,16 +198,16 @@ def test_a_pair_that_matches(make, domain):
     assert one.state == "ok" and "the one pair" in one.what
 
 
-def test_code_that_mends_is_named_for_nodes_that_are_no_boards(make, domain):
+def test_code_that_fixes_is_named_for_nodes_that_are_no_boards(make, domain):
     make("talker", domain).create_publisher(String, "/t", QoSProfile(5, BEST_EFFORT))
     make("listener", domain).create_subscription(String, "/t", print, 10)
     (one,) = qos_in(domain)
-    assert one.mend == (
-        "in /listener, make the subscription of /t with"
+    assert one.fix == (
+        "in /listener, create the subscription of /t with"
         " QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, ...)"
     )
     (one,) = qos_in(domain, {"/listener"})
-    assert one.mend == "start the agent with --qos /t:reliability=best_effort"
+    assert one.fix == "start the agent with --qos /t:reliability=best_effort"
 
 
 # --- types --------------------------------------------------------------------------------------
@@ -231,8 +231,25 @@ def test_types_that_differ(make, domain):
     assert one.state == "problem" and one.what.startswith("/t has different types")
     assert "std_msgs/msg/String in /talker" in one.what
     assert "std_msgs/msg/Int32 in /listener" in one.what
-    assert "-r /t:=/t_2" in one.mend and "--remap /t:=/t_2" in one.mend
+    assert "-r /t:=/t_2" in one.fix and "--remap /t:=/t_2" in one.fix
     assert qos_in(domain) == []  # which is no matter of QoS
+
+
+def test_two_nodes_of_one_name(make, domain):
+    for _ in range(2):
+        make("talker", domain).create_publisher(String, "/t", 10)
+    make("listener", domain)
+    (one,) = looking(
+        domain, lambda network, ours: check_names(Picture(network.graph, ours), domain)
+    )
+    assert one.state == "note" and one.what.startswith("2 nodes in domain")
+    assert "/talker" in one.what and "-r __node:=" in one.fix
+
+
+def test_nodes_whose_names_differ():
+    told = graph(("/t", "w", True, "my/msg/T", ""), ("/t", "r", False, "my/msg/T", ""))
+    told.nodes = lambda: ["/w", "/r", "/lab/w"]
+    assert check_names(Picture(told), 0) == []
 
 
 def graph(*endpoints):
@@ -258,7 +275,7 @@ def test_one_type_in_two_versions():
     told = graph(("/t", "w", True, "my/msg/T", first), ("/t", "r", False, "my/msg/T", second))
     (one,) = check_types(Picture(told), 0)
     assert one.state == "problem" and "my/msg/T of /t is not the same everywhere" in one.what
-    assert "/w" in one.what and "/r" in one.what and "ros2 interface show my/msg/T" in one.mend
+    assert "/w" in one.what and "/r" in one.what and "ros2 interface show my/msg/T" in one.fix
     told = graph(("/t", "w", True, "my/msg/T", first), ("/t", "r", False, "my/msg/T", "INVALID"))
     (one,) = check_types(Picture(told), 0)
     assert one.state == "ok"
@@ -282,14 +299,14 @@ def test_a_talker_and_a_listener_in_different_domains(make, domain):
         assert one.state == "problem"
         assert f"/talker in domain {domain} publishes /t" in one.what
         assert f"/listener subscribes to it in domain {other}" in one.what
-        assert one.mend == (
+        assert one.fix == (
             f"export ROS_DOMAIN_ID={domain} before /listener starts, or start the agent with"
             f" --domain {other}"
         )
-        # As the second half of the mending says:
-        make("mended", other).create_publisher(String, "/t", 10)
+        # As the second half of the fix says:
+        make("moved", other).create_publisher(String, "/t", 10)
         found = ends_in(domain, other)
-        assert check_domains({other: found[other]}, [("/mended", other)], [other])[0].state == "ok"
+        assert check_domains({other: found[other]}, [("/moved", other)], [other])[0].state == "ok"
 
 
 @pytest.mark.parametrize(
@@ -311,20 +328,20 @@ def test_ends_in_different_domains_that_are_meant_so(here, there):
 def test_a_subscriber_on_a_board_in_another_domain():
     here, there = [End("/cmd", "T", "/teleop", True)], [End("/cmd", "T", "/board", False)]
     (one,) = check_domains({0: here, 5: there}, [("/board", 5)], [0])
-    assert "--domain 0" in one.mend and "export ROS_DOMAIN_ID=5 before /teleop" in one.mend
+    assert "--domain 0" in one.fix and "export ROS_DOMAIN_ID=5 before /teleop" in one.fix
 
 
 def test_a_board_where_nobody_looks():
     (one,) = check_domains({0: [], 5: [End("/t", "T", "/b", True)]}, [("/b", 5)], [0])
     assert one.state == "problem" and "the board's node /b is in domain 5" in one.what
-    assert "export ROS_DOMAIN_ID=5" in one.mend and "--domain 0" in one.mend
+    assert "export ROS_DOMAIN_ID=5" in one.fix and "--domain 0" in one.fix
     (one,) = check_domains({5: [End("/t", "T", "/b", True)]}, [("/b", 5)], [5])
     assert one.state == "ok"
 
 
 def test_domains_without_anybody():
     (one,) = check_domains({0: [], 3: []}, [], [3])
-    assert one.state == "note" and "uros doctor --domain N" in one.mend
+    assert one.state == "note" and "uros doctor --domain N" in one.fix
 
 
 # --- clocks -------------------------------------------------------------------------------------
@@ -368,7 +385,7 @@ def test_stamps_that_are_off(make, domain, seconds, words):
     (one,) = stamped_by(make, domain, seconds)
     assert one.state == "problem" and words in one.what
     assert "/temp by /talker" in one.what
-    assert "rmw_uros_sync_session" in one.mend and "node.clock.stamp" in one.mend
+    assert "rmw_uros_sync_session" in one.fix and "node.clock.stamp" in one.fix
 
 
 def test_stamps_that_are_right(make, domain):
@@ -413,7 +430,7 @@ def test_which_types_are_stamped():
 
 def test_the_hosts_own_clock():
     one = clock.check_host()
-    assert one.state in ("ok", "note", "unknown") and (one.state != "note" or one.mend)
+    assert one.state in ("ok", "note", "unknown") and (one.state != "note" or one.fix)
 
 
 def test_names_of_nodes_that_are_not_known():
@@ -430,11 +447,11 @@ def test_names_that_are_commands_stay_words():
     """Whoever copies the line into a shell runs uros, and nothing else."""
     evil = "/x; rm -rf ~"
     one = doctor_qos.Mismatch("reliability", "best_effort", "reliable", "a=b", "a=c")
-    mend = doctor_qos._mend(evil, "/board", "/other", one, {"/board"})
-    assert shlex.split(mend)[-1] == evil + ":a=b"
+    fix = doctor_qos._fix(evil, "/board", "/other", one, {"/board"})
+    assert shlex.split(fix)[-1] == evil + ":a=b"
     told = graph((evil, "w", True, "A", "INVALID"), (evil, "r", False, "B", "INVALID"))
     (one,) = check_types(Picture(told), 0)
-    assert f"-r '{evil}:={evil}_2'" in one.mend and f"--remap '{evil}:={evil}_2'" in one.mend
+    assert f"-r '{evil}:={evil}_2'" in one.fix and f"--remap '{evil}:={evil}_2'" in one.fix
 
 
 def test_a_graph_of_very_many_pairs_is_cut_short():

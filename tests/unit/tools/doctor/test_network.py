@@ -38,10 +38,10 @@ print(json.dumps([it.plain() for it in check_multicast({}, 7)]))
 """
 
 
-def in_a_network(fault="", mend=""):
-    """What the doctor finds in a planted network, and once more after ``mend``."""
+def in_a_network(fault="", fix=""):
+    """What the doctor finds in a planted network, and once more after ``fix``."""
     look = f"{shlex.quote(sys.executable)} -c {shlex.quote(LOOK)}"
-    script = "\n".join([PLANT, fault, look, mend, look])
+    script = "\n".join([PLANT, fault, look, fix, look])
     done = subprocess.run(
         ["unshare", "--net", "--map-root-user", "sh", "-c", script],
         capture_output=True, text=True, timeout=30,
@@ -58,18 +58,18 @@ def test_a_healthy_network():
 
 
 @pytest.mark.parametrize(
-    "fault, words, mend",
+    "fault, words, fix",
     [
-        ("ip link set net0 multicast off", "net0 (10.9.9.1) is set to no multicast",
+        ("ip link set net0 multicast off", "net0 (10.9.9.1) has multicast switched off",
          "ip link set net0 multicast on"),
         ("echo 0 > /proc/sys/net/ipv4/igmp_max_memberships", "cannot be used on net0",
          "sysctl -w net.ipv4.igmp_max_memberships=20"),
     ],
 )  # fmt: skip
-def test_a_network_without_multicast(fault, words, mend):
-    (before,), (after,) = in_a_network(fault, mend)
+def test_a_network_without_multicast(fault, words, fix):
+    (before,), (after,) = in_a_network(fault, fix)
     assert before["state"] == "problem" and words in before["what"]
-    assert before["mend"] == "sudo " + mend
+    assert before["fix"] == "sudo " + fix
     assert after["state"] == "ok"
 
 
@@ -77,7 +77,7 @@ def test_a_machine_without_a_network():
     (one,), _ = in_a_network("ip link del net0")
     assert one["state"] == "note" and "no network interface" in one["what"]
     (one,), (after,) = in_a_network("ip link del net0; ip link set lo down", "ip link set lo up")
-    assert one["state"] == "problem" and one["mend"] == "sudo ip link set lo up"
+    assert one["state"] == "problem" and one["fix"] == "sudo ip link set lo up"
     assert after["state"] == "note"
 
 
@@ -91,10 +91,10 @@ def test_multicast_that_is_dropped(monkeypatch):
     monkeypatch.setattr(network, "ufw_is_on", lambda: False)
     (one,) = check_multicast({}, 0, [ETHERNET])
     assert one.state == "problem" and "a firewall drops it" in one.what
-    assert "iptables -I INPUT" in one.mend and "ROS_STATIC_PEERS" in one.mend
+    assert "iptables -I INPUT" in one.fix and "ROS_STATIC_PEERS" in one.fix
     monkeypatch.setattr(network, "ufw_is_on", lambda: True)
     (one,) = check_multicast({}, 0, [ETHERNET])
-    assert "sudo ufw allow in proto udp to 224.0.0.0/4" in one.mend and "10.1.2.0/24" in one.mend
+    assert "sudo ufw allow in proto udp to 224.0.0.0/4" in one.fix and "10.1.2.0/24" in one.fix
 
 
 def test_multicast_that_may_not_be_sent(monkeypatch):
@@ -106,7 +106,7 @@ def test_multicast_that_may_not_be_sent(monkeypatch):
     monkeypatch.setattr(network, "comes_back", forbidden)
     (one,) = check_multicast({}, 0, [ETHERNET])
     assert one.state == "problem" and "Operation not permitted" in one.what
-    assert "iptables" in one.mend or "ufw" in one.mend
+    assert "iptables" in one.fix or "ufw" in one.fix
 
 
 def test_interfaces_that_do_not_count(monkeypatch):
@@ -117,7 +117,7 @@ def test_interfaces_that_do_not_count(monkeypatch):
     vpn = Interface("wg0", 4, 0x00D1, "10.8.0.2")
     lo = Interface("lo", 1, 0x49, "127.0.0.1")
     one, two = check_multicast({}, 0, [lo, docker, vpn, ETHERNET])
-    assert one.state == "note" and "wg0" in one.what and "ROS_STATIC_PEERS" in one.mend
+    assert one.state == "note" and "wg0" in one.what and "ROS_STATIC_PEERS" in one.fix
     assert two.state == "ok" and "eth7" in two.what
 
 
@@ -148,13 +148,13 @@ def test_ports_and_interfaces():
 
 
 @pytest.mark.parametrize(
-    "environment, state, words, mend",
+    "environment, state, words, fix",
     [
         ({}, "ok", "the whole subnet", ""),
         ({"ROS_LOCALHOST_ONLY": "0"}, "ok", "the whole subnet", ""),
         ({"ROS_LOCALHOST_ONLY": "1"}, "note", "ROS_LOCALHOST_ONLY=1", "unset ROS_LOCALHOST_ONLY"),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "10.0.0.3"}, "note",
-         "but for the peers 10.0.0.3", "unset ROS_AUTOMATIC_DISCOVERY_RANGE"),
+         "except the peers 10.0.0.3", "unset ROS_AUTOMATIC_DISCOVERY_RANGE"),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, "problem", "found by nobody",
          "unset ROS_AUTOMATIC_DISCOVERY_RANGE"),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "HERE"}, "problem", "'HERE' does not exist",
@@ -162,13 +162,13 @@ def test_ports_and_interfaces():
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "system_default"}, "note", "DDS configuration", ""),
     ],
 )  # fmt: skip
-def test_the_range_of_discovery(environment, state, words, mend):
+def test_the_range_of_discovery(environment, state, words, fix):
     (one,) = check_range(environment)
     assert one.state == state and words in one.what and "this shell" in one.what
-    assert mend in one.mend
+    assert fix in one.fix
     # What the command leaves is well.
-    if one.mend.endswith(tuple(environment)):
-        left = {k: v for k, v in environment.items() if k != one.mend.split()[-1]}
+    if one.fix.endswith(tuple(environment)):
+        left = {k: v for k, v in environment.items() if k != one.fix.split()[-1]}
         assert check_range(left)[0].state == "ok"
 
 
@@ -190,15 +190,15 @@ def test_the_agents_environment_is_told_apart():
          "problem", "wlan77, which is not up"),
         ("<General><NetworkInterfaceAddress>10.77.77.77</NetworkInterfaceAddress></General>",
          "problem", "10.77.77.77, which is not up"),
-        ("<General><AllowMulticast>", "problem", "no XML"),
+        ("<General><AllowMulticast>", "problem", "not sound XML"),
         ("file:///no/such/file.xml", "problem", "/no/such/file.xml, which cannot be read"),
-        ("<Tracing><Verbosity>warning</Verbosity></Tracing>", "ok", "does not narrow"),
+        ("<Tracing><Verbosity>warning</Verbosity></Tracing>", "ok", "does not limit"),
     ],
 )  # fmt: skip
 def test_a_users_own_cyclone(uri, state, words):
     (one,) = check_cyclone({"CYCLONEDDS_URI": uri})
     assert one.state == state and words in one.what
-    assert state == "ok" or "unset CYCLONEDDS_URI" in one.mend
+    assert state == "ok" or "unset CYCLONEDDS_URI" in one.fix
     assert check_cyclone({}) == []
 
 
@@ -215,7 +215,7 @@ def test_security():
     assert check_security({}) == check_security({"ROS_SECURITY_ENABLE": "false"}) == []
     (one,) = check_security({"ROS_SECURITY_ENABLE": "true"})
     assert one.state == "problem" and "no SROS 2" in one.what
-    assert one.mend.startswith("unset ROS_SECURITY_ENABLE")
+    assert one.fix.startswith("unset ROS_SECURITY_ENABLE")
 
 
 def test_the_firewall(tmp_path):
@@ -226,5 +226,5 @@ def test_the_firewall(tmp_path):
     file.write_text("# comment\nENABLED=yes\nLOGLEVEL=low\n")
     assert ufw_is_on(file)
     (one,) = check_firewall(True)
-    assert one.state == "note" and "sudo ufw allow 8888" in one.mend
+    assert one.state == "note" and "sudo ufw allow 8888" in one.fix
     assert check_firewall(False) == []

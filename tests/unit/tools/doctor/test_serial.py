@@ -65,10 +65,10 @@ def test_a_device_that_is_not_there(tmp_path):
     gone = str(tmp_path / "ttyACM0")
     one = only(check_device(gone, known=lambda: []))
     assert one.state == "problem" and "unplugged" in one.what
-    assert "ls /dev/ttyACM*" in one.mend
+    assert "ls /dev/ttyACM*" in one.fix
     one = only(check_device(gone, known=lambda: ["/dev/ttyACM1", "/dev/ttyUSB0"]))
     assert "/dev/ttyACM1, /dev/ttyUSB0" in one.what
-    assert "--dev /dev/ttyACM1" in one.mend
+    assert "--dev /dev/ttyACM1" in one.fix
 
 
 def test_the_command_for_a_missing_device_names_one_that_works(tmp_path, terminal):
@@ -78,7 +78,7 @@ def test_the_command_for_a_missing_device_names_one_that_works(tmp_path, termina
     known = serial.ports([terminal[1]], str(tmp_path / "by-id"))
     assert known == [str(named)]
     one = only(check_device("/dev/no-such-board", known=lambda: known))
-    device = one.mend.split("--dev ")[1]
+    device = one.fix.split("--dev ")[1]
     assert only(check_device(device)).state == "ok"
 
 
@@ -101,7 +101,7 @@ def test_what_is_no_device(tmp_path, make, kind):
 def test_a_character_device_that_is_no_terminal():
     one = only(check_device("/dev/null", known=lambda: []))
     assert one.state == "problem" and "not a serial device" in one.what
-    assert "kill" not in one.mend  # half of all processes hold it
+    assert "kill" not in one.fix  # half of all processes hold it
 
 
 def test_the_terminal_that_the_doctor_runs_in(terminal):
@@ -132,7 +132,7 @@ def as_nobody(device, groups):
             os.setgid(65534)
             os.setuid(65534)
             one = check_device(device, known=lambda: [])[-1]
-            os.write(writing, "\n".join([one.state, one.what, one.mend]).encode())
+            os.write(writing, "\n".join([one.state, one.what, one.fix]).encode())
         finally:
             os._exit(0)
     os.close(writing)
@@ -147,9 +147,9 @@ def test_no_permission_by_the_group(terminal):
     gid = grp.getgrnam("dialout").gr_gid
     os.chown(terminal[1], 0, gid)
     os.chmod(terminal[1], 0o660)
-    state, what, mend = as_nobody(terminal[1], [])
+    state, what, fix = as_nobody(terminal[1], [])
     assert state == "problem" and "its group is dialout" in what
-    assert mend == "sudo usermod -aG dialout $USER, then log out and in again"
+    assert fix == "sudo usermod -aG dialout $USER, then log out and in again"
     # What that command does to the next session:
     assert as_nobody(terminal[1], [gid])[0] == "ok"
 
@@ -157,9 +157,9 @@ def test_no_permission_by_the_group(terminal):
 @pytest.mark.skipif(os.getuid() != 0, reason="not on this platform: takes root to be nobody")
 def test_no_permission_for_anybody(terminal):
     os.chmod(terminal[1], 0o600)
-    state, what, mend = as_nobody(terminal[1], [])
+    state, what, fix = as_nobody(terminal[1], [])
     assert state == "problem" and terminal[1] in what
-    subprocess.run(shlex.split(mend.removeprefix("sudo ")), check=True)
+    subprocess.run(shlex.split(fix.removeprefix("sudo ")), check=True)
     assert as_nobody(terminal[1], [])[0] == "ok"
 
 
@@ -168,8 +168,8 @@ def test_a_busy_device(terminal):
         one = check_device(terminal[1])[-1]
         assert one.state == "problem" and one.check == "busy"
         assert f"(pid {process.pid})" in one.what
-        assert one.mend == f"kill {process.pid}"
-        subprocess.run(shlex.split(one.mend), check=True)
+        assert one.fix == f"kill {process.pid}"
+        subprocess.run(shlex.split(one.fix), check=True)
         process.wait(10)
         assert check_device(terminal[1])[-1].state == "ok"
 
@@ -177,7 +177,7 @@ def test_a_busy_device(terminal):
 def test_a_device_that_an_agent_of_ours_serves(terminal):
     with holder(terminal[1]) as process:
         one = check_device(terminal[1], {process.pid})[-1]
-        assert one.state == "note" and "served by an agent of uros" in one.what
+        assert one.state == "note" and "served by a uros agent" in one.what
 
 
 def test_a_busy_device_whose_holder_is_hidden(terminal, monkeypatch):
@@ -189,7 +189,7 @@ def test_a_busy_device_whose_holder_is_hidden(terminal, monkeypatch):
     finally:
         os.close(fd)
     assert one.state == "problem" and "in use by another program" in one.what
-    assert f"fuser -v {terminal[1]}" in one.mend
+    assert f"fuser -v {terminal[1]}" in one.fix
     assert check_device(terminal[1])[-1].state == "ok"
 
 
@@ -199,17 +199,17 @@ def test_modem_manager(terminal, monkeypatch, tmp_path):
     monkeypatch.setattr(os.path, "realpath", lambda path: "/dev/ttyACM3")
     monkeypatch.setattr(doctor_process, "holders_of_file", lambda path: [])
     hint, rest = check_device(terminal[1])
-    assert hint.state == "note" and "systemctl disable --now ModemManager" in hint.mend
+    assert hint.state == "note" and "systemctl disable --now ModemManager" in hint.fix
     assert rest.state == "ok"
     monkeypatch.setattr(doctor_process, "holders_of_file", lambda path: [manager])
     one = only(check_device(terminal[1]))
-    assert one.state == "problem" and one.mend == "sudo systemctl disable --now ModemManager"
+    assert one.state == "problem" and one.fix == "sudo systemctl disable --now ModemManager"
 
 
 def test_brltty_where_the_board_should_be(monkeypatch):
     monkeypatch.setattr(doctor_process, "running", lambda name: doctor_process.Process(5, name))
     one = only(check_device("/dev/ttyUSB99", known=lambda: []))
-    assert "brltty" in one.what and "sudo apt remove brltty" in one.mend
+    assert "brltty" in one.what and "sudo apt remove brltty" in one.fix
 
 
 # --- processes ----------------------------------------------------------------------------------
@@ -300,17 +300,17 @@ def test_the_wrong_baud_rate(rate):
     uart = Uart(FRAMES, rate)
     one, said = look(uart)
     assert one.state == "problem" and f"sends at {rate} baud, not at 115200" in one.what
-    assert one.mend == f"uros agent serial --dev /dev/ttyX --baudrate {rate}"
+    assert one.fix == f"uros agent serial --dev /dev/ttyX --baudrate {rate}"
     assert said[-1] == f"no frames; trying {rate} baud"
     # The command's own rate is right.
-    assert look(Uart(FRAMES, rate), int(one.mend.split()[-1]))[0].state == "ok"
+    assert look(Uart(FRAMES, rate), int(one.fix.split()[-1]))[0].state == "ok"
 
 
 def test_a_rate_that_is_none_of_the_usual():
     one, _ = look(Uart(FRAMES, 250001, refuses=(1500000, 2000000)))
     assert one.state == "problem" and "nor at the usual rates" in one.what
     assert "1500000" in one.what and "2000000" in one.what
-    assert "--baudrate N" in one.mend
+    assert "--baudrate N" in one.fix
 
 
 def test_only_text():
@@ -327,7 +327,7 @@ def test_text_between_frames_is_no_fault():
 def test_silence():
     one, _ = look(Uart(b"", 115200))
     assert one.state == "problem" and "nothing came" in one.what
-    assert "reset button" in one.mend and "uros doctor --dev /dev/ttyX" in one.mend
+    assert "reset button" in one.fix and "uros doctor --dev /dev/ttyX" in one.fix
 
 
 def test_a_line_with_many_broken_frames():
@@ -336,7 +336,7 @@ def test_a_line_with_many_broken_frames():
     for at in range(0, len(broken), 2 * size):
         broken[at + 6] ^= 1
     one, _ = look(Uart(bytes(broken), 115200))
-    assert one.state == "problem" and "are broken" in one.what and "cable" in one.mend
+    assert one.state == "problem" and "are broken" in one.what and "cable" in one.fix
 
 
 def test_a_line_that_is_gone_meanwhile():
