@@ -25,9 +25,16 @@ from random import Random
 from types import SimpleNamespace
 
 from uros.agent.persistence import records as keeping
-from uros.agent.persistence.journal import SLOT_SIZE, SLOTS, StateError, open_state, record, seal
-from uros.agent.persistence.records import SLOT_HEAD, About, Incoming, Kept, Outgoing
-from uros.agent.persistence.session_store import Keeper
+from uros.agent.persistence.journal import (
+    SLOT_SIZE,
+    SLOTS,
+    JournalError,
+    open_journal,
+    record,
+    seal,
+)
+from uros.agent.persistence.records import SLOT_HEAD, ClientInfo, ClientRecords, Incoming, Outgoing
+from uros.agent.persistence.session_store import SessionStore
 from uros.wire import entities, ids
 
 from . import records
@@ -112,23 +119,23 @@ def one_input(data: bytes) -> None:
 
 def _start(path: str) -> None:
     try:
-        file = open_state(path)
-    except StateError as error:
+        file = open_journal(path)
+    except JournalError as error:
         must(path in str(error), "the file is not named")
         return
     world = World()
-    keeper = Keeper(file, world.agent.log)
+    store = SessionStore(file, world.agent.log)
     server = SimpleNamespace(
         agent=world.agent, transports=[world.place], wake_at=world.wake_at, now=world.now
     )
     world.place.lasting = True
     try:
-        keeper.open(server)  # type: ignore[arg-type]
+        store.open(server)  # type: ignore[arg-type]
         _go_on(world)
     finally:
-        keeper.close()
+        store.close()
     # What it has written is sound, and says the same.
-    again = open_state(path)
+    again = open_journal(path)
     content = again.read()
     must(not content.damaged, f"its own file is damaged: {content.damaged}")
     by_serial: dict[int, dict[int, bytes]] = {}
@@ -136,7 +143,7 @@ def _start(path: str) -> None:
         by_serial.setdefault(serial, {})[number] = payload
     for slot in content.slots.values():
         _, serial, _, _ = SLOT_HEAD.unpack_from(slot)
-        Kept.of(slot, by_serial.get(serial, {}))
+        ClientRecords.parse(slot, by_serial.get(serial, {}))
     again.close(True)
     if WITNESS_KEY not in world.agent.clients:
         world.tampered = True  # the file had its own idea of who that is
@@ -163,10 +170,10 @@ def _go_on(world: World) -> None:
 # --- good inputs ----------------------------------------------------------------------
 
 
-def _kept(number: int) -> Kept:
+def _kept(number: int) -> ClientRecords:
     """A client with a writer and a reader, in the middle of things."""
-    about = About(key_of(number), 0x81, 512, "FuzzAgent ", number, [("uxr_hl", "500")])
-    kept = Kept(about)
+    about = ClientInfo(key_of(number), 0x81, 512, "FuzzAgent ", number, [("uxr_hl", "500")])
+    kept = ClientRecords(about)
     for object_id, kind, content, parent in (
         (0x011, 1, built(entities.push_binary_participant, "kept", None), 0),
         (0x012, 2, built(entities.push_binary_topic, "rt/chatter", "T"), 0x011),
@@ -184,8 +191,8 @@ def _kept(number: int) -> Kept:
     return kept
 
 
-def _said(kept: Kept) -> list[records.Record]:
-    slot, journal, _ = kept.write(1)
+def _said(kept: ClientRecords) -> list[records.Record]:
+    slot, journal, _ = kept.encode(1)
     from uros.agent.persistence.journal import records_in
 
     found: list[records.Record] = [(1, payload) for _, _, payload in records_in(bytes(journal))]
@@ -193,8 +200,9 @@ def _said(kept: Kept) -> list[records.Record]:
 
 
 def seeds() -> Iterator[tuple[str, bytes]]:
-    bare = Kept(About(key_of(2), 0x81, 256, "FuzzAgent ", 2))
-    asleep = Kept(About(key_of(3), 0x81, 256, "SerialAgent /dev/ttyUSB0", 1, [], time.time()))
+    bare = ClientRecords(ClientInfo(key_of(2), 0x81, 256, "FuzzAgent ", 2))
+    where = "SerialAgent /dev/ttyUSB0"
+    asleep = ClientRecords(ClientInfo(key_of(3), 0x81, 256, where, 1, [], time.time()))
     yield "one", b"\x06" + records.pack(_said(_kept(1)))
     yield "several", b"\x02" + records.pack([*_said(_kept(1)), *_said(bare), *_said(asleep)])
     yield "old", b"\0" + records.pack(_said(bare))

@@ -216,8 +216,8 @@ class World:
             must(turns < 10_000, "sessions want attention for ever")
             attended = list(agent.attended)
             agent.attended.clear()
-            if agent.keeper is not None:
-                agent.keeper.keep(attended)
+            if agent.session_store is not None:
+                agent.session_store.keep(attended)
             for it in attended:
                 it.finish()
                 agent.flush(it)

@@ -187,12 +187,12 @@ def test_a_rule_that_cannot_be_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_state_that_is_not_sound_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    from uros.agent.persistence.session_store import Keeper
+    from uros.agent.persistence.session_store import SessionStore
 
     def restored(self, kept):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(Keeper, "_restore", restored)
+    monkeypatch.setattr(SessionStore, "_restore", restored)
     with pytest.raises(ZeroDivisionError):
         target("state").one_input(kept_as("state", "one"))
 

@@ -82,7 +82,7 @@ class Agent:
         self.rules = rules or Rules()
         self.admission = admission or Admission()
         self.refusals = Refusals()
-        self.keeper: Persistence | None = None  # with --state
+        self.session_store: Persistence | None = None  # with --state
         self.clients: dict[int, ProxyClient] = {}
         self.limits = limits or Limits()
         self.budget = MemoryBudget(self.limits.memory, lambda: self.clients.values(), self._dismiss)
@@ -268,8 +268,8 @@ class Agent:
         """
         if request is None:
             self._move(self.clients[key], transport, peer)
-            if self.keeper is not None:
-                self.keeper.placed(self.clients[key], transport, peer, None)
+            if self.session_store is not None:
+                self.session_store.placed(self.clients[key], transport, peer, None)
             return
         status = ids.STATUS_ERR_RESOURCES
         if self._has_room(key, transport, peer):  # who waited may have lost it meanwhile
@@ -357,8 +357,8 @@ class Agent:
             self.attend(client.session)
             self.log.info("Root", "create_client", "session re-established", about)
         self._move(client, transport, peer)
-        if self.keeper is not None:
-            self.keeper.placed(client, transport, peer, properties)
+        if self.session_store is not None:
+            self.session_store.placed(client, transport, peer, properties)
         self.liveliness.enroll(client, properties)
 
     def _may_go_on(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> bool:
@@ -468,8 +468,8 @@ class Agent:
         client = self.clients.pop(key, None)
         if client is None:
             return False
-        if self.keeper is not None:
-            self.keeper.forget(key)
+        if self.session_store is not None:
+            self.session_store.forget(key)
         client.close()
         self.heap.somebody_left = True
         place = self._places.pop(key, None)

@@ -97,7 +97,7 @@ class AgentContext(Protocol):
     budget: MemoryBudget
     time_budget: TimeBudget
     close_queue: DeferredCloseQueue
-    keeper: Persistence | None
+    session_store: Persistence | None
     attended: set[Session]
     domain_of_agent: int
     domain_override: int | None

@@ -190,7 +190,7 @@ class Server:
         """Samples of boards are acknowledged that others have not been given yet: with ``--state``
         these sessions go on, and nobody else has them.
         """
-        if self.agent.keeper is not None:
+        if self.agent.session_store is not None:
             self._dispatch()
             self._attend()
 
@@ -280,7 +280,7 @@ class Server:
         while attended:
             sessions = list(attended)
             attended.clear()
-            if (keeper := self.agent.keeper) is not None:
+            if (keeper := self.agent.session_store) is not None:
                 self._try(keeper.keep, sessions)  # what clients will be told, before they are
             for session in sessions:
                 try:

@@ -17,8 +17,8 @@ from unit.agent.transports.faults import wait_for
 
 from uros.agent.agent import Agent
 from uros.agent.log import Log
-from uros.agent.persistence.journal import open_state
-from uros.agent.persistence.session_store import Keeper
+from uros.agent.persistence.journal import open_journal
+from uros.agent.persistence.session_store import SessionStore
 from uros.agent.server import Server
 from uros.agent.transports.base import TransportError
 from uros.agent.transports.tcp import TcpServer
@@ -125,7 +125,8 @@ def test_with_state_what_was_acknowledged_is_handed_on_before_the_end(monkeypatc
 
     monkeypatch.setattr(MemoryWriter, "write", write_and_end)
     one = Running()
-    one.server.attachments.append(Keeper(open_state(str(tmp_path / "state")), one.agent.log))
+    journal = open_journal(str(tmp_path / "state"))
+    one.server.attachments.append(SessionStore(journal, one.agent.log))
     one.thread.start()
     assert one.server.ready.wait(SECONDS)
     first, second = one.client(1), one.client(2)

@@ -242,8 +242,8 @@ class ProxyClient:
         about = self._factory.make(self, thing)
         self.objects[object_id] = thing
         self._kept += thing.kept
-        if self._agent.keeper is not None:
-            self._agent.keeper.created(self, thing, (form, content, kind, parent, little))
+        if self._agent.session_store is not None:
+            self._agent.session_store.created(self, thing, (form, content, kind, parent, little))
         name = KIND_NAMES[kind]
         self.log(
             INFO, "ProxyClient", f"create_{name}", f"{name} created",
@@ -317,8 +317,8 @@ class ProxyClient:
         self._create_object(object_id, kind, form, content, parent, little, 0)
 
     def _forget(self, thing: XrceObject) -> None:
-        if self._agent.keeper is not None:
-            self._agent.keeper.deleted(self, thing.object_id)
+        if self._agent.session_store is not None:
+            self._agent.session_store.deleted(self, thing.object_id)
         self.close_object(thing)
         self._kept -= thing.kept
         del self.objects[thing.object_id]
@@ -392,8 +392,8 @@ class ProxyClient:
         assert thing.endpoint is not None and not isinstance(thing.endpoint, WriterEndpoint)
         if control is not None and control[0] == 0:
             thing.delivery = None
-            if self._agent.keeper is not None:
-                self._agent.keeper.reading(self, object_id, None)
+            if self._agent.session_store is not None:
+                self._agent.session_store.reading(self, object_id, None)
             # C clients wait a second for this and the C++ agent never sends it;
             # best effort, so that the numbers of the reliable stream stay as there.
             self._status(request_id, object_id, ids.STATUS_OK, ids.STREAM_BEST_EFFORT)
@@ -414,8 +414,9 @@ class ProxyClient:
         thing.delivery = Delivery(
             self.session, source, request_id, thing.object_id, stream_id, control, now
         )
-        if self._agent.keeper is not None:
-            self._agent.keeper.reading(self, thing.object_id, (request_id, stream_id, control))
+        if self._agent.session_store is not None:
+            reading = request_id, stream_id, control
+            self._agent.session_store.reading(self, thing.object_id, reading)
         self._pump(thing, now)
 
     def read(

@@ -1,12 +1,10 @@
-"""Sessions that survive a restart of the agent (``--state``).
+"""Sessions that survive a restart of the agent (``--state FILE``).
 
 =================  =============================================================================
-``journal``        The file of ``--state``: slots of fixed size in front, a journal behind
-``records``        What the state file keeps of one client: its records, and what they add up to
-``restore``        ``--state``: what the file has of clients is brought back when an agent
-                   starts
-``session_store``  ``--state``: sessions that outlive the agent
-``write_cursor``   How much of a living client is in the state file, so that only what is new
-                   gets there
+``journal``        The state file: slots of fixed size in front, an append-only journal behind
+``records``        The records of one client in the state file, and the client that they describe
+``restore``        Restores the clients of the state file when an agent starts
+``session_store``  The session store: writes sessions to the state file before they answer
+``write_cursor``   How much of a client is already on disk, so that only changes are written
 =================  =============================================================================
 """

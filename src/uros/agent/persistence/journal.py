@@ -1,21 +1,21 @@
-"""The file of ``--state``: slots of fixed size in front, a journal behind.
+"""The state file (``--state``): slots of fixed size in front, an append-only journal behind.
 
 ::
 
-    0      uros state 1, a line of JSON (boot, clean), its CRC; filled up with spaces
-    4096   4096 slots of 128 bytes, one a client: how far its streams are
+    0      uros state 1, a line of JSON (boot, clean), its CRC; padded with spaces
+    4096   4096 slots of 128 bytes, one a client: the state of its streams
     528384 the journal: records, each with a CRC, its client's serial and a running number
 
-A slot says how many records of its client count. What is behind, or of a client without
-a slot, was never promised to anybody. So one write of 128 bytes, which no SIGKILL cuts in
-two, makes valid what was appended before it.
+A slot has the number of valid records of its client. Further records, and those of a client
+without a slot, were never acknowledged to anybody. So one write of 128 bytes, which no SIGKILL
+splits, commits what was appended before it.
 
-Everything is written by ``pwrite``: a file that somebody truncates is a fault to be told
-then, and no SIGBUS as with ``mmap``. The slots are allocated beforehand, so a full disk
-stops the journal only, and the slots then say that records are missing.
+Everything is written by ``pwrite``: a file that another program truncates is an error to report,
+and no SIGBUS as with ``mmap``. The slots are allocated beforehand, so a full disk stops the journal
+only, and the slots then show that records are missing.
 
-Nothing here raises but :class:`StateError`, by :func:`open_state`; the calls that write
-say whether they could.
+Only :func:`open_journal` raises (:class:`JournalError`); the methods that write return whether they
+could.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SLOT_SIZE: Final = 128
 _JOURNAL_AT: Final = _SLOTS_AT + SLOTS * SLOT_SIZE
 # Attack: a file of many gigabytes. This much is read of a journal, and written.
 MAX_JOURNAL: Final = 64 * 1024 * 1024
-# magic, length, serial, number, CRC of the payload; then the CRC of these.
+# Magic, length, serial, number, CRC of the payload; then the CRC of these fields.
 _RECORD: Final = struct.Struct("<4sIIII")
 _CRC: Final = struct.Struct("<I")
 _RECORD_MAGIC: Final = b"\xf5uR1"
@@ -52,16 +52,20 @@ _BOOT_ID: Final = "/proc/sys/kernel/random/boot_id"
 _TRIES: Final = 10
 
 
-class StateError(Exception):
-    """The file cannot be used as a state file; the text says why and what to do."""
+class JournalError(Exception):
+    """The file cannot be used as a state file; the text has the reason and the remedy."""
 
 
 @dataclass
-class Content:
-    """What a state file held.
+class JournalContent:
+    """The content of a state file.
 
-    ``trusted``: nothing that boards were told can be missing. After a crash of the machine
-    something may be. ``slots`` by index, those that are sound; ``records`` in order.
+    Attributes:
+        trusted: Nothing that was acknowledged to boards can be missing; False after a crash of
+            the machine.
+        slots: The valid slots by index.
+        records: ``(serial, number, payload)`` of the valid records, in order.
+        damaged: What is damaged, as texts for the log.
     """
 
     trusted: bool = True
@@ -71,18 +75,18 @@ class Content:
 
 
 def record(serial: int, number: int, payload: bytes) -> bytes:
-    """A record of the journal."""
+    """Encode a record of the journal."""
     head = _RECORD.pack(_RECORD_MAGIC, len(payload), serial, number, zlib.crc32(payload))
     return head + _CRC.pack(zlib.crc32(head)) + payload
 
 
 def seal(slot: bytearray) -> None:
-    """Put the CRC into a slot's first four bytes."""
+    """Write the CRC into a slot's first four bytes."""
     _CRC.pack_into(slot, 0, zlib.crc32(memoryview(slot)[4:]))
 
 
 def records_in(data: bytes) -> list[tuple[int, int, bytes]]:
-    """``(serial, number, payload)`` of all sound records; what is between them is passed over."""
+    """Return ``(serial, number, payload)`` of all valid records; bytes between them are skipped."""
     found: list[tuple[int, int, bytes]] = []
     at = 0
     while True:
@@ -96,16 +100,16 @@ def records_in(data: bytes) -> list[tuple[int, int, bytes]]:
             continue
         payload = data[start : start + length]
         if len(payload) < length:
-            at += 1  # the rest is missing; perhaps others lie in it
+            at += 1  # the record is cut off; others may follow in its place
             continue
-        # A sound head says where the next one is: the payload is read once, whatever it is.
+        # A valid head has the position of the next record: each payload is read only once.
         if zlib.crc32(payload) == crc:
             found.append((serial, number, payload))
         at = start + length
 
 
 def _boot_id() -> str:
-    """What tells this run of the machine from others; "" where nothing does."""
+    """Return the kernel's boot id; "" where there is none."""
     try:
         with open(_BOOT_ID, encoding="ascii") as file:
             return file.read(64).strip()
@@ -120,7 +124,7 @@ def _head(clean: bool) -> bytes:
 
 
 def _read_head(head: bytes) -> bool | None:
-    """Whether the file is to be trusted; None where its head is damaged."""
+    """Return whether the file can be trusted; None where its head is damaged."""
     lines = head.split(b"\n")
     try:
         if len(lines) < 3 or int(lines[2], 16) != zlib.crc32(lines[1]):
@@ -132,21 +136,21 @@ def _read_head(head: bytes) -> bool | None:
         return None
 
 
-def _refusal(path: str, error: OSError) -> StateError:
+def _refusal(path: str, error: OSError) -> JournalError:
     remedy = {
         errno.EISDIR: "it is a directory: name a file in it",
         errno.ENOENT: "its directory does not exist: create it",
-        errno.EACCES: "this user may not write there: choose another place, or change its owner",
-        errno.EPERM: "this user may not write there: choose another place, or change its owner",
-        errno.EROFS: "that is read-only: choose another place",
-        errno.ENOSPC: "the disk is full: make room, or choose another place such as /run",
-        errno.EDQUOT: "the quota is used up: make room, or choose another place such as /run",
+        errno.EACCES: "this user may not write there: choose another path, or change its owner",
+        errno.EPERM: "this user may not write there: choose another path, or change its owner",
+        errno.EROFS: "the file system is read-only: choose another path",
+        errno.ENOSPC: "the disk is full: free some space, or choose another path such as /run",
+        errno.EDQUOT: "the quota is exceeded: free some space, or choose another path such as /run",
     }.get(error.errno or 0, error.strerror or str(error))
-    return StateError(f"--state {path}: {remedy}")
+    return JournalError(f"--state {path}: {remedy}")
 
 
 def _write_all(fd: int, data: bytes | bytearray, at: int) -> None:
-    """All of it, or OSError."""
+    """Write all bytes or raise OSError."""
     view = memoryview(data)
     while view:
         done = os.pwrite(fd, view, at)
@@ -156,7 +160,7 @@ def _write_all(fd: int, data: bytes | bytearray, at: int) -> None:
 
 
 def _read_all(fd: int, size: int, at: int) -> bytes:
-    """At most ``size`` bytes."""
+    """Read at most ``size`` bytes."""
     parts = []
     while size > 0:
         part = os.pread(fd, min(size, 1 << 20), at)
@@ -167,27 +171,33 @@ def _read_all(fd: int, size: int, at: int) -> bytes:
     return b"".join(parts)
 
 
-# What a journal begins with, nobody's: where it is missing, the file was cut off.
+# The first record of a journal, of no client: where it is missing, the file was truncated.
 _MARK: Final = record(0, 0, b"")
 
 
-class StateFile:
-    """An open state file, locked. Made by :func:`open_state`."""
+class Journal:
+    """An open and locked state file; made by :func:`open_journal`.
+
+    Attributes:
+        path: Its path.
+        error: Why the last write failed.
+    """
 
     def __init__(self, path: str, fd: int) -> None:
         self.path = path
         self._fd = fd
-        self._end = 0  # where the next record goes; 0: nothing was written by us yet
+        self._end = 0  # where the next record goes; 0: this process has written nothing yet
         self.error = ""  # why the last write failed
         self._cleared = False
 
     @property
     def journal_size(self) -> int:
+        """Bytes of the journal behind the slots."""
         return max(0, self._end - _JOURNAL_AT)
 
-    def read(self) -> Content:
-        """What is in it. Whatever that is, nothing is raised."""
-        content = Content()
+    def read(self) -> JournalContent:
+        """Read the file; damage is part of the result, nothing is raised."""
+        content = JournalContent()
         try:
             size = os.fstat(self._fd).st_size
             if size == 0:
@@ -216,13 +226,13 @@ class StateFile:
                 broken += 1
         if broken:
             content.damaged.append(f"{broken} slots are damaged")
-        content.records = [it for it in records_in(journal) if it[0]]
+        content.records = [found for found in records_in(journal) if found[0]]
         return content
 
     def keep_aside(self) -> str | None:
-        """Give the damaged file another name, for a person to look at; that name, if it has one.
+        """Rename a damaged file, for a person to examine; return the new name, None on failure.
 
-        The next :meth:`rewrite` makes a new one.
+        The next :meth:`rewrite` makes a new file.
         """
         aside = self.path + ".damaged"
         try:
@@ -234,12 +244,12 @@ class StateFile:
     def rewrite(
         self, slots: Mapping[int, bytes | bytearray], journal: Iterable[bytes], sync: bool = False
     ) -> bool:
-        """Put a new file in this one's place. False: this one stays as it is, see ``error``."""
+        """Replace the file atomically; False: it stays as it is, see ``error``."""
         beside = self.path + ".new"
         fd = -1
         try:
             try:
-                os.unlink(beside)  # of an agent that was killed meanwhile: we have the lock
+                os.unlink(beside)  # left by an agent that was killed: we hold the lock
             except FileNotFoundError:
                 pass
             fd = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
@@ -252,13 +262,13 @@ class StateFile:
             for index, slot in slots.items():
                 _write_all(fd, slot, _SLOTS_AT + index * SLOT_SIZE)
             end, waiting = _JOURNAL_AT, bytearray(_MARK)
-            for it in journal:
-                waiting += it
+            for encoded in journal:
+                waiting += encoded
                 if len(waiting) > 1 << 20:
                     _write_all(fd, waiting, end)
                     end, waiting = end + len(waiting), bytearray()
                 if end + len(waiting) - _JOURNAL_AT > MAX_JOURNAL:
-                    raise OSError(errno.EFBIG, f"over {MAX_JOURNAL >> 20} MB are to be kept")
+                    raise OSError(errno.EFBIG, f"over {MAX_JOURNAL >> 20} MB of state")
             _write_all(fd, waiting, end)
             end += len(waiting)
             if sync:
@@ -281,7 +291,7 @@ class StateFile:
         return True
 
     def _check_owner(self) -> None:
-        """Whoever deletes our file and starts another agent with it keeps that one's."""
+        """Raise OSError where the path is another agent's file by now."""
         try:
             fd = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         except FileNotFoundError:
@@ -296,7 +306,7 @@ class StateFile:
             os.close(fd)
 
     def clear(self) -> None:
-        """Leave nothing that a later agent could take for the truth, until it is written anew."""
+        """Remove outdated content, so that no later agent restores it; until :meth:`rewrite`."""
         self._cleared = True
         try:
             os.ftruncate(self._fd, 0)
@@ -314,15 +324,15 @@ class StateFile:
             os.close(directory)
 
     def append(self, records: bytes | bytearray) -> bool:
-        """Append whole records. False: none of them is there, see ``error``."""
+        """Append whole records; False: none of them was written, see ``error``."""
         try:
             if self.journal_size + len(records) > MAX_JOURNAL:
-                raise OSError(errno.EFBIG, f"over {MAX_JOURNAL >> 20} MB are to be kept")
+                raise OSError(errno.EFBIG, f"over {MAX_JOURNAL >> 20} MB of state")
             _write_all(self._fd, records, self._end)
         except OSError as error:
             self.error = error.strerror or str(error)
             try:
-                os.ftruncate(self._fd, self._end)  # no half of one
+                os.ftruncate(self._fd, self._end)  # no incomplete record
             except OSError:
                 pass
             return False
@@ -330,9 +340,9 @@ class StateFile:
         return True
 
     def write_slot(self, index: int, slot: bytes | bytearray) -> bool:
-        """Write one slot."""
+        """Write one slot; False: see ``error``."""
         if self._cleared:
-            return True  # alone in the file it would be nobody's, and the next agent refuse it
+            return True  # a file with one slot only would be refused by the next agent
         try:
             return os.pwrite(self._fd, slot, _SLOTS_AT + index * SLOT_SIZE) == SLOT_SIZE
         except OSError as error:
@@ -340,7 +350,7 @@ class StateFile:
             return False
 
     def missing(self) -> str | None:
-        """What somebody has done to the file under us, if anything."""
+        """Return how another program has changed the file; None where it did not."""
         try:
             here = os.fstat(self._fd)
             there = os.stat(self.path)
@@ -354,13 +364,13 @@ class StateFile:
             mark = os.pread(self._fd, len(_MARK), _JOURNAL_AT)
         except OSError as error:
             return error.strerror or str(error)
-        # Where it was cut off before, the records that came since have made it long again.
+        # After a truncation, records appended since may have made it long again.
         if here.st_size < self._end or mark != _MARK:
             return "the file was truncated"
         return None
 
     def close(self, clean: bool) -> None:
-        """``clean``: everything is in it, and stays so when the machine is switched off."""
+        """Close the file; ``clean``: it is complete, and marked valid after a power cycle too."""
         if self._fd < 0:
             return
         try:
@@ -369,19 +379,20 @@ class StateFile:
                 _write_all(self._fd, _head(True), 0)
                 os.fsync(self._fd)
         except OSError:
-            pass  # it counts as long as this machine runs
+            pass  # it remains valid until the machine restarts
         os.close(self._fd)
         self._fd = -1
 
 
-def open_state(path: str) -> StateFile:
-    """Open and lock a state file; make an empty one where there is none.
+def open_journal(path: str) -> Journal:
+    """Open and lock a state file; create an empty one where there is none.
 
-    Raises StateError where it is none of ours, of another version, in use, or no file at all.
-    Nothing is changed then.
+    Raises:
+        JournalError: The file is no state file, of another version, in use, or no regular file.
+            It is not changed then.
     """
     if fcntl is None:
-        raise StateError("--state is for systems with file locks, such as Linux and macOS")
+        raise JournalError("--state is for systems with file locks, such as Linux and macOS")
     try:
         path = os.path.realpath(path)
         for _ in range(_TRIES):
@@ -396,31 +407,31 @@ def open_state(path: str) -> StateFile:
             except BaseException:
                 os.close(fd)
                 raise
-            os.close(fd)  # its owner has put a new one in its place meanwhile
+            os.close(fd)  # its owner has replaced it meanwhile
     except OSError as error:
         raise _refusal(path, error) from error
     except ValueError as error:  # a NUL in the name
-        raise StateError(f"--state {path!r}: {error}") from error
+        raise JournalError(f"--state {path!r}: {error}") from error
     raise _in_use(path)
 
 
-def _in_use(path: str) -> StateError:
-    return StateError(
-        f"--state {path}: another agent uses it: end that one, or give each agent a file of its own"
+def _in_use(path: str) -> JournalError:
+    return JournalError(
+        f"--state {path}: another agent uses it: stop that agent, or give each agent its own file"
     )
 
 
 def _open_and_lock(path: str) -> int:
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):
-            raise _no_file(path)
+            raise _not_regular(path)
     except FileNotFoundError:
         pass
     flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK
     fd = os.open(path, flags, 0o600)
     try:
         if not stat.S_ISREG(os.fstat(fd).st_mode):
-            raise _no_file(path)
+            raise _not_regular(path)
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(fd)
@@ -431,35 +442,37 @@ def _open_and_lock(path: str) -> int:
     return fd
 
 
-def _no_file(path: str) -> StateError:
-    what = "a directory: name a file in it" if os.path.isdir(path) else "no ordinary file"
-    return StateError(f"--state {path}: it is {what}")
+def _not_regular(path: str) -> JournalError:
+    what = "a directory: name a file in it" if os.path.isdir(path) else "no regular file"
+    return JournalError(f"--state {path}: it is {what}")
 
 
 def _has_slots(fd: int) -> bool:
-    """Whether a file without a head was truncated under an agent, which wrote on and was killed."""
+    """Return whether a file without a head has slots: it was truncated while an agent wrote."""
     slots = _read_all(fd, SLOTS * SLOT_SIZE, _SLOTS_AT)
     whole = range(0, len(slots) - SLOT_SIZE + 1, SLOT_SIZE)
     each = (slots[at : at + SLOT_SIZE] for at in whole)
-    return any(it.strip(b"\0") and _CRC.unpack_from(it)[0] == zlib.crc32(it[4:]) for it in each)
+    return any(
+        slot.strip(b"\0") and _CRC.unpack_from(slot)[0] == zlib.crc32(slot[4:]) for slot in each
+    )
 
 
-def _checked(path: str, fd: int) -> StateFile:
+def _checked(path: str, fd: int) -> Journal:
     first = os.pread(fd, len(_MAGIC) + 8, 0)
     if first:
         if not first.strip(b"\0") and _has_slots(fd):
-            return StateFile(path, fd)  # damaged, as its head is missing
+            return Journal(path, fd)  # treated as damaged, as its head is missing
         if not first.startswith(_MAGIC):
-            raise StateError(
-                f"--state {path}: it is no state file of uros, and is left as it is:"
-                " give another name"
+            raise JournalError(
+                f"--state {path}: it is no state file of uros and is not changed:"
+                " give another path"
             )
         version = first[len(_MAGIC) :].split(b"\n")[0]
         if version != _VERSION:
             text = version.decode("ascii", "replace")
-            raise StateError(
-                f"--state {path}: it is of another uros (version {text!r} of the file) and is left"
-                " as it is: use that uros, or remove the file (boards then start anew)"
+            raise JournalError(
+                f"--state {path}: it is of another version of uros ({text!r}) and is not"
+                " changed: use that version, or remove the file (boards then start anew)"
             )
         os.fchmod(fd, 0o600)
-    return StateFile(path, fd)
+    return Journal(path, fd)

@@ -1,21 +1,21 @@
-"""What the state file keeps of one client: its records, and what they add up to.
+"""The records of one client in the state file, and the client that they describe.
 
 A record's payload is a letter, and then, where ``{}`` stands a line of JSON::
 
     C {}           the client: key, session id, MTU, properties, transport, address there
     O {} content   an object was created, by this representation
     D id           an object was deleted
-    R {}           READ_DATA of an object; E id: it ended
-    M id n         a datawriter has n readers
+    R {}           READ_DATA of an object began; E id: it ended
+    M id n         a datawriter has n matched readers
     L id sample    the last sample of a transient-local datawriter of depth 1
-    B stream n     numbers of a best-effort stream to the client, used up at most
-    T stream n ..  a message to the client on a reliable stream, number n
-    N stream n     the next number of such a stream
-    F stream n ..  bytes of an unfinished fragmented message from the client, from byte n on
-    Z              all streams start anew
+    B stream n     highest sequence number reserved on a best-effort stream to the client
+    T stream n ..  a message to the client on a reliable stream, sequence number n
+    N stream n     the next sequence number of such a stream
+    F stream n ..  bytes of an incomplete fragmented message from the client, from byte n on
+    Z              all streams were reset
 
-The slot has the numbers of the reliable streams: next from the client, how much of its
-fragments counts; acknowledged by it, and sent to it.
+The slot has the state of the reliable streams. From the client: the next sequence number and the
+valid length of its fragments; to the client: the numbers acknowledged and sent.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _ID: Final = struct.Struct("<H")
 _MATCHED: Final = struct.Struct("<HI")
 _NUMBER: Final = struct.Struct("<BH")
 _OFFSET: Final = struct.Struct("<BI")
-# CRC, serial, count, key; behind it the streams from the client, then those to it.
+# CRC, serial, count, key; then the streams from the client, then those to it.
 SLOT_HEAD: Final = struct.Struct("<IIII")
 SLOT_IN: Final = struct.Struct("<BBHI")  # stream, 1 in use | 2 skips fragments, next, fragments
 SLOT_OUT: Final = struct.Struct("<BBHH")  # stream, 1 in use, acknowledged, sent
@@ -47,13 +47,24 @@ Representation = tuple[int, "str | bytes", int, int, bool]
 Reading = tuple[int, int, "tuple[int, int, int, int] | None"]
 
 
-class Unsound(ValueError):
-    """The records make no sense."""
+class DamagedRecords(ValueError):
+    """The records of a client are incomplete or contradict each other."""
 
 
 @dataclass
-class About:
-    """A client, and where it talks from."""
+class ClientInfo:
+    """A client and its address.
+
+    Attributes:
+        key: Client key.
+        session_id: Session id.
+        mtu: MTU in bytes.
+        transport: Its transport: name and label.
+        peer: Its address there.
+        properties: The properties of its CREATE_CLIENT.
+        asleep_since: Since when its transport is not among the agent's, in seconds since 1970;
+            0 where it is.
+    """
 
     key: int
     session_id: int
@@ -61,18 +72,20 @@ class About:
     transport: str
     peer: Any
     properties: list[tuple[str, str]] = field(default_factory=list)
-    asleep_since: float = 0.0  # its transport is not there, in seconds since 1970; 0: it is
+    asleep_since: float = 0.0
 
     def payload(self) -> bytes:
+        """Encode the record ``C``."""
         return b"C" + json.dumps(vars(self)).encode()
 
 
 def can_be_kept(peer: Any) -> bool:
-    """Whether an address is the same one after a restart: numbers, texts, and None, which is
-    the one board of a line.
+    """Return whether an address stays valid after a restart: numbers, texts, and None.
+
+    None is the one board of a serial line.
     """
     if isinstance(peer, tuple):
-        return all(can_be_kept(it) for it in peer)
+        return all(can_be_kept(part) for part in peer)
     return peer is None or isinstance(peer, (int, str))
 
 
@@ -81,10 +94,11 @@ def _peer(value: Any) -> Any:
         return tuple(_peer(it) for it in value)
     if value is None or isinstance(value, (int, str)):
         return value
-    raise Unsound(f"no address: {value!r}")
+    raise DamagedRecords(f"no address: {value!r}")
 
 
 def object_payload(object_id: int, what: Representation) -> bytes:
+    """Encode the record ``O``."""
     form, content, kind, parent, little = what
     text = isinstance(content, str)
     head = [object_id, form, kind, parent, little, text]
@@ -93,34 +107,38 @@ def object_payload(object_id: int, what: Representation) -> bytes:
 
 
 def reading_payload(object_id: int, what: Reading) -> bytes:
+    """Encode the record ``R``."""
     return b"R" + json.dumps([object_id, *what]).encode()
 
 
 def id_payload(letter: bytes, object_id: int) -> bytes:
-    """``D`` and ``E``."""
+    """Encode the records ``D`` and ``E``."""
     return letter + _ID.pack(object_id)
 
 
 def matched_payload(object_id: int, readers: int) -> bytes:
+    """Encode the record ``M``."""
     return b"M" + _MATCHED.pack(object_id, readers)
 
 
 def latched_payload(object_id: int, sample: bytes) -> bytes:
+    """Encode the record ``L``."""
     return b"L" + _ID.pack(object_id) + sample
 
 
 def number_payload(letter: bytes, stream_id: int, number: int, message: bytes = b"") -> bytes:
-    """``B``, ``N`` and ``T``."""
+    """Encode the records ``B``, ``N`` and ``T``."""
     return letter + _NUMBER.pack(stream_id, number) + message
 
 
 def fragments_payload(stream_id: int, offset: int, part: bytes | bytearray) -> bytes:
+    """Encode the record ``F``."""
     return b"F" + _OFFSET.pack(stream_id, offset) + part
 
 
 @dataclass
 class Outgoing:
-    """A reliable stream to the client."""
+    """State of a reliable stream to the client: sequence numbers, and the messages it holds."""
 
     acked: int = 0
     sent: int = 0
@@ -130,7 +148,7 @@ class Outgoing:
 
 @dataclass
 class Incoming:
-    """A reliable stream from the client."""
+    """State of a reliable stream from the client."""
 
     next: int
     fragments: bytearray
@@ -138,10 +156,21 @@ class Incoming:
 
 
 @dataclass
-class Kept:
-    """One client, as the file has it."""
+class ClientRecords:
+    """One client as the state file describes it.
 
-    about: About | None = None
+    Attributes:
+        info: The client; None before its record ``C``.
+        objects: Representations by object id.
+        reads: Active READ_DATA by object id.
+        matched: Matched readers of datawriters, by object id.
+        latched: Last samples of transient-local datawriters, by object id.
+        best_effort: Reserved sequence numbers of best-effort streams to the client.
+        outgoing: Reliable streams to the client.
+        incoming: Reliable streams from the client.
+    """
+
+    info: ClientInfo | None = None
     objects: dict[int, Representation] = field(default_factory=dict)
     reads: dict[int, Reading] = field(default_factory=dict)
     matched: dict[int, int] = field(default_factory=dict)
@@ -154,26 +183,26 @@ class Kept:
     # --- reading --------------------------------------------------------------------
 
     @classmethod
-    def of(cls, slot: bytes, records: dict[int, bytes]) -> Kept:
-        """What a client's records add up to, by their numbers. Raises Unsound."""
+    def parse(cls, slot: bytes, records: dict[int, bytes]) -> ClientRecords:
+        """Parse a client's slot and its records by their numbers; raises DamagedRecords."""
         _, _, count, key = SLOT_HEAD.unpack_from(slot)
-        kept = cls()
+        found = cls()
         for number in range(1, count + 1):
             payload = records.get(number)
             if payload is None:
-                raise Unsound(f"record {number} of {count} is missing")
+                raise DamagedRecords(f"record {number} of {count} is missing")
             try:
-                kept._apply(payload)
-            except Unsound:
+                found._apply(payload)
+            except DamagedRecords:
                 raise
             except (
                 ValueError, TypeError, KeyError, OverflowError, struct.error, RecursionError
             ) as error:  # fmt: skip
-                raise Unsound(f"record {number}: {error}") from error
-        if kept.about is None or kept.about.key != key:
-            raise Unsound("its first record is missing")
-        kept._streams(slot)
-        return kept
+                raise DamagedRecords(f"record {number}: {error}") from error
+        if found.info is None or found.info.key != key:
+            raise DamagedRecords("its first record is missing")
+        found._streams(slot)
+        return found
 
     def _apply(self, payload: bytes) -> None:
         letter, body = payload[:1], payload[1:]
@@ -189,7 +218,7 @@ class Kept:
             stream_id, offset = _OFFSET.unpack_from(body)
             whole = self._fragments.setdefault(stream_id, bytearray())
             if offset > len(whole) or offset + len(body) > MAX_MESSAGE + _OFFSET.size:
-                raise Unsound("fragments are missing")
+                raise DamagedRecords("fragments are missing")
             del whole[offset:]
             whole += body[_OFFSET.size :]
         elif letter == b"B":
@@ -217,19 +246,20 @@ class Kept:
         elif letter == b"C":
             self._client(json.loads(body))
         else:
-            raise Unsound(f"a record {letter!r}")
+            raise DamagedRecords(f"a record {letter!r}")
 
     def _client(self, known: dict[str, Any]) -> None:
-        about = About(**known)
-        about.peer = _peer(about.peer)
-        about.properties = [(str(name), str(value)) for name, value in about.properties]
-        about.asleep_since = float(about.asleep_since)
-        numbers = about.key, about.session_id, about.mtu
-        if not all(isinstance(it, int) for it in numbers) or not isinstance(about.transport, str):
-            raise Unsound("no client")
-        if not (0 < about.key <= 0xFFFFFFFF and 0 < about.session_id <= 0xFF):
-            raise Unsound("no client")
-        self.about = about
+        info = ClientInfo(**known)
+        info.peer = _peer(info.peer)
+        info.properties = [(str(name), str(value)) for name, value in info.properties]
+        info.asleep_since = float(info.asleep_since)
+        numbers = info.key, info.session_id, info.mtu
+        sound = all(isinstance(number, int) for number in numbers)
+        if not sound or not isinstance(info.transport, str):
+            raise DamagedRecords("no client")
+        if not (0 < info.key <= 0xFFFFFFFF and 0 < info.session_id <= 0xFF):
+            raise DamagedRecords("no client")
+        self.info = info
 
     def _created(self, body: bytes) -> None:
         line, _, raw = body.partition(b"\n")
@@ -239,19 +269,19 @@ class Kept:
         self.objects[int(object_id)] = int(form), content, int(kind), int(parent), bool(little)
 
     def deleted(self, object_id: int) -> None:
-        """The object is no more."""
+        """Remove an object that was deleted."""
         for known in (self.objects, self.reads, self.matched, self.latched):
             known.pop(object_id, None)
 
     def _streams(self, slot: bytes) -> None:
-        """What the slot says. Raises Unsound where messages are missing by that."""
+        """Apply the slot; raises DamagedRecords where messages are missing."""
         for at in range(SLOT_IN_AT, SLOT_OUT_AT, SLOT_IN.size):
             stream_id, used, number, pending = SLOT_IN.unpack_from(slot, at)
             if not used:
                 continue
             whole = self._fragments.get(stream_id, bytearray())[:pending]
             if len(whole) < pending:
-                raise Unsound("fragments are missing")
+                raise DamagedRecords("fragments are missing")
             self.incoming[stream_id] = Incoming(number, whole, bool(used & 2))
         outgoing = {}
         for index in range(MAX_STREAMS):
@@ -263,29 +293,29 @@ class Kept:
             stream = self.outgoing.get(stream_id, Outgoing())
             count = (stream.next - acked) & 0xFFFF
             if count > MAX_HELD or (sent - acked) & 0xFFFF > count:
-                raise Unsound("its streams' numbers make no sense")
-            numbers = [(acked + it) & 0xFFFF for it in range(count)]
-            if any(it not in stream.held for it in numbers):
-                raise Unsound("messages to it are missing")
-            held = {it: stream.held[it] for it in numbers}
+                raise DamagedRecords("the sequence numbers of its streams are contradictory")
+            numbers = [(acked + index) & 0xFFFF for index in range(count)]
+            if any(number not in stream.held for number in numbers):
+                raise DamagedRecords("messages to it are missing")
+            held = {number: stream.held[number] for number in numbers}
             outgoing[stream_id] = Outgoing(acked, sent, stream.next, held)
         self.outgoing = outgoing
 
     # --- writing --------------------------------------------------------------------
 
-    def write(self, serial: int) -> tuple[bytearray, bytearray, int]:
-        """``(slot, records, how many)`` of it, numbered anew."""
-        assert self.about is not None
-        payloads = [self.about.payload()]
-        payloads += [object_payload(*it) for it in self.objects.items()]
-        payloads += [reading_payload(*it) for it in self.reads.items()]
-        payloads += [matched_payload(*it) for it in self.matched.items()]
-        payloads += [latched_payload(*it) for it in self.latched.items()]
-        payloads += [number_payload(b"B", *it) for it in self.best_effort.items()]
+    def encode(self, serial: int) -> tuple[bytearray, bytearray, int]:
+        """Return the slot, the encoded records and their number, counted from 1."""
+        assert self.info is not None
+        payloads = [self.info.payload()]
+        payloads += [object_payload(*item) for item in self.objects.items()]
+        payloads += [reading_payload(*item) for item in self.reads.items()]
+        payloads += [matched_payload(*item) for item in self.matched.items()]
+        payloads += [latched_payload(*item) for item in self.latched.items()]
+        payloads += [number_payload(b"B", *item) for item in self.best_effort.items()]
         slot = bytearray(SLOT_SIZE)
         for index, (stream_id, outgoing) in enumerate(self.outgoing.items()):
             payloads += [
-                number_payload(b"T", stream_id, *it) for it in outgoing.held.items()
+                number_payload(b"T", stream_id, *item) for item in outgoing.held.items()
             ]
             payloads.append(number_payload(b"N", stream_id, outgoing.next))
             SLOT_OUT.pack_into(
@@ -299,7 +329,7 @@ class Kept:
                 slot, SLOT_IN_AT + index * SLOT_IN.size,
                 stream_id, 1 | incoming.skip << 1, incoming.next, len(incoming.fragments),
             )  # fmt: skip
-        SLOT_HEAD.pack_into(slot, 0, 0, serial, len(payloads), self.about.key)
+        SLOT_HEAD.pack_into(slot, 0, 0, serial, len(payloads), self.info.key)
         seal(slot)
         written = bytearray()
         for number, payload in enumerate(payloads, 1):

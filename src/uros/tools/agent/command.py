@@ -189,7 +189,7 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     elif domain_of_agent:
         log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain_of_agent} (for 255)")
     messages = capture.open_capture(options, agent)
-    keeper = state.make_keeper(options, log)
+    keeper = state.make_session_store(options, log)
     if keeper is not None:
         server.attachments.append(keeper)
     status_socket.attach(options, server)

@@ -14,16 +14,28 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from uros.agent.persistence import journal as state
-from uros.agent.persistence.journal import Content, StateError, open_state, record, records_in
-from uros.agent.persistence.records import About, Incoming, Kept, Outgoing, Unsound
+from uros.agent.persistence.journal import (
+    JournalContent,
+    JournalError,
+    open_journal,
+    record,
+    records_in,
+)
+from uros.agent.persistence.records import (
+    ClientInfo,
+    ClientRecords,
+    DamagedRecords,
+    Incoming,
+    Outgoing,
+)
 
 JUNK = b"\x00\xff junk"
 
 
 def client(key):
     """A client with a bit of everything."""
-    return Kept(
-        about=About(key, 0x81, 512, "UDPv4Agent port 8888", ("127.0.0.1", key), [("a", "b")]),
+    return ClientRecords(
+        info=ClientInfo(key, 0x81, 512, "UDPv4Agent port 8888", ("127.0.0.1", key), [("a", "b")]),
         objects={0x11: (3, b"\0\1binary", 1, 0, True), 0x12: (2, "<dds/>", 2, 0x11, False)},
         reads={0x16: (40, 0x80, (0xFFFF, 0, 0, 0)), 0x26: (41, 1, None)},
         matched={0x15: 3},
@@ -36,10 +48,10 @@ def client(key):
 
 def fill(path, *keys):
     """A state file with these clients, closed as by an orderly end."""
-    file = open_state(str(path))
+    file = open_journal(str(path))
     slots, journal = {}, []
     for index, key in enumerate(keys):
-        slot, records, _ = client(key).write(index + 1)
+        slot, records, _ = client(key).encode(index + 1)
         slots[index * 7] = slot
         journal.append(bytes(records))
     assert file.rewrite(slots, journal)
@@ -61,7 +73,7 @@ def places_in_use(whole):
 
 def load(path):
     """(clients by key, content) of a file."""
-    file = open_state(str(path))
+    file = open_journal(str(path))
     try:
         content = file.read()
     finally:
@@ -77,10 +89,10 @@ def sound(content):
     for slot in content.slots.values():
         serial = state.struct.unpack_from("<I", slot, 4)[0]
         try:
-            kept = Kept.of(slot, by_serial.get(serial, {}))
-        except Unsound:
+            kept = ClientRecords.parse(slot, by_serial.get(serial, {}))
+        except DamagedRecords:
             continue
-        found[kept.about.key] = kept
+        found[kept.info.key] = kept
     return found
 
 
@@ -101,8 +113,8 @@ def test_what_was_written_is_read(tmp_path):
 
 
 def test_what_is_behind_the_slots_count_was_promised_to_nobody(tmp_path):
-    file = open_state(str(tmp_path / "f"))
-    slot, records, count = client(1).write(1)
+    file = open_journal(str(tmp_path / "f"))
+    slot, records, count = client(1).encode(1)
     assert file.rewrite({0: slot}, [bytes(records)])
     assert file.append(record(1, count + 1, b"D\x11\x00") + record(9, 1, b"C{}"))
     file.close(False)
@@ -113,7 +125,7 @@ def test_what_is_behind_the_slots_count_was_promised_to_nobody(tmp_path):
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_damage(tmp_path, data):
-    """Never anything but StateError; who comes back is as it was; one place harms one client."""
+    """Never anything but JournalError; who comes back is as it was; one place harms one client."""
     path = tmp_path / "f"
     if path.exists():
         path.unlink()
@@ -134,7 +146,7 @@ def test_any_damage(tmp_path, data):
     path.write_bytes(bytes(whole))
     try:
         found, content = load(path)
-    except StateError:
+    except JournalError:
         return
     for key, kept in found.items():
         same(kept, key)
@@ -169,8 +181,8 @@ def test_records_that_mean_nothing(payloads, streams):
     """They are sound to the last bit, and nonsense."""
     slot = state.struct.pack("<IIII", 0, 1, len(payloads), 1) + streams
     try:
-        Kept.of(slot, dict(enumerate(payloads, 1)))
-    except Unsound:
+        ClientRecords.parse(slot, dict(enumerate(payloads, 1)))
+    except DamagedRecords:
         pass
 
 
@@ -178,22 +190,22 @@ def test_a_file_of_somebody_else_is_left_as_it_is(tmp_path):
     path = tmp_path / "f"
     for text in (b"#!/bin/sh\n", b"\0" * 100, JUNK):
         path.write_bytes(text)
-        with pytest.raises(StateError, match="no state file of uros, and is left as it is"):
-            open_state(str(path))
+        with pytest.raises(JournalError, match="no state file of uros and is not changed"):
+            open_journal(str(path))
         assert path.read_bytes() == text
 
 
 def test_a_file_that_was_truncated_under_a_killed_agent_is_damaged_and_not_somebody_elses(tmp_path):
     path = tmp_path / "f"
     fill(path, 1)
-    file = open_state(str(path))
+    file = open_journal(str(path))
     content = file.read()
     assert file.rewrite(content.slots, [])
     os.truncate(path, 0)
     index, slot = next(iter(content.slots.items()))
     assert file.write_slot(index, slot)
     os.close(file._fd)  # as SIGKILL
-    again = open_state(str(path))
+    again = open_journal(str(path))
     assert "its head is damaged" in again.read().damaged and not again.read().trusted
     assert again.keep_aside() == f"{path}.damaged"
     assert again.rewrite({}, [])
@@ -204,20 +216,20 @@ def test_a_newer_file_is_left_as_it_is(tmp_path):
     path = tmp_path / "f"
     whole = fill(path, 1).replace(b"uros state 1\n", b"uros state 2\n")
     path.write_bytes(whole)
-    with pytest.raises(StateError, match="another uros .version '2'"):
-        open_state(str(path))
+    with pytest.raises(JournalError, match="another version of uros .'2'."):
+        open_journal(str(path))
     assert path.read_bytes() == whole
 
 
 def test_what_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path, what in (
-        (tmp_path, "a directory"), (tmp_path / "pipe", "no ordinary file"),
-        ("/dev/null", "no ordinary file"), (tmp_path / "none" / "f", "does not exist: create it"),
+        (tmp_path, "a directory"), (tmp_path / "pipe", "no regular file"),
+        ("/dev/null", "no regular file"), (tmp_path / "none" / "f", "does not exist: create it"),
         ("a\0b", "null"),
     ):  # fmt: skip
-        with pytest.raises(StateError, match=what):
-            open_state(str(path))
+        with pytest.raises(JournalError, match=what):
+            open_journal(str(path))
 
 
 def test_a_file_that_may_not_be_written(tmp_path, monkeypatch):
@@ -230,32 +242,32 @@ def test_a_file_that_may_not_be_written(tmp_path, monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(state.os, "open", fails)
-            with pytest.raises(StateError, match=what):
-                open_state(str(tmp_path / "f"))
+            with pytest.raises(JournalError, match=what):
+                open_journal(str(tmp_path / "f"))
 
 
 def test_a_file_is_one_agents(tmp_path):
     path = str(tmp_path / "f")
-    first = open_state(path)
-    with pytest.raises(StateError, match="another agent uses it"):
-        open_state(path)
+    first = open_journal(path)
+    with pytest.raises(JournalError, match="another agent uses it"):
+        open_journal(path)
     assert first.rewrite({}, [])  # another file by now, under the same name
-    with pytest.raises(StateError, match="another agent uses it"):
-        open_state(path)
+    with pytest.raises(JournalError, match="another agent uses it"):
+        open_journal(path)
     os.unlink(path)
-    second = open_state(path)
+    second = open_journal(path)
     assert not first.rewrite({}, [])
     assert first.error == "another agent uses it now"
     second.close(False)
     first.close(False)
-    open_state(path).close(False)
+    open_journal(path).close(False)
 
 
 def test_after_a_crash_of_the_machine_nothing_is_trusted(tmp_path, monkeypatch):
     path = tmp_path / "f"
     for clean in (False, True):
-        file = open_state(str(path))
-        slot, records, _ = client(1).write(1)
+        file = open_journal(str(path))
+        slot, records, _ = client(1).encode(1)
         assert file.rewrite({0: slot}, [bytes(records)], sync=True)
         file.close(clean)
         assert load(path)[1].trusted  # this machine runs on
@@ -283,7 +295,7 @@ def test_a_huge_file_is_read_to_the_limit_only(tmp_path, monkeypatch):
 
 
 def test_half_a_write_leaves_nothing(tmp_path, monkeypatch):
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     assert file.rewrite({}, [])
     assert file.append(record(1, 1, b"one"))
     size = os.path.getsize(file.path)
@@ -311,8 +323,8 @@ def test_half_a_write_leaves_nothing(tmp_path, monkeypatch):
 
 REAL = """
 import resource, signal, sys
-from uros.agent.persistence.journal import open_state, record
-file = open_state(sys.argv[1])
+from uros.agent.persistence.journal import open_journal, record
+file = open_journal(sys.argv[1])
 assert file.rewrite({}, []), file.error
 if sys.argv[2] != "disk":
     limit = int(sys.argv[2])
@@ -357,8 +369,8 @@ def test_a_real_full_disk(tmp_path):
 
 
 def test_the_content_of_a_new_file_is_nothing(tmp_path):
-    file = open_state(str(tmp_path / "f"))
-    assert file.read() == Content()
+    file = open_journal(str(tmp_path / "f"))
+    assert file.read() == JournalContent()
     file.close(True)
     assert resource.RLIMIT_FSIZE and signal.SIGXFSZ  # what the test above needs
 
@@ -382,7 +394,7 @@ def test_a_machine_that_does_not_tell_its_runs_apart(tmp_path, monkeypatch):
     path = tmp_path / "f"
     monkeypatch.setattr(state, "_BOOT_ID", str(tmp_path / "nothing"))
     for clean in (False, True):
-        file = open_state(str(path))
+        file = open_journal(str(path))
         assert file.rewrite({}, [])
         file.close(clean)
         assert load(path)[1].trusted == clean
@@ -390,7 +402,7 @@ def test_a_machine_that_does_not_tell_its_runs_apart(tmp_path, monkeypatch):
 
 def test_a_disk_that_cannot_be_read(tmp_path, monkeypatch):
     fill(tmp_path / "f", 1)
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     with monkeypatch.context() as patch:
         patch.setattr(state.os, "pread", failing())
         content = file.read()
@@ -400,7 +412,7 @@ def test_a_disk_that_cannot_be_read(tmp_path, monkeypatch):
 
 
 def test_a_disk_that_takes_nothing_and_says_nothing(tmp_path, monkeypatch):
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     assert file.rewrite({}, [])
     with monkeypatch.context() as patch:
         patch.setattr(state.os, "pwrite", lambda *_: 0)
@@ -418,7 +430,7 @@ def test_a_disk_that_takes_nothing_and_says_nothing(tmp_path, monkeypatch):
 
 
 def test_a_damaged_file_that_cannot_be_kept_aside(tmp_path):
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     (tmp_path / "f.damaged").mkdir()
     assert file.keep_aside() is None
     file.close(False)
@@ -433,15 +445,15 @@ def test_where_files_have_no_room_beforehand(tmp_path, monkeypatch):
 
 
 def test_a_journal_has_an_end(tmp_path, monkeypatch):
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     half = record(1, 1, bytes(1 << 20))
     monkeypatch.setattr(state, "MAX_JOURNAL", 5 << 19)
     assert not file.rewrite({}, [half, half, half])
-    assert "are to be kept" in file.error
+    assert "MB of state" in file.error
     assert os.path.getsize(tmp_path / "f") == 0
     assert file.rewrite({}, [half, half])
     assert not file.append(half)
-    assert "are to be kept" in file.error
+    assert "MB of state" in file.error
     assert len(file.read().records) == 2
     file.close(True)
 
@@ -449,7 +461,7 @@ def test_a_journal_has_an_end(tmp_path, monkeypatch):
 def test_a_directory_that_forgets_nothing(tmp_path, monkeypatch):
     """Neither may the new file come to its name nor the half one go."""
     fill(tmp_path / "f", 1)
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     with monkeypatch.context() as patch:
         patch.setattr(state.os, "replace", failing(errno.EACCES))
         patch.setattr(state.os, "unlink", failing(errno.ENOENT))
@@ -458,14 +470,14 @@ def test_a_directory_that_forgets_nothing(tmp_path, monkeypatch):
     file.close(False)
     same(load(tmp_path / "f")[0][1], 1)
     assert (tmp_path / "f.new").exists()
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     assert file.rewrite({}, []) and not (tmp_path / "f.new").exists()
     file.close(False)
 
 
 def test_what_must_not_be_believed_is_taken_away_somehow(tmp_path, monkeypatch):
     fill(tmp_path / "f", 1)
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     with monkeypatch.context() as patch:
         patch.setattr(state.os, "ftruncate", failing())
         with monkeypatch.context() as more:
@@ -476,7 +488,7 @@ def test_what_must_not_be_believed_is_taken_away_somehow(tmp_path, monkeypatch):
     file.close(False)
 
     fill(tmp_path / "f", 1)
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     file.clear()
     assert file.write_slot(7, bytes(state.SLOT_SIZE))
     assert (tmp_path / "f").read_bytes() == b""  # a slot alone would be no state file
@@ -486,7 +498,7 @@ def test_what_must_not_be_believed_is_taken_away_somehow(tmp_path, monkeypatch):
 
 
 def test_a_file_that_cannot_be_looked_after(tmp_path, monkeypatch):
-    file = open_state(str(tmp_path / "f"))
+    file = open_journal(str(tmp_path / "f"))
     assert file.rewrite({}, []) and file.missing() is None
     for call in ("stat", "pread"):
         with monkeypatch.context() as patch:
@@ -504,15 +516,15 @@ def test_a_file_that_cannot_be_looked_after(tmp_path, monkeypatch):
 
 def test_a_system_without_file_locks(tmp_path, monkeypatch):
     monkeypatch.setattr(state, "fcntl", None)
-    with pytest.raises(StateError, match="systems with file locks"):
-        open_state(str(tmp_path / "f"))
+    with pytest.raises(JournalError, match="systems with file locks"):
+        open_journal(str(tmp_path / "f"))
     assert not (tmp_path / "f").exists()
 
 
 def test_a_file_system_without_locks(tmp_path, monkeypatch):
     monkeypatch.setattr(state.fcntl, "flock", failing(errno.ENOLCK))
-    with pytest.raises(StateError, match="No locks available"):
-        open_state(str(tmp_path / "f"))
+    with pytest.raises(JournalError, match="No locks available"):
+        open_journal(str(tmp_path / "f"))
 
 
 def test_a_file_that_changes_while_it_is_opened(tmp_path, monkeypatch):
@@ -531,13 +543,13 @@ def test_a_file_that_changes_while_it_is_opened(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(state.os, "stat", renewed)
-        with pytest.raises(StateError, match="another agent uses it"):
-            open_state(str(path))
+        with pytest.raises(JournalError, match="another agent uses it"):
+            open_journal(str(path))
     assert len(times) == 2 * state._TRIES
 
     # A pipe by now: opened, and then it is none.
     with monkeypatch.context() as patch:
         patch.setattr(state.os, "fstat", lambda _: stat("/dev/null"))
-        with pytest.raises(StateError, match="no ordinary file"):
-            open_state(str(path))
-    open_state(str(path)).close(False)  # nothing of it is locked
+        with pytest.raises(JournalError, match="no regular file"):
+            open_journal(str(path))
+    open_journal(str(path)).close(False)  # nothing of it is locked

@@ -2,7 +2,7 @@
 
 import pytest
 
-from uros.agent.persistence.records import About, Kept, can_be_kept
+from uros.agent.persistence.records import ClientInfo, ClientRecords, can_be_kept
 
 # UDP over IPv4 and IPv6, a serial line, a listener of lines, custom transports with one board, with
 # several, and with a stream of bytes.
@@ -15,9 +15,9 @@ PLACES = [
 @pytest.mark.parametrize("peer", PLACES, ids=str)
 def test_a_place_that_is_the_same_after_a_restart(peer):
     assert can_be_kept(peer)
-    kept = Kept()
-    kept._apply(About(1, 0x81, 512, "UDPv4Agent port 8888", peer).payload())
-    assert kept.about.peer == peer and type(kept.about.peer) is type(peer)
+    kept = ClientRecords()
+    kept._apply(ClientInfo(1, 0x81, 512, "UDPv4Agent port 8888", peer).payload())
+    assert kept.info.peer == peer and type(kept.info.peer) is type(peer)
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ from uros.agent.objects import client as agent_client
 from uros.agent.objects.kinds import key_label
 from uros.agent.persistence import journal, restore
 from uros.agent.persistence import session_store as module
-from uros.agent.persistence import write_cursor as module_of_entries
-from uros.agent.persistence.journal import StateFile, open_state
-from uros.agent.persistence.session_store import Keeper
+from uros.agent.persistence import write_cursor as module_of_cursors
+from uros.agent.persistence.journal import Journal, open_journal
+from uros.agent.persistence.session_store import SessionStore
 from uros.agent.policy.admission import Admission, make_admission
 from uros.agent.session.session import Session
 from uros.middleware.base import MiddlewareError
@@ -64,7 +64,7 @@ class World:
         desk, self.desk = self.desk, None
         self.killed += 1
         self.clock = desk.clock
-        os.close(desk.keeper._file._fd)
+        os.close(desk.session_store._journal._fd)
         desk.middleware.close()
         return self
 
@@ -72,7 +72,7 @@ class World:
         """As SIGTERM."""
         desk, self.desk = self.desk, None
         self.clock = desk.clock
-        desk.keeper.close()
+        desk.session_store.close()
         desk.middleware.close()
 
     def restart(self):
@@ -113,12 +113,12 @@ class LastingDesk(Desk):
         self.world = world
         self.clock = world.clock
         self.place.send = self.sent_to
-        file = open_state(world.path)
-        self.keeper = Keeper(file, self.agent.log)
+        file = open_journal(world.path)
+        self.session_store = SessionStore(file, self.agent.log)
         for name in ("append", "write_slot", "rewrite"):
             setattr(file, name, self.mortal(getattr(file, name)))
         try:  # it may be killed while it starts
-            self.keeper.open(
+            self.session_store.open(
                 SimpleNamespace(agent=self.agent, transports=[self.place], wake_at=self.wake_at)
             )
             self.settle()
@@ -144,7 +144,7 @@ class LastingDesk(Desk):
         while self.agent.attended:
             sessions = list(self.agent.attended)
             self.agent.attended.clear()
-            self.keeper.keep(sessions)
+            self.session_store.keep(sessions)
             for session in sessions:
                 session.finish()
                 self.agent.flush(session)
@@ -332,7 +332,7 @@ def test_a_message_behind_one_that_was_given_up_is_stalled(world, monkeypatch, r
         client.turns(5)
         assert len(client._out) == 1 and heard() == []
         if rewritten:
-            assert world.desk.keeper._rewrite()
+            assert world.desk.session_store._rewrite()
     world.restart()
     settled(client)
     assert heard() == [2 << 8]
@@ -382,7 +382,7 @@ def test_all_that_is_on_its_way_at_the_kill_is_sent_again(world, acknowledged, f
     assert len(client.inbox) == flying
     client.inbox.clear()
     if rewritten:
-        assert world.desk.keeper._rewrite()
+        assert world.desk.session_store._rewrite()
     world.restart()
     client.turns()
     assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(
@@ -516,7 +516,7 @@ def test_a_restored_session_is_not_for_somebody_of_another_transport(world, last
     assert not place.sessions and not desk.middleware.bus.writers
     desk = world.restart()
     assert not desk.agent.clients
-    assert (0xA1 in desk.keeper._asleep) == lasting
+    assert (0xA1 in desk.session_store._asleep) == lasting
     assert not desk.middleware.bus.writers
 
 
@@ -703,7 +703,7 @@ def test_the_last_sample_of_a_transient_local_writer_is_there_again(world):
 
 @pytest.mark.parametrize(("size", "there"), [(0, 1), (4, 0)])
 def test_a_last_sample_is_kept_up_to_its_limit_and_no_longer(world, monkeypatch, size, there):
-    monkeypatch.setattr(module_of_entries, "MAX_LATCHED", 4 + 100)  # and the encapsulation header
+    monkeypatch.setattr(module_of_cursors, "MAX_LATCHED", 4 + 100)  # and the encapsulation header
     qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     client = publisher(world, qos=qos, depth=1)
     client.write(0x15, number(1, 100 + size))
@@ -784,7 +784,7 @@ def test_who_may_not_come_in_any_more_does_not_come_back(world, monkeypatch, by)
         monkeypatch.setattr(Admission, "admits_host", lambda self, host: host != "10.0.0.1")
     world.restart()
     assert not world.desk.agent.clients
-    assert "it may not come in any more" in world.desk.log()
+    assert "it is not admitted any more" in world.desk.log()
 
 
 @pytest.mark.parametrize(
@@ -808,7 +808,7 @@ def test_clients_that_were_kept_from_before_are_held_to_the_lists_too(
     world.restart()
     assert list(world.desk.agent.clients) == left
     for key in hosts.keys() - left:
-        why = "it may not come in any more (see --allow-key, --allow-net)"
+        why = "it is not admitted any more (see --allow-key, --allow-net)"
         assert f"client_key: {key_label(key)}, address: peer {key}, {why}" in world.desk.log()
 
 
@@ -821,7 +821,7 @@ def test_an_address_that_is_none_costs_its_client_alone(world, monkeypatch, call
     )
     world.restart()
     assert list(world.desk.agent.clients) == [0xA2]
-    assert "161 is no address of its transport" in world.desk.log()
+    assert "161 is not an address of its transport" in world.desk.log()
 
 
 def test_no_more_come_back_than_the_owner_wants_now(world, monkeypatch):
@@ -859,13 +859,13 @@ def full(monkeypatch, *names):
             self.error = "No space left on device"
             return False
 
-        patch.setattr(StateFile, name, fails)
+        patch.setattr(Journal, name, fails)
     return lambda: room.__exit__(None, None, None)
 
 
 def revive(world):
     """The desk of a world without its count of calls, whose methods tests replace."""
-    file = world.desk.keeper._file
+    file = world.desk.session_store._journal
     for name in ("append", "write_slot", "rewrite"):
         delattr(file, name)
 
@@ -882,7 +882,7 @@ def test_a_full_disk_is_told_once_and_boards_are_served(world, monkeypatch):
     settled(client)
     assert heard() == [1]
     assert world.desk.log().count("state not kept") == 1
-    assert "make room" in world.desk.log()
+    assert "free some space" in world.desk.log()
     give_room()
     world.wait(10_000)
     assert "state kept again" in world.desk.log()
@@ -963,7 +963,7 @@ def test_a_file_that_is_taken_away_is_written_anew(world, tmp_path, how):
         (tmp_path / "other").write_text("")
         os.replace(tmp_path / "other", world.path)
     world.wait(11_000)
-    assert "it is written anew" in world.desk.log()
+    assert "it is written again" in world.desk.log()
     world.restart()
     client.write(0x15, number(1))
     settled(client)
@@ -1051,7 +1051,7 @@ def test_the_journal_is_compacted(world, monkeypatch):
     for value in range(300):
         writer.write(b"\0\1\0\0" + number(value, 200))
         client.turns(2)
-        sizes.append(world.desk.keeper._file.journal_size)
+        sizes.append(world.desk.session_store._journal.journal_size)
     assert max(sizes) < 12_000
     world.restart()
     client.until(lambda: len(client.samples) == 300, "some are missing")
@@ -1075,15 +1075,15 @@ def test_an_orderly_end_is_trusted_after_a_start_of_the_machine(world, monkeypat
 
 def test_an_end_in_which_something_fails_does_not_forget_anybody(world, monkeypatch):
     publisher(world)
-    agent, keeper = world.desk.agent, world.desk.keeper
+    agent, store = world.desk.agent, world.desk.session_store
 
     def fail(*_):
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(keeper, "_commit", fail)
-    monkeypatch.setattr(keeper, "_changed", [None])
+    monkeypatch.setattr(store, "_commit", fail)
+    monkeypatch.setattr(store, "_changed", [None])
     with pytest.raises(OSError, match="Input"):
-        keeper.close()
+        store.close()
     agent.close()  # as the server does then
     world.clock = world.desk.clock
     world.desk.middleware.close()
@@ -1095,8 +1095,8 @@ def test_a_keeper_that_was_never_opened_leaves_the_file_as_it_is(world):
     publisher(world)
     world.stop()
     before = Path(world.path).read_bytes()
-    keeper = Keeper(open_state(world.path), Log())
-    keeper.close()
+    store = SessionStore(open_journal(world.path), Log())
+    store.close()
     assert Path(world.path).read_bytes() == before
     world.start()
     assert list(world.desk.agent.clients) == [0xA1]
@@ -1127,7 +1127,7 @@ def test_a_journal_that_cannot_be_compacted_goes_on(world, monkeypatch):
     for _ in range(20):
         helpers_delete(client, 0x15)
         client.create(0x15, 0x13, helpers_endpoint, 0x12, ids.QOS_RELIABLE, 10)
-    assert world.desk.keeper._file.journal_size > 3000
+    assert world.desk.session_store._journal.journal_size > 3000
     assert "state not kept" not in world.desk.log()
     os.unlink(world.path)  # and now it is needed
     world.wait(11_000)
@@ -1191,10 +1191,10 @@ def test_read_data_of_what_cannot_be_made_again_is_forgotten(world, monkeypatch)
 
     with monkeypatch.context() as patch:
         patch.setattr(agent_client.ProxyClient, "recreate", refuse)
-        patch.setattr(module.Kept, "deleted", keep_reads)
+        patch.setattr(module.ClientRecords, "deleted", keep_reads)
         world.restart()
-    (entry,) = world.desk.keeper._entries.values()
-    assert 0x16 not in entry.kept.reads and 0x16 not in entry.client.objects
+    (cursor,) = world.desk.session_store._cursors.values()
+    assert 0x16 not in cursor.records.reads and 0x16 not in cursor.client.objects
 
 
 def test_a_client_that_resets_its_session(world):
@@ -1215,11 +1215,11 @@ def test_who_left_is_not_asked_for_what_it_holds(world):
     world.restart()
     world.desk.agent.delete_client(0xA1)
     world.wait(3000)
-    assert not world.desk.keeper._nudges
+    assert not world.desk.session_store._retransmits
 
 
 def test_long_samples_are_not_kept_for_late_readers(world, monkeypatch):
-    monkeypatch.setattr(module_of_entries, "MAX_LATCHED", 100)
+    monkeypatch.setattr(module_of_cursors, "MAX_LATCHED", 100)
     qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     client = publisher(world, qos=qos, depth=1)
     client.write(0x15, number(1))
@@ -1238,9 +1238,9 @@ def test_more_clients_than_slots(world, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(helpers.Place, "name", "OtherAgent")
         world.start()
-        world.desk.keeper._free.clear()
+        world.desk.session_store._free.clear()
         publisher(world, key=0xA2)
-        assert not world.desk.keeper._asleep
+        assert not world.desk.session_store._asleep
         heard = far_reader(world)
         client = publisher(world, key=0xA3)
         client.write(0x15, number(1))

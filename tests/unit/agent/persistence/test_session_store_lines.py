@@ -12,8 +12,8 @@ from support.lines import SerialLine
 from support.stubborn import StubbornClient
 from unit.agent import helpers
 
-from uros.agent.persistence.journal import open_state
-from uros.agent.persistence.session_store import Keeper
+from uros.agent.persistence.journal import open_journal
+from uros.agent.persistence.session_store import SessionStore
 from uros.agent.transports.can import CanServer
 from uros.agent.transports.serial import SerialServer
 
@@ -70,7 +70,7 @@ class LineClient(StubbornClient):
 
 def start(cable, path):
     running = RunningAgent(cable.server(), "memory", 0, 4)
-    running.server.attachments.append(Keeper(open_state(path), running.agent.log))
+    running.server.attachments.append(SessionStore(open_journal(path), running.agent.log))
     running.start()
     return running
 

@@ -23,8 +23,8 @@ from unit.agent.helpers import (
 from unit.agent.persistence.test_session_store import World, publisher
 from unit.agent.transports.test_serial import Device
 
-from uros.agent.persistence.journal import open_state
-from uros.agent.persistence.session_store import Keeper
+from uros.agent.persistence.journal import open_journal
+from uros.agent.persistence.session_store import SessionStore
 from uros.agent.policy import line_loss as module
 from uros.agent.transports import line as line_module
 from uros.agent.transports.serial import SerialServer
@@ -282,7 +282,7 @@ def test_a_restored_board_of_a_device_that_is_away_leaves(quick, tmp_path):
     for there in (True, False):
         with ExitStack() as stack:
             running = RunningAgent(SerialServer(str(device.link)), "memory", 0, 4)
-            running.server.attachments.append(Keeper(open_state(path), running.agent.log))
+            running.server.attachments.append(SessionStore(open_journal(path), running.agent.log))
             stack.enter_context(serving(running))
             if there:
                 one = XrceClient(line, 0x11)

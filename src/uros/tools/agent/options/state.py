@@ -10,7 +10,7 @@ from .group import OptionGroup
 
 if TYPE_CHECKING:
     from ....agent.log import Log
-    from ....agent.persistence.session_store import Keeper
+    from ....agent.persistence.session_store import SessionStore
 
 OPTIONS: Final = OptionGroup("restart")
 OPTIONS.add(
@@ -20,7 +20,7 @@ OPTIONS.add(
 )  # fmt: skip
 
 
-def make_keeper(options: argparse.Namespace, log: Log) -> Keeper | None:
+def make_session_store(options: argparse.Namespace, log: Log) -> SessionStore | None:
     """Open the session store of ``--state``, if it is given: an attachment of the server.
 
     Raises:
@@ -28,10 +28,10 @@ def make_keeper(options: argparse.Namespace, log: Log) -> Keeper | None:
     """
     if options.state is None:
         return None
-    from ....agent.persistence.journal import StateError, open_state
-    from ....agent.persistence.session_store import Keeper
+    from ....agent.persistence.journal import JournalError, open_journal
+    from ....agent.persistence.session_store import SessionStore
 
     try:
-        return Keeper(open_state(options.state), log)
-    except StateError as error:
+        return SessionStore(open_journal(options.state), log)
+    except JournalError as error:
         raise ToolError(str(error)) from error

@@ -252,7 +252,7 @@ def test_the_second_agent_is_told_that_the_file_is_in_use(agent, own_domain_id, 
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=30)
     assert done.returncode != 0
-    assert "another agent uses it: end that one" in done.stdout + done.stderr
+    assert "another agent uses it: stop that agent" in done.stdout + done.stderr
 
 
 def test_a_transient_local_writer_has_its_last_sample_after_a_kill(agent, far_end, own_domain_id):
