@@ -222,6 +222,18 @@ def test_a_program_in_steps_leaves_its_garbage_behind(program):
         assert board.heap().used < 10_000  # it can also be asked afterwards
 
 
+@pytest.mark.parametrize("names", ["one, two", "(\n        one,\n        two,\n    )"])
+def test_imports_leave_their_garbage_behind(program, names):
+    """However the import is written, a collection follows it, as on a board that is short."""
+    text = f"    from wasteful import {names}\n    bytearray(100000)\n" + SLICED
+    wasteful = "bytearray(60000)\none = two = 1\n"
+    with RunningBoard(
+        program(text, wasteful=wasteful), BOARD, "micropython", measure=True
+    ) as board:
+        board.wait("many")
+        assert 100_000 < board.heap().peak < 130_000
+
+
 def test_what_a_program_keeps_is_seen(program):
     sliced = SLICED.replace("rubbish = bytearray(100000)", "kept.append(bytearray(1000))")
     with RunningBoard(program(sliced), BOARD, "micropython") as board:

@@ -158,7 +158,8 @@ gc.threshold(${THRESHOLD})
   };
   if (!core) answerHeap(); // before the program: what the shims and MicroPython itself take
   if (measure && sliced) {
-    for (const line of source.match(/^(import|from) .*$/gm) ?? []) boot.imported(line);
+    const imports = /^(?:import|from) [^(\n]*(?:\([^)]*\))?.*$/gm; // over several lines in parentheses
+    for (const statement of source.match(imports) ?? []) boot.imported(statement);
   }
   let more = core ? boot.run_core(core) : begin(sliced, measure);
   while (more) {
