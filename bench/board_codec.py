@@ -100,7 +100,7 @@ def garbage(call, *args):
 
 def install(board: Any, form: str = "mpy") -> None:
     """Put the messages on the board, as a build for one has them."""
-    from uros.boards.builder.resolver import build
+    from uros.boards.builder.file_system import build
 
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder, "program")

@@ -61,7 +61,7 @@ MODULES: Final = {
     "uros.boards.arena": "uros.boards.virtual.world.arena",
     "uros.boards.bh1750": "uros.boards.virtual.devices.bh1750",
     "uros.boards.board": "uros.boards.virtual.hardware.board",
-    "uros.boards.build": "uros.boards.builder.resolver",
+    "uros.boards.build": "uros.boards.builder.file_system",
     "uros.boards.bundle": "uros.boards.builder.passes.bundle",
     "uros.boards.camera": "uros.boards.virtual.devices.camera",
     "uros.boards.catalog": "uros.boards.virtual.models.catalog",

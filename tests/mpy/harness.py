@@ -26,8 +26,8 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
+from uros.boards.builder.compiler import bytecode
 from uros.boards.builder.portable import SOURCE, portable_files
-from uros.boards.builder.resolver import bytecode
 from uros.interfaces.package import module_texts
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,7 +7,7 @@ from statistics import median
 
 from mpy.harness import ROOT, MicroPython, tree
 
-from uros.boards.builder.resolver import build
+from uros.boards.builder.file_system import build
 
 
 def heap_of(

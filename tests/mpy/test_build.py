@@ -1,5 +1,4 @@
-"""File systems made by `uros.boards.builder.resolver`, on MicroPython: smaller, and otherwise the
-same."""
+"""File systems that `uros.boards.builder.file_system` makes, run on MicroPython."""
 
 import re
 import tempfile
@@ -9,7 +8,7 @@ from pathlib import Path
 import pytest
 from mpy.harness import MicroPython, portable_sources, portable_tests, shared_sources, tree
 
-from uros.boards.builder.resolver import build
+from uros.boards.builder.file_system import build
 from uros.interfaces import write_package
 
 # Modules of a user's program whose meaning hangs on what a rewriting may lose.

@@ -7,9 +7,9 @@ import pytest
 from mpy.harness import MicroPython, tree
 from mpy.random_programs import Program
 
-from uros.boards.builder import resolver as build_module
+from uros.boards.builder import resolver
+from uros.boards.builder.file_system import build
 from uros.boards.builder.pipeline import PASSES
-from uros.boards.builder.resolver import build
 
 FORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "text": ("py", ()),
@@ -68,7 +68,7 @@ def check_ours(numbers: list[int], folder: Path, monkeypatch: pytest.MonkeyPatch
     (folder / "program").mkdir()
     (folder / "source" / "main.py").rename(folder / "program" / "main.py")
     (folder / "source" / "uros" / "client" / "__init__.py").touch()
-    monkeypatch.setattr(build_module, "SOURCE", folder / "source" / "uros")
+    monkeypatch.setattr(resolver, "SOURCE", folder / "source" / "uros")
     compare(numbers, folder / "program", folder / "out", said(files))
 
 

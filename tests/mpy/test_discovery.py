@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from mpy.harness import MicroPython, compiled, portable_sources, tree
 
-from uros.boards.builder.resolver import build
+from uros.boards.builder.file_system import build
 
 SOCKET = """
 import errno

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from mpy.harness import ROOT, MicroPython, tree
 
-from uros.boards.builder.resolver import build
+from uros.boards.builder.file_system import build
 
 SOURCE = ROOT / "tests/unit/interfaces/portable_reuse.py"
 TESTS = [

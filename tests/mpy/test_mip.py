@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mpy.repl import ReplBoard
 
-from uros.boards.builder.resolver import build
+from uros.boards.builder.file_system import build
 from uros.boards.deploy.mip import write_index, write_manifest
 
 Mpremote = Callable[..., str]

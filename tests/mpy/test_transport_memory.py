@@ -3,7 +3,7 @@
 import pytest
 from mpy.harness import MicroPython, tree
 
-from uros.boards.builder.resolver import build
+from uros.boards.builder.file_system import build
 
 PROGRAM = """
 from uros.client import Node

@@ -18,7 +18,7 @@ def names_bound_in(module: str) -> set[str]:
     """What the module's text binds, without importing it: some need a tool that may be missing."""
     import ast
 
-    from uros.boards.builder.passes.strip import bound
+    from uros.boards.builder.scopes import bound
 
     path = SOURCE.joinpath(*module.split(".")[1:])
     file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")

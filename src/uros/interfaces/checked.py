@@ -1,7 +1,7 @@
 """Message classes that refuse fields which they do not have, for programs on virtual boards.
 
 On MicroPython an assignment to a misspelt field makes a new attribute, and the field stays as it
-was. The classes that `uros.boards.builder.resolver` makes with ``checked`` have the
+was. The classes that `uros.boards.builder.file_system` makes with ``checked`` have the
 ``__setattr__`` of
 `checked` instead. A board's firmware has no ``__setattr__`` as a rule, and no memory for it.
 """

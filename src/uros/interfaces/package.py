@@ -68,7 +68,7 @@ def modules(
     """The sources of one module for each ``package.msg`` (srv, action), by its full name.
 
     They hold the named types and all that these nest, and nothing else. A board's file system gets
-    them this way (`uros.boards.builder.resolver`): all types that its program needs are known
+    them this way (`uros.boards.builder.file_system`): all types that its program needs are known
     there. ``lean``,
     ``reused`` and ``checked`` are those of `generate.Parts`.
     """

@@ -21,7 +21,7 @@ from uros.interfaces.checked import meant
 from uros.interfaces.generate import attribute_name, field_type_name
 from uros.interfaces.runtime import check_value
 
-from .passes.strip import Module
+from .modules import Module
 from .type_inference import Program, Value, instance, last
 
 _PUBLIC: Final = {

@@ -1,12 +1,15 @@
-"""The passes of a build: what is done to uros's modules, in this order.
+"""The passes of a build: what changes uros's modules, in this order.
 
-Each makes a program smaller and changes nothing else that it does; `uros board build --without`
-leaves one out, which tells in a minute which of them is at fault where a program does something
-else on the board. None of them touches a module of the program, but `link-imports` as its own
-docstring says.
+Each pass makes the files smaller and changes nothing else that the program does. `PASSES` declares
+each one with its purpose and its condition: where it applies, and what it does not touch because it
+cannot prove that the result is the same. ``uros board build --without PASS`` leaves one out: if a
+program behaves differently on the board, this shows which pass is at fault.
 
-Before them, each module of uros is translated for MicroPython (`shrink.strip`): that takes off what
-only CPython's tools read, and is needed to run at all.
+No pass changes a module of the program, except `link_imports`; see its docstring. Before the passes
+each module of uros is translated for MicroPython (`uros.boards.builder.passes.strip`), without
+which it does not run on a board.
+
+To add a pass, write a module of its name in ``passes`` and add it to `PASSES` in its place.
 """
 
 from __future__ import annotations
@@ -16,63 +19,70 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from .passes.bundle import BUNDLE
-from .passes.bundle import bundle as bundle_modules
-from .passes.inline_methods import unfold
-from .passes.link_imports import link
-from .passes.mangle import fixed_names, rename
-from .passes.merge_classes import flatten
-from .passes.order_names import order
-from .passes.strip import Module, inline
-from .passes.terse_errors import make_lean
-from .passes.tree_shake import shake
+from .modules import Module, known_names
+from .passes.bundle import BUNDLE, bundle
+from .passes.constants import inline_constants
+from .passes.inline_methods import inline_methods
+from .passes.link_imports import link_imports
+from .passes.mangle import mangle
+from .passes.merge_classes import merge_classes
+from .passes.order_names import order_names
+from .passes.terse_errors import make_errors_terse
+from .passes.tree_shake import tree_shake
 
 STARTED: Final = {"boot", "main"}
-"""MicroPython starts these by their text, so they are never compiled."""
+"""The modules that MicroPython starts from text, so that they are never compiled."""
 
 
 @dataclass
 class Program:
-    """What the passes work on: all modules of a board, by their names."""
+    """The modules that the passes change."""
 
     modules: dict[str, Module]
+    """All modules of a board, by their names."""
     roots: set[str]
-    """Further modules and names to keep, see `shake`."""
+    """Further modules and names to keep; see `tree_shake`."""
     checked: bool = False
-    """For a virtual board: errors of messages keep their words."""
+    """The build is for a virtual board: errors about messages keep their texts."""
 
 
 @dataclass(frozen=True)
 class Pass:
+    """One pass of a build."""
+
     name: str
+    """For ``--without``; its module in ``passes`` has the same name with underscores."""
     purpose: str
-    """In a line, for the help."""
+    """What it does, in one line."""
+    condition: str
+    """Where it applies, and what it leaves alone or refuses."""
     run: Callable[[Program], None]
+    """Changes a program. May raise NotBundled."""
     bytecode: bool = False
-    """It is for modules that are compiled: as text they would cost a board more than it saves."""
+    """It is for ``--mpy`` alone: as text its result would cost a board more than it saves."""
 
 
-def _lean(program: Program) -> None:
-    make_lean(program.modules, "uros.interfaces." if program.checked else "-")
+def _terse_errors(program: Program) -> None:
+    make_errors_terse(program.modules, "uros.interfaces." if program.checked else "-")
 
 
-def _inline(program: Program) -> None:
-    inline(program.modules)
+def _constants(program: Program) -> None:
+    inline_constants(program.modules)
 
 
-def _shake(program: Program) -> None:
-    program.modules = shake(program.modules, program.roots)
+def _tree_shake(program: Program) -> None:
+    program.modules = tree_shake(program.modules, program.roots)
 
 
 def _bundle(program: Program) -> None:
-    program.modules = bundle_modules(program.modules)
+    program.modules = bundle(program.modules)
 
 
-def _link(program: Program) -> None:
-    link(program.modules, BUNDLE, lambda module: module.own and module.name in STARTED)
+def _link_imports(program: Program) -> None:
+    link_imports(program.modules, BUNDLE, lambda module: module.own and module.name in STARTED)
 
 
-def _of_bundle(change: Callable[[Module, list[Module]], None]) -> Callable[[Program], None]:
+def _on_bundle(change: Callable[[Module, list[Module]], None]) -> Callable[[Program], None]:
     """A pass over the bundle alone; ``change`` gets it, and all modules beside it."""
 
     def run(program: Program) -> None:
@@ -85,34 +95,101 @@ def _of_bundle(change: Callable[[Module, list[Module]], None]) -> Callable[[Prog
     return run
 
 
-def _flatten(whole: Module, others: list[Module]) -> None:
-    flatten(whole.tree, fixed_names(whole.tree, others))
+def _merge_classes(whole: Module, others: list[Module]) -> None:
+    merge_classes(whole.tree, known_names(whole.tree, others))
 
 
-def _order(whole: Module, others: list[Module]) -> None:
-    order(whole.tree)
+def _inline_methods(whole: Module, others: list[Module]) -> None:
+    inline_methods(whole.tree, known_names(whole.tree, others))
 
 
-def _unfold(whole: Module, others: list[Module]) -> None:
-    unfold(whole.tree, fixed_names(whole.tree, others))
+def _order_names(whole: Module, others: list[Module]) -> None:
+    order_names(whole.tree)
 
 
 PASSES: Final = (
-    Pass("terse-errors", "shortens errors, and leaves out comparing and printing", _lean),
-    Pass("constants", "puts named numbers where their names stand", _inline),
-    Pass("tree-shake", "drops what the program does not reach", _shake),
-    Pass("bundle", "makes one module of all; the passes below work on that", _bundle, True),
-    Pass("link-imports", "lets modules import from the bundle itself", _link, True),
-    Pass("merge-classes", "makes one of a class and its only heir", _of_bundle(_flatten), True),
-    Pass("inline-methods", "puts a method where its only call is", _of_bundle(_unfold), True),
-    Pass("mangle", "gives names that nobody sees shorter ones", _of_bundle(rename), True),
-    Pass("order-names", "gives the names used most the shortest numbers", _of_bundle(_order), True),
+    Pass(
+        "terse-errors",
+        "shortens errors, and leaves out comparing and printing",
+        "modules of uros; for a virtual board those of uros.interfaces keep all; classes of errors"
+        " that the program names stay classes of their own",
+        _terse_errors,
+    ),
+    Pass(
+        "constants",
+        "puts named numbers where their names stand",
+        "names bound once, Final or private, that nothing sets as an attribute; whole numbers,"
+        " bools, texts of up to 16 characters; no name that an inner scope binds",
+        _constants,
+    ),
+    Pass(
+        "tree-shake",
+        "drops what the program does not reach",
+        "by names: a method stays if its name stands anywhere on a receiver of unknown class;"
+        " a class with a base that is not uros's stays whole; a name put together at run time is"
+        " not seen",
+        _tree_shake,
+    ),
+    Pass(
+        "bundle",
+        "makes one module of all; the passes below work on that",
+        "refuses a program that sets a name of a module of uros, or uses such a module as a value",
+        _bundle,
+        bytecode=True,
+    ),
+    Pass(
+        "link-imports",
+        "lets modules import from the bundle itself",
+        "statements 'from module import name' alone; not in main.py and boot.py, which stay text",
+        _link_imports,
+        bytecode=True,
+    ),
+    Pass(
+        "merge-classes",
+        "makes one class of a class and its only subclass",
+        "nothing but the subclass names the base; both bodies only bind methods and constants,"
+        " each name once; super() stands only in calls of an overridden method",
+        _on_bundle(_merge_classes),
+        bytecode=True,
+    ),
+    Pass(
+        "inline-methods",
+        "puts a method where its only call is",
+        "the class calls it once, on self and not for a value; each variable is bound before it is"
+        " read; no inner scope, generator, coroutine or global",
+        _on_bundle(_inline_methods),
+        bytecode=True,
+    ),
+    Pass(
+        "mangle",
+        "gives names that nobody sees shorter ones",
+        "names that neither the program nor a module beside the bundle has, as a name or in a"
+        " string; no name of an exception, of MicroPython's own objects or of a foreign base",
+        _on_bundle(mangle),
+        bytecode=True,
+    ),
+    Pass(
+        "order-names",
+        "gives the names used most the shortest numbers",
+        "every bundle: it adds one statement that does nothing",
+        _on_bundle(_order_names),
+        bytecode=True,
+    ),
 )
 """All passes, in their order."""
 
 
 def run_passes(program: Program, form: str, without: Iterable[str] = ()) -> None:
-    """Run all passes for a form of `build` but some. Raises NotBundled."""
-    for it in PASSES:
-        if it.name not in without and (form == "mpy" or not it.bytecode):
-            it.run(program)
+    """Run the passes that a form of build has.
+
+    Args:
+        program: Changed in place.
+        form: ``"py"`` or ``"mpy"``; see `uros.boards.builder.file_system.build`.
+        without: Names of passes to leave out.
+
+    Raises:
+        NotBundled: The modules cannot become one.
+    """
+    for step in PASSES:
+        if step.name not in without and (form == "mpy" or not step.bytecode):
+            step.run(program)

@@ -16,7 +16,8 @@ from uros.interfaces import InterfaceError, registry
 from uros.interfaces.generate import attribute_name
 from uros.interfaces.parse import Action, Message, Service
 
-from .passes.strip import FUNCTIONS, Module, absolute
+from .modules import Module, absolute
+from .scopes import FUNCTIONS
 
 Value = tuple[Any, ...] | None
 """What an expression is, as ("message", type name); None: not certain. The other kinds: "class",

@@ -8,8 +8,8 @@ Three forms:
   (``uros``), each further module as a package of its own (``uros-parameters``), and each type of
   message (``std_msgs/msg/Int32``) and package of them, as text and as bytecode. ``mip`` takes what
   the board's firmware reads.
-- `write_manifest` is for one program: what `uros.boards.builder.resolver` has made of it and
-nothing else.
+- `write_manifest` is for one program: what `uros.boards.builder.file_system` has made of it
+  and nothing else.
 
 Run it (``python -m uros.boards.deploy.mip``) in a clone to write the first form anew.
 Installers are micropython-lib's ``mip`` on a board and mpremote's ``mip`` on a host; both take
@@ -31,9 +31,11 @@ import uros
 from uros.interfaces import registry
 from uros.interfaces.package import module_texts
 
-from ..builder.passes.strip import Module, imports, strip
+from ..builder.compiler import bytecode
+from ..builder.errors import BuildError
+from ..builder.modules import Module, imports
+from ..builder.passes.strip import strip
 from ..builder.portable import SOURCE, portable_files
-from ..builder.resolver import BuildError, bytecode
 
 CORE: Final = "uros"
 MANIFEST: Final = "package.json"

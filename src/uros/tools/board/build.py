@@ -103,7 +103,8 @@ def run(args: argparse.Namespace) -> int:
 
 def build_files(args: argparse.Namespace, program: Path, out: Path) -> list[Path]:
     """Build as the options say. Raises ToolError and InterfaceError."""
-    from ...boards.builder.resolver import BuildError, build
+    from ...boards.builder.errors import BuildError
+    from ...boards.builder.file_system import build
 
     know_interfaces(args)
     form = "mpy" if args.mpy else "py"

@@ -97,7 +97,7 @@ def _show(port: OpenPort, args: argparse.Namespace) -> None:
 
 def _files(args: argparse.Namespace) -> dict[str, bytes]:
     """The board's file system. Raises ToolError and InterfaceError."""
-    from ...boards.builder.resolver import is_built
+    from ...boards.builder.file_system import is_built
 
     if is_built(Path(args.program)):
         return _read(Path(args.program))

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write it, and say how it is used. Raises ToolError and InterfaceError."""
-    from ...boards.builder.resolver import BuildError
+    from ...boards.builder.errors import BuildError
     from ...boards.deploy.mip import write_index
 
     know_interfaces(args)

@@ -93,7 +93,8 @@ def _names(what: list[str]) -> list[str]:
 
 
 def _compiled(path: str, text: str) -> tuple[str, bytes]:
-    from ...boards.builder.resolver import CompilerError, bytecode
+    from ...boards.builder.compiler import bytecode
+    from ...boards.builder.errors import CompilerError
 
     try:
         return path.replace(".py", ".mpy"), bytecode(text, path, path)

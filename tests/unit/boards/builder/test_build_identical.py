@@ -7,13 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from uros.boards.builder.resolver import build
+from uros.boards.builder.file_system import build
 
 BUILD = """
 import sys
 sys.path += sys.argv[3:]
 from pathlib import Path
-from uros.boards.builder.resolver import build
+from uros.boards.builder.file_system import build
 build(Path(sys.argv[1]), Path(sys.argv[2]), "mpy")
 """
 

@@ -4,7 +4,8 @@
 import pytest
 from support.paths import ROOT
 
-from uros.boards.builder.resolver import FieldError, build
+from uros.boards.builder.errors import FieldError
+from uros.boards.builder.file_system import build
 
 CLONE = ROOT
 

@@ -11,24 +11,21 @@ from pathlib import Path
 import pytest
 
 from uros import moved
-from uros.boards.builder import pipeline as passes_module
-from uros.boards.builder import resolver as build_module
+from uros.boards.builder import pipeline, resolver
+from uros.boards.builder.compiler import bytecode
+from uros.boards.builder.errors import BuildError, CompilerError, MissingModule, SourceError
+from uros.boards.builder.file_system import build
+from uros.boards.builder.modules import Module
 from uros.boards.builder.passes.bundle import BUNDLE, NotBundled
-from uros.boards.builder.passes.inline_methods import unfold
-from uros.boards.builder.passes.mangle import rename
-from uros.boards.builder.passes.merge_classes import flatten
-from uros.boards.builder.passes.order_names import order
-from uros.boards.builder.passes.strip import Module, inline, strip
-from uros.boards.builder.passes.tree_shake import shake
+from uros.boards.builder.passes.constants import inline_constants
+from uros.boards.builder.passes.inline_methods import inline_methods
+from uros.boards.builder.passes.mangle import mangle
+from uros.boards.builder.passes.merge_classes import merge_classes
+from uros.boards.builder.passes.order_names import order_names
+from uros.boards.builder.passes.strip import strip
+from uros.boards.builder.passes.tree_shake import tree_shake
 from uros.boards.builder.pipeline import PASSES, Program, run_passes
 from uros.boards.builder.portable import SOURCE, is_portable, portable_files
-from uros.boards.builder.resolver import (
-    BuildError,
-    CompilerError,
-    MissingModule,
-    SourceError,
-    build,
-)
 from uros.interfaces import add_folder
 
 Make = Callable[..., Path]
@@ -81,15 +78,15 @@ def stripped(text: str) -> str:
 def inlined(**modules: str) -> dict[str, str]:
     """Texts of modules after strip and inline; ``own_x`` is the program's module x."""
     made = {n: module(n, text, n.startswith("own_")) for n, text in modules.items()}
-    inline(made)
+    inline_constants(made)
     return texts(made)
 
 
 def shaken(*roots: str, **modules: str) -> dict[str, str]:
     parts = [module(n, text, n == "main") for n, text in modules.items()]
     made = {part.name: part for part in parts}
-    inline(made)
-    return texts(shake(made, roots))
+    inline_constants(made)
+    return texts(tree_shake(made, roots))
 
 
 def bundled(*without: str, **modules: str) -> dict[str, str]:
@@ -529,8 +526,8 @@ def test_a_module_without_content_vanishes_with_its_imports() -> None:
         "p.ids": module("p.ids", "A: Final = 1"),
         "p.m": module("p.m", "from . import ids\nfrom .ids import A\ndef f(): return ids.A + A"),
     }
-    inline(made)
-    assert texts(shake(made)) == {
+    inline_constants(made)
+    assert texts(tree_shake(made)) == {
         "main": "from p.m import f",
         "p.m": code("def f(): return 1 + 1"),
     }
@@ -847,7 +844,7 @@ if True:
 
 def renamed(text: str, *others: str) -> str:
     whole = module("whole", text)
-    rename(whole, [module("other", other, own=True) for other in others])
+    mangle(whole, [module("other", other, own=True) for other in others])
     return ast.unparse(whole.tree)
 
 
@@ -980,7 +977,7 @@ class Asked: pass
 class Own(Asked): pass
 f = lambda it: isinstance(it, Asked)
 """)
-    flatten(tree, ["Known"])
+    merge_classes(tree, ["Known"])
     names = [node.name for node in tree.body if isinstance(node, ast.ClassDef)]
     assert names == ["Heir", "Shared", "One", "Two", "Known", "Its", "Asked", "Own"]
     scope: dict = {}
@@ -1031,7 +1028,7 @@ BASE = "class A:\n    def f(self): return 1\n"
 )
 def test_classes_that_stay_apart(text: str) -> None:
     tree = ast.parse(text)
-    flatten(tree, [])
+    merge_classes(tree, [])
     assert ast.unparse(tree) == ast.unparse(ast.parse(text))
 
 
@@ -1048,7 +1045,7 @@ class A:
 class B(A):
     def __init__(self): self.level = self.twice(3)
 """)
-    flatten(tree, [])
+    merge_classes(tree, [])
     scope: dict = {}
     exec(ast.unparse(tree), scope)
     assert "A" not in scope and (scope["B"]().level, scope["B"].KINDS) == (7, {"a": [1, -2]})
@@ -1096,7 +1093,7 @@ class A:
     def _asked(self): pass
 def outside(a): return a._asked
 """)
-    unfold(tree, [])
+    inline_methods(tree, [])
     (cls,) = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     left = {node.name for node in cls.body if isinstance(node, ast.FunctionDef)}
     assert not left & {"_note", "_early", "_note_all"}
@@ -1130,7 +1127,7 @@ class A:
         {body}
 """
     tree = ast.parse(text)
-    unfold(tree, [])
+    inline_methods(tree, [])
     done = ast.unparse(ast.fix_missing_locations(tree))
     assert "def m(" not in done
     told = []
@@ -1183,7 +1180,7 @@ def test_only_what_is_bound_before_it_is_read(body: str, is_put: bool) -> None:
     inside = textwrap.indent(body, "        ")
     text = f"class A:\n    def run(self, k):\n        self.m(k)\n    def m(self, n):\n{inside}"
     tree = ast.parse(text)
-    unfold(tree, [])
+    inline_methods(tree, [])
     assert ("def m" not in ast.unparse(ast.fix_missing_locations(tree))) == is_put
 
 
@@ -1210,7 +1207,7 @@ def test_only_what_is_bound_before_it_is_read(body: str, is_put: bool) -> None:
 def test_calls_that_stay(caller: str) -> None:
     text = f"class A:\n    {caller}\n    def m(self, n):\n        see(n)"
     tree = ast.parse(text)
-    unfold(tree, [])
+    inline_methods(tree, [])
     assert "def m" in ast.unparse(ast.fix_missing_locations(tree))
 
 
@@ -1226,7 +1223,7 @@ class A:
         i = n
         self.n = i + i_2
 """)
-    unfold(tree, [])
+    inline_methods(tree, [])
     scope: dict = {}
     exec(ast.unparse(ast.fix_missing_locations(tree)), scope)
     assert not hasattr(scope["A"], "m") and scope["A"]().run() == 43
@@ -1247,7 +1244,7 @@ def test_inner_functions_see_the_new_name() -> None:
 
 def ordered(text: str) -> str:
     tree = module("whole", text).tree
-    order(tree)
+    order_names(tree)
     return ast.unparse(tree)
 
 
@@ -1281,7 +1278,7 @@ def test_only_what_stands_in_several_places_needs_a_short_number() -> None:
 def test_short_numbers_make_shorter_bytecode() -> None:
     rare = "\n".join(f"class C{i}:\n def m{i}(self): pass" for i in range(150))
     text = rare + "\ndef f(x):\n" + " x.often.more.still()\n" * 500
-    lengths = [len(build_module.bytecode(it, "m.py", "m")) for it in (text, ordered(text))]
+    lengths = [len(bytecode(it, "m.py", "m")) for it in (text, ordered(text))]
     assert lengths[0] - lengths[1] > 500
 
 
@@ -1547,7 +1544,7 @@ def test_names_that_a_module_may_have(
         file = source / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(textwrap.dedent(text))
-    monkeypatch.setattr(build_module, "SOURCE", source)
+    monkeypatch.setattr(resolver, "SOURCE", source)
     names = "in_try in_except in_else InIf in_for in_tuple in_star in_with in_walrus in_annotated"
     good = [f"from uros.qos import {name}" for name in (*names.split(), "f", "in_global", "sys")]
     good += ["from uros.client import whatever", "from uros.wire import Reader, cdr, Unseen"]
@@ -1656,7 +1653,7 @@ def test_a_cycle_of_values_names_the_way_out(
     def refuse(modules: object) -> None:
         raise NotBundled("x.py: the module y is used as a value")
 
-    monkeypatch.setattr(passes_module, "bundle_modules", refuse)
+    monkeypatch.setattr(pipeline, "bundle", refuse)
     with pytest.raises(BuildError, match="build it without the pass bundle"):
         build(program(main="x = 1"), tmp_path / "out", "mpy")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.paths import ROOT
 
-from uros.boards.builder.resolver import BuildError
+from uros.boards.builder.errors import BuildError
 from uros.boards.deploy.mip import (
     CORE,
     parts,

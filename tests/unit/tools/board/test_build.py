@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from uros.boards.builder.file_system import build
 from uros.boards.builder.pipeline import PASSES
-from uros.boards.builder.resolver import build
 from uros.boards.virtual.engine.runner import firmware_folder
 from uros.boards.virtual.models.catalog import BOARDS
 from uros.interfaces import InterfaceError, load
@@ -46,7 +46,7 @@ def test_help_is_cheap():
     probe = (
         "import sys\nfrom uros.tools import cli\n"
         "assert cli.main(['board', 'build', '--help']) == 0\n"
-        "heavy = {'uros.boards.builder.resolver', 'uros.interfaces', 'uros.middleware'}\n"
+        "heavy = {'uros.boards.builder.file_system', 'uros.interfaces', 'uros.middleware'}\n"
         "heavy |= {'ctypes', 'asyncio'}\n"
         "print(heavy & set(sys.modules))"
     )

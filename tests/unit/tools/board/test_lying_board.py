@@ -39,7 +39,7 @@ def program(tmp_path):
 @pytest.fixture
 def deploy(program, monkeypatch, capsys):
     """Deploys to a board; the exit status, and what was said, which a terminal may show."""
-    monkeypatch.setattr("uros.boards.builder.resolver.is_built", lambda path: True)
+    monkeypatch.setattr("uros.boards.builder.file_system.is_built", lambda path: True)
 
     def run(board, *options, patient=False):
         monkeypatch.setattr(raw_repl, "SECONDS", Seconds() if patient else SHORT, raising=False)

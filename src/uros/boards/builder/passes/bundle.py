@@ -18,8 +18,8 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from ..foreign_names import BUILTINS
-from .mangle import Renaming
-from .strip import Module, Scopes, absolute, bound, imports, scoped_names
+from ..modules import Module, absolute, imports
+from ..scopes import Renaming, Scopes, bound, scoped_names
 
 BUNDLE: Final = "uros._all"
 """The module that holds all others."""
@@ -93,8 +93,6 @@ def _only_takes_names(
                 raise NotBundled(f"{place}: the module {what} is used as a value")
         elif not isinstance(asked.ctx, ast.Load) and what in parts:
             raise NotBundled(f"{place}: sets {what}.{asked.attr}, which uros would not see")
-
-
 
 
 def _in_order(modules: dict[str, Module]) -> list[Module]:

@@ -25,7 +25,7 @@ import copy
 from collections.abc import Iterable
 from typing import Final
 
-from .strip import COMPREHENSIONS, FUNCTIONS, bound, parameters
+from ..scopes import COMPREHENSIONS, FUNCTIONS, bound, parameters
 
 _INNER: Final = (
     *FUNCTIONS, *COMPREHENSIONS, ast.Lambda, ast.Yield, ast.YieldFrom, ast.Await, ast.Global,
@@ -33,7 +33,7 @@ _INNER: Final = (
 )  # fmt: skip
 
 
-def unfold(tree: ast.Module, named: Iterable[str]) -> None:
+def inline_methods(tree: ast.Module, named: Iterable[str]) -> None:
     """Unfold methods of a bundle; those that others may know by a name of ``named`` stay."""
     kept = set(named)
     while _once(tree, kept):

@@ -15,10 +15,12 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable
 
-from .strip import Module, absolute, imports
+from ..modules import Module, absolute, imports
 
 
-def link(modules: dict[str, Module], bundle: str, is_text: Callable[[Module], bool]) -> None:
+def link_imports(
+    modules: dict[str, Module], bundle: str, is_text: Callable[[Module], bool]
+) -> None:
     """Link the modules to ``bundle``, but those that stay text, and drop fronts without users."""
     fronts: dict[str, dict[str, str]] = {}  # module -> its names, and what they are in the bundle
     for name, module in modules.items():

@@ -13,16 +13,9 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from ..foreign_names import ATTRIBUTES, BUILTINS, CLASSES
-from .strip import (
-    FUNCTIONS,
-    Module,
-    Scopes,
-    bound,
-    parameters,
-    receiver,
-    scoped_names,
-    times_bound,
-)
+from ..modules import Module, known_names
+from ..scopes import FUNCTIONS, Renaming, bound, parameters, scoped_names, times_bound
+from .strip import receiver
 
 # MicroPython numbers these in every build (py/makeqstrdata.py); files of bytecode rely on it.
 _IN_ROM: Final = (
@@ -56,10 +49,10 @@ _IN_FIRMWARE: Final = (
 ).split()
 
 
-def rename(whole: Module, others: Iterable[Module]) -> None:
+def mangle(whole: Module, others: Iterable[Module]) -> None:
     """Rename in the bundle ``whole``; ``others`` are all modules that run beside it."""
     others = list(others)
-    fixed = fixed_names(whole.tree, others)
+    fixed = known_names(whole.tree, others)
     _drop_aliases(whole.tree, fixed)
     trees = [whole.tree, *(other.tree for other in others)]
     _rename_attributes(whole.tree, fixed, _idle(trees))
@@ -75,25 +68,6 @@ def rename(whole: Module, others: Iterable[Module]) -> None:
     for node in ast.walk(whole.tree):
         if isinstance(node, FUNCTIONS):
             _rename_parameters(node, names)
-
-
-def fixed_names(tree: ast.Module, others: Iterable[Module]) -> set[str]:
-    """The names that others may know, and those that are asked for by their text."""
-    names = {"__init__"}
-    for other in others:
-        for node in ast.walk(other.tree):
-            names.update(value for value in vars(node).values() if isinstance(value, str))
-            for value in vars(node).values():  # as of global statements
-                if isinstance(value, list):
-                    names.update(it for it in value if isinstance(it, str))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            names.add(node.value)
-        elif isinstance(node, ast.keyword) and node.arg:
-            names.add(node.arg)
-        elif isinstance(node, ast.alias):
-            names.update((node.name, node.asname or node.name))
-    return names
 
 
 def _idle(trees: list[ast.Module]) -> list[str]:
@@ -330,34 +304,6 @@ def _rename_globals(tree: ast.Module, fixed: set[str]) -> None:
     # MicroPython's compiler takes a call of const for its own.
     new = _take(final, names | fixed | {"const"} | BUILTINS, pool)
     _Globals(new).visit(tree)
-
-
-class Renaming(Scopes):
-    """Gives a module's names those that `name` says, wherever they are bound or asked for."""
-
-    def name(self, name: str) -> str:
-        raise NotImplementedError
-
-    def visit_Name(self, node: ast.Name) -> ast.AST:
-        node.id = self.name(node.id)
-        return node
-
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
-        node.name = self.name(node.name)
-        return super().visit_FunctionDef(node)
-
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
-        node.name = self.name(node.name)
-        return super().visit_AsyncFunctionDef(node)
-
-    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
-        node.name = self.name(node.name)
-        return super().visit_ClassDef(node)
-
-    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
-        if node.name:
-            node.name = self.name(node.name)
-        return self.generic_visit(node)
 
 
 def _drop_aliases(tree: ast.Module, fixed: set[str]) -> None:

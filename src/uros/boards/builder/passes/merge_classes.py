@@ -22,13 +22,13 @@ import ast
 from collections.abc import Iterable
 from typing import Final
 
-from .strip import COMPREHENSIONS, FUNCTIONS, bound, parameters, times_bound
+from ..scopes import COMPREHENSIONS, FUNCTIONS, bound, parameters, times_bound
 
 _INNER: Final = (*FUNCTIONS, *COMPREHENSIONS, ast.Lambda, ast.ClassDef)
 _DECORATORS: Final = {"property", "staticmethod", "classmethod"}
 
 
-def flatten(tree: ast.Module, named: Iterable[str]) -> None:
+def merge_classes(tree: ast.Module, named: Iterable[str]) -> None:
     """Flatten the classes of a bundle; those that others may know by a name of ``named`` stay."""
     kept = set(named)
     while _once(tree, kept):

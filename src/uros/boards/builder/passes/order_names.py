@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
-from .strip import bound, parameters
+from ..scopes import bound, parameters
 
 _SHORT: Final = 127
 """So many names have one octet, besides the file's own."""
@@ -28,7 +28,7 @@ _CHAIN: Final = 16
 """Attributes of attributes, so that nobody who walks over the tree gets too deep."""
 
 
-def order(tree: ast.Module) -> None:
+def order_names(tree: ast.Module) -> None:
     """Put the statement in front of a module."""
     count = _Count()
     count.visit(tree)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from typing import Final
 
-from .strip import Module, absolute, named_from_outside
+from ..modules import Module, absolute, named_from_outside
 
 # Final constants with which a module says more than a board has room for, and what they are there.
 _LEAN: Final = {
@@ -21,7 +21,7 @@ _ONE: Final = _PEERS | {"EncodeError"}
 _QUIET: Final = ("uros.wire.", "uros.interfaces.")
 
 
-def make_lean(modules: dict[str, Module], spared: str = "-") -> None:
+def make_errors_terse(modules: dict[str, Module], spared: str = "-") -> None:
     """Leave out of uros's modules what only says more about an error; those whose names begin with
     ``spared`` keep it.
     """

@@ -16,13 +16,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from ..foreign_names import CLASSES
-from .strip import Module, absolute, bound, receiver
+from ..modules import Module, absolute
+from ..scopes import bound
+from .strip import receiver
 
 _DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 _ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 
 
-def shake(modules: dict[str, Module], roots: Iterable[str] = ()) -> dict[str, Module]:
+def tree_shake(modules: dict[str, Module], roots: Iterable[str] = ()) -> dict[str, Module]:
     """The modules that are left, with what is left of each; the program's own stay whole.
 
     ``roots`` are further modules (``uros.wire.session``) or names in them

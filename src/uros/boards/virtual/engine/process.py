@@ -43,7 +43,8 @@ from types import FrameType
 from typing import Any, Final
 
 from ....interfaces import InterfaceError, add_folder
-from ...builder.resolver import BuildError, build
+from ...builder.errors import BuildError
+from ...builder.file_system import build
 from ..hardware.board import FaultError, VirtualBoard
 from ..hardware.clock import BoardClock
 from ..hardware.parts import Part

