@@ -9,6 +9,7 @@ from support.client import XrceClient
 from support.lines import UdpLine
 from support.recorded import RecordedBoard, UdpBoard, submessages
 from support.replay import load, messages
+from support.signals import default_signals
 
 from uros.interfaces import known_hash
 from uros.interfaces import load as load_type
@@ -172,10 +173,11 @@ def test_nothing_is_left_of_a_board_that_leaves(agent, peer):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_nothing_is_left_of_an_agent_that_is_ended(domain, peer, number):
-    agent = subprocess.Popen(
-        [sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain)],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
+    with default_signals():
+        agent = subprocess.Popen(
+            [sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
     try:
         port = next(int(line.split()[-1]) for line in agent.stdout if "port: " in line)
         line = UdpLine(port)

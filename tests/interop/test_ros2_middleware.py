@@ -18,6 +18,7 @@ from conftest import ROOT, leased_domain
 from support.client import XrceClient
 from support.lines import UdpLine
 from support.peer import RosPeer
+from support.signals import default_signals
 
 from uros.agent.objects import ros_graph
 from uros.wire import ids
@@ -69,11 +70,12 @@ class Agent:
 
     def __init__(self, python, domain, middleware="auto", how="--stop-at-eof", **variables):
         command = [python, "-m", "uros", "agent", "udp4", "-p", "0", "-m", middleware]
-        self._process = subprocess.Popen(
-            [*map(str, command), "--domain", str(domain), how],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-            env=dict(environment(), **variables),
-        )  # fmt: skip
+        with default_signals():
+            self._process = subprocess.Popen(
+                [*map(str, command), "--domain", str(domain), how],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                env=dict(environment(), **variables),
+            )  # fmt: skip
         self.said = []
         self._news = threading.Condition()
         self._thread = threading.Thread(target=self._read, daemon=True)

@@ -39,7 +39,7 @@ from .policy.eviction import EvictionPolicy
 from .policy.key_conflict import KeyConflicts
 from .policy.limits import Limits
 from .policy.line_loss import LineLossMonitor
-from .policy.liveliness import DEAD_TIME, LOOK_MS, Liveliness
+from .policy.liveliness import CHECK_MS, DEAD_TIME, Liveliness
 from .policy.memory_budget import CLIENT_BYTES, MemoryBudget
 from .policy.rules import Rules
 from .policy.time_budget import DeferredCloseQueue, TimeBudget
@@ -118,9 +118,9 @@ class Agent:
         self._look()
 
     def _look(self) -> None:
-        pause = LOOK_MS / 1000
+        pause = CHECK_MS / 1000
         try:
-            pause = self.liveliness.look()
+            pause = self.liveliness.check()
             if self.budget.freed:
                 self.budget.freed, self.heap.somebody_left = False, True
             self.heap.look(self.clock.monotonic())
@@ -317,7 +317,7 @@ class Agent:
             return True
         if len(self.clients) < most and not self.eviction.is_over(transport, peer, most):
             return True
-        leaving, why = self.eviction.leaving(transport, peer, most, self.now())
+        leaving, why = self.eviction.select(transport, peer, most, self.now())
         for client in leaving:
             self.delete_client(client.key)
         if leaving and (times := self.faults.times("no places left")) is not None:

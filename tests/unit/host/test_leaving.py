@@ -7,6 +7,7 @@ import sys
 import pytest
 from support.agent import running_agent
 from support.lines import SECONDS
+from support.signals import default_signals
 from support.waiting import eventually
 
 PROGRAM = """
@@ -27,9 +28,12 @@ while not publisher.published:
 def test_a_node_takes_leave_of_its_agent_however_its_program_ends(then):
     with running_agent("udp", "memory") as agent:
         program = PROGRAM.format(port=agent.transport.port, then=then)
-        process = subprocess.Popen(
-            [sys.executable, "-c", program], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+        with default_signals():
+            process = subprocess.Popen(
+                [sys.executable, "-c", program],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
         try:
             eventually(lambda: "datawriter created" in agent.said.getvalue())
             if then == "node.spin()":

@@ -5,6 +5,7 @@ import signal
 import time
 
 import pytest
+from support.signals import default_signals
 
 from uros.host import interrupt
 from uros.host.network import Network
@@ -118,6 +119,7 @@ def test_who_has_ended_listening_hears_nothing_more(network):
 # --- Ctrl-C ---------------------------------------------------------------------------------
 
 
+@default_signals()
 def test_ctrl_c_waits_until_samples_are_taken(network, monkeypatch):
     """Within Cyclone's binding it would become another error."""
     heard = []
@@ -141,6 +143,7 @@ def test_ctrl_c_waits_until_samples_are_taken(network, monkeypatch):
     assert network.spin(lambda: heard, 10)
 
 
+@default_signals()
 def test_ctrl_c_just_before_the_wait_ends_it(network, monkeypatch):
     """Python itself would only hear of it when the wait is over."""
 
@@ -162,6 +165,7 @@ def test_ctrl_c_just_before_the_wait_ends_it(network, monkeypatch):
     assert len(Late.times) == 1 and Late.times[0] > 15
 
 
+@default_signals()
 def test_ctrl_c_ends_what_a_listener_does(network):
     """It may wait for a terminal or a pipe."""
     after = []

@@ -8,6 +8,7 @@ import threading
 import time
 
 import pytest
+from support.signals import default_signals
 
 import uros
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT
@@ -578,6 +579,7 @@ def test_a_closed_connection_drops_what_is_published(node):
         client.call_async(Trigger.Request()).result()
 
 
+@default_signals()
 def test_ctrl_c_waits_until_samples_are_taken(node, other, monkeypatch):
     """Within Cyclone's binding it would become another error."""
     came = []
@@ -601,6 +603,7 @@ def test_ctrl_c_waits_until_samples_are_taken(node, other, monkeypatch):
     assert came == [Int32(data=1), Int32(data=2)]
 
 
+@default_signals()
 def test_ctrl_c_just_before_the_wait_ends_it(node, monkeypatch):
     """Python itself would only hear of it when the wait is over."""
 
@@ -616,6 +619,7 @@ def test_ctrl_c_just_before_the_wait_ends_it(node, monkeypatch):
     assert time.monotonic() - start < 20 and len(selects.times) == 1
 
 
+@default_signals()
 def test_other_signals_do_not_keep_it_awake(node, monkeypatch):
     class Late(Selects):
         def select(self, *arguments):
@@ -633,6 +637,7 @@ def test_other_signals_do_not_keep_it_awake(node, monkeypatch):
     assert 2 <= len(selects.times) <= 3
 
 
+@default_signals()
 def test_ctrl_c_ends_a_callback(node):
     node.create_timer(0.001, lambda: signal.raise_signal(signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
@@ -641,6 +646,7 @@ def test_ctrl_c_ends_a_callback(node):
     node.spin()
 
 
+@default_signals()
 def test_a_program_with_its_own_handler_keeps_it(node, other, monkeypatch):
     pressed = []
     dispatch = node.connection.middleware.dispatch
@@ -663,12 +669,13 @@ def test_a_program_with_its_own_handler_keeps_it(node, other, monkeypatch):
 def test_three_lines_end_with_ctrl_c_and_leave_the_network(monkeypatch, own_domain_id):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain_id))
     with Network(own_domain_id) as network:
-        process = subprocess.Popen(
-            [sys.executable, "-u", "-c", PROGRAM],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        with default_signals():
+            process = subprocess.Popen(
+                [sys.executable, "-u", "-c", PROGRAM],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
         try:
             assert network.spin(lambda: "/listener" in network.graph.nodes(), 20)
             publisher = Node("talker", domain_id=own_domain_id)

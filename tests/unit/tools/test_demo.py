@@ -9,6 +9,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from support.signals import default_signals
 
 from uros.tools import demo
 from uros.tools.errors import ToolError
@@ -85,10 +86,11 @@ def test_bad_options(arguments):
 @pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
 def test_the_agent_ends_with_the_demo_however_it_ends(own_domain_id, number):
-    demo_process = subprocess.Popen(
-        [sys.executable, "-m", "uros", "demo", "--domain", str(own_domain_id)],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    with default_signals():
+        demo_process = subprocess.Popen(
+            [sys.executable, "-m", "uros", "demo", "--domain", str(own_domain_id)],
+            stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
     assert demo_process.stdout is not None
     while "running..." not in demo_process.stdout.readline():
         pass

@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+from support.signals import default_signals
 
 from uros.tools import cli
 from uros.tools.board.screen import Row, layout
@@ -114,11 +115,12 @@ class Typed:
     """A command with a pipe for its input."""
 
     def __init__(self, *arguments, **options):
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "uros", *map(str, arguments)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True, bufsize=1, **options,
-        )  # fmt: skip
+        with default_signals():
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "uros", *map(str, arguments)],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                text=True, bufsize=1, **options,
+            )  # fmt: skip
 
     def until(self, text):
         seen = []

@@ -265,7 +265,7 @@ class ProxyClient:
             if thing.delivery is not None:
                 self._pump(thing, self._agent.now())
                 self._agent.attend(self.session)
-            if backlog is not None and not backlog.empty and backlog.look():
+            if backlog is not None and not backlog.empty and backlog.check():
                 self._agent.wake_at(0.0, ready)  # others have their turn first
 
         return ready

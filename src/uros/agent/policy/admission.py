@@ -1,14 +1,14 @@
-"""Who may come in: keys, networks, how many; and a record of those who were refused.
+"""Admission: which client keys and networks are allowed, how many clients; refused clients.
 
-The lists come from the table ``[admission]`` of files of rules (:mod:`.control`) and
-from the command line, and add up::
+The lists come from the table ``[admission]`` of rule files (:mod:`.rules`) and from the command
+line, and are joined::
 
     [admission]
     keys = ["0x4B0CBE99", 7]
     networks = ["192.168.1.0/24", "fd00::/8"]
     max_clients = 20
 
-An empty list lets all in. Networks are for what comes over IP: a serial line has none.
+An empty list allows all. Networks apply to IP transports only: a serial line has none.
 """
 
 from __future__ import annotations
@@ -20,21 +20,27 @@ from typing import Any, Final, NamedTuple
 
 from .config_values import ConfigError, key_of, listed, only, shown, typed, whole
 
-# Attack: CREATE_CLIENT with one key after the other. See .shares for who leaves then.
+# Attack: CREATE_CLIENT with one key after the other. See .eviction for the clients evicted then.
 MAX_CLIENTS: Final = 4096
-# Attack: the same with keys that are refused. So many are remembered, the latest.
+# Attack: the same with keys that are refused. The latest so many are recorded.
 MAX_REFUSALS: Final = 256
-# Why somebody is refused. These are what the owner's tools know it by, too.
+# Reasons of refusals; the tools show these texts.
 KEY_IN_USE: Final = "client key in use"
 KEY_NOT_ALLOWED: Final = "client key not allowed"
 ADDRESS_NOT_ALLOWED: Final = "address not allowed"
-# Attack: packets in the name of all addresses. Answers for so many are remembered.
+# Attack: packets with forged source addresses. Results for so many are cached.
 _MAX_HOSTS: Final = 1024
 
 
 @dataclass
 class Admission:
-    """See the module."""
+    """The clients that an agent admits.
+
+    Attributes:
+        keys: Allowed client keys; empty for all.
+        networks: Allowed IP networks; empty for all.
+        max_clients: The most clients at a time.
+    """
 
     keys: frozenset[int] = frozenset()
     networks: tuple[IPv4Network | IPv6Network, ...] = ()
@@ -42,11 +48,15 @@ class Admission:
     _hosts: dict[str, bool] = field(default_factory=dict, repr=False, compare=False)
 
     def admits_key(self, key: int) -> bool:
+        """Return whether a client key is allowed."""
         return not self.keys or key in self.keys
 
     def admits_host(self, host: str | None) -> bool:
-        """``host`` is an IP address in numbers, as sockets give it; what is none stays out.
-        None: somebody on a line, which is no network.
+        """Return whether an address is allowed.
+
+        Args:
+            host: A numeric IP address as sockets give it, anything else is refused; None for a
+                client on a line, which has no address.
         """
         if not self.networks or host is None:
             return True
@@ -59,6 +69,7 @@ class Admission:
         return known
 
     def admits(self, key: int, host: str | None) -> bool:
+        """Return whether key and address are allowed."""
         return self.admits_key(key) and self.admits_host(host)
 
     def _is_inside(self, host: str) -> bool:
@@ -68,7 +79,7 @@ class Admission:
             return False
         if isinstance(address, IPv6Address) and address.ipv4_mapped is not None:
             address = address.ipv4_mapped
-        return any(address in it for it in self.networks)
+        return any(address in network for network in self.networks)
 
 
 def make_admission(
@@ -77,9 +88,16 @@ def make_admission(
     networks: Sequence[str] = (),
     max_clients: int | None = None,
 ) -> Admission:
-    """Of the files' ``(name, table)`` and of the command line, whose number goes before theirs.
+    """Make the admission of an agent.
 
-    Raises ConfigError saying where a mistake is.
+    Args:
+        tables: ``(file name, table)`` of rule files.
+        keys: Client keys of the command line.
+        networks: Networks of the command line.
+        max_clients: Number of the command line; it overrides that of the files.
+
+    Raises:
+        ConfigError: A value is invalid; the text says where.
     """
     made = Admission()
     for name, table in tables:
@@ -88,7 +106,7 @@ def make_admission(
         except ConfigError as error:
             raise ConfigError(f"{name}: [admission]: {error}") from error
     if keys:
-        _add(made, {"keys": [typed(it) for it in keys]})
+        _add(made, {"keys": [typed(key) for key in keys]})
     if networks:
         _add(made, {"networks": list(networks)})
     if max_clients is not None:
@@ -100,9 +118,11 @@ def _add(made: Admission, table: Mapping[str, Any]) -> None:
     only(table, ("keys", "networks", "max_clients"), "it")
     for name in ("keys", "networks"):
         if name in table and not listed(table[name]):
-            raise ConfigError(f"{name} is empty, which would let nobody in: leave it out for all")
-    made.keys |= {key_of(it) for it in listed(table.get("keys", []))}
-    made.networks += tuple(_network(it) for it in listed(table.get("networks", [])))
+            raise ConfigError(f"{name} is empty, which admits nobody: leave it out to admit all")
+    made.keys |= {key_of(key) for key in listed(table.get("keys", []))}
+    made.networks += tuple(
+        _network(network) for network in listed(table.get("networks", []))
+    )
     if "max_clients" in table:
         made.max_clients = whole(table["max_clients"], "max_clients", 1, MAX_CLIENTS)
 
@@ -122,23 +142,30 @@ def _network(value: Any) -> IPv4Network | IPv6Network:
     raise ConfigError(f'{shown(value)} is no network, such as "192.168.1.0/24" or "fd00::/8"')
 
 
-# --- the refused --------------------------------------------------------------------
+# --- refusals -----------------------------------------------------------------------
 
 
 class Refusal(NamedTuple):
-    """The last time that a key was refused for this reason, and how many times it was."""
+    """The last refusal of a key for one reason.
+
+    Attributes:
+        why: The reason.
+        address: The address that used the key.
+        times: How many times it was refused for this reason.
+        when: Seconds of the monotonic clock.
+    """
 
     why: str
     address: str
     times: int
-    when: float  # of time.monotonic
+    when: float
 
 
 class Refusals(dict[int, Refusal]):
-    """By client key, the latest last."""
+    """Refusals by client key, the latest last; the oldest is dropped at MAX_REFUSALS."""
 
     def note(self, key: int, why: str, address: str, when: float, times: int = 1) -> None:
-        """Remember one more, or as many as ``times``; the oldest goes where there are many."""
+        """Record a refusal, or ``times`` of them."""
         before = self.pop(key, None)
         if before is not None and before.why == why:
             times += before.times

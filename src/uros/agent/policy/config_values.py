@@ -1,6 +1,4 @@
-"""Values that the agent's owner writes, in files and on the command line: what they may be, and
-what is said else.
-"""
+"""Checks values of rule files and of the command line, with errors that have the remedy."""
 
 from __future__ import annotations
 
@@ -11,10 +9,11 @@ from typing import Any
 
 
 class ConfigError(ValueError):
-    """A rule that cannot be; the text says where, what, and what would be right."""
+    """A value is invalid; the text has its place, the value, and what is allowed."""
 
 
 def only(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
+    """Raise ConfigError where ``table``, called ``what``, has a key that is not ``known``."""
     for key in table:
         if key not in known:
             close = get_close_matches(key, known, 1, 0.6)
@@ -23,38 +22,44 @@ def only(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
 
 
 def shown(value: Any) -> str:
-    """A value of the file, as short as a line can bear."""
+    """Return a value as text, short enough for a line of the log."""
     try:
         text = repr(value)
-    except ValueError:  # Python writes no number of over 4300 digits
+    except ValueError:  # Python converts no number of over 4300 digits
         return "a very long number"
     return text if len(text) <= 100 else f"{text[:100]}..."
 
 
 def typed(text: str) -> int | str:
-    """A value of the command line, where numbers are texts too."""
-    # No longer ones: they are nothing that is meant, and Python refuses those of 4300 digits.
+    """Convert a value of the command line: decimal numbers to int."""
+    # Longer numbers are never valid, and Python refuses those of over 4300 digits.
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else text
 
 
 def listed(value: Any) -> list[Any]:
+    """Return a list as it is, another value as the only one of a list."""
     return value if isinstance(value, list) else [value]
 
 
 def table_of(value: Any, what: str) -> dict[str, Any]:
+    """Return a table; raises ConfigError for another value."""
     if not isinstance(value, dict):
         raise ConfigError(f"{what} is {shown(value)}, not a table such as {{ … = … }}")
     return value
 
 
 def key_of(value: Any) -> int:
-    """A client's key, as the log writes it or as a number."""
+    """Return a client key that is written as in the log or as a number; raises ConfigError."""
     if isinstance(value, str) and re.fullmatch(r"0[xX][0-9A-Fa-f]{1,8}", value):
         return int(value, 16)
     return whole(value, "key", 0, 0xFFFFFFFF, ' or a text such as "0x4B0CBE99"')
 
 
 def whole(value: Any, what: str, low: int, high: int, also: str = "") -> int:
+    """Return a whole number from ``low`` to ``high``; raises ConfigError for another value.
+
+    ``also`` names other values that are allowed, for the text of the error.
+    """
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise ConfigError(
             f"{what} is {shown(value)}, not a whole number from {low} to {high}{also}"

@@ -1,18 +1,18 @@
-"""Whose turn it is to leave where there are no places left: a share for each address.
+"""Eviction: which clients are deleted when a new client finds no place.
 
-A session costs its maker one datagram, and one socket can make as many as there are places. So
-clients are counted by where they come from: the *network* (an IPv4 address, 64 bits of an IPv6
-address, or one line: a serial device, a CAN bus) and the *socket* there (an address and port, a
-connection, a board's number on the line). When a newcomer finds no place, room is made for it:
+A session costs its creator one datagram, and one socket can create as many as there are places. So
+clients are counted by origin: the *network* (an IPv4 address, 64 bits of an IPv6 address, or one
+line: a serial device, a CAN bus) and the *socket* there (an address and port, a connection, a
+board's number on the line). When a new client finds no place, clients are evicted from
 
-1. by one socket that has many sessions more than the newcomer's socket: its cheapest and youngest
-   go, whether they talk or not, since a board has one session;
-2. by one network that has many more than the newcomer's: of those that are silent, the cheapest and
-   youngest go;
-3. by those that have made nothing, wherever they are, the longest silent first.
+1. one socket that has many sessions more than the new client's socket: those with the fewest
+   objects and the youngest, active or not, since a board has one session;
+2. one network that has many more than the new client's: of the silent ones, those with the fewest
+   objects and the youngest;
+3. all clients without objects, wherever they are, the longest silent first.
 
-Nobody else goes: a board that works does not leave for a newcomer. So at the usual limit one
-network cannot have all places, however lively its sessions are.
+No others are evicted: a board in use never gives way to a new client. So at the usual limit one
+network cannot take all places, however active its sessions are.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from ..transports.base import ServerTransport
 
 # Fewer sessions than this of one socket or network are no attack, whatever the limit is.
 LEAST: Final = 16
-# A client that made something is silent, for this purpose, after so long: boards say something
-# while they set up.
+# A client with objects counts as silent after so long: boards send messages while they set up.
 SILENT_MS: Final = 3000
-# So many places leave at a time, as a part of all: a flood must not make us search each time.
+# The part of all places that is freed at a time: a flood must not cause a search each time.
 _PART: Final = 16
-# Attack: lively sessions of one network. A part of all places is for others, where there are so
-# many places that the limit is there for attacks and not for the owner's boards.
+# Attack: active sessions of one network. This part of all places is reserved for other networks,
+# where the limit is so high that it is there for attacks and not for the owner's boards.
 _RESERVED: Final = 16
 _MANY_PLACES: Final = 1024
-# Attack: newcomers in vain, each of which has all clients looked at. How long that is not repeated.
+# Attack: new clients in vain, each of which causes a search of all clients. How long a search
+# without result is not repeated, in milliseconds.
 _PAUSE_MS: Final = 100
 
 
 def network_of(transport: ServerTransport, peer: Any) -> Hashable:
-    """Those who share this share the places that one machine may have."""
+    """Return the origin of a peer: an address or subnet, or its transport."""
     host = transport.host_of(peer)
     if host is None:
         return transport
@@ -53,23 +53,23 @@ def network_of(transport: ServerTransport, peer: Any) -> Hashable:
 
 
 class EvictionPolicy:
-    """See the module. Where each client is, and who goes for a newcomer."""
+    """Counts clients by origin and selects those to evict for a new one."""
 
     def __init__(self) -> None:
         self._networks: dict[Hashable, dict[Hashable, dict[ClientState, None]]] = {}
         self._counts: dict[Hashable, int] = {}  # clients of each network
-        # Until when nobody is silent or bare, as was just seen; and the same within one network.
+        # Until when no search is repeated; by whether it was within one network.
         self._in_vain: dict[bool, int] = {}
 
     def add(self, client: ClientState, transport: ServerTransport, peer: Any) -> None:
-        """The client is there from now on."""
+        """Add a client."""
         network = network_of(transport, peer)
         sockets = self._networks.setdefault(network, {})
         sockets.setdefault((transport, peer), {})[client] = None
         self._counts[network] = self._counts.get(network, 0) + 1
 
     def remove(self, client: ClientState, transport: ServerTransport, peer: Any) -> None:
-        """It is there no more."""
+        """Remove a client."""
         network = network_of(transport, peer)
         sockets = self._networks[network]
         clients = sockets[transport, peer]
@@ -81,18 +81,22 @@ class EvictionPolicy:
             del self._networks[network], self._counts[network]
 
     def is_over(self, transport: ServerTransport, peer: Any, most: int) -> bool:
-        """Whether the newcomer's network has all of the ``most`` places that one may have."""
+        """Return whether the peer's network has all that it may have of ``most`` places."""
         if most < _MANY_PLACES:
             return False
         return self._counts.get(network_of(transport, peer), 0) >= most - most // _RESERVED
 
-    def leaving(
+    def select(
         self, transport: ServerTransport, peer: Any, most: int, now: int
     ) -> tuple[list[ClientState], str]:
-        """Who goes for a newcomer from there, and why; nobody: it must wait."""
+        """Select clients to evict for a new one at ``peer``.
+
+        Returns:
+            The clients, none where the new one must wait; and the reason for the log.
+        """
         network, part = network_of(transport, peer), max(1, most // _PART)
         over = self.is_over(transport, peer, most)
-        if over:  # its own network makes the room; others keep what is reserved for them
+        if over:  # its own network gives way; the reserved places stay for others
             largest = network
         else:
             largest = max(self._counts, key=self._counts.__getitem__)
@@ -108,8 +112,8 @@ class EvictionPolicy:
         found = self._silent(largest, network, part, most, now)
         why = "one address has most of the sessions, and they are silent"
         if not found:
-            found = self._bare([inside] if over else self._networks.values(), now)[:part]
-            why = "they have made nothing"
+            found = self._without_objects([inside] if over else self._networks.values(), now)[:part]
+            why = "they have no objects"
         if not found:
             self._in_vain[over] = ticks_add(now, _PAUSE_MS)
         return found, why
@@ -117,10 +121,10 @@ class EvictionPolicy:
     def _silent(
         self, largest: Hashable, network: Hashable, part: int, most: int, now: int
     ) -> list[ClientState]:
-        """Those of the largest network that go for a newcomer from ``network``."""
+        """Select silent clients of the largest network, for a new one of ``network``."""
         count = self._counts[largest]
         spare = count - self._counts.get(network, 0) - 1
-        if largest == network:  # equals: only where the limit is not one of the owner's boards
+        if largest == network:  # only where the limit is there for attacks
             spare = part if most >= _MANY_PLACES else 0
         if count < LEAST or spare <= 0:
             return []
@@ -135,20 +139,20 @@ class EvictionPolicy:
         )
 
     @staticmethod
-    def _bare(
+    def _without_objects(
         networks: Iterable[dict[Hashable, dict[ClientState, None]]], now: int
     ) -> list[ClientState]:
-        """Those that have made nothing, the longest silent first."""
-        bare = [
+        """Return the clients without objects, the longest silent first."""
+        found = [
             client
             for sockets in networks
             for clients in sockets.values()
             for client in clients
             if not client.objects
         ]
-        return sorted(bare, key=lambda client: ticks_diff(client.session.heard, now))
+        return sorted(found, key=lambda client: ticks_diff(client.session.heard, now))
 
 
 def _cheapest(clients: Iterable[ClientState], count: int) -> list[ClientState]:
-    """Those that have made the least, of them the youngest."""
-    return sorted(clients, key=lambda it: (len(it.objects), -it.born))[:count]
+    """Return the clients with the fewest objects, of them the youngest."""
+    return sorted(clients, key=lambda client: (len(client.objects), -client.born))[:count]

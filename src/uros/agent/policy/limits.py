@@ -1,9 +1,8 @@
-"""What one client, and all clients together, may have of an agent.
+"""Limits of one client, and of all clients together, that the agent's owner can change.
 
-Limits that never vary stand where they are held: streams and answers of a session
+Fixed limits are defined where they are checked: streams and answers of a session
 (:mod:`~uros.agent.session.session`), sizes of XML (:mod:`~uros.agent.objects.xml_profiles`),
-connections and what
-waits in them (:mod:`~uros.agent.transports.tcp`).
+connections and their queues (:mod:`~uros.agent.transports.tcp`).
 """
 
 from __future__ import annotations
@@ -17,34 +16,33 @@ _One = TypeVar("_One", str, int)
 
 
 class TooMany(Exception):
-    """More than one client may have."""
+    """A client has reached a limit."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Of one client, but for those that say otherwise."""
+    """Limits of one client, except ``memory``, which is that of all together."""
 
-    # Attack: a client that creates all 65536 objects its ids can name.
+    # Attack: a client that creates all 65536 objects that have ids.
     objects: int = 4096
-    # Attack: one client takes the places of all on the network, which holds some thousand
-    # nodes at most.
+    # Attack: one client uses up the nodes of the network, which can have some thousand.
     participants: int = 32
-    # Attack: one client starts all domains that the middleware has room for, and none is left
-    # again before the agent's end.
+    # Attack: one client opens all domains that the middleware can have; they stay open until the
+    # agent ends.
     domains: int = 4
-    # Attack: one type after the other; the middleware keeps their names for good. Counted over
-    # the client's life.
+    # Attack: one type after the other; the middleware never forgets their names. Counted over the
+    # client's life.
     types: int = 512
-    # Attack: as many objects, each with as much XML as it may have, all kept for GET_INFO.
+    # Attack: many objects, each with the longest XML; all are stored for GET_INFO. Bytes.
     representations: int = 4 * 1024 * 1024
-    # Attack: fragments that never end, and samples of the network that a client never reads.
+    # Attack: fragments that never end, and samples of the network that a client never reads. Bytes.
     message: int = MAX_MESSAGE
-    # Attack: each of many clients takes what one may have. Bytes of all together; see budget.py.
+    # Attack: many clients, each at its limits. Bytes of all together; see memory_budget.py.
     memory: int = 256 * 1024 * 1024
 
 
 def use(used: set[_One], one: _One, most: int, what: str) -> None:
-    """Note one more thing that a client uses; raises TooMany."""
+    """Add a value to those that a client uses; raises TooMany where ``most`` are used already."""
     if one not in used:
         if len(used) >= most:
             raise TooMany(f"over {most} {what} of one client")

@@ -1,14 +1,14 @@
-"""Clients whose line is gone leave, unless they come back soon.
+"""Line loss: clients of a lost line are deleted unless they come back soon.
 
-Silence says nothing of a client (:mod:`.liveliness`), but a serial line that is unplugged does: the
-board behind it is gone from the network, and the graph should say so within ten seconds. It may
-come back in that time, with the line or on another one. So each client of a lost line is looked at
-once a second, and asked for a sign of life as soon as its line is there again. Whatever comes from
-it ends that; who has said nothing after :data:`LOOKS` seconds is forgotten with all it made. A line
-that came back late has the time for two questions.
+Silence says nothing about a client (:mod:`.liveliness`), but an unplugged serial line does: its
+board is gone from the network, and the ROS graph must show that within ten seconds. It may come
+back in that time, on this line or on another one. So each client of a lost line is checked once a
+second, and probed as soon as its line is there again. Any message from it ends that; a client that
+sent none within :data:`CHECKS` checks is deleted with its objects. A line that came back late has
+the time for two probes.
 
-Looks are counted and not seconds: in a process that is stopped, or a machine that sleeps, nobody
-misses a board, nor hears it. TCP is no case of this: a session ends with its connection.
+Checks are counted and not seconds: a process that is stopped, or a machine that sleeps, cannot
+receive answers. TCP is not affected: a session ends with its connection.
 """
 
 from __future__ import annotations
@@ -20,54 +20,54 @@ from ..context import AgentContext, ClientState
 from ..objects.kinds import key_label
 from ..transports.base import ServerTransport
 
-# How many looks a client has to come back, a second each; and questions before it is forgotten.
-# A line that comes back at the last look makes it two more: within ten seconds of the loss.
-LOOKS: Final = 7
-QUESTIONS: Final = 2
-_LOOK_SECONDS: Final = 1.0
+# Checks, one a second, in which a client can come back; and probes before it is deleted. A line
+# that comes back at the last check makes it two more: within ten seconds of the loss.
+CHECKS: Final = 7
+PROBES: Final = 2
+_CHECK_SECONDS: Final = 1.0
 
 
 class _Missing:
     """A client whose line was lost."""
 
-    __slots__ = ("asked", "heard", "looks", "place")
+    __slots__ = ("probes", "heard", "checks", "place")
 
     def __init__(self, heard: int, place: tuple[ServerTransport, Any]) -> None:
-        self.heard = heard  # what Session.heard was; another value is a sign of life
+        self.heard = heard  # Session.heard at the loss; another value means that it sent something
         self.place = place
-        self.looks = 0
-        self.asked = 0
+        self.checks = 0
+        self.probes = 0
 
 
 class LineLossMonitor:
-    """See the module."""
+    """Watches the clients of lost lines."""
 
     def __init__(self, agent: AgentContext) -> None:
         self._agent = agent
         self._missing: dict[ClientState, _Missing] = {}
-        self._looking = False
+        self._checking = False
 
     def lost(self, transport: ServerTransport) -> None:
-        """A line of the transport is gone."""
+        """Watch the clients of a transport that lost a line."""
         for key, client in self._agent.clients.items():
             if self._agent.place(key)[0] is transport:
                 self.watch(client)
 
     def watch(self, client: ClientState) -> None:
-        """Begin to miss the client, if its line is away."""
+        """Watch a client, if its line is away."""
         transport, peer = place = self._agent.place(client.key)
         known = self._missing.get(client)
         if not transport.is_away(peer) or (known is not None and not self._is_back(client, known)):
             return
         now = self._agent.now()
         if client.session.heard == now:
-            client.session.heard = ticks_add(now, -1)  # what comes now must differ
+            client.session.heard = ticks_add(now, -1)  # a message in this millisecond must differ
         self._missing[client] = _Missing(client.session.heard, place)
-        if not self._looking:
-            self._looking = True
-            self._agent.wake_at(_LOOK_SECONDS, self._look)
+        if not self._checking:
+            self._checking = True
+            self._agent.wake_at(_CHECK_SECONDS, self._check)
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         agent = self._agent
         try:
             for client, missing in list(self._missing.items()):
@@ -75,19 +75,19 @@ class LineLossMonitor:
                     del self._missing[client]
                     continue
                 transport, peer = missing.place
-                missing.looks += 1
+                missing.checks += 1
                 away = transport.is_away(peer)
-                if missing.looks >= LOOKS and (away or missing.asked >= QUESTIONS):
+                if missing.checks >= CHECKS and (away or missing.probes >= PROBES):
                     del self._missing[client]
-                    self._forget(client, missing.looks)
+                    self._delete(client, missing.checks)
                 elif not away:
-                    missing.asked += 1
+                    missing.probes += 1
                     client.session.probe()
                     agent.attend(client.session)
         finally:
-            self._looking = bool(self._missing)
-            if self._looking:
-                agent.wake_at(_LOOK_SECONDS, self._look)
+            self._checking = bool(self._missing)
+            if self._checking:
+                agent.wake_at(_CHECK_SECONDS, self._check)
 
     def _is_back(self, client: ClientState, missing: _Missing) -> bool:
         agent = self._agent
@@ -97,11 +97,11 @@ class LineLossMonitor:
             or agent.place(client.key) != missing.place
         )
 
-    def _forget(self, client: ClientState, looks: int) -> None:
+    def _delete(self, client: ClientState, checks: int) -> None:
         agent = self._agent
         agent.log.warning(
             "Root", "check_lines", "line is gone",
             f"client_key: {key_label(client.key)}, address: {agent.address(client.key)},"
-            f" not back within {looks} s: forgotten (it starts anew when it comes back)",
+            f" not back within {checks} s: deleted (it starts anew when it comes back)",
         )  # fmt: skip
         agent.delete_client(client.key)

@@ -1,16 +1,17 @@
-"""Who is still there: silent clients are asked, and forgotten when they stay silent.
+"""Liveliness: silent clients are probed, and deleted when they do not answer.
 
-Silence alone says nothing, a subscriber may have nothing to say for hours. So a client
-that was silent for a tenth of the dead time (at most 30 s) is asked for a sign of life
-(:meth:`.session.Session.probe`), and again after as long, until it is heard or the dead
-time is over. It is forgotten only after several unanswered questions, and time in which
-the agent itself did not look (a stopped process, a clock that jumps) does not count: it
-may have missed the answers.
+Silence alone says nothing, a subscriber may have nothing to send for hours. So a client that was
+silent for a tenth of the dead time (at most 30 s) is probed
+(:meth:`uros.agent.session.session.Session.probe`), and again after as long, until it is heard or
+the dead time is over. It is deleted only after several unanswered probes. Time in which the agent
+itself did not check (a stopped process, a clock that jumps) does not count: it may have missed the
+answers.
 
-A client may ask for the same at a pace of its own ("hard liveliness": its property
-``uxr_hl``, in milliseconds): asked at each period of silence, forgotten after the third.
+A client may ask for a period of its own ("hard liveliness", its property ``uxr_hl``, in
+milliseconds): it is probed after each period of silence, and deleted after the third probe.
 
-One look at all clients a second; nothing at each message, and no timer a client.
+All clients are checked once a second; there is no work for each message, and no timer for each
+client.
 """
 
 from __future__ import annotations
@@ -21,39 +22,45 @@ from ...ticks import TIME_MASK, ticks_diff
 from ..context import AgentContext, ClientState
 from ..objects.kinds import key_label
 
-# Seconds that a client may be silent for, if the owner says nothing; and at most.
+# Default and maximum of the dead time: how long a client may be silent, in seconds.
 DEAD_TIME: Final = 300.0
 MAX_DEAD_TIME: Final = 86_400.0
-# Nobody is forgotten who was not asked so often.
-QUESTIONS: Final = 3
-# The longest silence before the first question, and between two.
+# Probes before a client is deleted.
+PROBES: Final = 3
+# The longest silence before the first probe, and between two.
 _PATIENCE_MS: Final = 30_000
-LOOK_MS: Final = 1000
-# Of `uxr_hl`; a C client can ask for 1 to 999999.
+CHECK_MS: Final = 1000
+# The property of hard liveliness, and its limits; a C client can ask for 1 to 999999.
 HARD: Final = "uxr_hl"
 MIN_HARD_MS: Final = 100
 MAX_HARD_MS: Final = 3_600_000
-# A network that fails silences all at once: so many are asked, or forgotten, at a time, and
-# after a pause in which others are served the next.
-MAX_ASKED: Final = 64
-MAX_FORGOTTEN: Final = 16
+# A network that fails silences all clients at once: so many are probed, or deleted, in one check,
+# and the next ones after a pause in which others are served.
+MAX_PROBED: Final = 64
+MAX_DELETED: Final = 16
 _REST_MS: Final = 20
 
 
 class _Silence:
-    """Of one client. Times are of :attr:`Liveliness._time`."""
+    """The silence of one client; times are those of ``Liveliness._time``."""
 
-    __slots__ = ("asked_at", "heard", "questions", "since")
+    __slots__ = ("probed_at", "heard", "probes", "since")
 
     def __init__(self, heard: int, since: int) -> None:
-        self.heard = heard  # what Session.heard was; another value is a sign of life
+        self.heard = heard  # Session.heard when it began; it changes with each message
         self.since = since
-        self.questions = 0
-        self.asked_at = 0
+        self.probes = 0
+        self.probed_at = 0
 
 
 class Liveliness:
-    """See the module. ``dead_time`` is in seconds; 0: only who asks for it is looked after."""
+    """Checks the liveliness of all clients.
+
+    Args:
+        agent: The agent.
+        dead_time: Seconds of silence after which a client is deleted; 0 for never, except
+            clients with hard liveliness.
+    """
 
     def __init__(self, agent: AgentContext, dead_time: float = DEAD_TIME) -> None:
         self._agent = agent
@@ -61,15 +68,15 @@ class Liveliness:
         self._patience = min(self.dead_ms // 10, _PATIENCE_MS)
         self._silent: dict[ClientState, _Silence] = {}
         self._hard: dict[ClientState, tuple[int, _Silence]] = {}  # and the period
-        # Milliseconds in which we were awake: what elapses between two looks that should be
-        # `_pause` apart, but no more than a second over that.
+        # Milliseconds in which the process was running: the time between two checks that should
+        # be `_pause` apart, but no more than a second over that.
         self._time = 0
-        self._pause = LOOK_MS
-        self._looked: int | None = None
-        self._next_look_at_all = 0
+        self._pause = CHECK_MS
+        self._checked_at: int | None = None
+        self._next_check_all = 0
 
     def enroll(self, client: ClientState, properties: list[tuple[str, str]]) -> None:
-        """The client has come, or come again, with these properties."""
+        """Note the properties of a CREATE_CLIENT."""
         self._hard.pop(client, None)
         text = next((value for name, value in properties if name == HARD), None)
         if text is None:
@@ -91,27 +98,27 @@ class Liveliness:
             f"{about}, timeout: {period} ms",
         )  # fmt: skip
 
-    def look(self) -> float:
-        """Ask and forget whom it is time for; seconds until the next look."""
+    def check(self) -> float:
+        """Probe and delete clients; return the seconds until the next check."""
         now = self._agent.now()
-        if self._looked is not None:
-            elapsed = max(0, ticks_diff(now, self._looked))
+        if self._checked_at is not None:
+            elapsed = max(0, ticks_diff(now, self._checked_at))
             self._time += min(elapsed, self._pause + 1000)
-        self._looked = now
-        left = [MAX_ASKED, MAX_FORGOTTEN]
+        self._checked_at = now
+        left = [MAX_PROBED, MAX_DELETED]
         if self._hard:
-            self._look_at_hard(left)
-        if self.dead_ms and self._time >= self._next_look_at_all:
-            self._look_at_all(now, left)
-            self._next_look_at_all = self._time + LOOK_MS - _REST_MS
-        pause = min((period // 2 for period, _ in self._hard.values()), default=LOOK_MS)
+            self._check_hard(left)
+        if self.dead_ms and self._time >= self._next_check_all:
+            self._check_all(now, left)
+            self._next_check_all = self._time + CHECK_MS - _REST_MS
+        pause = min((period // 2 for period, _ in self._hard.values()), default=CHECK_MS)
         if min(left) <= 0:
             pause = _REST_MS
-            self._next_look_at_all = 0
-        self._pause = min(pause, LOOK_MS)
+            self._next_check_all = 0
+        self._pause = min(pause, CHECK_MS)
         return self._pause / 1000
 
-    def _look_at_all(self, now: int, left: list[int]) -> None:
+    def _check_all(self, now: int, left: list[int]) -> None:
         patience, before = self._patience, self._silent
         self._silent = after = {}
         silent = [
@@ -126,46 +133,46 @@ class Liveliness:
             if silence is None or silence.heard != client.session.heard:
                 silence = _Silence(client.session.heard, self._time - patience)
             after[client] = silence
-            asked_for = self._time - silence.asked_at
+            unanswered_for = self._time - silence.probed_at
             if (
-                silence.questions >= QUESTIONS
+                silence.probes >= PROBES
                 and self._time - silence.since >= self.dead_ms
-                and asked_for >= min(patience, LOOK_MS)
+                and unanswered_for >= min(patience, CHECK_MS)
             ):
-                self._forget(client, silence, left, "changed by --dead-time SECONDS, 0: never")
-            elif not silence.questions or asked_for >= patience:
-                self._ask(client, silence, left)
+                self._delete(client, silence, left, "set by --dead-time SECONDS, 0: never")
+            elif not silence.probes or unanswered_for >= patience:
+                self._probe(client, silence, left)
 
-    def _look_at_hard(self, left: list[int]) -> None:
+    def _check_hard(self, left: list[int]) -> None:
         clients = self._agent.clients
         for client, (period, silence) in list(self._hard.items()):
             if clients.get(client.key) is not client:
                 del self._hard[client]
             elif silence.heard != client.session.heard:
                 self._hard[client] = period, _Silence(client.session.heard, self._time)
-            elif self._time - max(silence.since, silence.asked_at) < period:
+            elif self._time - max(silence.since, silence.probed_at) < period:
                 continue
-            elif silence.questions >= QUESTIONS:
-                self._forget(client, silence, left, f"it asks for that by {HARD}={period}")
+            elif silence.probes >= PROBES:
+                self._delete(client, silence, left, f"requested by the client: {HARD}={period}")
             else:
-                self._ask(client, silence, left)
+                self._probe(client, silence, left)
 
-    def _ask(self, client: ClientState, silence: _Silence, left: list[int]) -> None:
+    def _probe(self, client: ClientState, silence: _Silence, left: list[int]) -> None:
         if left[0] > 0:
-            silence.questions += 1
-            silence.asked_at = self._time
+            silence.probes += 1
+            silence.probed_at = self._time
             client.session.probe()
             self._agent.attend(client.session)
         left[0] -= 1
 
-    def _forget(self, client: ClientState, silence: _Silence, left: list[int], why: str) -> None:
+    def _delete(self, client: ClientState, silence: _Silence, left: list[int], why: str) -> None:
         if left[1] > 0:
             seconds = (self._time - silence.since) / 1000
             self._agent.log.warning(
                 "Root", "check_liveliness", "client is silent",
                 f"client_key: {key_label(client.key)}, address: {self._agent.address(client.key)},"
-                f" nothing heard for {seconds:.{0 if seconds >= 10 else 1}f} s,"
-                f" {silence.questions} questions unanswered: forgotten ({why})",
+                f" no message for {seconds:.{0 if seconds >= 10 else 1}f} s,"
+                f" {silence.probes} probes unanswered: deleted ({why})",
             )  # fmt: skip
             self._agent.delete_client(client.key)
         left[1] -= 1

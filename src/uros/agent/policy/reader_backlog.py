@@ -1,10 +1,10 @@
-"""What waits in a reader of the middleware for its client: octets, bounded and charged.
+"""Reader backlog: the bytes that wait in a middleware reader for its client, limited and charged.
 
-Samples stay in the reader until the client's stream has room, under the depth that the client's QoS
-has. A depth is a number of samples and says nothing of memory: 5000 samples may be gigabytes. So
-where a client does not take everything, each sample's size is noted as it comes. Beyond
-:data:`MAX_UNREAD_BYTES` the oldest go, and what waits is part of the account of all clients
-(:mod:`.budget`).
+Samples stay in the reader until the client's stream has room, limited by the depth of the client's
+QoS. A depth is a number of samples and no limit of memory: 5000 samples may be gigabytes. So while
+a client does not take everything, the size of each sample is noted as it arrives. Beyond
+:data:`MAX_UNREAD_BYTES` the oldest are dropped, and the backlog is part of the memory budget of all
+clients (:mod:`.memory_budget`).
 """
 
 from __future__ import annotations
@@ -15,38 +15,42 @@ from typing import Any, Final, Protocol
 
 from .memory_budget import MESSAGE_BYTES, MemoryBudget
 
-# Attack: a reader that keeps all, of a topic of pictures, and is never asked. One sample is kept
-# whatever its size.
+# Attack: a KEEP_ALL reader of a topic of images that is never read. One sample is kept whatever its
+# size. Bytes.
 MAX_UNREAD_BYTES: Final = 16 * 1024 * 1024
-# One reader may have no more than this part of what all clients together may have.
+# One reader may have no more than this part of the memory budget.
 _SHARE: Final = 8
-# More than this, given back at once, is worth asking the C library for.
+# Bytes that, freed at once, are worth returning to the system.
 _MUCH: Final = 1024 * 1024
-# Attack: samples as fast as they can be looked at. So many at a time; others have their turn then.
+# Attack: samples as fast as they can be counted. So many in a turn.
 MAX_LOOKED_AT: Final = 64
 
 
 class Source(Protocol):
-    """An end of the middleware that samples wait in."""
+    """A middleware reader in which samples wait."""
 
     def arrived(self, limit: int) -> list[int]:
-        """See :meth:`uros.middleware.base.Reader.arrived`."""
+        """Return sizes of new samples; see :meth:`uros.middleware.base.Reader.arrived`."""
 
     def take(self, limit: int) -> Sequence[Any]:
-        """Samples, oldest first."""
+        """Take samples, oldest first."""
 
 
 class Backlog:
-    """See the module.
+    """The samples that wait in one reader.
 
     The count may be too high for a while, where the middleware has dropped samples by itself; it is
-    right again when the reader has been emptied.
+    correct again when the reader was emptied.
+
+    Attributes:
+        octets: Bytes that wait, with the overhead of each sample.
+        empty: Whether the last take found no sample.
 
     Args:
         source: Where samples wait.
-        depth: How many of them, at most.
-        budget: The account of all clients.
-        dropped: Called with a text when samples had to go.
+        depth: The depth of its QoS.
+        budget: The memory budget of all clients.
+        dropped: Called with a text for the log when samples were dropped.
     """
 
     __slots__ = ("_budget", "_dropped", "_most", "_sizes", "_source", "empty", "octets")
@@ -60,10 +64,10 @@ class Backlog:
         self._most = min(MAX_UNREAD_BYTES, budget.limit // _SHARE)
         self._sizes: deque[int] = deque(maxlen=depth)
         self.octets = 0
-        self.empty = False  # when it was last taken from
+        self.empty = False
 
     def took(self, count: int) -> None:
-        """So many samples were taken; none: there are no more."""
+        """Note that samples were taken; 0 means that the reader is empty."""
         self.empty = not count
         if not self._sizes:
             return
@@ -75,14 +79,14 @@ class Backlog:
         for _ in range(min(count, len(self._sizes))):
             self.octets -= self._sizes.popleft()
 
-    def look(self) -> bool:
-        """Count what has come, and drop what is too much. Whether there may be more to count."""
+    def check(self) -> bool:
+        """Count new samples, drop the oldest over the limit; return whether there may be more."""
         sizes, known = self._sizes, self.octets
         arrived = self._source.arrived(MAX_LOOKED_AT)
         count = 0
         for size in arrived:
             if len(sizes) == sizes.maxlen:
-                self.octets -= sizes.popleft()  # the reader has let it go as well
+                self.octets -= sizes.popleft()  # the reader has dropped it as well
             sizes.append(size + MESSAGE_BYTES)
             self.octets += size + MESSAGE_BYTES
             while self.octets > self._most and len(sizes) > 1:

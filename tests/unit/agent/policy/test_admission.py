@@ -101,7 +101,7 @@ def test_files_and_the_command_line_add_up_and_its_number_counts():
 @pytest.mark.parametrize(
     "table, said",
     [
-        ({"keys": []}, "keys is empty, which would let nobody in: leave it out for all"),
+        ({"keys": []}, "keys is empty, which admits nobody: leave it out to admit all"),
         ({"networks": []}, "networks is empty"),
         ({"keys": ["0x1FFFFFFFF"]}, "key is '0x1FFFFFFFF', not a whole number"),
         ({"keys": [-1]}, "key is -1"),

@@ -72,8 +72,8 @@ def test_who_does_not_come_back_leaves_within_ten_seconds_with_all_it_made(desk)
     assert not questions(desk.wait(MOST - 5000))  # nobody would hear them
     assert set(desk.agent.clients) == {2}
     assert len(desk.middleware.bus.nodes) == 1
-    assert "address: peer 1, not back within 7 s: forgotten" in desk.log()
-    assert not desk.agent.line_loss._missing and not desk.agent.line_loss._looking
+    assert "address: peer 1, not back within 7 s: deleted" in desk.log()
+    assert not desk.agent.line_loss._missing and not desk.agent.line_loss._checking
 
 
 @pytest.mark.parametrize("after", [500, 3000, 6900])
@@ -95,7 +95,7 @@ def test_a_line_that_comes_back_without_the_board_is_no_board(desk, after):
     unplug(desk, 1)
     desk.wait(after)
     desk.place.away.clear()
-    assert questions(desk.wait(MOST - after)) >= module.QUESTIONS
+    assert questions(desk.wait(MOST - after)) >= module.PROBES
     assert KEY not in desk.agent.clients
 
 
@@ -150,7 +150,7 @@ def test_in_a_process_that_was_stopped_nobody_was_missed(desk):
 
 
 def test_the_promise():
-    assert module.LOOKS + module.QUESTIONS < 10
+    assert module.CHECKS + module.PROBES < 10
 
 
 @given(st.lists(st.tuples(st.sampled_from("lbhcw"), st.integers(1, 3)), max_size=60))
@@ -201,7 +201,7 @@ def test_a_restored_board_whose_line_is_not_there_leaves_likewise(tmp_path, monk
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr(module, "_LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(module, "_CHECK_SECONDS", 0.02)
     monkeypatch.setattr(line_module, "RETRY", 0.01)
 
 
@@ -242,7 +242,7 @@ def test_a_board_leaves_the_graph_when_its_line_is_gone(quick, kind):
 
 
 def test_a_program_opens_the_pseudo_terminal_again_and_goes_on(quick, monkeypatch):
-    monkeypatch.setattr(module, "LOOKS", 1_000_000)
+    monkeypatch.setattr(module, "CHECKS", 1_000_000)
     with running_agent("pseudoterminal", "memory") as running:
         one = XrceClient(running.line(0), 0x11)
         assert one.open() == ids.STATUS_OK
@@ -261,7 +261,7 @@ def test_a_program_opens_the_pseudo_terminal_again_and_goes_on(quick, monkeypatc
 
 
 def test_a_board_that_is_plugged_in_again_in_time_stays_and_is_asked(quick, monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "LOOKS", 1_000_000)
+    monkeypatch.setattr(module, "CHECKS", 1_000_000)
     device = Device(tmp_path)
     line = device.plug()
     with running_agent(SerialServer(str(device.link)), "memory") as running:

@@ -70,9 +70,9 @@ def test_what_waits_is_counted_and_charged_and_given_back_when_it_is_taken():
     reader, budget = Reader(10), unlimited()
     backlog = Backlog(reader, 10, budget, pytest.fail)
     reader.put(100, 200)
-    assert not backlog.look()
+    assert not backlog.check()
     assert backlog.octets == budget.since == octets(100, 200)
-    assert not backlog.look() and budget.since == octets(100, 200)
+    assert not backlog.check() and budget.since == octets(100, 200)
     backlog.took(len(reader.take(1)))
     assert backlog.octets == octets(200) and not backlog.empty
     backlog.took(len(reader.take(5)))
@@ -85,7 +85,7 @@ def test_what_the_depth_pushes_out_is_counted_no_more():
     backlog = Backlog(reader, 3, budget, pytest.fail)
     for size in range(1, 10):
         reader.put(size * 1000)
-        backlog.look()
+        backlog.check()
     assert backlog.octets == octets(7000, 8000, 9000)
     assert budget.since == backlog.octets  # what stays the same is charged once
 
@@ -96,13 +96,13 @@ def test_over_the_limit_the_oldest_go_and_one_stays_whatever_its_size():
     backlog = Backlog(reader, 5000, budget, said.append)
     for _ in range(316):
         reader.put(MB)
-        backlog.look()
+        backlog.check()
     assert backlog.octets <= module.MAX_UNREAD_BYTES
     assert sum(reader.samples) > module.MAX_UNREAD_BYTES - 2 * MB
     assert len(said) == 316 - len(reader.samples) and "1 samples that wait" in said[0]
     assert budget.freed
     reader.put(100 * MB)
-    backlog.look()
+    backlog.check()
     assert reader.samples == [100 * MB]
 
 
@@ -116,7 +116,7 @@ def test_not_all_is_looked_at_in_one_turn():
     reader = Reader(5000)
     backlog = Backlog(reader, 5000, unlimited(), pytest.fail)
     reader.put(*[1] * (module.MAX_LOOKED_AT + 5))
-    assert backlog.look() and not backlog.look()
+    assert backlog.check() and not backlog.check()
     assert backlog.octets == octets(*[1] * (module.MAX_LOOKED_AT + 5))
 
 
@@ -128,13 +128,13 @@ def test_the_count_is_never_less_than_what_waits_and_right_when_it_is_empty(step
         if what == "p":
             reader.put(*[10] * count)
         elif what == "l":
-            while backlog.look():
+            while backlog.check():
                 pass
             assert backlog.octets >= octets(*reader.samples)
         else:
             backlog.took(len(reader.take(count)))
         assert backlog.octets <= octets(*[10] * 7)
-    while backlog.look():
+    while backlog.check():
         pass
     backlog.empty = False
     while not backlog.empty:
@@ -219,7 +219,7 @@ def test_a_client_that_reads_costs_no_look(desk, monkeypatch):
     board = Board(desk)
     board.ask(*subscriber_entities())
     board.send(read_data(READER))
-    monkeypatch.setattr(Backlog, "look", pytest.fail)
+    monkeypatch.setattr(Backlog, "check", pytest.fail)
     writer = far_writer(desk, type_name="std_msgs::msg::dds_::Int32_")
     for number in range(50):
         writer.write(b"\0\1\0\0" + number.to_bytes(4, "little"))

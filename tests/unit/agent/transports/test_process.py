@@ -13,6 +13,7 @@ from contextlib import contextmanager
 import pytest
 from support.client import XrceClient
 from support.lines import SECONDS, SerialLine, TcpLine, UdpLine
+from support.signals import default_signals, ignored_hangup
 from unit.agent.helpers import REFS, get_info, message
 from unit.agent.test_log import LINE
 
@@ -38,10 +39,11 @@ def refused(*args, **env):
 class Process:
     """An agent on memory; its lines as they come."""
 
-    def __init__(self, *args):
-        self.popen = subprocess.Popen(
-            command(*args), stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-        )
+    def __init__(self, *args, signals=default_signals):
+        with signals():
+            self.popen = subprocess.Popen(
+                command(*args), stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+            )
         self.text = ""
 
     def read(self, seconds=SECONDS):
@@ -72,8 +74,8 @@ class Process:
 
 
 @contextmanager
-def agent(*args):
-    process = Process(*args)
+def agent(*args, **more):
+    process = Process(*args, **more)
     try:
         yield process
     finally:
@@ -129,17 +131,13 @@ def test_a_signal_ends_it_cleanly_and_frees_the_port(transport, number):
 
 
 def test_a_hangup_that_nohup_ignores_ends_nothing():
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup; a process that is started has it too
-    try:
-        with agent("udp4", "-p", 0, "-m", "memory") as process:
-            port = int(process.until(r"port: (\d+)")[1])
-            process.popen.send_signal(signal.SIGHUP)
-            line = UdpLine(port)
-            assert XrceClient(line, 1).open() == ids.STATUS_OK
-            line.close()
-            assert process.end() == 0
-    finally:
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    with agent("udp4", "-p", 0, "-m", "memory", signals=ignored_hangup) as process:
+        port = int(process.until(r"port: (\d+)")[1])
+        process.popen.send_signal(signal.SIGHUP)
+        line = UdpLine(port)
+        assert XrceClient(line, 1).open() == ids.STATUS_OK
+        line.close()
+        assert process.end() == 0
 
 
 def test_one_agent_serves_several_transports_and_their_options_are_one_agents(tmp_path):
@@ -220,9 +218,9 @@ def test_a_pseudo_terminal_keeps_its_name_when_a_program_closes_it():
         (["serial", "-D", "a", "-f", "b"], 2, "not allowed with argument"),
         (["udp5"], 2, "udp4"),
         ([], 2, "TRANSPORT"),
-        (["udp4", "-p", "eighty"], 2, "'eighty' is no port (0 to 65535)"),
-        (["udp4", "-p", "65536"], 2, "'65536' is no port (0 to 65535)"),
-        (["udp4", "-v", "7"], 2, "'7' is no verbosity (0 to 6)"),
+        (["udp4", "-p", "eighty"], 2, "'eighty' is not a port (0 to 65535)"),
+        (["udp4", "-p", "65536"], 2, "'65536' is not a port (0 to 65535)"),
+        (["udp4", "-v", "7"], 2, "'7' is not a verbosity (0 to 6)"),
         (["udp4", "--domain", "233"], 2, "'233' is no domain; give 0 to 232"),
         (["udp4", "-m", "corba"], 2, "corba"),
         (["udp4", "--prot", "1"], 2, "unrecognized arguments: --prot"),

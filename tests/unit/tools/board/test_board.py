@@ -9,6 +9,7 @@ import sys
 
 import pytest
 from support.paths import ROOT
+from support.signals import default_signals
 
 from uros.boards.virtual.engine import micropython
 from uros.boards.virtual.models.catalog import BOARDS
@@ -33,11 +34,12 @@ class Running:
     """The command as a process, read line by line."""
 
     def __init__(self, *arguments, **options):
-        self.process = subprocess.Popen(
-            [*COMMAND, "run", *map(str, arguments)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            text=True, bufsize=1, **options,
-        )  # fmt: skip
+        with default_signals():
+            self.process = subprocess.Popen(
+                [*COMMAND, "run", *map(str, arguments)],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                text=True, bufsize=1, **options,
+            )  # fmt: skip
 
     def type(self, line):
         self.process.stdin.write(line + "\n")

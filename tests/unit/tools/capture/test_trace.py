@@ -11,6 +11,7 @@ import pytest
 from support.client import XrceClient
 from support.lines import SECONDS, UdpLine
 from support.replay import CAPTURES
+from support.signals import default_signals
 from unit.tools.capture.test_recordings import captured
 
 from uros.agent.observability.jsonl import JsonLinesEncoder
@@ -207,10 +208,11 @@ def test_an_agent_that_runs(tmp_path):
             assert line, "the agent has ended"
             if b"port: " in line:
                 port = int(line.rpartition(b"port: ")[2])
-        tracer = subprocess.Popen(
-            [sys.executable, "-m", "uros", "trace", "--agent", str(agent.pid)], env=env, bufsize=0,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+        with default_signals():
+            tracer = subprocess.Popen(
+                [sys.executable, "-m", "uros", "trace", "--agent", str(agent.pid)],
+                env=env, bufsize=0, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            )  # fmt: skip
         line = UdpLine(port)
         client = XrceClient(line, 0xCAFE)
         client.open()

@@ -13,15 +13,11 @@ import threading
 
 import pytest
 from support.lines import SECONDS
+from support.signals import default_signals
 
 from uros.tools.errors import ToolError
 from uros.tools.rover import pid as pid_view
 
-# Whoever started the tests may have told them to ignore Ctrl-C.
-UROS = (
-    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    " from uros.tools.cli import main; sys.exit(main())"
-)
 DOCUMENT = "200,30,5,200,30,5,1.0,0"
 
 
@@ -29,11 +25,12 @@ class Pid:
     """The command, as a process; and its page's and the rover's port, as it says them."""
 
     def __init__(self):
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", UROS, "pid", "--no-open", "--port", "0", "--page-port", "0",
-             "--host", "127.0.0.1"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
+        with default_signals():
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "uros", "pid", "--no-open", "--port", "0",
+                 "--page-port", "0", "--host", "127.0.0.1"],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            )  # fmt: skip
         self._lines = queue.Queue()
         threading.Thread(target=self._read, daemon=True).start()
         self.page = int(re.search(r":(\d+)/", self.wait("shown at http://127.0.0.1:")).group(1))
