@@ -28,7 +28,7 @@ from support.modem import FakeTime
 
 from uros.boards.virtual.modems.esp8266 import Esp8266
 from uros.boards.virtual.modems.gs2200 import Gs2200
-from uros.boards.virtual.modems.radio_network import Air
+from uros.boards.virtual.modems.radio_network import RadioNetwork
 from uros.transport.at_modem import ModemTransport
 from uros.transport.esp8266 import Esp8266Transport
 from uros.transport.gs2200 import Gs2200Transport
@@ -128,7 +128,7 @@ class Play:
     def __init__(self, time: FakeTime, how: int) -> None:
         self.time = time
         self.looks = Looks()
-        self.air = Air({NETWORK: PASSWORD}, (AGENT,))
+        self.network = RadioNetwork({NETWORK: PASSWORD}, (AGENT,))
         self.left_ms = _MAX_MS
         self.is_open = False
         self.line: Uart | Spi
@@ -136,14 +136,14 @@ class Play:
         self.transport: ModemTransport
         if how & 1:
             self.faults = _FAULTS["gs2200"]
-            self.modem = Gs2200(self.air, time.ticks_ms, sender=bool(how & 2))
+            self.modem = Gs2200(self.network, time.ticks_ms, sender=bool(how & 2))
             self.line = Spi(self.modem, self.looks)
             self.transport = Gs2200Transport(
                 self.line, self.line, NETWORK, PASSWORD, AGENT, mtu=MTU, room=300
             )
         else:
             self.faults = _FAULTS["esp8266"]
-            self.modem = Esp8266(self.air, time.ticks_ms, "nonos" if how & 2 else "esp-at")
+            self.modem = Esp8266(self.network, time.ticks_ms, "nonos" if how & 2 else "esp-at")
             self.line = Uart(self.modem, time, self.looks, how)
             self.transport = Esp8266Transport(
                 self.line, NETWORK, PASSWORD, AGENT, mtu=MTU, room=300
@@ -221,7 +221,7 @@ class Play:
         kind = op & 7
         number = int.from_bytes(body[:2], "little")
         if kind == SAY:
-            self.modem.say(body)
+            self.modem.emit(body)
         elif kind == SEND:
             self.send(body)
         elif kind == RECEIVE:
@@ -237,8 +237,8 @@ class Play:
         elif kind == TIME:
             self.step(number)
         elif kind == COMES:
-            if self.air.links:
-                self.air.links[-1].come.append(body[:1400] or b"\0")
+            if self.network.links:
+                self.network.links[-1].incoming.append(body[:1400] or b"\0")
         elif kind == FAULT:
             which = op >> 3
             if which < len(self.faults):
@@ -270,11 +270,11 @@ class Play:
             got = False
             try:
                 while self.time.now < end:
-                    links = self.air.links
+                    links = self.network.links
                     if self.transport.linked and self.time.now >= asked:
                         asked = self.time.now + 2000
                         self.send(b"the question")
-                        links[-1].come.append(b"the answer")
+                        links[-1].incoming.append(b"the answer")
                     got = self.receive(20) == b"the answer" or got
                     if got and links and b"the question" in links[-1].sent:
                         return

@@ -19,7 +19,7 @@ from uros.interfaces.std_srvs.srv import Trigger
 from uros.agent.transports.base import TransportError
 from uros.boards.virtual.modems.esp8266 import Esp8266
 from uros.boards.virtual.modems.gs2200 import Gs2200
-from uros.boards.virtual.modems.radio_network import HostAir
+from uros.boards.virtual.modems.radio_network import HostRadioNetwork
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT, Node
 from uros.ticks import ticks_ms
 from uros.transport.can import CanTransport
@@ -193,22 +193,22 @@ class Modem(Udp):
     """UDP by modelled modems, each with its own, whose network is the host's."""
 
     def __init__(self):
-        self.air = HostAir({"robots": "secret99"})
+        self.network = HostRadioNetwork({"robots": "secret99"})
         super().__init__("udp")
 
     def close(self):
-        self.air.close()
+        self.network.close()
 
 
 class ByEsp8266(Modem):
     def transport(self):
-        modem = Esp8266(self.air, ticks_ms, join_ms=20, answer_ms=1, send_ms=1)
+        modem = Esp8266(self.network, ticks_ms, join_ms=20, answer_ms=1, send_ms=1)
         return Esp8266Transport(modem, "robots", "secret99", self.host, self.port)
 
 
 class ByGs2200(Modem):
     def transport(self):
-        modem = Gs2200(self.air, ticks_ms, key_ms=20, join_ms=20)
+        modem = Gs2200(self.network, ticks_ms, key_ms=20, join_ms=20)
         return Gs2200Transport(modem, modem, "robots", "secret99", self.host, self.port)
 
 

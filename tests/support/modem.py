@@ -64,7 +64,7 @@ class Setup:
 
     @property
     def link(self):
-        return self.air.links[-1]
+        return self.network.links[-1]
 
 
 def trouble(call, *arguments):
@@ -119,7 +119,7 @@ def exchange(place, messages):
     got = []
     for it in messages:
         place.transport.send(it)
-        place.link.come.append(it)
+        place.link.incoming.append(it)
         got += until(place.transport, lambda it=it: place.link.sent[-1:] == [it])
     return got + drain(place.transport)
 
@@ -130,7 +130,7 @@ def one_by_one(place, messages):
     for it in messages:
         transport.send(memoryview(it))
         until(transport, lambda it=it: link.sent[-1:] == [it])
-        link.come.append(it)
+        link.incoming.append(it)
         got = drain(transport)
         assert got == [it], (it, got)
     assert link.sent == list(messages), link.sent
@@ -141,7 +141,7 @@ def one_by_one(place, messages):
 def in_order(place, messages, sent):
     """All messages come as they were sent by the network, and then so many go out as they came."""
     link_up(place.transport)
-    place.link.come.extend(messages)
+    place.link.incoming.extend(messages)
     got = drain(place.transport)
     assert got == messages, got
     for it in messages[:sent]:
@@ -184,7 +184,7 @@ def attempts(place, moment):
 def passes_over_what_is_too_long(place, long):
     """Of 64 octets are the longest messages, ``long`` looks as if something began in it."""
     link_up(place.transport)
-    place.link.come.extend([bytes(65), b"fits", long, bytes(64)])
+    place.link.incoming.extend([bytes(65), b"fits", long, bytes(64)])
     got = drain(place.transport)
     assert got == [b"fits", bytes(64)], got
     assert place.transport.malformed == 2, place.transport.malformed

@@ -22,7 +22,7 @@ from support.modem import (
 )
 
 from uros.boards.virtual.modems.esp8266 import Esp8266
-from uros.boards.virtual.modems.radio_network import Air
+from uros.boards.virtual.modems.radio_network import RadioNetwork
 from uros.transport.esp8266 import Esp8266Transport
 
 
@@ -32,8 +32,8 @@ class Place(Setup):
     def __init__(
         self, time, line=None, ssid=NETWORK, password=PASSWORD, mtu=512, room=2048, **options
     ):
-        self.air = Air({NETWORK: PASSWORD, 'a "b", c\\d': 'x,"y"\\z'}, (AGENT,))
-        self.modem = Esp8266(self.air, time.ticks_ms, **options)
+        self.network = RadioNetwork({NETWORK: PASSWORD, 'a "b", c\\d': 'x,"y"\\z'}, (AGENT,))
+        self.modem = Esp8266(self.network, time.ticks_ms, **options)
         self.line = Line(self.modem, **(line or {}))
         self.transport = Esp8266Transport(
             self.line, ssid, password, AGENT, 8888, mtu=mtu, room=room
@@ -55,8 +55,8 @@ def test_it_joins_links_sends_and_receives_in_both_dialects() -> None:
         with FakeTime() as time:
             place = Place(time, dialect=dialect)
             link_up(place.transport)
-            assert place.modem.joined == NETWORK and b"ATE0" in place.modem.lines
-            assert place.link.where == (AGENT, 8888, 0)
+            assert place.modem.joined == NETWORK and b"ATE0" in place.modem.commands
+            assert place.link.address == (AGENT, 8888, 0)
             one_by_one(place, MESSAGES)
 
 
@@ -89,7 +89,7 @@ def test_names_and_passwords_of_all_characters() -> None:
         assert place.modem.joined == 'a "b", c\\d'
         place.transport.close()
         link_up(place.transport)
-        joins = [it for it in place.modem.lines if it.startswith(b"AT+CWJAP=")]
+        joins = [it for it in place.modem.commands if it.startswith(b"AT+CWJAP=")]
         assert len(joins) == 1
 
 
@@ -102,7 +102,7 @@ def test_a_wrong_password_is_told_and_the_right_one_heals() -> None:
             assert "cannot join robots" in said and "password is wrong" in said, said
             assert not place.transport.linked
             place.transport.close()
-            place.air.networks[NETWORK] = "wrong"
+            place.network.access_points[NETWORK] = "wrong"
             link_up(place.transport)
 
 
@@ -117,7 +117,7 @@ def test_no_such_access_point_is_told() -> None:
 def test_an_agent_that_nobody_knows_the_way_to() -> None:
     with FakeTime() as time:
         place = Place(time)
-        place.air.hosts = ()
+        place.network.hosts = ()
         place.transport.open()
         said = failure(place.transport)
         assert "no way to 192.168.1.10, port 8888" in said, said
@@ -150,7 +150,7 @@ def test_the_first_failure_is_the_one_that_is_told() -> None:
         place = Place(time, password="wrong")
         place.transport.open()
         failure(place.transport)
-        assert not [it for it in place.modem.lines if it.startswith(b"AT+CIPSTART")]
+        assert not [it for it in place.modem.commands if it.startswith(b"AT+CIPSTART")]
 
 
 def test_a_modem_in_the_middle_of_a_datagram_is_woken() -> None:
@@ -178,9 +178,9 @@ def test_a_modem_that_is_in_its_network_is_not_joined_again() -> None:
             link_up(place.transport)
             assert time.now - before < 300
         assert place.transport.mute == 0
-        joins = [it for it in place.modem.lines if it.startswith(b"AT+CWJAP=")]
+        joins = [it for it in place.modem.commands if it.startswith(b"AT+CWJAP=")]
         assert len(joins) == 1
-        assert [it.closed for it in place.air.links] == [True, True, True, False]
+        assert [it.closed for it in place.network.links] == [True, True, True, False]
 
 
 def test_busy_is_asked_again() -> None:
@@ -201,9 +201,9 @@ def test_lines_that_nobody_asked_for_between_all_others() -> None:
             hear = place.modem._answer
 
             def disturbed(text, said=said, hear=hear, place=place):
-                place.modem.say(said)
+                place.modem.emit(said)
                 hear(text)
-                place.modem.say(said)
+                place.modem.emit(said)
 
             place.modem._answer = disturbed
             link_up(place.transport)
@@ -312,9 +312,9 @@ def test_a_datagram_that_lost_bytes_on_the_line() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
-        place.modem.say(b"\r\n+IPD,10:abcdefg")
+        place.modem.emit(b"\r\n+IPD,10:abcdefg")
         assert drain(place.transport) == [] and place.transport.malformed == 1
-        place.link.come.append(b"whole")
+        place.link.incoming.append(b"whole")
         assert drain(place.transport) == [b"whole"]
 
 
@@ -337,8 +337,8 @@ def test_a_length_that_is_none() -> None:
             b"+IPD:",
             b":",
         ):
-            place.modem.say(b"\r\n" + text + b"\r\n")
-            place.link.come.append(b"whole")
+            place.modem.emit(b"\r\n" + text + b"\r\n")
+            place.link.incoming.append(b"whole")
             assert drain(place.transport) == [b"whole"], text
 
 
@@ -437,7 +437,7 @@ def test_answers_that_nobody_waits_for_are_not_kept() -> None:
         place = Place(time)
         link_up(place.transport)
         for _ in range(50):
-            place.modem.say(b"OK\r\nSEND OK\r\n")
+            place.modem.emit(b"OK\r\nSEND OK\r\n")
             assert place.transport.receive(0) is None
         assert len(place.transport._answers) <= 8
         assert exchange(place, [b"hello"]) == [b"hello"]

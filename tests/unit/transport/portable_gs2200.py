@@ -19,7 +19,7 @@ from support.modem import (
 )
 
 from uros.boards.virtual.modems.gs2200 import Gs2200
-from uros.boards.virtual.modems.radio_network import Air
+from uros.boards.virtual.modems.radio_network import RadioNetwork
 from uros.transport.gs2200 import Gs2200Transport
 
 
@@ -27,8 +27,8 @@ class Place(Setup):
     """``options`` are the modem's."""
 
     def __init__(self, time, ssid=NETWORK, password=PASSWORD, mtu=512, cs=None, **options):
-        self.air = Air({NETWORK: PASSWORD})
-        self.modem = Gs2200(self.air, time.ticks_ms, **options)
+        self.network = RadioNetwork({NETWORK: PASSWORD})
+        self.modem = Gs2200(self.network, time.ticks_ms, **options)
         self.transport = self.again(ssid, password, mtu, cs)
 
     def again(self, ssid=NETWORK, password=PASSWORD, mtu=512, cs=None):
@@ -72,7 +72,7 @@ def test_it_joins_links_sends_and_receives() -> None:
             place = Place(time, sender=sender)
             link_up(place.transport)
             assert place.modem.joined == NETWORK
-            assert place.link.where == (AGENT, 8888, 10001)
+            assert place.link.address == (AGENT, 8888, 10001)
             one_by_one(place, MESSAGES)
             assert place.modem.broken == 0
 
@@ -87,10 +87,10 @@ def test_datagrams_of_others_are_passed_over() -> None:
             b"\x1by0192.168.1.10 8887\t0003abc",
             b"\x1by1192.168.1.10 8888\t0003abc",
         ):
-            place.modem.say(text)
-            place.link.come.append(b"ours")
+            place.modem.emit(text)
+            place.link.incoming.append(b"ours")
             assert drain(place.transport) == [b"ours"], text
-        place.modem.say(b"\x1by0192.168.1.10 8888\t0003abc\x1bZ00002de")
+        place.modem.emit(b"\x1by0192.168.1.10 8888\t0003abc\x1bZ00002de")
         assert drain(place.transport) == [b"abc", b"de"]
         assert place.transport.malformed == 4  # those for others, too
 
@@ -103,8 +103,8 @@ def test_heads_that_are_none() -> None:
             b"\x1bZ0abcd", b"\x1bZ0 123", b"\x1bZ0000", b"\x1bx", b"\x1b\x1b\x1b", b"\x1bO",
             b"\x1by0" + b"1" * 60, b"\x1bZ00000", b"\x1bZ0-123",
         ):  # fmt: skip
-            place.modem.say(text + b"\r\n\r\n\r\n\r\n")
-            place.link.come.append(b"ours")
+            place.modem.emit(text + b"\r\n\r\n\r\n\r\n")
+            place.link.incoming.append(b"ours")
             assert drain(place.transport)[-1:] == [b"ours"], text
 
 
@@ -197,8 +197,8 @@ def test_a_modem_that_is_in_its_network_is_not_joined_again() -> None:
             before = time.now
             link_up(place.transport)
             assert time.now - before < 300
-        assert len([it for it in place.modem.lines if it.startswith(b"AT+WA=")]) == 1
-        assert [it.closed for it in place.air.links] == [True, True, True, False]
+        assert len([it for it in place.modem.commands if it.startswith(b"AT+WA=")]) == 1
+        assert [it.closed for it in place.network.links] == [True, True, True, False]
 
 
 def test_both_sides_speak_at_once() -> None:
@@ -213,7 +213,7 @@ def test_both_sides_speak_at_once() -> None:
             write(data)
             if len(data) == 4 and len(halves) < 6:
                 halves.append(1)
-                place.link.come.append(b"meanwhile %d" % len(halves))
+                place.link.incoming.append(b"meanwhile %d" % len(halves))
 
         place.modem.write = meanwhile
         got = []
@@ -237,7 +237,7 @@ def test_not_now_is_asked_again() -> None:
         place = Place(time)
         link_up(place.transport)
         place.modem.faults.add("busy")
-        place.link.come.append(b"come")
+        place.link.incoming.append(b"come")
         place.transport.send(b"hello")
         for _ in range(20):
             assert place.transport.receive(5) is None
@@ -289,7 +289,7 @@ def test_a_link_that_is_gone() -> None:
         assert "no link" in failure(place.transport)
         place.transport.close()
         link_up(place.transport)
-        place.modem.say(b"\r\nDISCONNECT 0\r\n")
+        place.modem.emit(b"\r\nDISCONNECT 0\r\n")
         assert "closed the link" in failure(place.transport)
 
 

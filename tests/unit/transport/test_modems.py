@@ -9,7 +9,7 @@ from support.modem import AGENT, NETWORK, PASSWORD, FakeTime, Line, drain, link_
 
 from uros.boards.virtual.modems.esp8266 import Esp8266
 from uros.boards.virtual.modems.gs2200 import Gs2200
-from uros.boards.virtual.modems.radio_network import Air
+from uros.boards.virtual.modems.radio_network import RadioNetwork
 from uros.transport.esp8266 import Esp8266Transport
 from uros.transport.gs2200 import Gs2200Transport
 
@@ -129,15 +129,15 @@ class Place:
     def __init__(self, kind, time, seed, rate):
         self.random = random.Random(seed)
         self.rate = rate
-        self.air = Air({NETWORK: PASSWORD})
+        self.network = RadioNetwork({NETWORK: PASSWORD})
         if kind == "esp8266":
-            self.modem = Esp8266(self.air, time.ticks_ms, send_ms=1)
+            self.modem = Esp8266(self.network, time.ticks_ms, send_ms=1)
             line = Line(self.modem, damage=self.damage)
             write = line.write
             line.write = lambda data: (write(self.damage(bytes(data))), len(data))[1]
             self.transport = Esp8266Transport(line, NETWORK, PASSWORD, AGENT)
         else:
-            self.modem = Gs2200(self.air, time.ticks_ms)
+            self.modem = Gs2200(self.network, time.ticks_ms)
             write, readinto = self.modem.write, self.modem.readinto
 
             def damaged(into, idle=0):
@@ -180,7 +180,7 @@ def test_a_line_with_noise_heals_when_the_noise_ends(kind, seed):
         link_up(place.transport)
         place.rate = 0.02
         for turn in range(20):
-            place.air.links[-1].come.append(b"hello %d" % turn)
+            place.network.links[-1].incoming.append(b"hello %d" % turn)
             try:
                 place.transport.send(bytes(100))
                 drain(place.transport)
@@ -198,7 +198,7 @@ def test_a_line_with_noise_heals_when_the_noise_ends(kind, seed):
             except OSError:
                 place.transport.close()
                 place.transport.open()
-            if place.air.links[-1].sent[-1:] == [b"the end"]:
+            if place.network.links[-1].sent[-1:] == [b"the end"]:
                 return
         raise AssertionError("it never heals")
 

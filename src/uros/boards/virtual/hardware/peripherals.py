@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
 from ..modems.esp8266 import Esp8266
 from ..modems.gs2200 import Gs2200
-from ..modems.radio_network import Air, HostAir
+from ..modems.radio_network import HostRadioNetwork, RadioNetwork
 from .clock import BoardClock
 from .parts import Part
 from .pins import Pin
@@ -139,11 +139,11 @@ class Radio:
 
     IDLE, CONNECTING, WRONG_PASSWORD, NO_AP_FOUND, GOT_IP = range(5)
 
-    def __init__(self, air: HostAir, ms: Callable[[], int]) -> None:
+    def __init__(self, network: HostRadioNetwork, ms: Callable[[], int]) -> None:
         self.faults: set[str] = set()
         self.own = ("", "")  # name and password of its access point
         self._started: int | None = None
-        self._air = air
+        self._network = network
         self._ms = ms
         self._wanted: tuple[str, str] | None = None
         self._ready = 0
@@ -163,9 +163,9 @@ class Radio:
         if self._ms() < self._ready or "deaf" in self.faults:
             return self.CONNECTING
         ssid, password = self._wanted
-        if ssid not in self._air.networks or "lost" in self.faults:
+        if ssid not in self._network.access_points or "lost" in self.faults:
             return self.NO_AP_FOUND
-        return self.GOT_IP if self._air.networks[ssid] == password else self.WRONG_PASSWORD
+        return self.GOT_IP if self._network.access_points[ssid] == password else self.WRONG_PASSWORD
 
     def start(self, ssid: str, password: str) -> None:
         """Be an access point. Raises ValueError where that is none."""
@@ -199,8 +199,8 @@ class Radio:
             raise OSError(errno.ENOMEM, "a board has no room for more sockets")
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == 2 else socket.SOCK_STREAM)
         sock.setblocking(False)
-        if self._air.address:
-            sock.bind((self._air.address, 0))
+        if self._network.address:
+            sock.bind((self._network.address, 0))
         self._last = self._last % 250 + 1
         while self._last in self._sockets:
             self._last = self._last % 250 + 1
@@ -217,7 +217,7 @@ class Radio:
 
     def connect_socket(self, handle: int, host: str, port: int) -> None:
         """Raises OSError."""
-        self.of(handle).connect(self._air.route(host, port))
+        self.of(handle).connect(self._network.route(host, port))
 
     def fd(self, handle: int) -> int:
         sock = self._sockets.get(handle)
@@ -262,21 +262,25 @@ class Plug(Part):
         },
     }
 
-    def __init__(self, name: str, device: Esp8266 | Gs2200 | Radio, air: Air) -> None:
+    def __init__(self, name: str, device: Esp8266 | Gs2200 | Radio, network: RadioNetwork) -> None:
         super().__init__(name)
         self.FAULTS = self.OF[name]  # type: ignore[misc]
         self.device = device
-        self.air = air
-        self._networks = dict(air.networks)
+        self.network = network
+        self._access_points = dict(network.access_points)
 
     def fault(self, kind: str) -> None:
         device = self.device
         if kind in _MOMENTS and not isinstance(device, Radio):
-            {"reset": device.reset, "closed": device.lose_link, "chatty": device.chat}[kind]()
+            {
+                "reset": device.reset,
+                "closed": device.lose_link,
+                "chatty": device.send_unsolicited,
+            }[kind]()
             return
         device.faults.add(kind)
         if kind == "lost":
-            self.air.networks.clear()
+            self.network.access_points.clear()
             if not isinstance(device, Radio):
                 device.lose_network()
 
@@ -285,7 +289,7 @@ class Plug(Part):
 
     def heal(self) -> None:
         self.device.faults.clear()
-        self.air.networks.update(self._networks)
+        self.network.access_points.update(self._access_points)
 
     def shows(self) -> str:
         device = self.device
@@ -300,7 +304,7 @@ class Plug(Part):
             self.device.reset()
 
     def close(self) -> None:
-        self.air.close()
+        self.network.close()
         self.reset()
 
 
@@ -310,8 +314,8 @@ def plug(board: VirtualBoard, spec: str) -> Plug:
     if name not in Plug.OF:
         raise PlugError(f"there is no plug {name!r}; there are {', '.join(Plug.OF)}")
     options = dict(part.partition("=")[::2] for part in rest.split(",") if part)
-    network = {options.pop("ssid", SSID): options.pop("password", PASSWORD)}
-    air = HostAir(network, routes=board.routes, address=board.address)
+    access_points = {options.pop("ssid", SSID): options.pop("password", PASSWORD)}
+    network = HostRadioNetwork(access_points, routes=board.routes, address=board.address)
 
     def ms() -> int:
         return board.clock.world_us() // 1000
@@ -324,11 +328,11 @@ def plug(board: VirtualBoard, spec: str) -> Plug:
     made: Plug
     if name == "esp8266":
         baud = int(options.pop("baud", "115200"))
-        modem = Esp8266(air, ms, join_ms=_JOIN_MS, answer_ms=2, send_ms=1)
+        modem = Esp8266(network, ms, join_ms=_JOIN_MS, answer_ms=2, send_ms=1)
         board.uarts[_number(take("uart", "a UART"), spec)] = Uart(modem, baud, board.clock)
-        made = Plug(name, modem, air)
+        made = Plug(name, modem, network)
     elif name == "gs2200":
-        gs2200 = Gs2200(air, ms, key_ms=_JOIN_MS, join_ms=_JOIN_MS, answer_ms=2)
+        gs2200 = Gs2200(network, ms, key_ms=_JOIN_MS, join_ms=_JOIN_MS, answer_ms=2)
         bus = board.spis[_number(take("spi", "an SPI bus"), spec)] = Spi(gs2200)
         ready = take("ready", "a pin")
         board.pins[ready] = Pin(ready, "GS2200 ready", gs2200.value)
@@ -340,10 +344,10 @@ def plug(board: VirtualBoard, spec: str) -> Plug:
 
             board.pins[cs] = Pin(cs, "GS2200 select", driven=select)
             bus.selected = False
-        made = Plug(name, gs2200, air)
+        made = Plug(name, gs2200, network)
     else:
-        board.radio = Radio(air, ms)
-        made = Plug(name, board.radio, air)
+        board.radio = Radio(network, ms)
+        made = Plug(name, board.radio, network)
     if options:
         raise PlugError(f"{name} has no option {', '.join(options)}: {spec}")
     return made

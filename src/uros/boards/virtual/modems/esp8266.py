@@ -1,7 +1,8 @@
-"""An ESP8266 with Espressif's AT firmware, on the other end of a UART: commands and what it says.
+"""An ESP8266 with Espressif's AT firmware on a UART: AT commands and responses.
 
-As far as a UDP client in station mode goes, after Espressif's command reference. Two dialects:
-``"esp-at"`` is the firmware from 2.0 on, ``"nonos"`` the older one. Runs on MicroPython too.
+Implements what a UDP client in station mode needs, after Espressif's AT command reference. Two
+dialects: ``"esp-at"`` is the firmware from 2.0 on, ``"nonos"`` the older one. Runs on MicroPython
+too.
 """
 
 try:
@@ -14,107 +15,115 @@ from .modem import Modem
 
 _EMPTY: Final = b""
 _BUSY: Final = b"busy p...\r\n"
-_MOST: Final = 8192  # octets of one datagram to be sent
+_MOST: Final = 8192  # octets: the largest datagram that CIPSEND accepts
 _LONGEST_LINE: Final = 256
 
 
 class Esp8266(Modem):
-    """The modem, switched on. ``read`` and ``write`` are the board's end of the UART.
+    """The modem, powered on. ``read`` and ``write`` are the board's end of the UART.
 
-    ``join_ms``, ``answer_ms`` and ``send_ms`` are how long it takes for what.
+    Faults: ``dead`` neither sends nor receives; ``deaf`` ignores commands; ``busy`` responds
+    "busy" to every command; ``full`` fails to send any datagram; ``stuck`` does not respond to
+    CIPSEND; ``no_ip`` joins an access point without getting an address by DHCP.
 
-    Faults: ``dead`` says nothing and hears nothing; ``deaf`` hears no commands; ``busy`` is always
-    busy; ``full`` gets rid of no datagram; ``stuck`` answers no CIPSEND; ``no_ip`` joins without
-    DHCP.
+    Args:
+        network: The access points in range and the hosts behind them.
+        ms: Returns the time in milliseconds.
+        dialect: ``"esp-at"`` or ``"nonos"``.
+        join_ms: How long joining an access point takes.
+        answer_ms: How long the response to any other command takes.
+        send_ms: How long sending a datagram takes.
     """
 
     def __init__(
-        self, air: "Any", ms: "Callable[[], int]", dialect: str = "esp-at", join_ms: int = 0,
+        self, network: "Any", ms: "Callable[[], int]", dialect: str = "esp-at", join_ms: int = 0,
         answer_ms: int = 0, send_ms: int = 0,
     ) -> None:  # fmt: skip
-        super().__init__(air, ms)
+        super().__init__(network, ms)
         self.dialect = dialect
         self.join_ms = join_ms
         self.answer_ms = answer_ms
         self.send_ms = send_ms
         self._station = False
-        self._heard = bytearray()
-        self._want = 0  # octets of a datagram that is still to come
+        self._line = bytearray()  # the command received so far
+        self._want = 0  # octets of a datagram that are still to be received
         self._datagram = bytearray()
-        self._busy = _EMPTY  # what it says to whoever disturbs it now
+        self._busy = _EMPTY  # the response to a command received now; empty: it is ready
         self._out = bytearray()
 
     # --- the board's end ----------------------------------------------------------------------
 
     def read(self, size: int) -> "bytes | None":
-        """What the modem says, as far as it has come."""
-        self._work()
+        """Return at most ``size`` octets that the modem has sent, None when there are none."""
+        self._update()
         if not self._out:
             return None
-        some = bytes(self._out[:size])
+        data = bytes(self._out[:size])
         self._out = self._out[size:]
-        return some
+        return data
 
     def any(self) -> int:
-        """How much there is to read."""
-        self._work()
+        """Return how many octets there are to read."""
+        self._update()
         return len(self._out)
 
     def write(self, data: "Any") -> int:
-        """What the board says."""
+        """Take octets that the board sends; return how many were taken: all."""
         if "dead" not in self.faults:
             for octet in bytes(data):
-                self._hear(octet)
+                self._receive(octet)
         return len(data)
 
-    # --- what happens to it -------------------------------------------------------------------
+    # --- events and faults --------------------------------------------------------------------
 
-    def say(self, text: bytes) -> None:
-        """Of its own accord."""
+    def emit(self, text: bytes) -> None:
+        """Send text that is not the response to a command."""
         if "dead" not in self.faults:
             self._out.extend(text)
 
     def reset(self) -> None:
-        """Its power was gone for a moment. The loader talks at another baud rate, then it is
-        ready, and nowhere.
+        """Restart the modem after a loss of power.
+
+        The boot loader sends at another baud rate, which reads as noise; then the modem is ready,
+        without station mode and without an access point.
         """
-        self._forget()
+        self._power_up()
         self._station = False
-        self._heard = bytearray()
+        self._line = bytearray()
         self._want = 0
         self._busy = _EMPTY
         self._out = bytearray()
-        self.say(b"\x00\x8c\xfe>\xe0l\x0c\x1c\r\x00\nready\x00l\r\n\r\nready\r\n")
+        self.emit(b"\x00\x8c\xfe>\xe0l\x0c\x1c\r\x00\nready\x00l\r\n\r\nready\r\n")
 
     def lose_network(self) -> None:
-        """The access point is switched off."""
+        """Leave the access point because it was switched off."""
         if self.joined:
             self.joined = ""
             if self._drop_link():
-                self.say(b"CLOSED\r\n")
-            self.say(b"WIFI DISCONNECT\r\n")
+                self.emit(b"CLOSED\r\n")
+            self.emit(b"WIFI DISCONNECT\r\n")
 
-    def chat(self) -> None:
-        """Lines that nobody has asked for, and noise."""
-        self.say(b"\r\nWIFI GOT IP\r\n+STA_CONNECTED:\x00\xfe\r\n\r\n+TIME_UPDATED\r\n")
+    def send_unsolicited(self) -> None:
+        """Send unsolicited result codes, and noise."""
+        self.emit(b"\r\nWIFI GOT IP\r\n+STA_CONNECTED:\x00\xfe\r\n\r\n+TIME_UPDATED\r\n")
 
     def lose_link(self) -> None:
-        """The link alone is gone."""
+        """Close the UDP link, and stay with the access point."""
         if self._drop_link():
-            self.say(b"CLOSED\r\n")
+            self.emit(b"CLOSED\r\n")
 
     # --- inside -------------------------------------------------------------------------------
 
-    def _work(self) -> None:
-        """What is due, and what has come from the network."""
-        self._do_due()
+    def _update(self) -> None:
+        """Send the responses that are due, and what was received from the network."""
+        self._run_timers()
         while self.link is not None:
             data = self.link.recv()
             if data is None:
                 return
-            self.say(b"\r\n+IPD," + str(len(data)).encode() + b":" + data)
+            self.emit(b"\r\n+IPD," + str(len(data)).encode() + b":" + data)
 
-    def _hear(self, octet: int) -> None:
+    def _receive(self, octet: int) -> None:
         if self._want:
             self._datagram.append(octet)
             self._want -= 1
@@ -122,19 +131,19 @@ class Esp8266(Modem):
                 self._send()
             return
         if self._echo and not self._busy:
-            self.say(bytes((octet,)))
+            self.emit(bytes((octet,)))
         if octet != 10:
-            if len(self._heard) < _LONGEST_LINE:
-                self._heard.append(octet)
+            if len(self._line) < _LONGEST_LINE:
+                self._line.append(octet)
             return
-        line = bytes(self._heard)
-        self._heard = bytearray()
+        line = bytes(self._line)
+        self._line = bytearray()
         if self._busy or "busy" in self.faults:
-            self.say(self._busy or _BUSY)
+            self.emit(self._busy or _BUSY)
         elif line.endswith(b"\r"):
             try:
                 self._command(line[:-1])
-            except (ValueError, IndexError):  # arguments that are none
+            except (ValueError, IndexError):  # invalid arguments
                 self._answer(b"\r\nERROR\r\n")
 
     def _answer(self, text: bytes) -> None:
@@ -143,12 +152,12 @@ class Esp8266(Modem):
 
     def _done(self, text: bytes) -> None:
         self._busy = _EMPTY
-        self.say(text)
+        self.emit(text)
 
     def _command(self, line: bytes) -> None:
         if not line or "deaf" in self.faults:
             return
-        self.lines.append(line)
+        self.commands.append(line)
         name, equals, rest = line.partition(b"=")
         ok = b"\r\nOK\r\n"
         if name in (b"AT", b"AT+CIPMUX", b"AT+CWDHCP"):
@@ -162,10 +171,10 @@ class Esp8266(Modem):
             self._station = True
             self._answer(ok)
         elif name == b"AT+CWJAP?":
-            said = b"No AP\r\n"
+            response = b"No AP\r\n"
             if self.joined:
-                said = b"+CWJAP:" + _quoted(self.joined) + b',"02:00:00:00:00:01",6,-51\r\n'
-            self._answer(said + ok)
+                response = b"+CWJAP:" + _quoted(self.joined) + b',"02:00:00:00:00:01",6,-51\r\n'
+            self._answer(response + ok)
         elif name == b"AT+CWJAP" and equals and self._station:
             self._join(_texts(rest))
         elif name == b"AT+CIPCLOSE":
@@ -182,25 +191,25 @@ class Esp8266(Modem):
         if self.joined:
             self.joined = ""
             self._drop_link()
-            self.say(b"WIFI DISCONNECT\r\n")
+            self.emit(b"WIFI DISCONNECT\r\n")
         self._busy = _BUSY
 
         def end() -> None:
             self._busy = _EMPTY
             code = 0
-            if ssid not in self.air.networks:
+            if ssid not in self.network.access_points:
                 code = 3
-            elif self.air.networks[ssid] != password:
+            elif self.network.access_points[ssid] != password:
                 code = 2
             if code:
                 word = b"ERROR" if self.dialect == "esp-at" else b"FAIL"
-                self.say(b"+CWJAP:" + str(code).encode() + b"\r\n\r\n" + word + b"\r\n")
+                self.emit(b"+CWJAP:" + str(code).encode() + b"\r\n\r\n" + word + b"\r\n")
                 return
             self.joined = ssid
-            self.say(b"WIFI CONNECTED\r\n")
+            self.emit(b"WIFI CONNECTED\r\n")
             if "no_ip" not in self.faults:
-                self.say(b"WIFI GOT IP\r\n")
-            self.say(b"\r\nOK\r\n")
+                self.emit(b"WIFI GOT IP\r\n")
+            self.emit(b"\r\nOK\r\n")
 
         self._after(self.join_ms, end)
 
@@ -213,7 +222,7 @@ class Esp8266(Modem):
             self._answer(b"\r\nERROR\r\n")
         else:
             local_port = int(texts[3]) if len(texts) > 3 else 0
-            self.link = self.air.link(texts[1], int(texts[2]), local_port)
+            self.link = self.network.link(texts[1], int(texts[2]), local_port)
             if self.link is None:
                 self._answer(b"DNS Fail\r\n\r\nERROR\r\n")
             else:
@@ -234,23 +243,23 @@ class Esp8266(Modem):
 
     def _send(self) -> None:
         data = bytes(self._datagram)
-        self.say(b"\r\nRecv " + str(len(data)).encode() + b" bytes\r\n")
+        self.emit(b"\r\nRecv " + str(len(data)).encode() + b" bytes\r\n")
         self._busy = b"busy s...\r\n"
 
         def end() -> None:
             self._busy = _EMPTY
             if self.link is None:
-                self.say(b"\r\nERROR\r\n" if self.dialect == "esp-at" else b"\r\nSEND FAIL\r\n")
+                self.emit(b"\r\nERROR\r\n" if self.dialect == "esp-at" else b"\r\nSEND FAIL\r\n")
             elif "full" in self.faults or not self.link.send(data):
-                self.say(b"\r\nSEND FAIL\r\n")
+                self.emit(b"\r\nSEND FAIL\r\n")
             else:
-                self.say(b"\r\nSEND OK\r\n")
+                self.emit(b"\r\nSEND OK\r\n")
 
         self._after(self.send_ms, end)
 
 
 def _texts(rest: bytes) -> "list[str]":
-    """The arguments of a command, without their quotes and backslashes."""
+    """Split the arguments of a command, without their quotes and backslashes."""
     out: list[bytearray] = [bytearray()]
     quoted = False
     escaped = False
@@ -266,7 +275,7 @@ def _texts(rest: bytes) -> "list[str]":
             out.append(bytearray())
         else:
             out[-1].append(octet)
-    return [bytes(it).decode() for it in out]
+    return [bytes(text).decode() for text in out]
 
 
 def _quoted(text: str) -> bytes:

@@ -1,8 +1,8 @@
-"""A GS2200 on the other end of an SPI bus: its transfers, its commands and what it says.
+"""A GS2200 on an SPI bus: transfers, AT commands and responses.
 
-As far as a UDP client in station mode goes. The transfers and escape sequences are those that
-Sony's driver in NuttX and the GS2200 library for Arduino rely on; where these two do not look, as
-at the words of NSTAT, the model follows GainSpan's guide. Runs on MicroPython too.
+Implements what a UDP client in station mode needs. The transfers and escape sequences are those
+that Sony's driver in NuttX and the GS2200 library for Arduino rely on; where these two ignore a
+response, such as the text of NSTAT, the model follows GainSpan's guide. Runs on MicroPython too.
 """
 
 try:
@@ -20,58 +20,67 @@ _NO_SOCKET: Final = b"\r\nERROR: SOCKET FAILURE 1\r\n"
 
 
 class Gs2200(Modem):
-    """The modem, switched on, which is the SPI bus at the same time, and the pin of GPIO37.
+    """The modem, powered on: the device on the SPI bus, and its pin GPIO37.
 
-    ``key_ms`` and ``join_ms`` are how long it takes for what, ``answer_ms`` for all else. With
-    ``sender``, each datagram tells from whom. ``turn_ms`` is how long it takes to answer a request
-    for a transfer.
+    Faults: ``dead`` never raises GPIO37; ``busy`` grants no transfer; ``late`` sends idle octets
+    in place of the first response to a request.
 
-    Faults: ``dead`` never raises its pin; ``busy`` grants no transfer; ``late`` gives idle octets
-    where the first answer after a request should be.
+    Args:
+        network: The access points in range and the hosts behind them.
+        ms: Returns the time in milliseconds.
+        key_ms: How long the computation of the pre-shared key takes.
+        join_ms: How long joining an access point takes.
+        answer_ms: How long the response to any other command takes.
+        sender: Whether each received datagram carries its sender's address.
+        turn_ms: How long the response to a request for a transfer takes.
     """
 
     def __init__(
-        self, air: "Any", ms: "Callable[[], int]", key_ms: int = 0, join_ms: int = 0,
+        self, network: "Any", ms: "Callable[[], int]", key_ms: int = 0, join_ms: int = 0,
         answer_ms: int = 0, sender: bool = False, turn_ms: int = 0,
     ) -> None:  # fmt: skip
-        super().__init__(air, ms)
+        super().__init__(network, ms)
         self.key_ms = key_ms
         self.join_ms = join_ms
         self.answer_ms = answer_ms
         self.sender = sender
         self.turn_ms = turn_ms
-        self.transfers = 0  # that were granted
-        self.broken = 0  # headers with a wrong checksum
+        self.transfers = 0  # granted so far
+        self.broken = 0  # headers received with a wrong checksum
         self._bulk = False
         self._key: tuple[str, str] | None = None
-        self._heard = bytearray()  # of a header
-        self._granted = 0  # octets of data, with their header, once the answer was read
-        self._want = 0  # of these, still to come
-        self._came = bytearray()
-        self._answer = bytearray()  # to a request
+        self._head = bytearray()  # the header received so far
+        self._granted = 0  # octets of data and header to receive once the response was read
+        self._want = 0  # octets of these still to be received
+        self._received = bytearray()
+        self._answer = bytearray()  # the response to a request
         self._answer_at = 0
-        self._data = bytearray()  # behind it
-        self._said = bytearray()  # not fetched yet
-        self._text = bytearray()  # a command so far
+        self._data = bytearray()  # that follows the response
+        self._out = bytearray()  # not fetched by the controller yet
+        self._text = bytearray()  # the command received so far
 
     # --- the bus and the pin ------------------------------------------------------------------
 
     def value(self, level: "int | None" = None) -> int:
-        """GPIO37. High: an answer is there, or, while nothing else happens, something is said."""
-        self._work()
+        """Return the level of GPIO37.
+
+        High while the response to a request is ready, or, between transfers, while there is data
+        to fetch.
+        """
+        self._update()
         if "dead" in self.faults:
             return 0
         if self._answer:
             return int(self._ms() >= self._answer_at)
-        return int(bool(self._said) and not self._heard and not self._want and not self._data)
+        return int(bool(self._out) and not self._head and not self._want and not self._data)
 
     def write(self, data: "Any") -> None:
-        """The controller sends."""
+        """Take the octets that the controller sends."""
         for octet in bytes(data):
-            self._hear(octet)
+            self._receive(octet)
 
     def readinto(self, into: "Any", write: int = 0) -> None:
-        """The controller reads, sending ``write`` meanwhile."""
+        """Fill ``into`` with what the modem sends; the controller sends ``write`` meanwhile."""
         if "late" in self.faults and self._answer:
             self.faults.remove("late")
             self._answer = bytearray()
@@ -81,12 +90,12 @@ class Gs2200(Modem):
                 into[i] = _IDLE
             return
         for i in range(len(into)):
-            hears = self._want or self._heard
-            into[i] = self._speak()
-            if hears:
-                self._hear(write)  # both ways at once
+            receives = self._want or self._head
+            into[i] = self._next_octet()
+            if receives:
+                self._receive(write)  # SPI is full duplex
 
-    def _speak(self) -> int:
+    def _next_octet(self) -> int:
         source = self._answer or self._data
         if not source:
             return _IDLE
@@ -99,60 +108,60 @@ class Gs2200(Modem):
             self._data = self._data[1:]
         return octet
 
-    # --- what happens to it -------------------------------------------------------------------
+    # --- events and faults --------------------------------------------------------------------
 
-    def say(self, text: bytes) -> None:
-        """Of its own accord."""
-        self._said.extend(text)
+    def emit(self, text: bytes) -> None:
+        """Queue text for the controller to fetch."""
+        self._out.extend(text)
 
     def reset(self) -> None:
-        """Its power was gone for a moment."""
-        self._forget()
+        """Restart the modem after a loss of power."""
+        self._power_up()
         self._bulk = False
         self._key = None
-        self._heard = bytearray()
+        self._head = bytearray()
         self._want = self._granted = 0
-        self._came = bytearray()
+        self._received = bytearray()
         self._answer = bytearray()
         self._data = bytearray()
-        self._said = bytearray()
+        self._out = bytearray()
         self._text = bytearray()
-        self.say(b"\r\nSerial2WiFi APP\r\n")
+        self.emit(b"\r\nSerial2WiFi APP\r\n")
 
-    def chat(self) -> None:
+    def send_unsolicited(self) -> None:
         """Lines that nobody has asked for, and noise."""
-        self.say(b"\r\nDHCP lease renewed\r\n\x00\xfe\r\nBeacon missed\r\n")
+        self.emit(b"\r\nDHCP lease renewed\r\n\x00\xfe\r\nBeacon missed\r\n")
 
     def lose_link(self) -> None:
         """The link alone is gone."""
         if self._drop_link():
-            self.say(b"\r\nDISCONNECT 0\r\n")
+            self.emit(b"\r\nDISCONNECT 0\r\n")
 
     def lose_network(self) -> None:
-        """The access point is switched off."""
+        """Leave the access point because it was switched off."""
         if self.joined:
             self.joined = ""
             self._drop_link()
-            self.say(b"\r\nDisassociation Event\r\n")
+            self.emit(b"\r\nDisassociation Event\r\n")
 
     # --- transfers ----------------------------------------------------------------------------
 
-    def _hear(self, octet: int) -> None:
+    def _receive(self, octet: int) -> None:
         if self._want:
-            self._came.append(octet)
+            self._received.append(octet)
             self._want -= 1
             if not self._want:
-                data = bytes(self._came[8:])
-                self._came = bytearray()
+                data = bytes(self._received[8:])
+                self._received = bytearray()
                 self._take(data)
             return
-        if not self._heard and octet != 0xA5:
+        if not self._head and octet != 0xA5:
             return
-        if len(self._heard) == 4 and octet == 0xA5:
-            self._heard = bytearray()  # half a header, and then a new one
-        self._heard.append(octet)
-        if len(self._heard) == 8:
-            head, self._heard = self._heard, bytearray()
+        if len(self._head) == 4 and octet == 0xA5:
+            self._head = bytearray()  # the header was cut short, and a new one begins
+        self._head.append(octet)
+        if len(self._head) == 8:
+            head, self._head = self._head, bytearray()
             self._request(head)
 
     def _request(self, head: bytearray) -> None:
@@ -174,57 +183,57 @@ class Gs2200(Modem):
                 self._granted = size + 8
                 self.transfers += 1
         elif head[1] == 2:
-            count = min(size, len(self._said))
+            count = min(size, len(self._out))
             if busy or not count:
                 self._answer = _header(0x14, 0)
                 return
             self._answer = _header(0x12, count)
-            self._data = _header(0x15, count) + self._said[:count]
-            self._said = self._said[count:]
-            if self._said:
+            self._data = _header(0x15, count) + self._out[:count]
+            self._out = self._out[count:]
+            if self._out:
                 self._answer[4] = 1
                 self._answer[7] = self._answer[7] - 1 & 0xFF
 
     # --- commands -----------------------------------------------------------------------------
 
     def _say_after(self, ms: int, text: bytes) -> None:
-        self._after(ms, lambda: self.say(text))
+        self._after(ms, lambda: self.emit(text))
 
-    def _work(self) -> None:
-        self._do_due()
-        while self.link is not None and len(self._said) < 4000:
+    def _update(self) -> None:
+        self._run_timers()
+        while self.link is not None and len(self._out) < 4000:
             data = self.link.recv()
             if data is None:
                 return
             size = ("0000" + str(len(data)))[-4:].encode()
             if self.sender:
-                head = b"\x1by0%s %d\t" % (self.link.where[0].encode(), self.link.where[1])
-                self.say(head + size + data)
+                head = b"\x1by0%s %d\t" % (self.link.address[0].encode(), self.link.address[1])
+                self.emit(head + size + data)
             else:
-                self.say(b"\x1bZ0" + size + data)
+                self.emit(b"\x1bZ0" + size + data)
 
     def _take(self, data: bytes) -> None:
-        """What was written, as one transfer."""
+        """Handle the data of one transfer: bulk data or commands."""
         if data[:2] == b"\x1bZ":
             size = data[3:7]
             if self.link is None or data[2:3] != b"0" or not size.isdigit():
-                self.say(b"\x1bF")
+                self.emit(b"\x1bF")
             else:
                 self.link.send(data[7 : 7 + int(size)])
             return
         if self._echo:
-            self.say(data)
+            self.emit(data)
         self._text.extend(data)
         while b"\n" in self._text:
             line, _, rest = bytes(self._text).partition(b"\n")
             self._text = bytearray(rest)
             try:
                 self._command(line.strip())
-            except (ValueError, IndexError):  # arguments that are none
+            except (ValueError, IndexError):  # invalid arguments
                 self._say_after(self.answer_ms, b"\r\nERROR: INVALID INPUT\r\n")
 
     def _command(self, line: bytes) -> None:
-        self.lines.append(line)
+        self.commands.append(line)
         name, _, rest = line.partition(b"=")
         answer = self.answer_ms
         if name in (b"AT", b"AT+WM", b"AT+NDHCP", b"AT+WREGDOMAIN", b"AT+NCLOSEALL"):
@@ -257,18 +266,19 @@ class Gs2200(Modem):
                 self._say_after(answer, b"\r\nERROR: INVALID INPUT\r\n")
         elif name == b"AT+WA":
             ssid_text = rest.decode()
-            self._after(self.join_ms, lambda: self.say(self._join(ssid_text)))
+            self._after(self.join_ms, lambda: self.emit(self._join(ssid_text)))
         elif name == b"AT+NCUDP":
             host, port, local_port = rest.decode().split(",")
             if self.joined and self._bulk:
-                self.link = self.air.link(host, int(port), int(local_port))
+                self.link = self.network.link(host, int(port), int(local_port))
             made = self.link is not None
             self._say_after(answer, b"CONNECT 0\r\n" + _OK if made else _NO_SOCKET)
         else:
             self._say_after(answer, b"\r\nERROR: INVALID INPUT\r\n")
 
     def _join(self, ssid: str) -> bytes:
-        if ssid not in self.air.networks or self._key != (ssid, self.air.networks[ssid]):
+        password = self.network.access_points.get(ssid)
+        if password is None or self._key != (ssid, password):
             return _ERROR
         self.joined = ssid
         return (

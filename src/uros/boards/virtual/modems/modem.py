@@ -1,4 +1,4 @@
-"""What modelled modems share: being in a network, a link there, and answers that take their time.
+"""What the modelled modems share: an access point, one UDP link, and delayed responses.
 
 Runs on MicroPython too.
 """
@@ -13,29 +13,37 @@ except ImportError:  # MicroPython
 class Modem:
     """A modem with one UDP link.
 
-    ``ms`` is the time in milliseconds. ``joined`` is the access point's name, or ""; ``link`` the
-    UDP link, or None. ``lines`` are all commands that came, ``faults`` what is wrong with it.
+    Attributes:
+        network: The access points in range and the hosts behind them.
+        faults: The faults that are injected.
+        joined: The name of the access point that the modem has joined, or "".
+        link: The UDP link, or None.
+        commands: All commands received.
+
+    Args:
+        network: See the attribute.
+        ms: Returns the time in milliseconds.
     """
 
-    def __init__(self, air: "Any", ms: "Callable[[], int]") -> None:
-        self.air = air
+    def __init__(self, network: "Any", ms: "Callable[[], int]") -> None:
+        self.network = network
         self.faults: set[str] = set()
         self.joined = ""
         self.link: Any = None
-        self.lines: list[bytes] = []
+        self.commands: list[bytes] = []
         self._ms = ms
         self._echo = True
-        self._later: list[tuple[int, Callable[[], object]]] = []
+        self._timers: list[tuple[int, Callable[[], object]]] = []
 
-    def _forget(self) -> None:
-        """All but the faults and the lines is as if it was just switched on."""
+    def _power_up(self) -> None:
+        """Set the state after power-on; faults and the list of commands stay."""
         self._drop_link()
         self.joined = ""
         self._echo = True
-        self._later = []
+        self._timers = []
 
     def _drop_link(self) -> bool:
-        """Whether there was one."""
+        """Close the link; return whether there was one."""
         link, self.link = self.link, None
         if link is not None:
             link.close()
@@ -43,13 +51,13 @@ class Modem:
 
     def _after(self, ms: int, do: "Callable[[], object]") -> None:
         if ms:
-            self._later.append((self._ms() + ms, do))
+            self._timers.append((self._ms() + ms, do))
         else:
             do()
 
-    def _do_due(self) -> None:
+    def _run_timers(self) -> None:
         now = self._ms()
-        due = [it for it in self._later if it[0] <= now]
-        self._later = [it for it in self._later if it[0] > now]
+        due = [timer for timer in self._timers if timer[0] <= now]
+        self._timers = [timer for timer in self._timers if timer[0] > now]
         for _, do in due:
             do()

@@ -1,6 +1,7 @@
-"""What radio modems of virtual boards reach: access points, and hosts behind them.
+"""The network that virtual radio modems reach: access points, and UDP links to hosts behind them.
 
-Runs on MicroPython too, where tests of modems do; the sockets of :class:`HostAir` do not.
+Runs on MicroPython too, as the tests of modems do, except for :class:`HostRadioNetwork` and its
+sockets.
 """
 
 import sys
@@ -12,45 +13,55 @@ except ImportError:  # MicroPython
 
 
 class Link:
-    """A UDP link to one host and port, in memory: ``sent`` is what the board has sent, ``come``
-    what the host has for it.
+    """A UDP link to one host and port, in memory.
+
+    Attributes:
+        address: The host, its port and the local port.
+        sent: The datagrams that the board has sent.
+        incoming: The datagrams that the board has not received yet.
+        closed: Whether the link is closed.
     """
 
     def __init__(self, host: str = "", port: int = 0, local_port: int = 0) -> None:
-        self.where = (host, port, local_port)
+        self.address = (host, port, local_port)
         self.sent: list[bytes] = []
-        self.come: list[bytes] = []
+        self.incoming: list[bytes] = []
         self.closed = False
 
     def send(self, data: bytes) -> bool:
-        """Whether the network takes it."""
+        """Send a datagram; return whether the network took it."""
         self.sent.append(data)
         return True
 
     def recv(self) -> "bytes | None":
-        """What has come, one datagram a call."""
-        return self.come.pop(0) if self.come else None
+        """Return the next datagram received, None when there is none."""
+        return self.incoming.pop(0) if self.incoming else None
 
     def close(self) -> None:
+        """Close the link."""
         self.closed = True
 
 
-class Air:
-    """``networks`` are the access points in reach, by their names, with the passwords. ``address``
-    is the board's own, "" for any.
+class RadioNetwork:
+    """The access points in range and the hosts behind them, in memory.
 
-    ``hosts`` are the names and addresses that they know the way to, None for any; ``links`` are
-    all that was ever opened.
+    Attributes:
+        access_points: The passwords of the access points by their names.
+        hosts: The host names and addresses that can be reached, None for all.
+        address: The board's own address on this host, "" for any.
+        links: All links ever opened.
     """
 
-    def __init__(self, networks: "dict[str, str]", hosts: "tuple[str, ...] | None" = None) -> None:
-        self.networks = networks
+    def __init__(
+        self, access_points: "dict[str, str]", hosts: "tuple[str, ...] | None" = None
+    ) -> None:
+        self.access_points = access_points
         self.hosts = hosts
         self.address = ""
         self.links: list[Any] = []
 
     def link(self, host: str, port: int, local_port: int) -> "Any":
-        """A link, or None: nobody knows the way."""
+        """Open a UDP link; return None when the host cannot be reached."""
         if self.hosts is not None and host not in self.hosts:
             return None
         self.links.append(self._link(host, port, local_port))
@@ -60,6 +71,7 @@ class Air:
         return Link(host, port, local_port)
 
     def close(self) -> None:
+        """Close all links."""
         for link in self.links:
             link.close()
 
@@ -68,7 +80,7 @@ if sys.implementation.name != "micropython":
     import socket
 
     class HostLink(Link):
-        """The same over the host's own UDP."""
+        """A UDP link over a socket of this host."""
 
         def __init__(self, host: str, port: int, local_port: int, address: str = "") -> None:
             super().__init__(host, port, local_port)
@@ -79,6 +91,7 @@ if sys.implementation.name != "micropython":
             self._socket.connect((host, port))
 
         def send(self, data: bytes) -> bool:
+            """Send a datagram; return whether the socket took it."""
             try:
                 self._socket.send(data)
             except OSError:
@@ -86,31 +99,40 @@ if sys.implementation.name != "micropython":
             return True
 
         def recv(self) -> "bytes | None":
+            """Return the next datagram received, None when there is none."""
             try:
                 return self._socket.recv(65536)
             except OSError:
                 return None
 
         def close(self) -> None:
+            """Close the link and its socket."""
             super().close()
             self._socket.close()
 
-    class HostAir(Air):
-        """Access points whose network is the host's own. A port of the board's own choice is not
-        kept: many virtual boards would choose the same. ``routes`` says where a "host:port" of
-        that network really is, ``address`` is the board's own on this host, "" for any.
+    class HostRadioNetwork(RadioNetwork):
+        """Access points whose network is that of this host.
+
+        The local port that a board chooses is not bound: many virtual boards would choose the
+        same one.
+
+        Args:
+            access_points: The passwords of the access points by their names.
+            hosts: The host names and addresses that can be reached, None for all.
+            routes: The address on this host for a "host:port" of the virtual network.
+            address: The board's own address on this host, "" for any.
         """
 
         def __init__(
-            self, networks: "dict[str, str]", hosts: "tuple[str, ...] | None" = None,
+            self, access_points: "dict[str, str]", hosts: "tuple[str, ...] | None" = None,
             routes: "dict[str, tuple[str, int]] | None" = None, address: str = "",
         ) -> None:  # fmt: skip
-            super().__init__(networks, hosts)
+            super().__init__(access_points, hosts)
             self.address = address
             self._routes = routes or {}
 
         def route(self, host: str, port: int) -> "tuple[str, int]":
-            """Where that is on this host."""
+            """Return the address on this host for a host and port of the virtual network."""
             return self._routes.get(f"{host}:{port}", (host, port))
 
         def _link(self, host: str, port: int, local_port: int) -> HostLink:

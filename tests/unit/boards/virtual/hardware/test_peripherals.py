@@ -7,7 +7,7 @@ import pytest
 from uros.boards.virtual.hardware.board import FaultError, VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
 from uros.boards.virtual.hardware.peripherals import PlugError, Radio, Spi, Uart
-from uros.boards.virtual.modems.radio_network import Air
+from uros.boards.virtual.modems.radio_network import RadioNetwork
 
 BOARD = "ra6m5_sensor_node"
 
@@ -100,7 +100,7 @@ def test_a_bus_in_the_wrong_mode_or_without_selection_gives_nothing():
 
 def test_a_radio_joins_after_a_moment():
     now = [0]
-    radio = Radio(Air({"robots": "secret99"}), lambda: now[0])
+    radio = Radio(RadioNetwork({"robots": "secret99"}), lambda: now[0])
     assert radio.status() == Radio.IDLE
     for ssid, password, status in (
         ("robots", "no", Radio.WRONG_PASSWORD), ("cafe", "", Radio.NO_AP_FOUND),
@@ -118,7 +118,7 @@ def test_a_radio_joins_after_a_moment():
 
 
 def test_sockets_need_a_network_and_have_a_bound():
-    radio = Radio(Air({"robots": "secret99"}), lambda: 1000)
+    radio = Radio(RadioNetwork({"robots": "secret99"}), lambda: 1000)
     handles = [radio.open(2) for _ in range(16)]
     assert len(set(handles)) == 16
     with pytest.raises(OSError, match="no room"):
@@ -139,11 +139,11 @@ def test_faults_of_plugs_are_faults_of_the_board():
         modem.joined = "robots"
         board.happen("esp8266:lost")
         board.happen("wlan:lost")
-        assert modem.joined == "" and modem.air.networks == {}
+        assert modem.joined == "" and modem.network.access_points == {}
         active = {it.spec for it in board.faults() if it.active}
         assert active == {"esp8266:lost", "wlan:lost"}
         board.happen("all:off")
-        assert modem.air.networks == {"robots": "secret99"}
+        assert modem.network.access_points == {"robots": "secret99"}
         assert not [it for it in board.faults() if it.active]
         with pytest.raises(FaultError, match="esp8266:dead"):
             board.happen("esp8266:nonsense")
@@ -167,7 +167,7 @@ def test_what_cannot_be_plugged_in_is_told(spec, said):
 @pytest.mark.parametrize("fault", ["alone", "deaf", "lost"])
 def test_nobody_joins_an_access_point_that_fails(fault):
     now = [0]
-    radio = Radio(Air({}), lambda: now[0])
+    radio = Radio(RadioNetwork({}), lambda: now[0])
     radio.start("board", "secret99")
     now[0] = 10_000
     assert radio.guests() == 1

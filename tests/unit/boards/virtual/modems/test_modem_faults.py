@@ -1,4 +1,4 @@
-"""What can happen to a modem that is plugged in, and what it then says."""
+"""The faults and events of a modem that is plugged into a virtual board."""
 
 import pytest
 
@@ -13,8 +13,8 @@ def board(tmp_path):
     made.close()
 
 
-def said(board, uart=2):
-    """What the ESP8266 has to say by now."""
+def output(board, uart=2):
+    """Return what the ESP8266 has sent within the next 0.8 s."""
     out = b""
     for _ in range(400):
         board.clock.advance(2_000)
@@ -22,36 +22,36 @@ def said(board, uart=2):
     return out
 
 
-def told(board, line):
+def command(board, line):
     board.uarts[2].write(line + b"\r\n")
-    return said(board)
+    return output(board)
 
 
-def test_an_esp8266_that_is_busy_says_so_to_each_command(board):
-    assert b"OK" in told(board, b"AT")
+def test_a_busy_esp8266_responds_busy_to_each_command(board):
+    assert b"OK" in command(board, b"AT")
     board.happen("esp8266:busy")
-    assert told(board, b"AT").endswith(b"busy p...\r\n")
-    assert told(board, b"ATE0").endswith(b"busy p...\r\n")
+    assert command(board, b"AT").endswith(b"busy p...\r\n")
+    assert command(board, b"ATE0").endswith(b"busy p...\r\n")
     board.happen("esp8266:off")
-    assert b"OK" in told(board, b"AT")
+    assert b"OK" in command(board, b"AT")
 
 
-def test_what_is_over_at_once_is_no_fault_that_stays(board):
+def test_momentary_events_are_not_active_faults(board):
     board.happen("esp8266:chatty")
     board.happen("gs2200:chatty")
-    assert b"WIFI GOT IP" in said(board)
-    assert board.pins["14"].value() == 1  # the GS2200 has something to say
+    assert b"WIFI GOT IP" in output(board)
+    assert board.pins["14"].value() == 1  # the GS2200 has data to fetch
     board.happen("esp8266:closed")
-    assert said(board) == b""  # there is no link
-    assert not [it.spec for it in board.faults() if it.active]
+    assert output(board) == b""  # there is no link
+    assert not [fault.spec for fault in board.faults() if fault.active]
     with pytest.raises(FaultError, match="esp8266:closed"):
         board.happen("esp8266:open")
 
 
-def test_a_link_that_is_closed_is_told(board):
+def test_closing_the_link_is_reported(board):
     for line in (b"AT+CWMODE=1", b'AT+CWJAP="robots","secret99"'):
-        assert b"OK" in told(board, line)
-    assert b"CONNECT" in told(board, b'AT+CIPSTART="UDP","127.0.0.1",9')
+        assert b"OK" in command(board, line)
+    assert b"CONNECT" in command(board, b'AT+CIPSTART="UDP","127.0.0.1",9')
     board.happen("esp8266:closed")
-    assert said(board) == b"CLOSED\r\n"
+    assert output(board) == b"CLOSED\r\n"
     assert board.parts["esp8266"].shows() == "in robots"
