@@ -1,17 +1,14 @@
 """The virtual boards, a module each: which parts they have and how they are wired.
 
 =====================  =========================================================================
-``catalog``            The virtual boards that there are, by name
-``esp32``              An ESP32-DevKitC on a breadboard: an LED at pin 22, a button or a second
-                       LED at pin 23, a knob at pin 34, and a USB adapter at UART 2, or its own
-                       WLAN
-``ra6m5``              An EK-RA6M5: three I2C sensors in a room, USB of its own
-``spresense``          An ESP32-S3-DevKitC-1 that stands for a Sony Spresense, which has no
-                       MicroPython: its four LEDs, the line to the agent at UART 1, and what
-                       else a program needs
-``spresense_sensors``  The board that stands for a Spresense, carried around outdoors: six
-                       sensors on I2C channel 0 and a receiver of satellites at UART 2
-``sprturtlebot``       SprTurtleBot: the board that stands for a Spresense on a rover, with its
+``catalog``            The virtual boards by name
+``esp32``              An ESP32-DevKitC on a breadboard, with LEDs, a button and a potentiometer
+``ra6m5``              An EK-RA6M5: three I2C sensors in a room, native USB
+``spresense``          An ESP32-S3-DevKitC-1 in place of a Sony Spresense, which has no
+                       MicroPython
+``spresense_sensors``  The board in place of a Spresense, carried outdoors: six I2C sensors and a
+                       GNSS receiver
+``sprturtlebot``       SprTurtleBot: the board in place of a Spresense on a rover, with motor
                        driver, encoders and camera
 =====================  =========================================================================
 """

@@ -1,4 +1,4 @@
-"""The virtual boards that there are, by name."""
+"""The virtual boards by name."""
 
 from __future__ import annotations
 
@@ -7,18 +7,23 @@ from typing import Final
 
 
 class BoardError(ValueError):
-    """There is no such board; the text lists what there is."""
+    """There is no board of this name; the text lists the names."""
 
 
 @dataclass(frozen=True)
 class BoardSpec:
-    """A board that there is.
+    """A virtual board and the program that it runs.
 
-    ``hardware`` is the module of this package that wires it, ``firmware`` the folder of its
-    program, ``ports`` the MicroPython ports that it is written for. ``plugs`` are plugged in from
-    the start (see `uros.boards.virtual.hardware.peripherals`). ``agent`` is the address at which
-    its program looks for the
-    agent in its network, "" where it does so on a serial line.
+    Attributes:
+        name: Its name, which is also that of its folder in firmware/.
+        text: What its program does, in a few words.
+        mcu: The board and its microcontroller.
+        hardware: The module of this package that wires it.
+        ports: The MicroPython ports that its program is written for.
+        plugs: The peripherals that are plugged in from the start (see
+            `uros.boards.virtual.hardware.peripherals`).
+        agent: The address at which its program expects the agent in its network, "" on a serial
+            line.
     """
 
     name: str
@@ -31,13 +36,13 @@ class BoardSpec:
 
     @property
     def firmware(self) -> str:
-        """The folder in firmware/, which has the board's name."""
+        """The folder of its program in firmware/, which has the board's name."""
         return self.name
 
 
 _RA6M5: Final = ("EK-RA6M5 (R7FA6M5BH3CFC)", "ra6m5", ("renesas-ra",))
 _ESP32: Final = ("ESP32-DevKitC (ESP32)", "esp32", ("esp32",))
-# A Spresense has no MicroPython: this board stands for it.
+# A Spresense has no MicroPython port: this board takes its place.
 _SPRESENSE: Final = ("ESP32-S3-DevKitC-1 (for a Spresense)", "spresense", ("esp32",))
 _ROVER: Final = (_SPRESENSE[0], "sprturtlebot", ("esp32",))
 _MODEMS: Final = ("gs2200:spi=1,ready=14,cs=21", "esp8266:uart=2")
@@ -84,11 +89,15 @@ _LIST: Final = (
     BoardSpec("esp32_tf_clock", "a transform, and the ROS time on the board", *_ESP32),
 )  # fmt: skip
 
-BOARDS: Final = {it.name: it for it in _LIST}
+BOARDS: Final = {spec.name: spec for spec in _LIST}
 
 
 def find(name: str) -> BoardSpec:
-    """Raises BoardError."""
+    """Return the board of this name.
+
+    Raises:
+        BoardError: There is none.
+    """
     if name not in BOARDS:
         raise BoardError(f"there is no board {name}; there are {', '.join(BOARDS)}")
     return BOARDS[name]

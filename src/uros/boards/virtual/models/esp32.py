@@ -1,5 +1,7 @@
-"""An ESP32-DevKitC on a breadboard: an LED at pin 22, a button or a second LED at pin 23, a knob at
-pin 34, and a USB adapter at UART 2, or its own WLAN.
+"""An ESP32-DevKitC on a breadboard, with LEDs, a button and a potentiometer.
+
+An LED is at pin 22, a button or a second LED at pin 23, a potentiometer at pin 34. The agent is at
+a USB adapter on UART 2 or in the board's own WLAN.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ _WITH_BUTTON: Final = "esp32_button_led"
 
 
 def wire(board: VirtualBoard) -> None:
-    """Put everything on the board."""
+    """Add the parts and pins to the board."""
     board.unique_id = b"\x24" + board.number(5)
     for number in _PINS:
         board.add_pin(Pin(str(number)))

@@ -1,4 +1,4 @@
-"""An EK-RA6M5: three I2C sensors in a room, USB of its own."""
+"""An EK-RA6M5: three I2C sensors in a room, native USB."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ I2C_CHANNEL: Final = 2
 
 
 def wire(board: VirtualBoard) -> None:
-    """Put everything on the board."""
+    """Add the parts and pins to the board."""
     room, seed = board.room, board.seed
     bus = I2CBus(clock=board.clock, seed=seed)
     board.add_bus(I2C_CHANNEL, bus)
@@ -30,7 +30,7 @@ def wire(board: VirtualBoard) -> None:
     board.unique_id = b"RA6M5" + board.number(11)
     board.own_usb()
     board.add_pin(Pin("P414", "I2C2 SDA", lambda: bus.sda))
-    # A program that drives the clock itself frees a stuck bus by its rising edges.
+    # A program recovers a stuck bus by driving the clock: rising edges count as clock pulses.
     board.add_pin(
         Pin("P415", "I2C2 SCL", lambda: bus.scl, lambda level: bus.pulse() if level else None)
     )

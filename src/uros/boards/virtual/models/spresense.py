@@ -1,5 +1,7 @@
-"""An ESP32-S3-DevKitC-1 that stands for a Sony Spresense, which has no MicroPython: its four LEDs,
-the line to the agent at UART 1, and what else a program needs.
+"""An ESP32-S3-DevKitC-1 in place of a Sony Spresense, which has no MicroPython.
+
+It has the Spresense's four LEDs, the line to the agent at UART 1, and a camera where the program
+needs one.
 """
 
 from __future__ import annotations
@@ -20,12 +22,12 @@ _BAUD: Final = 115_200
 LEDS: Final = ("38", "39", "40", "41")
 
 _WITH_CAMERA: Final = "spresense_camera"
-# A picture of 20,000 octets a second is more than the usual rate carries.
+# 20,000 octets a second of pictures are more than 115,200 baud can carry.
 _CAMERA_BAUD: Final = 921_600
 
 
 def wire(board: VirtualBoard) -> None:
-    """Put everything on the board."""
+    """Add the parts and pins to the board."""
     camera = board.name == _WITH_CAMERA
     board.unique_id = b"\x34" + board.number(5)
     for number in _PINS:

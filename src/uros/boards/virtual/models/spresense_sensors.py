@@ -1,8 +1,8 @@
-"""The board that stands for a Spresense, carried around outdoors: six sensors on I2C channel 0 and
-a receiver of satellites at UART 2.
+"""The board in place of a Spresense, carried outdoors: six I2C sensors and a GNSS receiver.
 
-The receiver has this host's time; the sun stands as it does at ten in the morning all the same, so
-that a seed is the same world at every hour.
+The sensors are on I2C channel 0, the receiver at UART 2. The receiver reports this host's time. The
+light is always that of ten in the morning, so that a seed gives the same measurements at every
+hour.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _GNSS_BAUD: Final = 9600
 
 
 def wire(board: VirtualBoard) -> None:
-    """Put everything on the board."""
+    """Add the parts and pins to the board."""
     spresense.wire(board)
     seed = board.seed
     world = Outdoors(seed)
@@ -54,7 +54,7 @@ def wire(board: VirtualBoard) -> None:
     board.add_pin(
         Pin(_SCL, "I2C0 SCL", lambda: bus.scl, lambda level: bus.pulse() if level else None)
     )
-    switched_on = time.time() - board.clock.world_us() / 1e6
-    gnss = Gnss(world.place, switched_on, seed=seed, baud=_GNSS_BAUD)
+    power_on = time.time() - board.clock.world_us() / 1e6
+    gnss = Gnss(world.place, power_on, seed=seed, baud=_GNSS_BAUD)
     board.parts.add(gnss)
     board.uarts[_GNSS_UART] = Uart(gnss, _GNSS_BAUD, board.clock)

@@ -1,5 +1,6 @@
-"""SprTurtleBot: the board that stands for a Spresense on a rover, with its driver, encoders and
-camera.
+"""SprTurtleBot: a rover with motor driver, encoders and camera.
+
+Its board takes the place of a Spresense, as in `uros.boards.virtual.models.spresense`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _ENCODERS: Final = (("right encoder", "3"), ("left encoder", "46"))
 
 
 def wire(board: VirtualBoard) -> None:
-    """Put everything on the board."""
+    """Add the parts and pins to the board."""
     spresense.wire(board)
     rover = Rover("rover", board.seed)
     board.parts.add(rover)
