@@ -265,7 +265,7 @@ def test_a_subscription_that_will_hear_nothing_is_told_of(uros, peer):
     error = uros(
         "topic", "pub", "--once", "--max-wait-time-secs", "4", "/strict", STRING, status=1
     )
-    assert "/real/peer asks for transient_local on /strict, and this is volatile" in error
+    assert "/real/peer requests transient_local on /strict, and this offers volatile" in error
     uros("topic", "pub", "--once", "/strict", STRING, "--qos-durability", "transient_local")
     peer.message("/strict")
     peer.do("unsubscribe", topic="/strict")
@@ -273,7 +273,7 @@ def test_a_subscription_that_will_hear_nothing_is_told_of(uros, peer):
     error = uros(
         "topic", "pub", "--once", "--max-wait-time-secs", "4", "/numbers", STRING, status=1
     )
-    assert "/real/peer takes std_msgs/msg/Int32 on /numbers: it will hear nothing" in error
+    assert "/real/peer subscribes to /numbers with the type std_msgs/msg/Int32" in error
     peer.do("unsubscribe", topic="/numbers")
 
 
@@ -322,7 +322,7 @@ def test_a_board_whose_agent_has_rclpy(uros, ros_python, peer, domain):
         with_rclpy = uros("service", "call", "/srv_trigger_py", TRIGGER, python=ros_python)
         assert answer(with_rclpy) == ("True", "Response[0]")
         error = uros("service", "call", "/srv_trigger_py", TRIGGER, status=1)
-        assert "served in the form of rmw_fastrtps, which rclpy alone speaks" in error
+        assert "uses the form of rmw_fastrtps, which needs rclpy" in error
         assert "source /opt/ros/<distro>/setup.bash" in error
         called = peer.do("call", name="/srv_trigger_py", type=TRIGGER, cdr=EMPTY)
         reply = from_cdr(load(TRIGGER).Response, bytes.fromhex(called["replies"][0]))
@@ -341,7 +341,7 @@ def test_an_rclpy_service_is_called(uros, ros_python, peer):
         called = uros("service", "call", "/real/go", TRIGGER, python=ros_python)
         assert answer(called) == ("True", "answer 1")
         error = uros("service", "call", "/real/go", TRIGGER, status=1)
-        assert "/real/go is served in the form of rmw_fastrtps" in error
+        assert "/real/go uses the form of rmw_fastrtps" in error
 
 
 def test_values_of_a_request_and_a_rate(uros, domain):
@@ -406,7 +406,7 @@ def test_a_server_that_does_not_answer_or_leaves(uros, domain):
         assert process.stdout.readline().startswith("requester: making request")
         node.destroy_node()
         assert process.stderr.read() == (
-            "uros: /deaf has left and has not answered; call it again\n"
+            "uros: /deaf ended before it answered; call it again\n"
         )
         assert process.wait(SECONDS) == 1
 

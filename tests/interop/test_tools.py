@@ -224,7 +224,7 @@ def test_echo_waits_for_a_topic(uros, started):
 
 def test_echo_of_a_silent_topic_times_out(uros):
     error = uros("topic", "echo", "/heard", "--timeout", "0.1", status=1)
-    assert "nothing came on /heard" in error
+    assert "no message came on /heard" in error
 
 
 def test_echo_of_an_unknown_type(uros, tmp_path):
@@ -235,12 +235,12 @@ def test_echo_of_an_unknown_type(uros, tmp_path):
     folder.mkdir(parents=True)
     (folder / "Lamp.msg").write_text("builtin_interfaces/Time stamp\nuint8 level\n")
     error = uros(*wanted, "--interfaces", str(tmp_path), status=1)
-    assert "/chatter has the type std_msgs/msg/String: nothing will come" in error
+    assert "/chatter has the type std_msgs/msg/String: no message will come" in error
 
 
 def test_echo_with_another_type(uros):
     error = uros("topic", "echo", "/chatter", "std_msgs/Int32", "--timeout", "0.1", status=1)
-    assert "/chatter has the type std_msgs/msg/String: nothing will come" in error
+    assert "/chatter has the type std_msgs/msg/String: no message will come" in error
 
 
 def test_yaml_is_that_of_pyyaml(ros_python):

@@ -2,13 +2,13 @@
 
 =============  ===================================================================================
 ``cli``        The command line: finds the verb, imports its module, runs it, reports errors
-``common``     What the verbs that look at a network have in common: options, joining, what to say
-``demo``       ``uros demo``: a virtual board, an agent and a ROS 2 listener, on this machine
-               alone
+``common``     What the verbs on a ROS 2 network share: options, joining the domain, hints
+``demo``       ``uros demo``: run a virtual board, an agent and a ROS 2 subscriber, on this
+               machine only
 ``errors``     Errors that end a command with one line for the user instead of a traceback
-``fleet``      ``uros fleet``: the virtual boards of a file, and one agent for them
-``pages``      What the verbs with a page in a browser have in common
-``waiting``    Finding the type of a topic that may not be there yet
+``fleet``      ``uros fleet``: run the virtual boards that a file lists, and one agent for them
+``pages``      What the verbs with a page in a browser share: options, and opening the page
+``waiting``    Waits for a topic and finds its type
 ``agent``      ``uros agent`` and its verbs
 ``board``      ``uros board``: a module for each verb
 ``capture``    ``uros trace`` and ``uros replay``: captured messages

@@ -1,9 +1,10 @@
-"""What the verbs that look at a network have in common: options, joining, what to say."""
+"""What the verbs on a ROS 2 network share: options, joining the domain, hints."""
 
 from __future__ import annotations
 
 import argparse
 import os
+import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
@@ -20,43 +21,43 @@ DISTRO_HELP: Final = (
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
-    """The options of every verb that joins a domain."""
+    """Declare the options of every verb that joins a domain."""
     parser.add_argument(
         "--domain",
         metavar="N",
         type=domain,
-        help="ROS domain to look at (default: ROS_DOMAIN_ID, or 0)",
+        help="ROS domain (default: ROS_DOMAIN_ID, or 0)",
     )
     add_interfaces(parser)
     parser.add_argument(
         "--spin-time",
         metavar="S",
         type=positive_float,
-        help="discover for exactly so many seconds (default: until nothing new comes)",
+        help="seconds to wait for discovery (default: until nothing new is found)",
     )
     parser.add_argument("--no-daemon", action="store_true", help=argparse.SUPPRESS)
 
 
 def add_interfaces(parser: argparse.ArgumentParser) -> None:
-    """``--interfaces`` and ``--distro``; `know_interfaces` does what they say."""
+    """Declare ``--interfaces`` and ``--distro``, which `know_interfaces` applies."""
     add_distro(parser)
     parser.add_argument(
         "--interfaces",
         metavar="DIR",
         action="append",
         default=[],
-        help="folder with .msg, .srv and .action files to know besides; may be repeated",
+        help="folder with further .msg, .srv and .action files; may be repeated",
     )
 
 
 def distro_name(text: str) -> str:
-    """One of those whose definitions there are."""
+    """Parse the name of a distribution."""
     from ..interfaces.distro import NAMES
 
     name = text.strip().lower()
     if name not in NAMES:
         known = ", ".join(NAMES)
-        raise argparse.ArgumentTypeError(f"no definitions of {text!r}; there are {known}")
+        raise argparse.ArgumentTypeError(f"unknown ROS 2 distribution {text!r}; known are {known}")
     return name
 
 
@@ -66,8 +67,10 @@ def add_distro(parser: argparse.ArgumentParser) -> None:
 
 
 def know_distro(args: argparse.Namespace) -> None:
-    """Take the definitions of ``--distro`` or ROS_DISTRO, here and in processes that are started.
-    Raises InterfaceError.
+    """Use the definitions of ``--distro`` or ROS_DISTRO, also in child processes.
+
+    Raises:
+        InterfaceError: ROS_DISTRO names an unknown distribution.
     """
     from ..interfaces.distro import chosen
 
@@ -76,7 +79,7 @@ def know_distro(args: argparse.Namespace) -> None:
 
 
 def use_distro(name: str | None) -> None:
-    """Take a distribution's definitions, and the size of its Gids, where it has a name."""
+    """Use a distribution's definitions and GID size, unless ``name`` is empty."""
     from ..interfaces.distro import use
 
     if name:
@@ -85,7 +88,11 @@ def use_distro(name: str | None) -> None:
 
 
 def know_interfaces(args: argparse.Namespace) -> None:
-    """Make the definitions of ``--distro`` and ``--interfaces`` known. Raises InterfaceError."""
+    """Apply ``--distro`` and ``--interfaces``.
+
+    Raises:
+        InterfaceError: A folder or a definition is wrong.
+    """
     know_distro(args)
     if args.interfaces:
         from ..interfaces import add_folder
@@ -95,17 +102,17 @@ def know_interfaces(args: argparse.Namespace) -> None:
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
-    """What a virtual board's firmware runs on."""
+    """Declare ``--engine``, on which the firmware of virtual boards runs."""
     parser.add_argument(
         "--engine",
         choices=("cpython", "micropython"),
         default="cpython",
-        help="what runs the firmware: cpython (default), or micropython, which needs Node",
+        help="interpreter of the firmware: cpython (default), or micropython, which needs Node",
     )
 
 
 def add_topic(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
-    """The positional argument ``topic``."""
+    """Declare the positional argument ``topic``."""
     parser.add_argument(
         "topic",
         metavar="TOPIC",
@@ -116,74 +123,79 @@ def add_topic(parser: argparse.ArgumentParser, nargs: str | None = None) -> None
 
 
 def add_service(parser: argparse.ArgumentParser) -> None:
-    """The positional argument ``service``."""
+    """Declare the positional argument ``service``."""
     parser.add_argument(
         "service", metavar="NAME", type=service_name, help="name of the service, such as /reset"
     )
 
 
 def add_type(parser: argparse.ArgumentParser) -> None:
-    """The positional argument ``type``: of any kind."""
+    """Declare the positional argument ``type``, of any kind."""
     parser.add_argument(
-        "type", metavar="TYPE", help="name of a message, service or action: std_msgs/msg/Header"
-    )
+        "type", metavar="TYPE",
+        help="name of a message, service or action type, such as std_msgs/msg/Header",
+    )  # fmt: skip
 
 
 # --- values on the command line -----------------------------------------------------
 
 
 def domain(text: str) -> int:
+    """Parse a ROS domain."""
     from ..middleware.base import MAX_DOMAIN
 
     if not text.isdecimal() or int(text) > MAX_DOMAIN:
-        raise argparse.ArgumentTypeError(f"{text!r} is no domain; give 0 to {MAX_DOMAIN}")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a domain; give 0 to {MAX_DOMAIN}")
     return int(text)
 
 
 def positive_float(text: str) -> float:
+    """Parse a number above 0."""
     try:
         value = float(text)
     except ValueError:
         value = 0.0
     if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number above 0")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
     return value
 
 
 def positive_int(text: str) -> int:
+    """Parse an integer above 0."""
     if not text.isdecimal() or not int(text):
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number above 0")
+        raise argparse.ArgumentTypeError(f"{text!r} is not an integer above 0")
     return int(text)
 
 
 def unsigned_int(text: str) -> int:
+    """Parse an integer from 0 on."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 on")
+        raise argparse.ArgumentTypeError(f"{text!r} is not an integer of 0 or more")
     return int(text)
 
 
 def topic_name(text: str) -> str:
-    """The absolute name; the first slash may be left away."""
+    """Parse a topic name and make it absolute."""
     from .. import names
 
     name = names.absolute(text)
     if not names.is_valid(name):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no topic name: letters, digits and _ between slashes, no part beginning"
-            " with a digit, no __"
+            f"{text!r} is not a topic name: use letters, digits and single _ between slashes, and"
+            " no digit behind a slash"
         )
     return name
 
 
 def service_name(text: str) -> str:
-    """The same for a service."""
+    """Parse a service name and make it absolute."""
     from .. import names
 
     name = names.absolute(text)
     if not names.is_valid(name):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no name of a service: letters, digits and _ between slashes, no part"
-            " beginning with a digit, no __"
+            f"{text!r} is not a service name: use letters, digits and single _ between slashes, and"
+            " no digit behind a slash"
         )
     return name
 
@@ -192,7 +204,7 @@ def service_name(text: str) -> str:
 
 
 def join(args: argparse.Namespace) -> Network:
-    """Make the ``--interfaces`` known and join the domain; nothing is discovered yet."""
+    """Apply ``--interfaces`` and join the domain. Nothing is discovered yet."""
     from ..host.network import Network
     from ..middleware.base import environment_domain
 
@@ -202,7 +214,7 @@ def join(args: argparse.Namespace) -> Network:
 
 
 def discover(network: Network, args: argparse.Namespace) -> None:
-    """Learn what is in the domain, for ``--spin-time`` or as long as there is news."""
+    """Discover the domain for ``--spin-time``, or until nothing new is found."""
     if args.spin_time is None:
         network.settle()
     else:
@@ -210,16 +222,26 @@ def discover(network: Network, args: argparse.Namespace) -> None:
 
 
 def remedy(network: Network, name: str, known: Iterable[str]) -> str:
-    """What follows "there is no such name": close ones, or why there may be none."""
+    """Return the end of a message about an unknown name: similar names, or why there are none."""
     if network.alone:
-        return (
-            f": nobody else was found in domain {network.domain}; check --domain, ROS_DOMAIN_ID"
-            " and ROS_AUTOMATIC_DISCOVERY_RANGE"
-        )
+        return f": {_alone(network)}"
     close = did_you_mean(name, known)
     if close:
         return f" in domain {network.domain}{close}"
     return (
-        f" in domain {network.domain}; a board chooses its domain itself, and its agent's log"
-        " says which"
+        f" in domain {network.domain}; a board chooses its domain itself: 'uros agent status' shows"
+        " it"
+    )
+
+
+def hint_if_alone(network: Network) -> None:
+    """Explain an empty list on a terminal, if no other participant was found."""
+    if network.alone and sys.stderr.isatty():
+        print(f"uros: {_alone(network)}, or run 'uros doctor'", file=sys.stderr)
+
+
+def _alone(network: Network) -> str:
+    return (
+        f"no other participant was found in domain {network.domain}; check --domain, ROS_DOMAIN_ID"
+        " and ROS_AUTOMATIC_DISCOVERY_RANGE"
     )

@@ -1,8 +1,8 @@
-"""``uros demo``: a virtual board, an agent and a ROS 2 listener, on this machine alone.
+"""``uros demo``: run a virtual board, an agent and a ROS 2 subscriber, on this machine only.
 
 The board is an EK-RA6M5 with three I2C sensors and the firmware of ``firmware/ra6m5_sensor_node``.
-Its USB line is a pseudo-terminal, on which an agent listens in a process of its own; what is shown
-has come from there by DDS.
+Its USB line is a pseudo-terminal, on which an agent in a process of its own listens. The messages
+that are shown have come from there over DDS.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 BOARD: Final = "ra6m5_sensor_node"
 _CLIMATE, _THERMOCOUPLE, _LIGHT = 0x44, 0x67, 0x13
-# What the board publishes, and the I2C device that it read just before; none: it comes by event.
+# What the board publishes, and the I2C device that it reads before; None: published by event.
 TOPICS: Final = (
     ("/sensors/room_temp", "sensor_msgs/msg/Temperature", _CLIMATE),
     ("/sensors/humidity", "sensor_msgs/msg/RelativeHumidity", _CLIMATE),
@@ -41,16 +41,19 @@ TOPICS: Final = (
     ("/sensors/ambient_light", "std_msgs/msg/UInt16", _LIGHT),
     ("/sensors/diagnostic", "std_msgs/msg/String", None),
 )
-# Delays of so many of the last samples make the median while it runs.
+# How many of the last delays the median is of while the demo runs.
 _RECENT: Final = 50
 _REDRAW_SECONDS: Final = 0.25
 _VALUE_WIDTH: Final = 40
+# Log level of the agent: the table shows what it would log at level info.
+_WARNINGS: Final = "3"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros demo``."""
     parser.add_argument(
         "--seconds", type=positive_float, metavar="S",
-        help="end after so long; exit status 0 only if every topic was heard"
+        help="exit after so many seconds; exit status 1 if a topic was not received"
         " (default: until Ctrl-C)",
     )  # fmt: skip
     parser.add_argument(
@@ -59,29 +62,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
     parser.add_argument(
         "--fault", action="append", default=[], metavar="SPEC",
-        help="a fault of the hardware, as with 'uros board run'; may be repeated",
+        help="fault of the hardware, as with 'uros board run'; may be repeated",
     )  # fmt: skip
 
 
 class _Reads:
-    """When each I2C device's reads ended, by this machine's monotonic clock."""
+    """The ends of reads of each I2C device, by this machine's monotonic clock."""
 
     def __init__(self) -> None:
         self._ends: dict[int, list[int]] = {}
 
     def ended(self, address: int, ns: int) -> None:
-        """Another thread's call."""
+        """Note the end of a read. Called from another thread."""
         self._ends.setdefault(address, []).append(ns)
 
     def before(self, address: int, ns: int) -> int | None:
-        """The last end of a read of the device until ``ns``."""
+        """Return the last end of a read of the device until ``ns``."""
         ends = self._ends.get(address, [])
         at = bisect.bisect_right(ends, ns)
         return ends[at - 1] if at else None
 
 
 class _Topic:
-    """What was heard of one topic."""
+    """What was received of one topic."""
 
     def __init__(self, name: str, type_name: str, device: int | None, reads: _Reads) -> None:
         from ..interfaces import load
@@ -111,7 +114,7 @@ class _Topic:
         self.value = text if len(text) <= _VALUE_WIDTH else text[: _VALUE_WIDTH - 1] + "…"
 
     def qos(self) -> QoSProfile:
-        """How to listen: what is said by event is said once, and kept for who comes late."""
+        """Return the QoS to subscribe with. An event is published once, for late joiners too."""
         from ..qos import DurabilityPolicy, QoSProfile, sensor_data_profile
 
         if self._device is not None:
@@ -120,13 +123,13 @@ class _Topic:
 
     @property
     def rate(self) -> float | None:
-        """Messages a second between the first and the last; None: not known, or by event."""
+        """The rate between the first and the last message; None if not known, or by event."""
         if self.count < 2 or self._device is None:
             return None
         return (self.count - 1) * 1e9 / (self._heard[-1] - self._heard[0])
 
     def delays_ms(self, last: int = 0) -> list[float]:
-        """From the end of the sensor's read to here, of the last so many samples (0: all)."""
+        """Return the delays from the sensor's read to here of the last samples (0: all)."""
         if self._device is None:
             return []
         pairs = [(ns, self._reads.before(self._device, ns)) for ns in self._heard[-last:]]
@@ -134,18 +137,28 @@ class _Topic:
 
 
 class _Agent(AgentProcess):
-    """The agent, with its log for when there is time to show it."""
+    """The agent, whose warnings are printed when there is time."""
 
     def __init__(self, device: Path, domain_id: int) -> None:
         self._news: queue.Queue[str] = queue.Queue()
-        super().__init__(("serial", "--dev", str(device)), domain_id, self._news.put)
+        arguments = ("serial", "--dev", str(device), "--verbose", _WARNINGS)
+        super().__init__(arguments, domain_id, self._news.put)
 
     def print_news(self) -> None:
+        """Print what the agent has logged since the last call."""
         while not self._news.empty():
             print(self._news.get())
 
 
 def run(args: argparse.Namespace) -> int:
+    """Run the demo.
+
+    Returns:
+        0 if every topic was received, else 1.
+
+    Raises:
+        ToolError: The board or the agent ended early.
+    """
     # Set before DDS is loaded, here and in the agent: a demo stays on this machine.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from ..boards.virtual.engine.runner import RunningBoard, StartError
@@ -164,8 +177,9 @@ def run(args: argparse.Namespace) -> int:
             raise ToolError(str(error)) from error
         try:
             print(
-                f"A virtual EK-RA6M5 (engine {args.engine}) on {board.path}, and an agent for it"
-                f" in ROS domain {network.domain}:"
+                f"A virtual EK-RA6M5 (engine {args.engine}) runs on {board.path}, and an agent for"
+                f" it in ROS domain {network.domain}. Waiting for its topics ...",
+                flush=True,
             )
             agent = _Agent(board.path, network.domain)
             try:
@@ -183,15 +197,17 @@ def run(args: argparse.Namespace) -> int:
 def _watch(
     network: Any, agent: _Agent, board: RunningBoard, topics: list[_Topic], seconds: float | None
 ) -> None:
-    """Serve the network and show what comes, until the time is up."""
+    """Serve the network and show the messages until the time is over."""
     end = None if seconds is None else time.monotonic() + seconds
     drawn = 0
     live = sys.stdout.isatty()
     while end is None or time.monotonic() < end:
         if agent.ended:
             agent.print_news()
-            raise ToolError("the agent ended")
+            raise ToolError("the agent has ended; its log above has the reason")
         if board.ended:
+            while not board.console.empty():
+                print(f"board: {board.console.get()}")
             raise ToolError("the board's program has ended")
         if board.usb_error:
             raise ToolError(f"the board's USB: {board.usb_error}")
@@ -199,10 +215,8 @@ def _watch(
         network.spin(lambda: False, max(0.0, min(_REDRAW_SECONDS, pause)))
         if not drawn:
             agent.print_news()
-            while not board.console.empty():
-                print(f"board: {board.console.get()}")
             if any(topic.count for topic in topics):
-                print("\nWhat arrives by DDS (Ctrl-C ends it):\n")
+                print("\nMessages received over DDS (Ctrl-C to exit):\n")
                 drawn = _draw(topics, live)
         elif live:
             print(f"\033[{drawn}A", end="", file=unguarded(sys.stdout))
@@ -210,7 +224,7 @@ def _watch(
 
 
 def _draw(topics: list[_Topic], live: bool = False) -> int:
-    """Print the table, cut to the terminal where it is to be drawn over; its lines."""
+    """Print the table, cut to the terminal's width, and return its number of lines."""
     rows = [("TOPIC", "COUNT", "RATE", "DELAY", "VALUE", "TYPE")]
     for topic in topics:
         rate = "-" if topic.rate is None else f"{topic.rate:.1f} Hz"
@@ -223,7 +237,7 @@ def _draw(topics: list[_Topic], live: bool = False) -> int:
         cells = [row[0].ljust(widths[0])]
         cells += [row[i].rjust(widths[i]) for i in (1, 2, 3)]
         line = "  ".join([*cells, row[4].ljust(widths[4]), row[5]])
-        # A line that wraps would be two to the cursor that goes up again.
+        # A line that wraps would break the redraw, which moves the cursor up by lines.
         cut = line[:room] if sys.stdout.isatty() else line
         if live:
             print(f"{printable(cut)}\033[K", file=unguarded(sys.stdout), flush=True)
@@ -243,7 +257,7 @@ def _summary(topics: list[_Topic]) -> int:
         )
     missing = [topic.name for topic in topics if not topic.count]
     if missing:
-        print(f"\nNot heard: {', '.join(missing)}", file=sys.stderr)
+        print(f"\nNot received: {', '.join(missing)}", file=sys.stderr)
         return 1
-    print("\nEvery topic was heard.")
+    print("\nEvery topic was received.")
     return 0

@@ -1,4 +1,4 @@
-"""``uros fleet``: the virtual boards of a file, and one agent for them."""
+"""``uros fleet``: run the virtual boards that a file lists, and one agent for them."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from .common import positive_float
 from .errors import ToolError, did_you_mean
 
 _EPILOG: Final = """\
-The file is TOML, a table [[board]] for each board:
+The file is TOML, with a table [[board]] for each board:
 
-  engine = "cpython"            # for all boards that say nothing else
+  engine = "cpython"            # of all boards without their own
 
   [[board]]
-  run = "sprturtlebot"          # see 'uros board list'
+  run = "sprturtlebot"          # a name of 'uros board list'
   namespace = "/left"           # of its node, topics and services
 
   [[board]]
   run = "esp32_publisher"
-  count = 3                     # so many of them, in /cell1, /cell2 and /cell3
+  count = 3                     # three boards, in /cell1, /cell2 and /cell3
   namespace = "/cell"
-  seed = 7                      # of the first one
-  happen = ["usb:unplug"]       # at the start
+  seed = 7                      # of the first of them
+  happen = ["usb:unplug"]       # actions and faults at the start
 
 'engine', 'firmware', 'plug', 'link', 'interfaces' and 'speed' are as with 'uros board run'. Paths
-begin in the file's folder. Each line of input is a command, as there.
+are relative to the file's folder. Each line of input is a command, as there.
 
 examples:
 
@@ -52,28 +52,37 @@ _WORDS: Final = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros fleet``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
-    parser.add_argument("file", metavar="FILE", help="which boards; see below")
+    parser.add_argument("file", metavar="FILE", help="TOML file with the boards, see below")
     add_agent(parser)
     parser.add_argument(
         "--seconds", type=positive_float, metavar="S",
-        help="end after so long (default: until Ctrl-C)",
+        help="exit after so many seconds (default: until Ctrl-C)",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until Ctrl-C or the end of the time; the exit status. Raises ToolError."""
+    """Run the boards until Ctrl-C or the end of the time.
+
+    Raises:
+        ToolError: The file is wrong, or a board cannot run.
+    """
     if sys.platform == "win32":
         raise ToolError("virtual boards need pseudo-terminals: use Linux, macOS or WSL")
     plans = read(Path(args.file))
     if args.agent is False and any(plan.namespace for plan in plans):
-        raise ToolError("namespaces are the agent's work: leave --no-agent out, or the namespaces")
+        raise ToolError("namespaces need the agent: leave --no-agent out, or the namespaces")
     return Simulation(plans, args.agent, args.agent_port, args.seconds).run()
 
 
 def read(file: Path) -> list[Plan]:
-    """The boards of a file. Raises ToolError that names what is wrong in it."""
+    """Read the boards of a file.
+
+    Raises:
+        ToolError: The file cannot be read, or has a mistake.
+    """
     if sys.version_info >= (3, 11):
         import tomllib
     else:
@@ -85,18 +94,18 @@ def read(file: Path) -> list[Plan]:
     except OSError as error:
         raise ToolError(f"{file}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ToolError(f"{file}: it is no TOML: {error}") from error
+        raise ToolError(f"{file}: not a TOML file: {error}") from error
     boards = whole.pop("board", [])
     _check(f"{file}", whole, _FOR_ALL)
     if not isinstance(boards, list) or not boards or not all(isinstance(b, dict) for b in boards):
-        raise ToolError(f"{file}: it has no boards: begin each with a line [[board]]")
+        raise ToolError(f"{file}: it has no boards: begin each one with a line [[board]]")
     plans: list[Plan] = []
     for number, board in enumerate(boards, 1):
         where = f"{file}: board {number}"
         _check(where, board, tuple(_KEYS))
         plans += _plans(where, file.parent, {**whole, **board})
         if len(plans) > _MOST:
-            raise ToolError(f"{where}: these are more than {_MOST} boards")
+            raise ToolError(f"{where}: more than {_MOST} boards")
     for plan, title in zip(plans, titles([plan.board for plan in plans]), strict=True):
         plan.title = title
     return plans
@@ -117,7 +126,7 @@ def _check(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None
 
 def _plans(where: str, folder: Path, board: Mapping[str, Any]) -> list[Plan]:
     if "run" not in board:
-        raise ToolError(f'{where}: it says not which one: run = "esp32_publisher", or another')
+        raise ToolError(f'{where}: "run" is missing, such as run = "esp32_publisher"')
     name = board["run"]
     try:
         check_name(name)
@@ -127,18 +136,18 @@ def _plans(where: str, folder: Path, board: Mapping[str, Any]) -> list[Plan]:
         board.get("engine", "cpython"), board.get("count", 1), board.get("speed", 1.0)
     )  # fmt: skip
     if engine not in _ENGINES:
-        raise ToolError(f"{where}: engine is one of {', '.join(_ENGINES)}, not {engine!r}")
+        raise ToolError(f"{where}: engine must be one of {', '.join(_ENGINES)}, not {engine!r}")
     if count < 1:
-        raise ToolError(f"{where}: count is 1 or more, not {count}")
+        raise ToolError(f"{where}: count must be 1 or more, not {count}")
     if not speed > 0:
-        raise ToolError(f"{where}: speed is more than 0, not {speed}")
+        raise ToolError(f"{where}: speed must be more than 0, not {speed}")
     if count > 1 and "link" in board:
         raise ToolError(f"{where}: {count} boards cannot have one link")
     if count > _MOST:
-        raise ToolError(f"{where}: these are more than {_MOST} boards")
+        raise ToolError(f"{where}: more than {_MOST} boards")
     namespace = board.get("namespace", "")
     if namespace and not all(part.isidentifier() for part in namespace.strip("/").split("/")):
-        raise ToolError(f'{where}: {namespace!r} is no namespace: it is like "/hall/left"')
+        raise ToolError(f'{where}: {namespace!r} is not a namespace such as "/hall/left"')
     return [
         Plan(
             name, name, _path(folder, board.get("firmware")), engine,

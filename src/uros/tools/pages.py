@@ -1,4 +1,4 @@
-"""What the verbs with a page in a browser have in common."""
+"""What the verbs with a page in a browser share: options, and opening the page."""
 
 from __future__ import annotations
 
@@ -14,29 +14,37 @@ from .errors import ToolError
 def add_page_arguments(
     parser: argparse.ArgumentParser, port: int, prefix: str = "", about: str = "the page's"
 ) -> None:
-    """``--port``, ``--host``, ``--no-open``; with ``prefix`` ``--page-port`` and so on."""
+    """Declare ``--port``, ``--host`` and ``--no-open``.
+
+    Args:
+        parser: Where to declare them.
+        port: The default port.
+        prefix: Put before the names, such as ``page-`` for ``--page-port``.
+        about: Whose port and address these are, for the help.
+    """
     parser.add_argument(
         f"--{prefix}port",
         metavar="N",
         type=port_number,
         default=port,
         dest="page_port",
-        help=f"{about} TCP port, 0 for any that is free (default: {port})",
+        help=f"{about} TCP port (default: {port}; 0: any free one)",
     )
     parser.add_argument(
         f"--{prefix}host",
         metavar="ADDRESS",
         default="127.0.0.1",
         dest="page_host",
-        help=f"{about} address (default: 127.0.0.1, for this machine alone; 0.0.0.0 shows it to"
-        " everyone in your network)",
+        help=f"{about} address (default: 127.0.0.1, this machine only; 0.0.0.0 opens it to your"
+        " network)",
     )
     parser.add_argument("--no-open", action="store_true", help="do not open a browser")
 
 
 def port_number(text: str) -> int:
+    """Parse a TCP port, 0 to 65535."""
     if not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"{text!r} is no port; give 0 to 65535")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port; give 0 to 65535")
     return int(text)
 
 
@@ -47,7 +55,18 @@ def open_pages(
     post: Mapping[str, Post] | None = None,
     option: str = "--port",
 ) -> Pages:
-    """Serve the pages and open a browser, as the options say. Raises ToolError."""
+    """Serve the pages and open a browser, as the options say.
+
+    Args:
+        args: The command line.
+        names: The files of the pages.
+        get: Answers GET requests, by path.
+        post: Answers POST requests, by path.
+        option: The option of the port, for the error.
+
+    Raises:
+        ToolError: The port cannot be used.
+    """
     try:
         pages = Pages(args.page_host, args.page_port, names, get, post)
     except OSError as error:
@@ -58,14 +77,16 @@ def open_pages(
 
 
 def bind_error(what: str, host: str, port: int, option: str, error: OSError) -> ToolError:
-    """Why ``what`` has not got its port, in words."""
+    """Return the error that ``what`` cannot use its port."""
     if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
-        return ToolError(f"{what}: {host} is no address of this machine; ip addr lists them")
+        return ToolError(f"{what}: {host} is not an address of this machine; 'ip addr' lists them")
     if error.errno == errno.EADDRINUSE:
         return ToolError(
-            f"{what}: TCP port {port} is in use, perhaps by another uros: end that, or {option}"
-            " with another number"
+            f"{what}: TCP port {port} is in use, perhaps by another uros: end that one, or give"
+            f" another port with {option}"
         )
     if error.errno == errno.EACCES:
-        return ToolError(f"{what}: port {port} is for root; {option} with a number above 1023")
+        return ToolError(
+            f"{what}: port {port} is reserved for root; give a port above 1023 with {option}"
+        )
     return ToolError(f"{what} cannot be served at {host} port {port}: {error.strerror}")

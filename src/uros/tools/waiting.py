@@ -1,4 +1,4 @@
-"""Finding the type of a topic that may not be there yet."""
+"""Waits for a topic and finds its type."""
 
 from __future__ import annotations
 
@@ -13,18 +13,25 @@ from .errors import ToolError
 if TYPE_CHECKING:
     from ..host.network import Network
 
-# Publishers of one topic start together: see them all before their QoS is judged.
+# Publishers of a topic often start together: discover all before their QoS is compared.
 _TOGETHER: Final = 1.0
 
 
 def warn(text: str) -> None:
+    """Print a warning on standard error."""
     print(f"WARNING: {printable(text)}", file=sys.stderr, flush=True)
 
 
 def topic_types(network: Network, topic: str, deadline: float | None = None) -> list[str]:
-    """The types of a topic, waited for until ``deadline`` (``time.monotonic``).
+    """Return the types of a topic, and wait for it if necessary.
 
-    Raises ToolError when it is over.
+    Args:
+        network: The domain.
+        topic: The topic.
+        deadline: When to give up (``time.monotonic``); None for never.
+
+    Raises:
+        ToolError: The topic did not appear before the deadline.
     """
     graph = network.graph
     types = graph.topics().get(topic)

@@ -73,14 +73,14 @@ def test_version(capsys):
         (["topic", "echo", "/x", "--onec"], "--onec; did you mean '--once'?"),
         (["topic", "list", "extra"], "unrecognized arguments: extra"),
         (["topic", "echo"], "TOPIC"),
-        (["topic", "echo", "/a b"], "'/a b' is no topic name"),
-        (["topic", "info", "1x"], "'1x' is no topic name"),
-        (["topic", "list", "--domain", "233"], "'233' is no domain; give 0 to 232"),
+        (["topic", "echo", "/a b"], "'/a b' is not a topic name"),
+        (["topic", "info", "1x"], "'1x' is not a topic name"),
+        (["topic", "list", "--domain", "233"], "'233' is not a domain; give 0 to 232"),
         (["topic", "list", "--domain", "-1"], "--domain"),
-        (["topic", "echo", "x", "--timeout", "0"], "'0' is no number above 0"),
+        (["topic", "echo", "x", "--timeout", "0"], "'0' is not a number above 0"),
         (["topic", "echo", "x", "-l", "-5"], "-l"),
         (["topic", "echo", "x", "--qos-reliability", "good"], "invalid choice: 'good'"),
-        (["topic", "hz", "x", "--window", "0"], "'0' is no whole number above 0"),
+        (["topic", "hz", "x", "--window", "0"], "'0' is not an integer above 0"),
         (["node", "info"], "NODE"),
     ],
 )
@@ -153,6 +153,19 @@ def test_a_domain_in_the_environment_that_does_not_exist(monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     assert cli.main(["topic", "list"]) == 1
     assert capsys.readouterr().err == ("uros: ROS_DOMAIN_ID: 'many' is no domain; give 0 to 232\n")
+
+
+@pytest.mark.parametrize("verb", ["topic list", "node list", "service list", "service find a/b"])
+def test_an_empty_domain_is_explained_on_a_terminal_only(verb, own_domain_id, capsys, monkeypatch):
+    words = [*verb.split(), "--domain", str(own_domain_id), "--spin-time", "0.1"]
+    assert cli.main(words) == 0
+    assert capsys.readouterr() == ("", "")  # as ros2's, for scripts
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert cli.main(words) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"uros: no other participant was found in domain {own_domain_id}; check")
+    assert err.endswith("or run 'uros doctor'\n") and err.count("\n") == 1
 
 
 def test_interfaces_folder_that_does_not_exist(capsys):

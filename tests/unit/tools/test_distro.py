@@ -55,7 +55,7 @@ def test_tools_take_the_definitions_of_the_distribution(capsys, monkeypatch, by)
 def test_a_name_that_is_none_is_refused_with_those_that_there_are(capsys, monkeypatch):
     show = ["interface", "show", "sensor_msgs/msg/Range"]
     assert cli.main([*show, "--distro", "zebra"]) == 2
-    assert "'zebra'; there are humble, iron, jazzy, kilted" in capsys.readouterr().err
+    assert "'zebra'; known are humble, iron, jazzy, kilted" in capsys.readouterr().err
     monkeypatch.setenv("ROS_DISTRO", "zebra")
     assert cli.main(show) == 1
     assert "ROS_DISTRO: no definitions of ROS 2 'zebra'" in capsys.readouterr().err

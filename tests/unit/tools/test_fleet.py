@@ -71,24 +71,24 @@ ONE = '[[board]]\nrun = "esp32_publisher"\n'
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "it has no boards: begin each with a line [[board]]"),
+        ("", "it has no boards: begin each one with a line [[board]]"),
         ("board = 3", "it has no boards"),
-        ("board", "it is no TOML"),
+        ("board", "not a TOML file"),
         ('agent = 1\n[[board]]\nrun = "x"', "there is no 'agent' (there are engine"),
-        ("[[board]]\nseed = 1", 'board 1: it says not which one: run = "'),
+        ("[[board]]\nseed = 1", 'board 1: "run" is missing, such as run = "'),
         (ONE + '[[board]]\nrun = "esp32_publishr"', "board 2: there is no board 'esp32_publishr'"),
         (ONE + "cont = 2", "there is no 'cont'; did you mean 'count'?"),
-        (ONE + "count = 0", "count is 1 or more, not 0"),
+        (ONE + "count = 0", "count must be 1 or more, not 0"),
         (ONE + "count = 1000000000", "more than 200 boards"),
         (ONE + "count = true", "count takes a whole number, not True"),
         (ONE + 'seed = "x"', "seed takes a whole number, not 'x'"),
         (ONE + 'plug = "wlan"', "plug takes a list of texts, not 'wlan'"),
         (ONE + "happen = [1]", "happen takes a list of texts"),
-        (ONE + "speed = 0", "speed is more than 0"),
-        (ONE + "speed = nan", "speed is more than 0"),
-        (ONE + 'engine = "pypy"', "engine is one of cpython, micropython, not 'pypy'"),
+        (ONE + "speed = 0", "speed must be more than 0"),
+        (ONE + "speed = nan", "speed must be more than 0"),
+        (ONE + 'engine = "pypy"', "engine must be one of cpython, micropython, not 'pypy'"),
         (ONE + 'count = 2\nlink = "x"', "2 boards cannot have one link"),
-        (ONE + 'namespace = "a b"', "'a b' is no namespace"),
+        (ONE + 'namespace = "a b"', "'a b' is not a namespace"),
     ],
 )
 def test_a_file_that_is_wrong_is_told(tmp_path, text, words):
@@ -102,13 +102,13 @@ def test_a_file_that_cannot_be_read(tmp_path, capsys):
     assert "none.toml: No such file" in capsys.readouterr().err
     (tmp_path / "x.toml").write_bytes(b"\xff\xfe")
     assert cli.main(["fleet", str(tmp_path / "x.toml")]) == 1
-    assert "it is no TOML" in capsys.readouterr().err
+    assert "not a TOML file" in capsys.readouterr().err
 
 
 def test_namespaces_without_an_agent_are_refused(tmp_path, capsys):
     file = written(tmp_path, ONE + 'namespace = "/left"')
     assert cli.main(["fleet", str(file), "--no-agent"]) == 1
-    assert "namespaces are the agent's work" in capsys.readouterr().err
+    assert "namespaces need the agent" in capsys.readouterr().err
 
 
 class Typed:
@@ -148,7 +148,7 @@ def test_several_boards_are_told_apart(tmp_path, program):
     file = written(tmp_path, "".join(map(board.format, names)))
     fleet = Typed("fleet", file)
     try:
-        seen = fleet.until("type what is to happen")
+        seen = fleet.until("commands, one a line: ")
         assert "esp32_publisher#2: esp32_publisher runs on cpython" in "\n".join(seen)
         assert "next, in another terminal: cat " in "\n".join(seen)  # none talks to an agent
         fleet.type("button:press")
@@ -158,15 +158,15 @@ def test_several_boards_are_told_apart(tmp_path, program):
         fleet.until("esp32_publisher#2: done: error_led:dead")
         fleet.type("button:broken")
         fleet.type("button:stuck")
-        fleet.until("esp32_button_led: done: button:stuck; still so: button:broken")
+        fleet.until("done: button:stuck; other faults of this part: button:broken")
         fleet.type("all:off")
         missing = {f"{it}: done: all:off" for it in (*names[1:], "esp32_publisher#2")}
         while missing:
             missing -= set(fleet.until("done: all:off"))
         fleet.type("knob:turn=3")
-        fleet.until("say which board, a space, and what: esp32_publisher, esp32_publisher#2")
+        fleet.until("a space before the command: esp32_publisher, esp32_publisher#2")
         fleet.type("esp32_publisher reset")
-        fleet.until("esp32_publisher: reset: the program starts anew")
+        fleet.until("esp32_publisher: reset: the program starts again")
         fleet.until("esp32_publisher: hello")
         fleet.type("quit")
         assert fleet.process.wait(20) == 0
@@ -187,7 +187,7 @@ def test_an_agent_that_ends_ends_the_session(tmp_path):
         one = Typed("board", "run", "esp32_wifi_publisher", "--agent-port", port)
         try:
             one.until(f"port {port} is in use")
-            one.until("the agent has ended; what it said stands above")
+            one.until("the agent has ended; its log above has the reason")
             assert one.process.wait(20) == 1
         finally:
             one.process.kill()
@@ -206,6 +206,7 @@ def test_the_table_of_a_terminal(program):
     if not pid:
         os.environ.update(TERM="xterm", COLUMNS="100", LINES="30")
         command = ["-m", "uros", "board", "run", "esp32_button_led", "--firmware", str(program)]
+        command += ["--fault", "knob:open"]
         os.execv(sys.executable, [sys.executable, *command])
     text = b""
     try:
@@ -215,7 +216,9 @@ def test_the_table_of_a_terminal(program):
             text += os.read(fd, 65536)
             if not typed and b"hello" in text:
                 typed = True
-                os.write(fd, b"button:press\n")
+                os.write(fd, b"button:press\nled:dead\n")
+        while b"led:dead\x1b" not in text and time.monotonic() < end:
+            text += os.read(fd, 65536)
         os.kill(pid, signal.SIGINT)
         while b"\033[r" not in text and time.monotonic() < end:
             text += os.read(fd, 65536)
@@ -227,5 +230,7 @@ def test_the_table_of_a_terminal(program):
     assert re.search(r"BOARD +PROGRAM +USB +NODE +IN/S +OUT/S", shown)
     assert re.search(r"esp32_button_led +runs +configured +- +- +-", shown), shown[-3000:]
     assert re.search(r"  knob 50 %, led off, button pressed", shown)
+    assert re.search(r"faults: knob:open\b", shown)  # from the start on
+    assert re.search(r"button pressed, faults: knob:open led:dead", shown), shown[-3000:]
     assert shown.index("BOARD ") < shown.index("its USB line is")  # which is not wiped away
     assert "\033[5;30r" in shown  # three lines and a rule above what scrolls

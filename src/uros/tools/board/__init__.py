@@ -2,15 +2,14 @@
 
 ================  ================================================================================
 ``board_option``  The option ``--board``: the real board that a program is for
-``build``         ``uros board build``
-``console``       ``uros board console``, which is also how ``uros board deploy`` ends: what a
-                  board prints
-``deploy``        ``uros board deploy``
-``index``         ``uros board index``
-``list``          ``uros board list``
-``run``           ``uros board run``
-``screen``        Where a session with boards is shown: lines as they come, and on a terminal a
-                  table above them
-``simulation``    Virtual boards, the agent for them, and the person at the terminal: one session
+``build``         ``uros board build``: build a program for a board
+``console``       ``uros board console``: show the console of a real board, as ``deploy`` does at
+                  its end
+``deploy``        ``uros board deploy``: deploy a program to a real board and show its console
+``index``         ``uros board index``: build a package index for MicroPython's mip
+``list``          ``uros board list``: list virtual boards, and real ones that can run uros
+``run``           ``uros board run``: run virtual boards with their firmware
+``screen``        Prints lines, and on a terminal a table of boards above them
+``simulation``    Runs virtual boards and an agent for them, and obeys the commands that are typed
 ================  ================================================================================
 """

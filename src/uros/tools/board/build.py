@@ -1,4 +1,4 @@
-"""``uros board build``"""
+"""``uros board build``: build a program for a board."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..errors import ToolError, did_you_mean
 from .board_option import add_board_option, chosen_board
 
 _EPILOG: Final = """\
-A program is a folder with a main.py. What it imports of uros and of ROS interfaces is written
-beside it, shrunk, and nothing else.
+A program is a folder with a main.py. The modules of uros and the ROS interfaces that it imports are
+written beside it, shrunk, and nothing else.
 
 examples:
 
@@ -21,56 +21,56 @@ examples:
   uros board build my_program build/my_program --interfaces my_msgs
   uros board build my_program build/my_program --mpy --mip
 
-'uros board deploy' does this, and copies the files.
+'uros board deploy' does the same and copies the files to the board.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros board build``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG + _passes_help()
     parser.add_argument(
-        "program", metavar="NAME", help="see 'uros board list'; or a folder with a main.py"
+        "program", metavar="NAME", help="folder with a main.py, or a name of 'uros board list'"
     )
     parser.add_argument(
-        "out", metavar="OUT", help="folder to write; what was built there before is replaced"
+        "out", metavar="OUT", help="folder to write; an earlier build in it is replaced"
     )
     add_board_option(parser)
     add_build(parser)
     parser.add_argument(
         "--mip", action="store_true",
-        help="also write a package.json, by which mip and 'mpremote mip' install the files",
+        help="also write a package.json, with which mip and 'mpremote mip' install the files",
     )  # fmt: skip
 
 
 def add_build(parser: argparse.ArgumentParser) -> None:
-    """How to build."""
+    """Declare the options of the builder."""
     parser.add_argument(
         "--mpy", action="store_true",
-        help="bytecode, which loads faster and takes less memory (default: text)",
+        help="compile to bytecode, which loads faster and needs less memory (default: source)",
     )  # fmt: skip
     add_interfaces(parser)
     parser.add_argument(
         "--provided", metavar="MODULE", action="append", default=[],
-        help="a module that the board's firmware brings, so that no import of it is a fault; may be"
-        " repeated",
+        help="module that the board's firmware has, and whose import is no error; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--without", metavar="PASS", action="append", default=[],
-        help="leave out one of the passes over uros's modules, listed by 'uros board build"
-        " --help'; may be repeated",
+        help="skip a pass over uros's modules; 'uros board build --help' lists them; may be"
+        " repeated",
     )  # fmt: skip
     parser.add_argument(
         "--no-lean", dest="without", action="append_const", const="terse-errors",
-        help="keep the words of errors, which take memory: --without terse-errors",
+        help="older name of --without terse-errors: keep the texts of errors",
     )  # fmt: skip
     parser.add_argument(
         "--no-bundle", dest="without", action="append_const", const="bundle",
-        help="with --mpy, a file for each module, not one for all of uros: --without bundle",
+        help="older name of --without bundle: with --mpy, one file for each module",
     )  # fmt: skip
 
 
 def _passes_help() -> str:
-    """What ``--without`` can leave out, for an epilog."""
+    """Return the passes that ``--without`` can skip, for an epilog."""
     from ...boards.builder.pipeline import PASSES
 
     lines = [
@@ -80,7 +80,12 @@ def _passes_help() -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Build, and say what to do next. Raises ToolError and InterfaceError."""
+    """Build a program and print the next step.
+
+    Raises:
+        InterfaceError: A definition is wrong.
+        ToolError: The program cannot be built.
+    """
     chosen_board(args)
     program, out = program_folder(args.program), Path(args.out)
     files = build_files(args, program, out)
@@ -102,7 +107,20 @@ def run(args: argparse.Namespace) -> int:
 
 
 def build_files(args: argparse.Namespace, program: Path, out: Path) -> list[Path]:
-    """Build as the options say. Raises ToolError and InterfaceError."""
+    """Build a program as the options say.
+
+    Args:
+        args: The command line.
+        program: The program's folder.
+        out: The folder to write.
+
+    Returns:
+        The files.
+
+    Raises:
+        InterfaceError: A definition is wrong.
+        ToolError: The program cannot be built.
+    """
     from ...boards.builder.errors import BuildError
     from ...boards.builder.file_system import build
 
@@ -117,7 +135,14 @@ def build_files(args: argparse.Namespace, program: Path, out: Path) -> list[Path
 
 
 def program_folder(name: str) -> Path:
-    """The program's folder. Raises ToolError."""
+    """Return the folder of a program.
+
+    Args:
+        name: The name of a virtual board, or a folder.
+
+    Raises:
+        ToolError: There is no such board or folder, or no main.py in it.
+    """
     from ...boards.virtual.engine.runner import firmware_folder
     from ...boards.virtual.models.catalog import BOARDS, BoardError
 
@@ -128,8 +153,8 @@ def program_folder(name: str) -> Path:
             raise ToolError(str(error)) from error
     folder = Path(name)
     if not folder.is_dir():
-        close = did_you_mean(name, BOARDS) or f" (boards are {', '.join(BOARDS)})"
+        close = did_you_mean(name, BOARDS) or f" (boards: {', '.join(BOARDS)})"
         raise ToolError(f"there is no board or folder {name!r}{close}")
     if not (folder / "main.py").is_file():
-        raise ToolError(f"{folder}: no main.py in it, which is what a board starts")
+        raise ToolError(f"{folder}: there is no main.py in it, which a board starts")
     return folder

@@ -1,4 +1,4 @@
-"""``uros board console``, which is also how ``uros board deploy`` ends: what a board prints."""
+"""``uros board console``: show the console of a real board, as ``deploy`` does at its end."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from ...transport.serial_host import OpenPort
 
 _EPILOG: Final = """\
-Shows what the board prints, and sends it what is typed. Frames for a micro-ROS agent on the same
-line are left out and counted. It goes on when the board was unplugged and is back.
+Prints what the board prints, and sends what is typed. Frames for a micro-ROS agent on the same
+line are counted and not printed. If the board is unplugged, the console waits for it.
 
-Ctrl-C or Ctrl-] leaves; Ctrl-X interrupts the program (the board gets Ctrl-C), Ctrl-D at its prompt
-starts it anew.
+Ctrl-C or Ctrl-] leaves. Ctrl-X interrupts the program (the board receives Ctrl-C), and Ctrl-D at
+its prompt restarts it.
 
 examples:
 
@@ -31,7 +31,7 @@ examples:
 """
 
 _BAUD: Final = 115200
-# As long as nothing comes, what looked like the beginning of a frame is one no more.
+# After this silence, what looked like the beginning of a frame is printed as text.
 _HOLD_SECONDS: Final = 0.2
 _WAIT_MS: Final = 50
 _BACK_SECONDS: Final = 0.2
@@ -40,6 +40,7 @@ _INTERRUPT: Final = b"\x18"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros board console``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
     add_port(parser)
@@ -47,26 +48,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--port`` and ``--baudrate``."""
     parser.add_argument(
         "--port", "-p", metavar="DEV",
-        help="the board's console: /dev/ttyACM0, COM3, or a URL of pyserial's; without it those"
-        " that are there are listed",
+        help="port of the board's console: /dev/ttyACM0, COM3, or a URL of pyserial (default: list"
+        " the ports)",
     )  # fmt: skip
     parser.add_argument(
         "--baudrate", "-b", metavar="N", type=positive_int, default=_BAUD,
-        help=f"where the console is a UART (default: {_BAUD})",
+        help=f"baud rate, if the console is a UART (default: {_BAUD})",
     )  # fmt: skip
 
 
 def add_seconds(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--seconds``."""
     parser.add_argument(
         "--seconds", metavar="S", type=positive_float,
-        help="leave the console after so long (default: Ctrl-C)",
+        help="leave the console after so many seconds (default: until Ctrl-C)",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Until Ctrl-C or the end of the time. Raises ToolError."""
+    """Show the console until Ctrl-C or the end of the time.
+
+    Raises:
+        ToolError: The port cannot be opened.
+    """
     port = open_port(args, "uros board console")
     try:
         show(port, args.port, args.seconds)
@@ -79,7 +86,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def open_port(args: argparse.Namespace, command: str) -> OpenPort:
-    """The port of ``--port``, open. Raises ToolError, without ``--port`` with what there is."""
+    """Open the port of ``--port``.
+
+    Args:
+        args: The command line.
+        command: The command to suggest if ``--port`` is missing.
+
+    Raises:
+        ToolError: There is no ``--port``, or it cannot be opened.
+    """
     from ...agent.transports.base import TransportError
     from ...transport.serial_host import device_port
 
@@ -91,7 +106,7 @@ def open_port(args: argparse.Namespace, command: str) -> OpenPort:
     except TransportError as error:
         raise ToolError(str(error)) from error
     except OSError as error:
-        raise ToolError(f"{args.port}: {_why(args.port, error)}") from error
+        raise ToolError(_why(args.port, error)) from error
     return port
 
 
@@ -101,7 +116,7 @@ def _which(command: str) -> str:
     found = ports()
     if not found:
         return (
-            "no --port is given, and no serial port is there: plug the board in with a cable that"
+            "no --port is given, and there is no serial port: plug the board in with a cable that"
             " carries data"
         )
     known = ", ".join(f"{port} ({text})" if (text := _describe(port)) else port for port in found)
@@ -109,7 +124,7 @@ def _which(command: str) -> str:
 
 
 def _describe(device: str) -> str:
-    """What a USB device says that it is, as far as this system tells."""
+    """Return manufacturer and product of a USB device, as far as this system knows them."""
     folder = os.path.realpath(
         os.path.join("/sys/class/tty", os.path.basename(os.path.realpath(device)), "device", "..")
     )
@@ -124,21 +139,27 @@ def _describe(device: str) -> str:
 
 
 def _why(device: str, error: OSError) -> str:
-    """Who holds it, where that is known; else what the system says."""
+    """Return who uses the device, if known, else the system's error."""
     from ..doctor.finding import NOTE, PROBLEM
     from ..doctor.serial import check_device
 
     for finding in check_device(device, touch=False):
         if finding.fix and finding.state in (PROBLEM, NOTE):
-            return f"{finding.what}: {finding.fix}"
-    return str(error.strerror or error)
+            return f"{finding.what}; {finding.fix}"
+    return f"{device}: {error.strerror or error}"
 
 
 # --- the console ----------------------------------------------------------------------
 
 
 def show(port: OpenPort, device: str, seconds: float | None) -> None:
-    """Print what comes and send what is typed, until Ctrl-C, Ctrl-] or the end of the time."""
+    """Print what comes and send what is typed, until Ctrl-C, Ctrl-] or the end of the time.
+
+    Args:
+        port: The open port.
+        device: Its name.
+        seconds: How long; None for no limit.
+    """
     from ...boards.deploy.console import ConsoleText
 
     text = ConsoleText()
@@ -153,7 +174,7 @@ def show(port: OpenPort, device: str, seconds: float | None) -> None:
     _print(text.flush() + "\n", False)
     if text.frames:
         _say(
-            f"{text.frames} XRCE frames passed: now the agent can have the line:"
+            f"{text.frames} XRCE frames were not printed; start an agent on this line:"
             f" uros agent serial --dev {device}"
         )
 
@@ -170,7 +191,7 @@ def _carry(port: OpenPort, device: str, text: Any, keys: int | None, end: float 
             if typed:
                 port.write(typed.replace(_INTERRUPT, b"\x03"))
         except OSError as error:
-            _say(f"the line is gone ({error.strerror or error}); it goes on when it is back")
+            _say(f"the line is lost ({error.strerror or error}); waiting for it")
             if not _reopen(port, keys, end):
                 return
             _say(f"{device} is back")
@@ -186,13 +207,13 @@ def _carry(port: OpenPort, device: str, text: Any, keys: int | None, end: float 
 
 
 def _print(text: str, live: bool) -> None:
-    """``live``: to a terminal on which somebody types, which needs the editor's sequences."""
+    """Print text. ``live`` is for a terminal with a user, who needs the editor's sequences."""
     if live:
         out = unguarded(sys.stdout)  # `ConsoleText` has cleaned it
         out.write(text)
         out.flush()
         return
-    # Where this is no terminal, pieces may end between the two.
+    # Without a terminal, a piece may end between the two.
     print(printable(text.replace("\r", ""), "\n\t"), end="", flush=True)
 
 
@@ -214,7 +235,7 @@ def _say(text: str) -> None:
 
 @contextmanager
 def _keys() -> Iterator[int | None]:
-    """The terminal, giving each key as it is pressed; None where there is none, or on Windows."""
+    """Make the terminal pass each key at once. None without a terminal, or on Windows."""
     try:
         import termios
         import tty

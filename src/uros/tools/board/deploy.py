@@ -1,4 +1,4 @@
-"""``uros board deploy``"""
+"""``uros board deploy``: deploy a program to a real board and show its console."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from ...transport.serial_host import OpenPort
 
 _EPILOG: Final = """\
-Builds the program as 'uros board build' does, and copies what differs by the console of a board
-that has MicroPython. New files are complete and compared on the board before one of the old ones is
-touched. Then the program starts, and its console is shown; Ctrl-C leaves it.
+Builds the program as 'uros board build' does, and copies the files that differ over the console
+of a board with MicroPython. All new files are copied and compared before an old one is replaced.
+Then the program starts, and its console is shown until Ctrl-C.
 
 examples:
 
@@ -34,11 +34,12 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros board deploy``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
     parser.add_argument(
         "program", metavar="FOLDER",
-        help="a folder with a main.py, one that 'uros board build' has written, or a name of"
+        help="folder with a main.py, a folder that 'uros board build' has written, or a name of"
         " 'uros board list'",
     )  # fmt: skip
     add_port(parser)
@@ -46,18 +47,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_build(parser)
     parser.add_argument(
         "--clean", action="store_true",
-        help="remove everything else from the board's file system",
+        help="remove all other files from the board",
     )  # fmt: skip
     parser.add_argument(
         "--in-place", action="store_true",
-        help="remove the old files before the new ones are there, where there is no room for both",
+        help="remove old files first, if the board has no room for both",
     )  # fmt: skip
     parser.add_argument(
         "--no-reset", dest="reset", action="store_false",
-        help="leave the board at its prompt: the program does not start, no console is shown",
+        help="do not start the program and show no console: leave the board at its prompt",
     )  # fmt: skip
     parser.add_argument(
-        "--no-console", dest="console", action="store_false", help="end when the program starts"
+        "--no-console", dest="console", action="store_false", help="exit when the program starts"
     )
     add_seconds(parser)
     parser.add_argument(
@@ -66,7 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Copy, start, show. Raises ToolError and InterfaceError."""
+    """Build, copy and start a program, and show its console.
+
+    Raises:
+        InterfaceError: A definition is wrong.
+        ToolError: The program cannot be built or copied, or the board does not answer.
+    """
     from ...boards.deploy.deploy import DeployError
     from ...boards.deploy.raw_repl import NoRepl, RawRepl, ReplError
 
@@ -96,7 +102,7 @@ def _show(port: OpenPort, args: argparse.Namespace) -> None:
 
 
 def _files(args: argparse.Namespace) -> dict[str, bytes]:
-    """The board's file system. Raises ToolError and InterfaceError."""
+    """Return the files for the board. Raises ToolError and InterfaceError."""
     from ...boards.builder.file_system import is_built
 
     if is_built(Path(args.program)):
@@ -152,7 +158,7 @@ def _check_port(device: Device, args: argparse.Namespace, wanted: str) -> None:
     if wanted and port != wanted:
         raise ToolError(
             f"{args.port}: {args.board} has MicroPython for {wanted}, and this board's is for"
-            f" {port} ({device.machine}): plug the other board in, or mend --board or --port"
+            f" {port} ({device.machine}): plug the other board in, or correct --board or --port"
         )
 
 
@@ -184,7 +190,7 @@ def _ask_for_reset() -> None:
 
 
 class _Progress:
-    """On a terminal one line that grows, else a line a file."""
+    """Prints progress: on a terminal in one line, else a line for each file."""
 
     def __init__(self, visible: bool) -> None:
         self._visible = visible
@@ -209,7 +215,7 @@ class _Progress:
 
 
 def _silence(args: argparse.Namespace, error: NoRepl) -> str:
-    """Why there is no prompt, by what came instead."""
+    """Return why there is no prompt, by the data that came instead."""
     from ..doctor.serial import NOISE, SOUND, TEXT, judge
 
     heard = judge(error.heard)

@@ -1,4 +1,4 @@
-"""``uros board index``"""
+"""``uros board index``: build a package index for MicroPython's mip."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ..common import add_interfaces, know_interfaces
 from ..errors import ToolError
 
 _EPILOG: Final = """\
-A package index for MicroPython's installer mip: the client ('uros'), its further modules one by one
-('uros-parameters'), and message types ('std_msgs/msg/Int32', or all of 'std_msgs'). Any web server
-can offer the folder; boards on a network install from it by themselves.
+A package index for MicroPython's installer mip. It has the client ('uros'), its other modules one
+by one ('uros-parameters'), and message types ('std_msgs/msg/Int32', or all of 'std_msgs'). Any web
+server can serve the folder; boards on a network can install from it.
 
   uros board index build/mip
   python3 -m http.server --directory build/mip 8000
@@ -24,23 +24,29 @@ on the board:
   mip.install("uros", index="http://192.168.1.2:8000")
   mip.install("std_msgs/msg/Int32", index="http://192.168.1.2:8000")
 
-'uros board build' and 'deploy' make smaller files, since they know the program.
+'uros board build' and 'deploy' make smaller files, because they know the program.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros board index``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
-    parser.add_argument("out", metavar="OUT", help="folder to write; what is in it stays")
+    parser.add_argument("out", metavar="OUT", help="folder to write; other files in it stay")
     parser.add_argument(
         "--py", dest="mpy", action="store_false",
-        help="text only, for which no mpy-cross is needed (default: bytecode as well)",
+        help="source only, which needs no mpy-cross (default: source and bytecode)",
     )  # fmt: skip
     add_interfaces(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write it, and say how it is used. Raises ToolError and InterfaceError."""
+    """Write the index and print how to use it.
+
+    Raises:
+        InterfaceError: A definition is wrong.
+        ToolError: The index cannot be built.
+    """
     from ...boards.builder.errors import BuildError
     from ...boards.deploy.mip import write_index
 

@@ -1,4 +1,4 @@
-"""``uros board list``"""
+"""``uros board list``: list virtual boards, and real ones that can run uros."""
 
 from __future__ import annotations
 
@@ -8,18 +8,23 @@ from ..errors import ToolError, did_you_mean
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros board list``."""
     parser.add_argument(
         "board", metavar="NAME", nargs="?",
-        help="only this board, with all that can be made to go wrong with it",
+        help="print this board, with its actions and faults",
     )  # fmt: skip
     parser.add_argument(
         "--ports", action="store_true",
-        help="boards to buy instead: which MicroPython each has, and why some have none",
+        help="list real boards: the MicroPython of each, and why some cannot run uros",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print a table, or all about one board. Raises ToolError."""
+    """Print a table of boards, or one board in detail.
+
+    Raises:
+        ToolError: There is no such board.
+    """
     from ...boards.virtual.models.catalog import BOARDS
 
     if args.ports:
@@ -33,8 +38,8 @@ def run(args: argparse.Namespace) -> int:
                 print(f"\n{spec.mcu}:" if mcu else f"{spec.mcu}:")
                 mcu = spec.mcu
             print(f"  {spec.name:{width}}  {spec.text}")
-        print("\n'uros board list --ports' has boards to buy.")
-        print("'uros board run NAME' runs one; 'uros board list NAME' tells more about it.")
+        print("\n'uros board list --ports' lists real boards.")
+        print("'uros board run NAME' runs one, 'uros board list NAME' has its actions and faults.")
         return 0
     check_name(args.board)
     _describe(args.board)
@@ -42,7 +47,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check_name(name: str) -> None:
-    """Raises ToolError where there is no such board."""
+    """Check the name of a virtual board.
+
+    Raises:
+        ToolError: There is no such board.
+    """
     from ...boards.virtual.models.catalog import BOARDS
 
     if name not in BOARDS:
@@ -70,19 +79,19 @@ def _describe(name: str) -> None:
         print(f"pins      {', '.join(pins)}")
         acts, faults = board.acts(), board.faults()
         width = max(len(happening.spec) for happening in (*acts, *faults))
-        print("\nWhat can be done by hand, while it runs or with --fault:")
+        print("\nActions, typed while it runs or given with --fault:")
         for act in acts:
             print(f"  {act.spec:{width}}  {act.text}")
-        print("\nWhat can go wrong:")
+        print("\nFaults, likewise:")
         for fault in faults:
             print(f"  {fault.spec:{width}}  {fault.text}")
-        print("NAME:off heals a part, all:off everything.")
+        print("PART:off clears the faults of a part, all:off all faults.")
     finally:
         board.close()
 
 
 def _print_ports() -> None:
-    """A table of boards to buy."""
+    """Print a table of real boards."""
     from ...boards.deploy.known_boards import NAMED
 
     rows = [("BOARD", "MCU", "RAM", "MICROPYTHON", "WHICH IS")]

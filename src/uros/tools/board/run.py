@@ -1,4 +1,4 @@
-"""``uros board run``"""
+"""``uros board run``: run virtual boards with their firmware."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from .list import check_name
 from .simulation import AGENT_PORT, Plan, Simulation, titles
 
 _EPILOG: Final = """\
-The firmware is the one for the real board, unchanged. The USB line is a pseudo-terminal: an
-agent, or a serial console, opens it like /dev/ttyACM0. Boards whose program talks to an agent
-get one, in the domain ROS_DOMAIN_ID; --no-agent leaves it out.
+The firmware is that of the real board, unchanged. The USB line is a pseudo-terminal: an agent or
+a serial console opens it like /dev/ttyACM0. Boards whose program talks to an agent get one, in the
+domain ROS_DOMAIN_ID, unless --no-agent is given.
 
-While a board runs, each line of input is a command; with several boards, the board's name and a
-space go before it where it is not clear which one is meant:
+While a board runs, each line of input is a command. With several boards, the board's name and a
+space go before it if more than one board could be meant:
 
-  button:tap     do that; 'uros board list NAME' tells what can be done
-  sht3x:nack     make that go wrong; so does the list
-  sht3x:off      mend it; all:off mends everything
-  usb:unplug     pull the cable; usb:plug puts it in again
+  button:tap     do this action; 'uros board list NAME' lists the actions
+  sht3x:nack     inject this fault; the same list has the faults
+  sht3x:off      clear the faults of a part; all:off clears all faults
+  usb:unplug     unplug the cable; usb:plug plugs it in again
   reset          press the reset button
-  heap           what is in use on the heap (engine micropython)
-  quit           as Ctrl-C
+  heap           print the memory in use on the heap (engine micropython)
+  quit           exit, as Ctrl-C does
 
 examples:
 
@@ -39,58 +39,64 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros board run``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
-    parser.add_argument("boards", metavar="NAME", nargs="+", help="see 'uros board list'")
+    parser.add_argument(
+        "boards", metavar="NAME", nargs="+", help="name of a board; 'uros board list' lists them"
+    )
     add_engine(parser)
     parser.add_argument(
-        "--firmware", metavar="DIR", help="another program for the board: a folder with a main.py"
+        "--firmware", metavar="DIR", help="folder with another program (main.py) for the board"
     )
     add_interfaces(parser)
     parser.add_argument(
         "--fault", metavar="SPEC", action="append", default=[],
-        help="what happens at the start, such as sht3x:nack; may be repeated",
+        help="action or fault at the start, such as sht3x:nack; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--plug", metavar="SPEC", action="append", default=[],
-        help="plug in a modem or a radio, such as esp8266:uart=1; may be repeated",
+        help="plug in a modem or radio, such as esp8266:uart=1; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--link",
         metavar="PATH",
-        help="where the USB line is to be found (default: a name of its own)",
+        help="path of the USB line (default: a temporary one)",
     )
     add_agent(parser)
     parser.add_argument(
         "--speed", type=positive_float, default=1.0, metavar="X",
-        help="let the time of the boards and their world go X times as fast; what they stamp is"
-        " wrong then",
+        help="run the time of the boards and their world X times as fast; stamps are wrong then",
     )  # fmt: skip
     parser.add_argument(
         "--seconds", type=positive_float, metavar="S",
-        help="end after so long; exit status 1 if the program has ended with an error by then"
+        help="exit after so many seconds; exit status 1 if the program has ended with an error"
         " (default: until Ctrl-C)",
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=int, default=0, metavar="N",
-        help="other parts, another room and another board id; of several boards the first one's"
+        help="seed of tolerances, room and board id, for the first of several boards"
     )  # fmt: skip
 
 
 def add_agent(parser: argparse.ArgumentParser) -> None:
-    """``--agent``, ``--no-agent`` and ``--agent-port``."""
+    """Declare ``--agent``, ``--no-agent`` and ``--agent-port``."""
     parser.add_argument(
         "--agent", action=argparse.BooleanOptionalAction, default=None,
-        help="run an agent for the boards, or do not (default: if a program talks to one)",
+        help="whether to run an agent for the boards (default: if a program talks to one)",
     )  # fmt: skip
     parser.add_argument(
         "--agent-port", type=port, default=AGENT_PORT, metavar="N",
-        help=f"where boards with Wi-Fi find the agent, at 127.0.0.1 (default: {AGENT_PORT})",
+        help=f"UDP port of the agent for boards with Wi-Fi (default: {AGENT_PORT})",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until Ctrl-C or the end of the time; the exit status. Raises ToolError."""
+    """Run the boards until Ctrl-C or the end of the time.
+
+    Raises:
+        ToolError: A board cannot run, or an option is wrong.
+    """
     if sys.platform == "win32":
         raise ToolError("virtual boards need pseudo-terminals: use Linux, macOS or WSL")
     know_distro(args)
@@ -99,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     if len(args.boards) > 1:
         for option in ("firmware", "link"):
             if getattr(args, option) is not None:
-                raise ToolError(f"--{option} is for one board; 'uros fleet' takes one of each")
+                raise ToolError(f"--{option} is for one board; 'uros fleet' has it for each")
     plans = [
         Plan(
             title, name, args.firmware, args.engine, args.seed + index, args.fault, args.plug,

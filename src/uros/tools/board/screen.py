@@ -1,6 +1,6 @@
-"""Where a session with boards is shown: lines as they come, and on a terminal a table above them.
+"""Prints lines, and on a terminal a table of boards above them.
 
-The table has the first rows of the terminal, the lines scroll below it, and so does what is typed.
+The table has the first rows of the terminal. Lines and what is typed scroll below it.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from typing import Final, NamedTuple
 
 from ...printable import printable, unguarded
 
-_LEAST_LINES: Final = 5  # below the table, or it is not worth the trouble
+_LEAST_LINES: Final = 5  # below the table, or no table is drawn
 
 
 class Row(NamedTuple):
-    """Of a table: its cells, and what stands below them in as many lines as it takes."""
+    """A row of a table: its cells, and a text below them that may take several lines."""
 
     cells: Sequence[str]
     below: str = ""
 
 
 class Screen:
-    """``live``: whether there is a table at all."""
+    """The terminal, or a pipe. ``live`` is whether there is a table."""
 
     def __init__(self) -> None:
         self.live = sys.stdout.isatty()
@@ -32,11 +32,11 @@ class Screen:
         self._rows = 0
 
     def say(self, text: str) -> None:
-        """A line below the table."""
+        """Print a line below the table."""
         print(printable(text, "\n\t"), flush=True)
 
     def show(self, table: Sequence[Row]) -> None:
-        """Draw the table anew."""
+        """Draw the table again."""
         if not self.live or not table:
             return
         size = shutil.get_terminal_size()
@@ -45,13 +45,13 @@ class Screen:
         if most < len(table):
             return
         lines = lines[:most]
-        # It never becomes shorter: what scrolls below would jump up and down.
+        # It never shrinks: the lines below would jump up and down.
         rows = max(len(lines) + 1, self._rows)
         lines += [""] * (rows - 1 - len(lines))
         out = []
         if (size.columns, size.lines) != self._size or rows != self._rows:
             if not self._rows:
-                out.append("\n" * size.lines)  # what was there goes up, and is not lost
+                out.append("\n" * size.lines)  # earlier output scrolls up and is not lost
             self._size = (size.columns, size.lines)
             self._rows = rows
             out.append(f"\033[{rows + 1};{size.lines}r\033[{size.lines};1H")
@@ -62,7 +62,7 @@ class Screen:
         _draw("".join(out))
 
     def close(self) -> None:
-        """The terminal is an ordinary one again; the table stays where it is."""
+        """Restore the terminal. The table stays where it is."""
         if self._rows:
             self._rows = 0
             _draw(f"\033[r\033[{self._size[1]};1H\n")
@@ -75,7 +75,7 @@ def _draw(text: str) -> None:
 
 
 def layout(table: Sequence[Row], columns: int) -> list[str]:
-    """The rows as lines, none longer than ``columns``; their text is made `printable`."""
+    """Return the rows as lines, none longer than ``columns``. Their text is made `printable`."""
     table = [Row([*map(printable, row.cells)], printable(row.below)) for row in table]
     widths = [max(len(row.cells[i]) for row in table) for i in range(len(table[0].cells))]
     lines = []

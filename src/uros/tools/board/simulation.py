@@ -1,4 +1,4 @@
-"""Virtual boards, the agent for them, and the person at the terminal: one session."""
+"""Runs virtual boards and an agent for them, and obeys the commands that are typed."""
 
 from __future__ import annotations
 
@@ -24,20 +24,23 @@ if TYPE_CHECKING:
 AGENT_PORT: Final = 8888
 _REDRAW_SECONDS: Final = 0.25
 _ASK_SECONDS: Final = 1.0
-# Without a table, what a part shows is told no more often.
+# Without a table, the state of a part is printed at most this often.
 _TELL_SECONDS: Final = 1.0
-# What the agent logs.
+# Log levels of the agent.
 _WARNINGS: Final = 3
 _INFO: Final = 4
 _HELP: Final = (
-    "type what is to happen, one a line: {example}; or reset, heap, quit ('uros board list {name}'"
-    " tells what can happen)"
+    "commands, one a line: {example}; or reset, heap, quit ('uros board list {name}' lists all that"
+    " can happen)"
 )
+
+
+_EXAMPLES: Final = ("button:tap", "usb:unplug")
 
 
 @dataclass
 class Plan:
-    """A board that is to run. ``title`` is what it is called in the session."""
+    """A board to run. ``title`` is its name in the output; the rest are options of RunningBoard."""
 
     title: str
     board: str
@@ -53,7 +56,7 @@ class Plan:
 
 
 def titles(names: Sequence[str]) -> list[str]:
-    """What boards of these names are called: the second one of a name is ``name#2``."""
+    """Return a title for each board: the second board of a name is ``name#2``."""
     counts: dict[str, int] = {}
     out = []
     for name in names:
@@ -64,22 +67,26 @@ def titles(names: Sequence[str]) -> list[str]:
 
 @dataclass
 class _Seat:
-    """A board of the session, and what is known of it."""
+    """A running board and its state."""
 
     plan: Plan
     board: RunningBoard
-    address: str  # its own one, in the network of this host
+    address: str  # its own IP address on this host
     program: str = "runs"
     failed: bool = False
     shows: dict[str, str] = field(default_factory=dict)
     told: dict[str, tuple[float, str]] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
 
 
 class Simulation:
-    """Runs ``plans`` until Ctrl-C, or for ``seconds``.
+    """Runs boards until Ctrl-C, or for some time.
 
-    ``agent`` is whether there is an agent for them, None: if any of their programs talks to one.
-    ``port`` is where it listens for boards with Wi-Fi.
+    Args:
+        plans: The boards.
+        agent: Whether to run an agent; None to run one if a program talks to an agent.
+        port: The UDP port of the agent, for boards with Wi-Fi.
+        seconds: How long to run; None for no limit.
     """
 
     def __init__(
@@ -99,7 +106,14 @@ class Simulation:
         self._rules: tempfile.TemporaryDirectory[str] | None = None
 
     def run(self) -> int:
-        """The exit status: 1 if a program has ended with an error. Raises ToolError."""
+        """Run the boards.
+
+        Returns:
+            1 if a program has ended with an error, else 0.
+
+        Raises:
+            ToolError: A board or the agent cannot start, or has ended.
+        """
         from ...boards.virtual.engine.runner import StartError
         from ...boards.virtual.models.catalog import BoardError
 
@@ -111,7 +125,7 @@ class Simulation:
             if self._wanted:
                 self._start_agent()
             if self._screen.live:
-                self._screen.show(self._table())  # what is said then stands below it
+                self._screen.show(self._table())  # first: later lines scroll below it
             self._introduce()
             threading.Thread(target=_read_input, args=(self._events,), daemon=True).start()
             self._loop()
@@ -128,7 +142,7 @@ class Simulation:
         from ...boards.virtual.engine.runner import RunningBoard
         from ...boards.virtual.models.catalog import find
 
-        # Each has an address of its own, as in a real network, where this system has so many.
+        # Each board has its own address, as in a real network, if the system has so many.
         address = f"127.0.0.{10 + index}" if sys.platform == "linux" and index < 240 else ""
         wanted = find(plan.board).agent.rpartition(":")[2]
         port = self._port if wanted in ("", str(AGENT_PORT)) else int(wanted)
@@ -160,7 +174,7 @@ class Simulation:
             arguments += ["multiserial", "--devs", *lines]
         if any(find(plan.board).agent or plan.plugs for plan in self._plans) or not lines:
             arguments += ["udp4", "--port", str(self._port)]
-        # The table shows who is there: beside it, only what is wrong.
+        # The table shows the boards; beside it only warnings are of interest.
         arguments += ["--verbose", str(_WARNINGS if self._screen.live else _INFO)]
         rules = self._write_rules()
         if rules is not None:
@@ -171,7 +185,7 @@ class Simulation:
         )  # fmt: skip
 
     def _write_rules(self) -> Path | None:
-        """A file that puts boards into their namespaces."""
+        """Write a rules file that puts the boards into their namespaces."""
         rules = [
             f"[[client]]\naddress = {address!r}\nnamespace = {seat.plan.namespace!r}\n"
             for seat in self._seats
@@ -186,14 +200,14 @@ class Simulation:
         file.write_text("\n".join(rules), encoding="utf-8")
         return file
 
-    def _look_after_agent(self) -> None:
-        """Raises ToolError where it has ended; it has said why."""
+    def _check_agent(self) -> None:
+        """Raise ToolError if the agent has ended. Its log has the reason."""
         if self._agent is not None and self._agent.ended:
             self._close()
-            raise ToolError("the agent has ended; what it said stands above")
+            raise ToolError("the agent has ended; its log above has the reason")
 
     def _ask_agent(self) -> None:
-        """Who the agent's boards are, now and then."""
+        """Ask the agent for its clients, at most once a second."""
         from ..agent.running_agents import ask, find_agent
 
         now = time.monotonic()
@@ -208,7 +222,7 @@ class Simulation:
         self._clients = {client["address"]: client for client in snapshot["clients"]}
 
     def _client(self, seat: _Seat) -> dict[str, Any] | None:
-        line = f"{seat.board.path} ("  # and the number that it has on that line
+        line = f"{seat.board.path} ("  # followed by the board's address on that line
         for address, client in self._clients.items():
             where, _, port = address.rpartition(":")
             if address.startswith(line) or port.isdecimal() and where == seat.address:
@@ -227,7 +241,7 @@ class Simulation:
             line = seat.board.path
             self._say(seat, f"{seat.plan.board} runs on {seat.plan.engine}; its USB line is {line}")
         if self._wanted:
-            self._say(None, "an agent runs beside it; Ctrl-C ends both")
+            self._say(None, "an agent runs too; Ctrl-C ends everything")
         for seat in self._seats:
             command = self._next(seat)
             if command:
@@ -235,7 +249,7 @@ class Simulation:
         self._say(None, self._help())
 
     def _next(self, seat: _Seat) -> str:
-        """What a board still needs at its other end; "" for nothing."""
+        """Return the command that a board needs at the other end of its line; "" for none."""
         from ...boards.virtual.models.catalog import find
         from ...middleware.base import environment_domain
         from ..rover.pid import PORT
@@ -252,7 +266,9 @@ class Simulation:
 
     def _help(self) -> str:
         seat = self._seats[0]
-        what = seat.board.happenings[0]
+        # The others may need a value, or do nothing at first, such as usb:plug.
+        known = seat.board.happenings
+        what = next((one for one in _EXAMPLES if one in known), known[0])
         if len(self._seats) > 1:
             what = f"{seat.plan.title} {what}"
         return _HELP.format(example=what, name=seat.plan.board)
@@ -267,10 +283,12 @@ class Simulation:
             node, came, went = "-", "-", "-"
             if client is not None:
                 node = " ".join(node_name(node_info) for node_info in client["nodes"]) or "-"
-                if client["rate_over"] < client["age"]:  # else it has the burst of creation
+                if client["rate_over"] < client["age"]:  # else it includes the creation of objects
                     came = f"{client['received']['rate']:.1f}"
                     went = f"{client['sent']['rate']:.1f}"
             seen = ", ".join(f"{name} {shows}" for name, shows in seat.shows.items() if shows)
+            if seat.faults:
+                seen += f"{', ' * bool(seen)}faults: {' '.join(seat.faults)}"
             cells = (seat.plan.title, seat.program, seat.board.usb, node, came, went)
             rows.append(Row(cells, seen))
         return rows
@@ -286,7 +304,7 @@ class Simulation:
                 return
             if now - drawn >= _REDRAW_SECONDS:
                 drawn = now
-                self._look_after_agent()
+                self._check_agent()
                 self._tell_shows(now)
                 if self._screen.live:
                     self._screen.show(self._table())
@@ -314,21 +332,29 @@ class Simulation:
         elif kind == "usb":
             error = f" ({event['error']})" if event["error"] else ""
             self._say(seat, f"USB {event['state']}{error}")
+        elif kind == "ready":
+            seat.faults = event["faults"]
         elif kind == "part":
-            if event["name"] not in seat.shows:  # how it is at first is no news
+            if event["name"] not in seat.shows:  # the first state is no news
                 seat.told[event["name"]] = (0.0, event["shows"])
             seat.shows[event["name"]] = event["shows"]
         elif kind == "reset":
             seat.failed = False
             seat.program = "runs"
-            self._say(seat, "reset: the program starts anew")
+            self._say(seat, "reset: the program starts again")
         elif kind == "ended":
             seat.failed = bool(event["traceback"])
             seat.program = "failed" if seat.failed else "ended"
             self._say(seat, "the program has ended; Ctrl-C switches the board off")
         elif kind == "happened":
-            still = ", ".join(event["still"])
-            done = f"done: {event['spec']}" + (f"; still so: {still}" if still else "")
+            seat.faults = event["faults"]
+            part = event["spec"].partition(":")[0] + ":"
+            others = [
+                one for one in seat.faults if one.startswith(part) and one != event["spec"]
+            ]
+            done = f"done: {event['spec']}"
+            if others:
+                done += f"; other faults of this part: {', '.join(others)}"
             self._say(seat, event["error"] or done)
         elif kind == "heap":
             used = event["used"] - event["base"]
@@ -337,7 +363,7 @@ class Simulation:
             raise ToolError(f"{seat.plan.title}: the board's process has ended")
 
     def _tell_shows(self, now: float) -> None:
-        """Without a table: what parts show, where it has changed."""
+        """Without a table, print the states of parts that have changed."""
         if self._screen.live:
             return
         for seat in self._seats:
@@ -373,11 +399,11 @@ class Simulation:
             return
         if len(meant) != 1:
             known = ", ".join(seat.plan.title for seat in self._seats)
-            self._say(None, f"say which board, a space, and what: {known}")
+            self._say(None, f"put the board and a space before the command: {known}")
             return
         seat = meant[0]
         if line == "heap" and seat.plan.engine != "micropython":
-            self._say(seat, "only the engine micropython knows its heap")
+            self._say(seat, "heap needs the engine micropython")
         elif line in ("reset", "heap"):
             seat.board.press(line)
         else:
@@ -385,11 +411,13 @@ class Simulation:
 
     def _close(self) -> None:
         self._screen.close()
-        for seat in self._seats:
-            seat.board.stop()
+        # The agent first: it would log the end of a board as a lost device.
         agent, self._agent = self._agent, None
         if agent is not None:
             agent.close()
+        for seat in self._seats:
+            seat.board.stop()
+        if agent is not None:
             while not self._events.empty():
                 _, event = self._events.get()
                 if event["event"] == "agent":
@@ -399,7 +427,7 @@ class Simulation:
 
 
 def talks_to_agent(plan: Plan) -> bool:
-    """Whether the program is a ROS node, as far as its imports tell."""
+    """Return whether the program is a ROS node, by its imports."""
     from ...boards.virtual.engine.runner import firmware_folder
     from ...boards.virtual.models.catalog import find
 
@@ -408,12 +436,13 @@ def talks_to_agent(plan: Plan) -> bool:
 
 
 def _read_input(events: queue.Queue[tuple[_Seat | None, dict[str, Any]]]) -> None:
-    """Lines of standard input, as events. Not through sys.stdin, whose lock a thread that reads
-    would keep at exit.
+    """Put lines of standard input into the queue.
+
+    Not through sys.stdin: a thread that reads would hold its lock at exit.
     """
     try:
         if os.isatty(0) and os.tcgetpgrp(0) != os.getpgrp():
-            return  # reading in the background would stop us
+            return  # a background process that reads would be stopped
         rest = b""
         while chunk := os.read(0, 4096):
             *lines, rest = (rest + chunk).split(b"\n")

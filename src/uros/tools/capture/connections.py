@@ -55,24 +55,29 @@ class UdpConnection:
         self._socket.setblocking(False)
 
     def fileno(self) -> int:
+        """See :class:`Connection`."""
         return self._socket.fileno()
 
     def send(self, message: bytes) -> None:
+        """See :class:`Connection`."""
         try:
             self._socket.send(message)
         except OSError:
             pass  # no agent yet, or a full buffer: reliable streams repeat what is lost
 
     def has_messages(self) -> bool:
+        """See :class:`Connection`."""
         return False
 
     def read(self) -> list[bytes]:
+        """See :class:`Connection`."""
         try:
             return [self._socket.recv(_LARGEST)]
         except OSError:
             return []
 
     def close(self) -> None:
+        """See :class:`Connection`."""
         self._socket.close()
 
 
@@ -85,9 +90,11 @@ class TcpConnection:
         self._deframer = LengthDeframer()
 
     def fileno(self) -> int:
+        """See :class:`Connection`."""
         return self._socket.fileno()
 
     def send(self, message: bytes) -> None:
+        """See :class:`Connection`."""
         if len(message) > 0xFFFF:
             return
         try:
@@ -96,9 +103,11 @@ class TcpConnection:
             raise ToolError(f"the connection to the agent is lost: {error.strerror}") from error
 
     def has_messages(self) -> bool:
+        """See :class:`Connection`."""
         return False
 
     def read(self) -> list[bytes]:
+        """See :class:`Connection`."""
         try:
             chunk = self._socket.recv(_LARGEST)
         except OSError:
@@ -108,6 +117,7 @@ class TcpConnection:
         return self._deframer.feed(chunk)
 
     def close(self) -> None:
+        """See :class:`Connection`."""
         self._socket.close()
 
 
@@ -126,9 +136,11 @@ class SerialPort:
         return found
 
     def fileno(self) -> int:
+        """See :class:`Connection`."""
         return self._fd
 
     def send(self, address: int, message: bytes) -> None:
+        """See :class:`Connection`."""
         import select
 
         out = bytearray(frame_size(message))
@@ -155,6 +167,7 @@ class SerialPort:
             board.messages.extend(board.deframer.feed(chunk))
 
     def close(self) -> None:
+        """See :class:`Connection`."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
@@ -170,22 +183,27 @@ class SerialConnection:
         self.messages: list[bytes] = []
 
     def fileno(self) -> int:
+        """See :class:`Connection`."""
         return self._port.fileno()
 
     def send(self, message: bytes) -> None:
+        """See :class:`Connection`."""
         if len(message) <= 0xFFFF:
             self._port.send(self._address, message)
 
     def has_messages(self) -> bool:
+        """See :class:`Connection`."""
         return bool(self.messages)
 
     def read(self) -> list[bytes]:
+        """See :class:`Connection`."""
         if not self.messages:
             self._port.read()
         found, self.messages = self.messages, []
         return found
 
     def close(self) -> None:
+        """See :class:`Connection`."""
         self._port.close()
 
 

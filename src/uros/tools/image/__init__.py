@@ -1,9 +1,8 @@
 """``uros image``: a module for each verb.
 
 ==========  ======================================================================================
-``save``    ``uros image save``: the pictures of a topic, as files
-``source``  A topic with pictures, compressed or raw: found when it comes, heard as publishers
-            offer it
-``view``    ``uros image view``: the pictures of a topic, live in a browser
+``save``    ``uros image save``: save the images of a topic to files
+``source``  Subscribes to a topic with images, compressed or raw, with the QoS of its publishers
+``view``    ``uros image view``: show the images of a topic live in a browser
 ==========  ======================================================================================
 """

@@ -1,4 +1,4 @@
-"""``uros image save``: the pictures of a topic, as files."""
+"""``uros image save``: save the images of a topic to files."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ _SUFFIXES: Final = {".jpg": ".jpg", ".jpeg": ".jpg", ".png": ".png"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros image save``."""
     add_image_topic(parser)
     add_common(parser)
     parser.add_argument(
@@ -31,30 +32,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=unsigned_int,
         default=1,
-        help="end after so many pictures; 0: never (default: 1)",
+        help="exit after so many images (default: 1; 0: no limit)",
     )
     parser.add_argument(
         "--out",
         metavar="PATH",
         default=".",
-        help="the folder to write to, or for one picture the file, .jpg or .png (default: here)",
+        help="folder to write to, or for one image the file, .jpg or .png (default: this folder)",
     )
     parser.add_argument(
         "--every",
         metavar="S",
         type=positive_float,
         default=0.0,
-        help="leave pictures out that come within so many seconds of the last (default: none)",
+        help="skip images that come within so many seconds after the last one (default: none)",
     )
     parser.add_argument(
         "--timeout",
         metavar="S",
         type=positive_float,
-        help="end after so many seconds; exit status 1 if fewer than --count were written",
+        help="exit after so many seconds; exit status 1 if fewer than --count images came",
     )
 
 
 def run(args: argparse.Namespace) -> int:
+    """Save images.
+
+    Returns:
+        0 if as many came as were asked for, else 1.
+    """
     saver = Saver(args.topic, args.out, args.count, args.every)
     end = None if args.timeout is None else time.monotonic() + args.timeout
     troubles: list[str] = []
@@ -83,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.count:
         print(
-            f"uros: {saver.count} of {args.count} pictures came within {args.timeout:g} s"
+            f"uros: {saver.count} of {args.count} images came within {args.timeout:g} s"
             f"{f': {printable(said)}' if said else ''}",
             file=sys.stderr,
         )
@@ -91,14 +97,22 @@ def run(args: argparse.Namespace) -> int:
 
 
 class Saver:
-    """Writes pictures, and knows when enough are written. Raises ToolError for an ``out`` that
-    cannot be.
+    """Writes images to files.
+
+    Args:
+        topic: The topic, which names the files.
+        out: A folder, or a file for one image.
+        count: How many images to write; 0 for no limit.
+        every: The least time between two images, in seconds.
+
+    Raises:
+        ToolError: ``out`` cannot be used.
     """
 
     def __init__(self, topic: str, out: str, count: int, every: float) -> None:
         self.count = 0
         self._wanted = count
-        # A picture a second comes a little before the second, too.
+        # One image a second may come a little early.
         self._least_ns = int(every * 0.9e9)
         self._last_ns: int | None = None
         self._stem = topic.strip("/").replace("/", "_")
@@ -106,7 +120,7 @@ class Saver:
         self._file: Path | None = None
         if path.suffix.lower() in _SUFFIXES and not path.is_dir():
             if count != 1:
-                raise ToolError(f"--out {out} is one file, for --count 1; give a folder")
+                raise ToolError(f"--out {out} is a file, for --count 1; give a folder")
             self._file = path
             path = path.parent
         try:
@@ -117,10 +131,15 @@ class Saver:
 
     @property
     def done(self) -> bool:
+        """Whether enough images were written."""
         return bool(self._wanted) and self.count >= self._wanted
 
     def add(self, picture: Picture, received_ns: int) -> None:
-        """Write it, unless that is enough, or too soon after the last."""
+        """Write an image, unless enough are written, or it is too soon after the last one.
+
+        Raises:
+            ToolError: The file cannot be written, or has the wrong suffix.
+        """
         if self.done:
             return
         if self._last_ns is not None and received_ns - self._last_ns < self._least_ns:
@@ -128,7 +147,7 @@ class Saver:
         path = self._file or self._free(picture, received_ns)
         if self._file and _SUFFIXES[path.suffix.lower()] != picture.suffix:
             raise ToolError(
-                f"the pictures are {picture.kind}: give --out a {picture.suffix} name, or a folder"
+                f"the images are {picture.kind}: give --out a {picture.suffix} name, or a folder"
             )
         try:
             _write(path, picture.data)
@@ -143,7 +162,7 @@ class Saver:
         )
 
     def _free(self, picture: Picture, received_ns: int) -> Path:
-        """A name that says which topic and when: its stamp, or when it was received."""
+        """Return a free file name of the topic and the stamp, or the time of reception."""
         at = picture.stamp_ns or received_ns
         stem = f"{self._stem}_{at // 10**9}.{at % 10**9:09d}"
         if not picture.stamp_ns:
@@ -156,7 +175,7 @@ class Saver:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Whole or not at all: somebody may watch the folder."""
+    """Write a file at once, because another program may watch the folder."""
     mask = os.umask(0)
     os.umask(mask)
     handle, name = tempfile.mkstemp(prefix=".", suffix=".part", dir=path.parent)

@@ -1,4 +1,4 @@
-"""A topic with pictures, compressed or raw: found when it comes, heard as publishers offer it."""
+"""Subscribes to a topic with images, compressed or raw, with the QoS of its publishers."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from ...dashboard.pictures import TYPES, Picture, PictureError, picture
 if TYPE_CHECKING:
     from ...host.network import Network, Received
 
-# A picture that comes while one is at work waits; older ones are of no use.
+# One image may wait while another is decoded; older ones are of no use.
 _DEPTH: Final = 2
 
 
 class ImageSource:
-    """Call `check` once a second or so, and spin the network in between.
+    """A subscription of images. Call `check` about once a second, and spin the network between.
 
-    ``on_picture`` gets a picture and when it was received (Unix ns), ``on_trouble`` the reason in
-    words why one that came cannot be shown.
+    Args:
+        network: The domain.
+        topic: The topic.
+        on_picture: Called with each image and the time of reception (Unix ns).
+        on_trouble: Called with the reason why an image cannot be shown.
     """
 
     def __init__(
@@ -36,7 +39,7 @@ class ImageSource:
         self.octets = 0  # of messages, as they came
 
     def check(self) -> str:
-        """Listen to what is there now; what hinders pictures from coming, or nothing."""
+        """Subscribe to the present publishers. Return why no image can come, or nothing."""
         from ...host.matching import adapt
         from ...qos import QoSProfile, ReliabilityPolicy
 
@@ -60,19 +63,19 @@ class ImageSource:
     def _why_nothing(self, types: set[str]) -> str:
         if types:
             return (
-                f"{self._topic} is {' and '.join(sorted(types))}, which is no picture; shown are"
-                f" {' and '.join(TYPES)}"
+                f"{self._topic} is {' and '.join(sorted(types))}, which is not an image; supported"
+                f" are {' and '.join(TYPES)}"
             )
         text = f"nobody publishes {self._topic} yet"
         topics = self._network.graph.topics()
         others = sorted(name for name, has in topics.items() if set(has) & set(TYPES))
         others = [name for name in others if self._network.graph.publishers(name)]
         if others:
-            return f"{text}; there are pictures on {', '.join(others[:5])}"
+            return f"{text}; there are images on {', '.join(others[:5])}"
         if self._network.alone:
             return (
-                f"{text}: nobody else was found in domain {self._network.domain}; is the agent"
-                " running, and its ROS_DOMAIN_ID the same?"
+                f"{text}: no other participant was found in domain {self._network.domain}; is the"
+                " agent running, and the board in this domain?"
             )
         return f"{text}: is the board connected, and its camera on?"
 
@@ -86,7 +89,7 @@ class ImageSource:
             try:
                 shown = picture(codec.from_cdr(message_class, received.cdr))
             except PictureError as error:
-                self._on_trouble(f"a picture cannot be shown: {error}")
+                self._on_trouble(f"an image cannot be shown: {error}")
             except InterfaceError as error:
                 self._on_trouble(f"a message cannot be read: {error}")
             else:
@@ -101,7 +104,7 @@ class ImageSource:
 
 
 def add_image_topic(parser: Any) -> None:
-    """The positional argument ``topic``, the document's camera if it is left out."""
+    """Declare the positional argument ``topic``."""
     from ..common import topic_name
 
     parser.add_argument(
@@ -110,12 +113,12 @@ def add_image_topic(parser: Any) -> None:
         nargs="?",
         type=topic_name,
         default="/image/compressed",
-        help="a topic of CompressedImage (JPEG, PNG) or Image (default: /image/compressed)",
+        help="topic of CompressedImage (JPEG, PNG) or Image (default: /image/compressed)",
     )
 
 
 def age(stamp_ns: int, received_ns: int) -> str:
-    """How old a picture was when it came, by its stamp."""
+    """Return how old an image was when it came, by its stamp."""
     if not stamp_ns:
         return "not stamped"
     seconds = (received_ns - stamp_ns) / 1e9

@@ -1,4 +1,4 @@
-"""``uros image view``: the pictures of a topic, live in a browser."""
+"""``uros image view``: show the images of a topic live in a browser."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ if TYPE_CHECKING:
 
 PORT: Final = 8090
 _CHECK_SECONDS: Final = 0.5
-# A page's question is answered after so long, if only to say how old the last picture is.
+# A request of a page is answered after this time at the latest, with the age of the last image.
 _WAIT_SECONDS: Final = 1.0
-# The rate is of the pictures of the last seconds.
+# The period of the rate.
 _RATE_SECONDS: Final = 5.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros image view``."""
     add_image_topic(parser)
     add_common(parser)
     add_page_arguments(parser, PORT)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C."""
     shown = Shown(args.topic)
     pages = open_pages(args, ("image.html", "page.css", "image.js"), get={"/picture": shown.answer})
     print(f"{args.topic} is shown at {pages.url} (Ctrl-C ends it)", flush=True)
@@ -54,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 class Shown:
-    """The newest picture of a topic, and what there is to say of it, for pages in threads."""
+    """The newest image of a topic and its state, for pages in other threads."""
 
     def __init__(self, topic: str) -> None:
         self._topic = topic
@@ -65,9 +67,10 @@ class Shown:
         self._times: deque[float] = deque()
         self._broken = 0
         self._trouble = ""
-        self._waiting = "looking around in the network"
+        self._waiting = "discovering the network"
 
     def add(self, picture: Picture, received_ns: int) -> None:
+        """Show a new image."""
         with self._newest:
             self._picture, self._received_ns = picture, received_ns
             self._number += 1
@@ -76,14 +79,14 @@ class Shown:
             self._newest.change()
 
     def trouble(self, text: str) -> None:
-        """One has come that cannot be shown."""
+        """Count an image that cannot be shown; ``text`` is the reason."""
         with self._newest:
             self._broken += 1
             self._trouble = text
             self._newest.change()
 
     def waiting(self, why: str) -> None:
-        """Why nothing comes; "": it may."""
+        """Show why no image comes; "" if one may come."""
         with self._newest:
             if why != self._waiting:
                 self._waiting = why
@@ -96,15 +99,13 @@ class Shown:
             times.popleft()
         if len(times) < 2:
             return 0.0
-        # Towards now where they have stopped: a rate that stands would be none.
+        # Counted up to now if they stopped, so that the rate falls to 0.
         mean = (times[-1] - times[0]) / (len(times) - 1)
         span = max(times[-1], now - mean) - times[0]
         return (len(times) - 1) / span if span else 0.0
 
     def answer(self, asked: dict[str, str]) -> Answer:
-        """``/picture?version=V&picture=N``: what is new since then; the picture where it is not
-        number N.
-        """
+        """Answer ``/picture?version=V&picture=N``: the state, and the image if it is not N."""
         with self._newest:
             self._newest.wait(number(asked, "version"), _WAIT_SECONDS)
             picture = self._picture

@@ -1,4 +1,4 @@
-"""``uros interface build``"""
+"""``uros interface build``: build modules of interface types for a board."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..common import add_interfaces, know_interfaces
 from ..errors import ToolError
 
 _EPILOG: Final = """\
-Each type becomes a module of its own, so a program pays for those that it imports:
+Each type becomes a module of its own, so a program loads only the types that it imports:
 
   from my_msgs.msg import Reading
 
@@ -21,33 +21,38 @@ examples:
   uros interface build my_msgs my_msgs/msg/Reading --for-board build/lib
   uros interface build sensor_msgs/msg/Imu std_srvs --for-board build/lib
 
-The modules need uros on the board. 'uros board build' brings both, and of types only those that a
-program imports, in less memory.
+The modules need uros on the board. 'uros board build' builds both, with only the types that a
+program imports, and in less memory.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros interface build``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
     parser.add_argument(
         "what", metavar="DIR|TYPE", nargs="+",
-        help="folder of .msg, .srv and .action files; a type or a package of known ones. Where"
-        " types are given, of the folders only these are written",
+        help="folder with .msg, .srv and .action files, or a known type or package. If types are"
+        " given, only these are built from the folders",
     )  # fmt: skip
     parser.add_argument(
         "--for-board", metavar="OUT", required=True,
-        help="folder to write, such as one that goes to /lib of a board; files in it that are"
-        " not of these types stay",
+        help="folder to write, for a board's /lib; other files in it stay",
     )  # fmt: skip
     parser.add_argument(
         "--mpy", action="store_true",
-        help="bytecode, which loads faster and takes less memory (default: text)",
+        help="compile to bytecode, which loads faster and needs less memory (default: source)",
     )  # fmt: skip
     add_interfaces(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write, and say what to do next. Raises ToolError and InterfaceError."""
+    """Build the modules and print the next step.
+
+    Raises:
+        InterfaceError: A definition is wrong.
+        ToolError: A folder, type or package is unknown, or a file cannot be written.
+    """
     from ...interfaces.package import module_texts
 
     know_interfaces(args)
@@ -68,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _names(what: list[str]) -> list[str]:
-    """The types to write. Raises ToolError and InterfaceError."""
+    """Return the types to build. Raises ToolError and InterfaceError."""
     from ...interfaces import add_folder, registry
     from .package import types_of
 
@@ -86,8 +91,8 @@ def _names(what: list[str]) -> list[str]:
             named += types_of(name)
         else:
             raise ToolError(
-                f"there is no folder, type or package {name!r}; types are written as"
-                " std_msgs/msg/Int32, see: uros interface list"
+                f"there is no folder, type or package {name!r}; types are named like"
+                " std_msgs/msg/Int32, list them with: uros interface list"
             )
     return list(dict.fromkeys(named or found))
 
@@ -103,8 +108,9 @@ def _compiled(path: str, text: str) -> tuple[str, bytes]:
 
 
 def _write(out: Path, files: dict[str, bytes]) -> None:
-    """Write the files, and remove what an earlier call wrote in the other form: a board takes the
-    text where there are both.
+    """Write the files, and remove those of the other form.
+
+    A board loads the source if both are there.
     """
     for name, data in files.items():
         path = out / name

@@ -1,4 +1,4 @@
-"""``uros interface list``"""
+"""``uros interface list``: list interface types."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ _TITLES: Final = {"msg": "Messages:", "srv": "Services:", "action": "Actions:"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros interface list``."""
     add_kinds(parser)
     add_interfaces(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the known interface types."""
     from ...interfaces import list_types
 
     know_interfaces(args)
@@ -29,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def add_kinds(parser: argparse.ArgumentParser) -> None:
-    """``-m -s -a``: of which kinds; all, where none is given."""
+    """Declare ``-m``, ``-s`` and ``-a``, which choose kinds of types."""
     for letter, kind, what in (
         ("m", "msg", "messages"),
         ("s", "srv", "services"),
@@ -37,10 +39,10 @@ def add_kinds(parser: argparse.ArgumentParser) -> None:
     ):
         parser.add_argument(
             f"-{letter}", f"--only-{kind}s", dest="kinds", action="append_const", const=kind,
-            help=f"only {what}",
+            help=f"list only {what}",
         )  # fmt: skip
 
 
 def kinds(args: argparse.Namespace) -> list[str]:
-    """The kinds that were asked for, in the order in which they are shown."""
+    """Return the chosen kinds, or all, in the order in which they are printed."""
     return [kind for kind in _TITLES if not args.kinds or kind in args.kinds]

@@ -1,4 +1,4 @@
-"""``uros interface package``"""
+"""``uros interface package``: list the interface types of a package."""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ from ..errors import ToolError, did_you_mean
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros interface package``."""
     parser.add_argument("package", metavar="PACKAGE", help="name of a package, such as std_msgs")
     add_interfaces(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the types of a package.
+
+    Raises:
+        ToolError: The package is unknown.
+    """
     know_interfaces(args)
     for name in types_of(args.package):
         print(name)
@@ -21,12 +27,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def types_of(package: str) -> list[str]:
-    """The names of a package's types. Raises ToolError where it has none."""
+    """Return the names of a package's types.
+
+    Raises:
+        ToolError: The package is unknown.
+    """
     from ...interfaces import list_types, registry
 
     names = [name for name in list_types() if name.startswith(package + "/")]
     if not names:
         close = did_you_mean(package, registry.packages())
-        remedy = "; give the folder of its definitions by --interfaces DIR"
+        remedy = "; give the folder of its definitions with --interfaces DIR"
         raise ToolError(f"there is no package {package!r}{close or remedy}")
     return names

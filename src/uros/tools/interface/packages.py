@@ -1,4 +1,4 @@
-"""``uros interface packages``"""
+"""``uros interface packages``: list packages with interface types."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from .list import add_kinds, kinds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros interface packages``."""
     add_kinds(parser)
     add_interfaces(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the packages that have interface types."""
     from ...interfaces import registry
 
     know_interfaces(args)

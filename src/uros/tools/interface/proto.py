@@ -1,4 +1,4 @@
-"""``uros interface proto``"""
+"""``uros interface proto``: print a prototype of a message as YAML."""
 
 from __future__ import annotations
 
@@ -9,18 +9,22 @@ from ..values import plain
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros interface proto``."""
     add_type(parser)
-    parser.add_argument("--no-quotes", action="store_true", help="without the quotes around it")
+    parser.add_argument(
+        "--no-quotes", action="store_true", help="do not print quotes around the message"
+    )
     add_interfaces(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print a prototype of a message."""
     from ...interfaces import load
     from ..values.yaml_text import dump
 
     know_interfaces(args)
     found = load(args.type)
-    if not plain.is_message(found):  # what one sends to a service, or to an action
+    if not plain.is_message(found):  # the message that is sent to a service or an action
         found = found.Request if hasattr(found, "Request") else found.Goal
     text = dump(plain.plain(found(), plain.Show(truncate=None)))
     print(text if args.no_quotes else f'"{text}"')

@@ -1,4 +1,4 @@
-"""``uros interface show``"""
+"""``uros interface show``: print the definition of an interface type."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros interface show``."""
     add_type(parser)
     comments = parser.add_mutually_exclusive_group()
     comments.add_argument(
-        "--all-comments", action="store_true", help="with the comments of nested messages as well"
+        "--all-comments", action="store_true", help="print the comments of nested messages too"
     )
-    comments.add_argument("--no-comments", action="store_true", help="without any comment")
+    comments.add_argument("--no-comments", action="store_true", help="print no comments")
     add_interfaces(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the definition of a type."""
     from ...interfaces import registry
 
     know_interfaces(args)
     name = registry.normalize(args.type)
     parts = registry.definition(name).parts
     for part in parts:
-        registry.closure(part)  # what it nests is there, and sound
+        registry.closure(part)  # raises if a nested type is missing or wrong
     if name == registry.file_type(name):
         lines = _of_file(name, not args.no_comments, args.all_comments)
     else:
@@ -41,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _of_file(name: str, comments: bool, all_comments: bool) -> Iterator[str]:
-    """The lines of a type's file, and below each field those of the message it holds."""
+    """Yield the lines of a type's file, and below each field those of its message."""
     from ...interfaces import registry
     from ...interfaces.parse import strip_comment
 
@@ -59,7 +61,7 @@ def _of_file(name: str, comments: bool, all_comments: bool) -> Iterator[str]:
 
 
 def _of_part(part: Message, behind: bool) -> Iterator[str]:
-    """The lines of what no file has by itself, such as an action's ``Name_SendGoal_Request``."""
+    """Yield the lines of a type without a file, such as ``Name_SendGoal_Request``."""
     from ...interfaces import registry
 
     if behind:

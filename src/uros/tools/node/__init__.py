@@ -1,7 +1,7 @@
 """``uros node``: a module for each verb.
 
 ========  ========================================================================================
-``info``  ``uros node info``
-``list``  ``uros node list``
+``info``  ``uros node info``: print information about a node
+``list``  ``uros node list``: list nodes
 ========  ========================================================================================
 """

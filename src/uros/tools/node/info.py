@@ -1,4 +1,4 @@
-"""``uros node info``"""
+"""``uros node info``: print information about a node."""
 
 from __future__ import annotations
 
@@ -10,16 +10,22 @@ from ..errors import ToolError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros node info``."""
     parser.add_argument("node", metavar="NODE", help="full name of the node, such as /talker")
     add_common(parser)
     parser.add_argument(
         "--include-hidden",
         action="store_true",
-        help="show topics, services and actions with a part that begins with _ as well",
+        help="print hidden topics, services and actions too, which have a part that begins with _",
     )
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print what a node publishes, subscribes to, serves and calls.
+
+    Raises:
+        ToolError: There is no such node.
+    """
     from ... import names
 
     name = names.absolute(args.node)
@@ -31,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
             raise ToolError(f"there is no node {name!r}{remedy(network, name, nodes)}")
     if nodes.count(name) > 1:
         print(
-            f"there are {nodes.count(name)} nodes with the name {name!r}; this is one of them",
+            f"WARNING: {nodes.count(name)} nodes have the name {name!r}; this is one of them",
             file=sys.stderr,
         )
     print(name)

@@ -1,17 +1,18 @@
-"""``uros node list``"""
+"""``uros node list``: list nodes."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 
-from ..common import add_common, discover, join
+from ..common import add_common, discover, hint_if_alone, join
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros node list``."""
     add_common(parser)
     parser.add_argument(
-        "-a", "--all", action="store_true", help="list nodes whose name begins with _ as well"
+        "-a", "--all", action="store_true", help="list hidden nodes too, whose names begin with _"
     )
     parser.add_argument(
         "-c", "--count-nodes", action="store_true", help="print only how many nodes there are"
@@ -19,17 +20,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the nodes of the domain."""
     with join(args) as network:
         discover(network, args)
         nodes = network.graph.nodes()
-    if not args.all:
-        nodes = [name for name in nodes if not name.rpartition("/")[2].startswith("_")]
+        if not args.all:
+            nodes = [name for name in nodes if not name.rpartition("/")[2].startswith("_")]
+        if not nodes:
+            hint_if_alone(network)
     if args.count_nodes:
         print(len(nodes))
         return 0
     if len(set(nodes)) < len(nodes):
         print(
-            "WARNING: some nodes bear the same name; what is sent to one of them may reach another",
+            "WARNING: some nodes have the same name; what is sent to one of them may reach another",
             file=sys.stderr,
         )
     for name in nodes:

@@ -1,9 +1,7 @@
 """``uros pid`` and ``uros calibrate``: tuning a rover.
 
 =============  ===================================================================================
-``calibrate``  ``uros calibrate``: finds a rover's wheel radii and track from squares that it
-               drives
-``pid``        ``uros pid``: what a rover's wheels do, live in a browser, while their gains are
-               tuned
+``calibrate``  ``uros calibrate``: calibrate a rover's wheel radii and track by driving squares
+``pid``        ``uros pid``: tune the wheel controllers of a rover, with a live plot in a browser
 =============  ===================================================================================
 """

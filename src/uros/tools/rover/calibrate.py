@@ -1,6 +1,6 @@
-"""``uros calibrate``: finds a rover's wheel radii and track from squares that it drives.
+"""``uros calibrate``: calibrate a rover's wheel radii and track by driving squares.
 
-The rover is driven by ``cmd_vel`` and watched by ``odom``; where it really is, a person measures.
+The tool drives the rover by ``cmd_vel`` and reads ``odom``; the user measures the true pose.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from ...host.direct import Direct
 
 _EPILOG: Final = """\
-Two squares, one in each direction. Mark where the rover stands and which way it looks: that is the
-origin, x ahead, y to the left. It stops after the first side and at the end of a square; measure
-there, and type metres and degrees:
+The rover drives two squares, one in each direction. Mark its position and heading: this is the
+origin, with x ahead and y to the left. The rover stops after the first side and at the end of a
+square. Measure its pose there, and type metres and degrees:
 
   0.998 0.004        x and y; y is negative to the right
-  0.012 -0.020 1.5   and how far it is turned, counter-clockwise
+  0.012 -0.020 1.5   and the rotation, counter-clockwise
 
-Enter alone leaves that point out. Then put it back, exactly, for the second square.
+Enter alone skips a point. Then put the rover back to the origin for the second square.
 
-With a virtual rover, read the pose off the table of 'uros board run sprturtlebot', and put it back
-with rover:place=0,0,0.
+The table of 'uros board run sprturtlebot' shows the pose of a virtual rover; rover:place=0,0,0 puts
+it back.
 
 examples:
 
@@ -44,28 +44,29 @@ _COMMAND_SECONDS: Final = 0.2  # a rover stops a second after the last one
 _TURN_SPEED: Final = 0.8
 _BRAKE_SECONDS: Final = 0.15
 _STILL: Final = 0.001  # m and rad between two messages
-_FAR_OFF: Final = 0.5  # m between odometry and what was measured: a slip of the pen
+_FAR_OFF: Final = 0.5  # m between odometry and measurement: a typing error
 _SILENT_SECONDS: Final = 5.0
 _LOST_SECONDS: Final = 60.0  # for a side, or a corner
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros calibrate``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EPILOG
     for name, default, text in (
         ("--side", 1.0, "length of the square's sides in metres"),
         ("--speed", 0.2, "how fast to drive them, in m/s"),
-        ("--radius", 0.0325, "wheel radius that the rover's program has, in metres"),
-        ("--d", 0.134, "half the track that it has, in metres"),
+        ("--radius", 0.0325, "wheel radius in the rover's program, in metres"),
+        ("--d", 0.134, "half the track in the rover's program, in metres"),
     ):
         parser.add_argument(
             name, type=positive_float, default=default, metavar="N",
             help=f"{text} (default: {default:g})",
         )  # fmt: skip
     for name, text in (
-        ("cmd_vel", "where the rover takes geometry_msgs/msg/Twist"),
-        ("odom", "where it publishes nav_msgs/msg/Odometry"),
-        ("motor_power", "where it takes std_msgs/msg/Bool, the motors' power"),
+        ("cmd_vel", "topic of the rover's geometry_msgs/msg/Twist"),
+        ("odom", "topic of the rover's nav_msgs/msg/Odometry"),
+        ("motor_power", "topic of the rover's std_msgs/msg/Bool for the motors' power"),
     ):
         option = "--" + name.replace("_", "-")
         parser.add_argument(
@@ -78,7 +79,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive, ask, and print the sizes. Raises ToolError."""
+    """Drive the squares, ask for the measurements, and print the result.
+
+    Raises:
+        ToolError: The rover does not move, is silent, or the measurements make no sense.
+    """
     from ...control.calibrate import Calibration, CalibrationError
 
     calibration = Calibration(args.radius, args.d)
@@ -87,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             for clockwise in (False, True):
                 which = "to the right" if clockwise else "to the left"
-                _say(f"square {which}: mark where the rover stands, then Enter")
+                _say(f"square {which}: mark where the rover stands, then press Enter")
                 rover.ask_line()
                 square(rover, calibration, args.side, args.speed, clockwise)
                 if not clockwise:
@@ -102,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"RIGHT_RADIUS = {calibration.right_radius:.5f}")
     print(f"LEFT_RADIUS = {calibration.left_radius:.5f}")
     print(f"D = {calibration.d:.5f}\n")
-    print(f"what was measured differs from that by {1000 * calibration.misfit:.1f} mm")
+    print(f"residual of the measurements: {1000 * calibration.misfit:.1f} mm")
     return 0
 
 
@@ -111,10 +116,15 @@ def _say(text: str) -> None:
 
 
 class Watched:
-    """The rover as a square sees it: poses come by :meth:`wait`, commands go by :meth:`command`.
+    """A rover: :meth:`wait` receives odometry, :meth:`command` sends commands.
 
-    ``x``, ``y``, ``theta`` (not wrapped), ``v`` and ``w`` are those of the last odometry, ``came``
-    when that was, in seconds; ``on_step(ds, dtheta)`` hears how far each took it.
+    Attributes:
+        x: Of the last odometry, in metres, as ``y``.
+        theta: Its heading in radians, not wrapped.
+        v: Its speed in m/s; ``w`` is its rate of turn in rad/s.
+        came: When it came, in seconds.
+        known: Whether any odometry came.
+        on_step: Called as ``on_step(ds, dtheta)`` with the way between two messages.
     """
 
     def __init__(self) -> None:
@@ -124,7 +134,7 @@ class Watched:
         self.on_step: Callable[[float, float], object] = lambda ds, dtheta: None
 
     def heard(self, message: Any, now: float) -> None:
-        """An Odometry came."""
+        """Take an Odometry that came at ``now``."""
         pose = message.pose.pose
         x, y = pose.position.x, pose.position.y
         heading = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
@@ -132,7 +142,7 @@ class Watched:
         if self.known:
             middle = self.theta + turn / 2
             along = (x - self.x) * math.cos(middle) + (y - self.y) * math.sin(middle)
-            # The way is longer than its chord.
+            # The arc is longer than its chord.
             bend = 1.0 if abs(turn) < 1e-6 else (turn / 2) / math.sin(turn / 2)
             self.on_step(along * bend, turn)
         self.x, self.y = x, y
@@ -143,32 +153,42 @@ class Watched:
         self.known = True
 
     def now(self) -> float:
-        """Seconds."""
+        """Return a monotonic time in seconds."""
         raise NotImplementedError
 
     def wait(self, seconds: float) -> bool:
-        """Let so much time go by, or less if a message comes; whether one came. Raises ToolError
-        where the rover is silent.
+        """Wait for a message for at most so long, and return whether one came.
+
+        Raises:
+            ToolError: The rover is silent.
         """
         raise NotImplementedError
 
     def command(self, v: float, w: float) -> None:
-        """Drive so, in m/s and rad/s."""
+        """Send a velocity, in m/s and rad/s."""
         raise NotImplementedError
 
     def ask_pose(self, what: str) -> tuple[float, ...]:
-        """What a person measured: x, y in metres and perhaps theta in radians; nothing: not."""
+        """Ask the user for x, y in metres and perhaps theta in radians; empty if skipped."""
         raise NotImplementedError
 
     def say(self, text: str) -> None:
-        """To the person."""
+        """Print a text for the user."""
         _say(text)
 
 
 def square(
     rover: Watched, calibration: Calibration, side: float, speed: float, clockwise: bool
 ) -> None:
-    """Drive one, and ask where it stands at the first corner and at the end."""
+    """Drive a square, and ask for the pose at the first corner and at the end.
+
+    Args:
+        rover: The rover.
+        calibration: Collects the steps and the measurements.
+        side: Length of a side in metres.
+        speed: Speed on the sides in m/s.
+        clockwise: The direction.
+    """
     d = calibration.d
 
     def step(ds: float, dtheta: float) -> None:
@@ -189,19 +209,19 @@ def _leg(
     rover: Watched, gone: Callable[[tuple[float, float, float]], float], far: float, v: float,
     turn: float = 0.0,
 ) -> None:  # fmt: skip
-    """One side, or one corner: drive until ``gone`` is ``far``, and wait until it stands."""
+    """Drive one side or one corner until ``gone`` is ``far``, then wait for standstill."""
     began = (rover.x, rover.y, rover.theta)
     w = math.copysign(_TURN_SPEED, turn) if turn else 0.0
     rate = abs(v) + abs(w)
     ends = rover.now() + _LOST_SECONDS
-    # Odometry comes once a second: in between it goes as fast as it said.
+    # Odometry comes once a second: the pose is extrapolated between.
     while gone(began) + (rover.now() - rover.came + _BRAKE_SECONDS) * _rate(rover, turn) < far:
         rover.command(v, w)
         left = far - gone(began) - (rover.now() - rover.came) * _rate(rover, turn)
         rover.wait(max(0.01, min(_COMMAND_SECONDS, left / rate - _BRAKE_SECONDS)))
         if rover.now() > ends:
             rover.command(0.0, 0.0)
-            raise ToolError("the rover does not come on: are its motors on, is it against a wall?")
+            raise ToolError("the rover does not move on: are its motors on, is it against a wall?")
     rover.command(0.0, 0.0)
     before = (math.inf, math.inf, math.inf)
     for _ in _until(rover, ends):
@@ -216,17 +236,17 @@ def _rate(rover: Watched, turn: float) -> float:
 
 
 def _until(rover: Watched, ends: float) -> Iterator[None]:
-    """Each message that comes, up to a time."""
+    """Yield at each message, up to a time."""
     while rover.now() < ends:
         if rover.wait(1.0):
             yield
-    raise ToolError("the rover does not stand still: does something push it?")
+    raise ToolError("the rover does not stop: does something push it?")
 
 
 def _measure(
     rover: Watched, calibration: Calibration, where: str, began: tuple[float, float, float]
 ) -> None:
-    """Ask until a pose can be, or is left out."""
+    """Ask until the pose is plausible, or skipped."""
     from ...control.calibrate import CalibrationError
 
     x, y, theta = began
@@ -237,8 +257,8 @@ def _measure(
         if off < _FAR_OFF:
             break
         rover.say(
-            f"that is {off:.2f} m from where its odometry has it ({ahead:.2f} {aside:.2f}): metres"
-            " from where it began, x ahead, y to the left"
+            f"this is {off:.2f} m away from the odometry ({ahead:.2f} {aside:.2f}): give metres"
+            " from the origin, x ahead, y to the left"
         )
     if pose:
         try:
@@ -248,7 +268,14 @@ def _measure(
 
 
 def read_pose(text: str) -> tuple[float, ...]:
-    """``"0.998 0.004 1.5"``: x, y in metres, and radians of the degrees. Raises ValueError."""
+    """Parse a pose such as ``"0.998 0.004 1.5"``: metres and degrees.
+
+    Returns:
+        x and y in metres, and theta in radians if given; empty for an empty text.
+
+    Raises:
+        ValueError: The text is not a pose.
+    """
     words = text.replace(",", " ").split()
     if not words:
         return ()
@@ -257,9 +284,9 @@ def read_pose(text: str) -> tuple[float, ...]:
     try:
         values = [float(word) for word in words]
     except ValueError:
-        raise ValueError(f"{text.strip()!r} is not of numbers: 0.998 0.004 1.5") from None
+        raise ValueError(f"{text.strip()!r}: type numbers such as 0.998 0.004 1.5") from None
     if not all(math.isfinite(value) and abs(value) < 1000 for value in values):
-        raise ValueError("no rover is there: metres and degrees")
+        raise ValueError("this is too far away: type metres and degrees")
     return (*values[:2], *(math.radians(value) for value in values[2:]))
 
 
@@ -290,7 +317,7 @@ class _Rover(Watched):
         self._node.destroy_node()
 
     def begin(self) -> None:
-        """Wait for the rover, and switch its motors on."""
+        """Wait for the rover and switch its motors on."""
         told = False
         network = cast("Direct", self._node.connection)
         while not (
@@ -304,7 +331,7 @@ class _Rover(Watched):
         self._switch(True)
 
     def end(self) -> None:
-        """It stands, and its motors are off."""
+        """Stop the rover and switch its motors off."""
         self.command(0.0, 0.0)
         self._switch(False)
         self._node.spin_once(0.2)
@@ -319,9 +346,9 @@ class _Rover(Watched):
         self._lines.put(None)
 
     def ask_line(self) -> str:
-        """A line that the person types. Raises ToolError where there will be none."""
+        """Return the next line that the user types. Raises ToolError at the end of input."""
         while sys.stdin.isatty() and not self._lines.empty():
-            self._lines.get()  # typed before it was asked for
+            self._lines.get()  # typed before the question
         while True:
             self._node.spin_once(0.1)
             try:
@@ -329,7 +356,7 @@ class _Rover(Watched):
             except queue.Empty:
                 continue
             if line is None:
-                raise ToolError("nobody is there to measure: standard input has ended")
+                raise ToolError("no measurement: standard input has ended")
             return line
 
     def now(self) -> float:
@@ -349,7 +376,7 @@ class _Rover(Watched):
 
     def ask_pose(self, what: str) -> tuple[float, ...]:
         while True:
-            _say(f"{what}: where is it? x y in metres, and degrees if you can (Enter: left out)")
+            _say(f"{what}: pose? x y in metres, and degrees if you can (Enter: skip)")
             try:
                 return read_pose(self.ask_line())
             except ValueError as error:

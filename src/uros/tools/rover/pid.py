@@ -1,7 +1,7 @@
-"""``uros pid``: what a rover's wheels do, live in a browser, while their gains are tuned.
+"""``uros pid``: tune the wheel controllers of a rover, with a live plot in a browser.
 
-It is the other end of the document's tuning program: the rover connects by TCP and sends its
-torques, and is sent ``R_Kp,R_Ki,R_Kd,L_Kp,L_Ki,L_Kd,speed,rot``, typed in the page or here.
+It is the peer of the rover's tuning program: the rover connects over TCP and sends its torques, and
+receives ``R_Kp,R_Ki,R_Kd,L_Kp,L_Ki,L_Kd,speed,rot``, typed in the page or in the terminal.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ _EXAMPLE: Final = "200,30,5,200,30,5,1.0,0"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros pid``."""
     parser.add_argument(
         "--port",
         metavar="N",
@@ -34,12 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--host",
         metavar="ADDRESS",
         default="0.0.0.0",
-        help="address that the rover connects to (default: all of this machine's)",
+        help="address that the rover connects to (default: all addresses of this machine)",
     )
     add_page_arguments(parser, PAGE_PORT, "page-")
 
 
 def run(args: argparse.Namespace) -> int:
+    """Serve the rover and the page until Ctrl-C.
+
+    Raises:
+        ToolError: A port is in use.
+    """
     try:
         tuning = Tuning(args.host, args.port)
     except OSError as error:
@@ -53,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
         print(
             f"shown at {pages.url}\n"
-            f"waiting for the rover on TCP port {tuning.port}; reset it if it does not come\n"
+            f"waiting for the rover on TCP port {tuning.port}; reset it if it does not connect\n"
             f"to drive, type R_Kp,R_Ki,R_Kd,L_Kp,L_Ki,L_Kd,speed,rot here or in the page,"
             f" such as {_EXAMPLE}",
             flush=True,
@@ -88,7 +94,7 @@ def _gains(tuning: Tuning, value: Any) -> Answer:
 
 
 def _listen(tuning: Tuning) -> None:
-    """What is typed in the terminal."""
+    """Send the lines that are typed in the terminal."""
     for line in sys.stdin:
         if line.strip():
             try:

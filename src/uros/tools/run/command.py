@@ -1,4 +1,4 @@
-"""``uros run``: the nodes that come with uros, each a file that shows how one is written."""
+"""``uros run``: run an example node of uros."""
 
 from __future__ import annotations
 
@@ -19,9 +19,18 @@ if TYPE_CHECKING:
 
 
 class Program(NamedTuple):
+    """An example node.
+
+    Attributes:
+        help: What it does.
+        module: Its module below ``uros.tools.run``.
+        node: Its class.
+        serves: Whether it offers a service, which nodes of rclpy should reach.
+    """
+
     help: str
     module: str
-    node: str  # the class
+    node: str
     serves: bool = False
 
 
@@ -35,31 +44,37 @@ PROGRAMS: Final = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros run``."""
     parser.add_argument(
-        "name", metavar="NAME", nargs="?", help=f"which node: {', '.join(PROGRAMS)}"
+        "name", metavar="NAME", nargs="?", help=f"node to run: {', '.join(PROGRAMS)}"
     )
-    parser.add_argument("--list", action="store_true", help="list the nodes and their files")
+    parser.add_argument("--list", action="store_true", help="list the nodes and their modules")
     parser.add_argument(
         "--domain", type=domain, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, or 0)"
     )
     parser.add_argument(
         "-r", "--remap", metavar="OLD:=NEW", action="append", default=[],
-        help="another name: chatter:=/news, __node:=other, __ns:=/lab; may be repeated",
+        help="remap a name: chatter:=/news, __node:=other, __ns:=/lab; may be repeated",
     )  # fmt: skip
     parser.add_argument("--ros-args", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument(
         "-m", "--middleware", choices=("auto", "dds", "ros2"),
-        help="what it is on, as with 'uros agent' (default: dds; auto for what serves)",
+        help="middleware, as with 'uros agent' (default: dds; auto for services)",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
+    """Run a node until Ctrl-C.
+
+    Raises:
+        ToolError: There is no such node, or a remap rule is malformed.
+    """
     if args.list:
         for name, program in PROGRAMS.items():
             print(f"{name:<17}{program.help} (uros.tools.run.{program.module})")
         return 0
     if args.name not in PROGRAMS:
-        what = "say which node" if args.name is None else f"there is no node {args.name!r}"
+        what = "name a node to run" if args.name is None else f"there is no node {args.name!r}"
         hint = "" if args.name is None else did_you_mean(args.name, PROGRAMS)
         raise ToolError(f"{what}{hint} (nodes: {', '.join(PROGRAMS)})")
     program = PROGRAMS[args.name]
@@ -79,15 +94,16 @@ def run(args: argparse.Namespace) -> int:
             finally:
                 node.destroy_node()
     except KeyboardInterrupt:
-        pass  # that is how it ends
+        pass  # the usual end
     if lines.ended:
         raise BrokenPipeError
     return 0
 
 
 class _Lines(io.TextIOBase):
-    """Standard output for a node: each line at once. That nobody reads them any more is no error
-    there, which would be logged again, but ``ended``.
+    """Standard output of a node, flushed after each write.
+
+    A closed reader sets ``ended``: an error would be logged, which fails again.
     """
 
     def __init__(self, out: TextIO) -> None:
@@ -114,8 +130,11 @@ def _remap(rules: list[str]) -> Remap | None:
 
 
 def on_ros2(domain: int | None = None, middleware: str = "auto") -> Direct:
-    """What a node of a host is given as its ``transport``, for services that rclpy's nodes are to
-    reach as well: with ``auto`` they are rclpy's where that can be imported.
+    """Return the ``transport`` of a host's node whose services nodes of rclpy should reach.
+
+    Args:
+        domain: The ROS domain; None for ROS_DOMAIN_ID.
+        middleware: The middleware; with ``auto`` services use rclpy if it can be imported.
     """
     from ...host.direct import Direct
     from ...middleware import open_middleware

@@ -1,4 +1,4 @@
-"""The listener of ROS 2's demos: prints what is said on the topic ``chatter``.
+"""The listener of ROS 2's demos: prints the messages of the topic ``chatter``.
 
 ``uros run listener`` runs it, and so does ``python -m uros.tools.run.listener``.
 """
@@ -13,13 +13,14 @@ String = load("std_msgs/msg/String")
 
 
 class Listener(uros.Node):
-    """``options`` are a node's: ``domain_id``, ``namespace``, ``remap`` ..."""
+    """The node. ``options`` are those of `uros.Node`, such as ``domain_id``."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("listener", **options)
         self.create_subscription(String, "chatter", self.heard, 10)
 
     def heard(self, message: Any) -> None:
+        """Log a message."""
         self.get_logger().info(f"I heard: [{printable(message.data)}]")
 
 

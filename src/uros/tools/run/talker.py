@@ -1,6 +1,6 @@
-"""The talker of ROS 2's demos: says hello on the topic ``chatter``, once a second.
+"""The talker of ROS 2's demos: publishes to the topic ``chatter`` once a second.
 
-One of the smallest programs there are; ``uros run talker`` runs it, and so does
+``uros run talker`` runs it, and so does
 ``python -m uros.tools.run.talker``.
 """
 
@@ -13,7 +13,7 @@ String = load("std_msgs/msg/String")
 
 
 class Talker(uros.Node):
-    """``options`` are a node's: ``domain_id``, ``namespace``, ``remap`` ..."""
+    """The node. ``options`` are those of `uros.Node`, such as ``domain_id``."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("talker", **options)
@@ -22,6 +22,7 @@ class Talker(uros.Node):
         self.create_timer(1.0, self.say_hello)
 
     def say_hello(self) -> None:
+        """Publish the next message."""
         self.count += 1
         message = String(data=f"Hello World: {self.count}")
         self.get_logger().info(f"Publishing: '{message.data}'")

@@ -1,6 +1,6 @@
 """A service that a board can call: ``srv_trigger_py``, a std_srvs/Trigger.
 
-Its answers succeed and fail by turns, beginning with success, and their messages count:
+Its responses are success and failure by turns, with numbered messages:
 ``Response[0]``, ``Response[1]`` ... ``uros run trigger_service`` runs it.
 """
 
@@ -13,7 +13,7 @@ Trigger = load("std_srvs/srv/Trigger")
 
 
 class TriggerService(uros.Node):
-    """``options`` are a node's: ``domain_id``, ``namespace``, ``remap``, ``transport`` ..."""
+    """The node. ``options`` are those of `uros.Node`, such as ``domain_id``."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("trigger_service", **options)
@@ -21,6 +21,7 @@ class TriggerService(uros.Node):
         self.create_service(Trigger, "srv_trigger_py", self.triggered)
 
     def triggered(self, request: Any, response: Any) -> Any:
+        """Fill the response, success and failure by turns."""
         self.get_logger().info("incoming request")
         response.success = self.count % 2 == 0
         response.message = f"Response[{self.count}]"

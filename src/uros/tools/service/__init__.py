@@ -1,9 +1,9 @@
 """``uros service``: a module for each verb.
 
 ========  ========================================================================================
-``call``  ``uros service call``
-``find``  ``uros service find``
-``list``  ``uros service list``
-``type``  ``uros service type``
+``call``  ``uros service call``: call a service
+``find``  ``uros service find``: list services of a type
+``list``  ``uros service list``: list services
+``type``  ``uros service type``: print the type of a service
 ========  ========================================================================================
 """

@@ -1,8 +1,8 @@
-"""``uros service call``
+"""``uros service call``: call a service.
 
-There are two forms in which requests travel. rmw_cyclonedds's is spoken by boards on an agent
-without rclpy, by nodes of uros, and by us; rmw_fastrtps's, and any other, by rclpy alone. A server
-that has the first says so where it is discovered, so the form is chosen when it is there.
+Requests have one of two forms on the wire. Boards on an agent without rclpy, nodes of uros and this
+command use that of rmw_cyclonedds; that of rmw_fastrtps, and any other, needs rclpy. A server of
+the first form announces it in discovery, so the form is chosen when the server is found.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from ...host.network import Network
     from ...middleware.base import Middleware, Requester, Service
 
-# How long a service that is there takes to be discovered, at most.
+# How long the discovery of a service takes at most, in seconds.
 _DISCOVERY: Final = 1.5
-# A server may know us later than we know it, and then misses the request.
+# A server may discover us later than we discover it, and then misses the request.
 _SETTLE: Final = 0.15
 _POLL: Final = 0.01
 _PATIENCE: Final = 5.0
@@ -37,31 +37,37 @@ _CYCLONE_FORM: Final = b"serviceid="
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros service call``."""
     add_service(parser)
     add_type_and_values(parser, "std_srvs/srv/Trigger", "service")
     add_common(parser)
     parser.add_argument(
         "-r", "--rate", metavar="N", type=positive_float,
-        help="call again and again, N times a second at most",
+        help="repeat the call, at most N times a second",
     )  # fmt: skip
     parser.add_argument(
         "--timeout", metavar="S", type=positive_float,
-        help="wait so long at most for the service, and for each answer; exit status 1 if it did"
-        " not come (default: for ever)",
+        help="seconds to wait for the service, and for each response; exit status 1 if it does not"
+        " come (default: no limit)",
     )  # fmt: skip
     parser.add_argument(
         "-m", "--middleware", choices=("auto", "dds", "ros2"), default="auto",
-        help="dds: the form of rmw_cyclonedds and of boards on an agent without rclpy; ros2: by"
-        " rclpy, which has that of rmw_fastrtps; auto (default): what the server has",
+        help="auto (default): what the server uses; dds: the form of rmw_cyclonedds, and of boards"
+        " on an agent without rclpy; ros2: rclpy, for rmw_fastrtps",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
+    """Call a service and print its response.
+
+    Raises:
+        ToolError: The service is missing, has another type, or did not answer in time.
+    """
     type_name, text = type_and_text(args)
     if args.middleware == "ros2" and not find_spec("rclpy"):
         raise ToolError(
-            "-m ros2 calls by rclpy, which this Python does not have: start uros where ROS 2 is"
-            " sourced, or leave -m out"
+            "-m ros2 needs rclpy, which this Python does not have: run uros where ROS 2 is sourced,"
+            " or leave -m out"
         )
     with join(args) as network:  # which makes --interfaces known
         kind = load_service(type_name) if type_name else None
@@ -71,7 +77,8 @@ def run(args: argparse.Namespace) -> int:
         if kind is None:
             if len(there) > 1:
                 raise ToolError(
-                    f"{args.service} has more than one type: {', '.join(there)}; say which"
+                    f"{args.service} has several types: {', '.join(there)}; give one:"
+                    f" uros service call {args.service} TYPE"
                 )
             kind = load_service(there[0])
         wanted = kind.Request._TYPE.rpartition("_")[0]
@@ -79,16 +86,16 @@ def run(args: argparse.Namespace) -> int:
             raise ToolError(f"{args.service} is {' and '.join(there)}, not {wanted}")
         filled = filled or Filled(kind.Request, text)
         filled.stamp(time.time_ns())
-        line = _open(network, args, kind, servers)
+        client = _open(network, args, kind, servers)
         try:
-            _call(line, args, kind.Response, filled)
+            _call(client, args, kind.Response, filled)
         finally:
-            line.close()
+            client.close()
     return 0
 
 
 def _find(network: Network, args: argparse.Namespace) -> list[EndpointInfo]:
-    """The servers, waited for."""
+    """Wait for the servers of the service."""
     graph = network.graph
     longest = args.timeout
     soon = _DISCOVERY if longest is None else min(_DISCOVERY, longest)
@@ -107,13 +114,13 @@ def _find(network: Network, args: argparse.Namespace) -> list[EndpointInfo]:
     return graph.servers(args.service)
 
 
-# --- the line to the server -------------------------------------------------------------------
+# --- the client -------------------------------------------------------------------------------
 
 
-class _Line:
-    """One client of the service, and the loop that serves it.
+class _Client:
+    """A client of the service, and the loop that serves it.
 
-    ``middleware`` is the requester's where that is not the network's own.
+    ``middleware`` is the requester's own one, if it does not use the network's.
     """
 
     def __init__(self, network: Network, service: str) -> None:
@@ -123,7 +130,7 @@ class _Line:
         self._service = service
 
     def wait(self, done: Callable[[], bool], seconds: float | None) -> bool:
-        """Serve the network until ``done()``; False: so much time went by before."""
+        """Serve the network until ``done()``. Return False if the time is over before."""
         other = self.middleware
         if other is None:
             return self._network.spin(done, seconds)
@@ -149,7 +156,7 @@ class _Line:
 
 def _open(
     network: Network, args: argparse.Namespace, kind: Any, servers: list[EndpointInfo]
-) -> _Line:
+) -> _Client:
     from ...middleware.base import Service
     from ...qos import services_profile
 
@@ -161,40 +168,41 @@ def _open(
         f"rq{args.service}Request", kind.Request._DDS_TYPE,
         f"rr{args.service}Reply", kind.Response._DDS_TYPE,
     )  # fmt: skip
-    line = _Line(network, args.service)
+    client = _Client(network, args.service)
     if form == "dds":
-        line.requester = network.node.create_requester(service, services_profile(), _nothing)
-        line.wait(lambda: False, _SETTLE)
+        client.requester = network.node.create_requester(service, services_profile(), _nothing)
+        client.wait(lambda: False, _SETTLE)
     else:
-        _open_ros2(line, network, args, service)
-    return line
+        _open_ros2(client, network, args, service)
+    return client
 
 
-def _open_ros2(line: _Line, network: Network, args: argparse.Namespace, service: Service) -> None:
+def _open_ros2(
+    client: _Client, network: Network, args: argparse.Namespace, service: Service
+) -> None:
     from ...middleware import open_middleware
     from ...middleware.base import MiddlewareError
     from ...qos import services_profile
 
     try:
-        line.middleware = open_middleware("ros2")
-        node = line.middleware.create_node(network.domain, "/", f"_uros_asks_{os.getpid()}")
+        client.middleware = open_middleware("ros2")
+        node = client.middleware.create_node(network.domain, "/", f"_uros_asks_{os.getpid()}")
         requester: Any = node.create_requester(service, services_profile(), _nothing)
     except MiddlewareError as error:
-        line.close()
+        client.close()
         if args.middleware == "ros2":
-            raise ToolError(f"-m ros2 calls by rclpy: {error}") from error
+            raise ToolError(f"-m ros2 needs rclpy: {error}") from error
         raise ToolError(
-            f"{args.service} is served in the form of rmw_fastrtps, which rclpy alone speaks:"
-            f" {error}"
+            f"{args.service} uses the form of rmw_fastrtps, which needs rclpy: {error}"
         ) from error
-    line.requester = requester
-    if not line.wait(requester.entity.service_server_is_available, args.timeout):
+    client.requester = requester
+    if not client.wait(requester.entity.service_server_is_available, args.timeout):
         raise ToolError(f"rclpy did not find {args.service} within {args.timeout:g} s")
-    line.wait(lambda: False, _SETTLE)
+    client.wait(lambda: False, _SETTLE)
 
 
 def _nothing() -> None:
-    """Replies are asked for after each event."""
+    """Ignore the event: the loop takes replies after each one."""
 
 
 # --- calling ----------------------------------------------------------------------------------
@@ -205,10 +213,10 @@ def _say(text: str) -> None:
     sys.stdout.flush()
 
 
-def _call(line: _Line, args: argparse.Namespace, response: Any, filled: Filled) -> None:
+def _call(client: _Client, args: argparse.Namespace, response: Any, filled: Filled) -> None:
     from ...interfaces.codec import from_cdr, to_cdr
 
-    requester = line.requester
+    requester = client.requester
     assert requester is not None, "opened"
     request = to_cdr(filled.message)
     while True:
@@ -216,37 +224,37 @@ def _call(line: _Line, args: argparse.Namespace, response: Any, filled: Filled) 
         started = time.monotonic()
         number = requester.request(request)
         while number is None:
-            line.wait(lambda: False, _POLL)
+            client.wait(lambda: False, _POLL)
             number = requester.request(request)
-        answer = from_cdr(response, _answer(line, requester, number, args))
+        answer = from_cdr(response, _answer(client, requester, number, args))
         _say(f"response:\n{constructed(answer)}\n")
         if args.rate is None:
             return
         left = started + 1.0 / args.rate - time.monotonic()
         if left > 0.0:
-            line.wait(lambda: False, left)
+            client.wait(lambda: False, left)
 
 
-def _answer(line: _Line, requester: Requester, number: int, args: argparse.Namespace) -> bytes:
-    """The reply to the request of that number."""
+def _answer(client: _Client, requester: Requester, number: int, args: argparse.Namespace) -> bytes:
+    """Wait for the reply to a request."""
     answers: dict[int, bytes] = {}
 
     def came() -> bool:
         answers.update(requester.take(16))
-        return number in answers or bool(requester.refusal()) or not line.is_served()
+        return number in answers or bool(requester.refusal()) or not client.is_served()
 
     patience = _PATIENCE if args.timeout is None else min(_PATIENCE, args.timeout)
-    if not line.wait(came, patience):
+    if not client.wait(came, patience):
         if args.timeout is None:
-            warn(f"{args.service} has not answered for {patience:g} s; waiting on")
+            warn(f"{args.service} has not answered for {patience:g} s; still waiting")
         left = None if args.timeout is None else args.timeout - patience
-        if not line.wait(came, left):
+        if not client.wait(came, left):
             raise ToolError(
                 f"{args.service} did not answer within {args.timeout:g} s; is its node busy, or"
-                " does it spin at all?"
+                " not spinning?"
             )
     if number not in answers and (why := requester.refusal()):
         raise ToolError(why)
     if number not in answers:
-        raise ToolError(f"{args.service} has left and has not answered; call it again")
+        raise ToolError(f"{args.service} ended before it answered; call it again")
     return answers[number]

@@ -1,15 +1,18 @@
-"""``uros service find``"""
+"""``uros service find``: list services of a type."""
 
 from __future__ import annotations
 
 import argparse
 
-from ..common import add_common, join
+from ..common import add_common, hint_if_alone, join
 from .list import add_hidden, services
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("type", metavar="TYPE", help="type of services: std_srvs/srv/Trigger")
+    """Declare the arguments of ``uros service find``."""
+    parser.add_argument(
+        "type", metavar="TYPE", help="type of the services, such as std_srvs/srv/Trigger"
+    )
     add_common(parser)
     add_hidden(parser)
     parser.add_argument(
@@ -18,10 +21,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the services of a type."""
     package, _, name = args.type.partition("/")
     wanted = args.type if "/" in name else f"{package}/srv/{name}"
     with join(args) as network:
         found = [one for one, types in services(network, args).items() if wanted in types]
+        if not found:
+            hint_if_alone(network)
     if args.count_services:
         print(len(found))
     else:

@@ -1,11 +1,11 @@
-"""``uros service list``"""
+"""``uros service list``: list services."""
 
 from __future__ import annotations
 
 import argparse
 from typing import TYPE_CHECKING
 
-from ..common import add_common, discover, join
+from ..common import add_common, discover, hint_if_alone, join
 
 if TYPE_CHECKING:
     from ...host.graph import NamesAndTypes
@@ -13,25 +13,26 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros service list``."""
     add_common(parser)
     add_hidden(parser)
-    parser.add_argument("-t", "--show-types", action="store_true", help="show the types as well")
+    parser.add_argument("-t", "--show-types", action="store_true", help="print the types too")
     parser.add_argument(
         "-c", "--count-services", action="store_true", help="print only how many services there are"
     )
 
 
 def add_hidden(parser: argparse.ArgumentParser) -> None:
-    """``--include-hidden-services``, for :func:`services`."""
+    """Declare ``--include-hidden-services``, which :func:`services` applies."""
     parser.add_argument(
         "--include-hidden-services",
         action="store_true",
-        help="services with a part that begins with _ as well",
+        help="list hidden services too, which have a part that begins with _",
     )
 
 
 def services(network: Network, args: argparse.Namespace) -> NamesAndTypes:
-    """Discover, and the services with their types; as in ros2, also those that are only asked."""
+    """Discover the services and return their types. As in ros2, a client alone makes a service."""
     from ...names import is_hidden
 
     discover(network, args)
@@ -43,8 +44,11 @@ def services(network: Network, args: argparse.Namespace) -> NamesAndTypes:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the services of the domain."""
     with join(args) as network:
         found = services(network, args)
+        if not found:
+            hint_if_alone(network)
     if args.count_services:
         print(len(found))
         return 0

@@ -1,4 +1,4 @@
-"""``uros service type``"""
+"""``uros service type``: print the type of a service."""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ from ..errors import ToolError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros service type``."""
     add_service(parser)
     add_common(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the type of a service.
+
+    Raises:
+        ToolError: There is no such service.
+    """
     with join(args) as network:
         discover(network, args)
         known = network.graph.services()

@@ -1,4 +1,4 @@
-"""``uros topic echo``"""
+"""``uros topic echo``: print messages of a topic."""
 
 from __future__ import annotations
 
@@ -22,31 +22,34 @@ _END: Final = "---\n"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros topic echo``."""
     add_topic(parser)
     parser.add_argument(
         "type",
         metavar="TYPE",
         nargs="?",
-        help="type of the messages, such as std_msgs/msg/String (default: what the topic has)",
+        help="type of the messages, such as std_msgs/msg/String (default: the topic's type)",
     )
     add_common(parser)
     add_qos_arguments(parser)
-    parser.add_argument("--once", action="store_true", help="end after the first message")
+    parser.add_argument("--once", action="store_true", help="exit after the first message")
     parser.add_argument(
         "--timeout",
         metavar="S",
         type=positive_float,
-        help="end after so many seconds; exit status 1 if nothing came",
+        help="exit after so many seconds; exit status 1 if no message came",
     )
     parser.add_argument(
         "--field", metavar="F", help="print only this field, such as pose.pose.position"
     )
-    parser.add_argument("--csv", action="store_true", help="one line a message, values by commas")
     parser.add_argument(
-        "--raw", action="store_true", help="print the bytes of the message; needs no type"
+        "--csv", action="store_true", help="print each message as a line of comma-separated values"
     )
-    parser.add_argument("--no-arr", action="store_true", help="leave arrays out")
-    parser.add_argument("--no-str", action="store_true", help="leave strings out")
+    parser.add_argument(
+        "--raw", action="store_true", help="print the serialized message; needs no type"
+    )
+    parser.add_argument("--no-arr", action="store_true", help="do not print arrays")
+    parser.add_argument("--no-str", action="store_true", help="do not print strings")
     parser.add_argument(
         "-f", "--full-length", action="store_true", help="do not cut long arrays and strings"
     )
@@ -58,27 +61,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=_TRUNCATE,
         help=f"cut arrays and strings to this length (default: {_TRUNCATE})",
     )
-    parser.add_argument("--flow-style", action="store_true", help="arrays in brackets, on one line")
+    parser.add_argument(
+        "--flow-style", action="store_true", help="print arrays in brackets on one line"
+    )
     parser.add_argument(
         "-i",
         "--include-message-info",
         action="store_true",
-        help="print when each message was sent and received as well",
+        help="print when each message was sent and received too",
     )
     parser.add_argument("--no-lost-messages", action="store_true", help=argparse.SUPPRESS)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print messages until ``--once``, ``--timeout`` or Ctrl-C.
+
+    Raises:
+        ToolError: The topic has several types, or nothing came in time.
+    """
     printer = Printer(args)
     try:
         with join(args) as network:
             _listen(network, args, printer)
     except KeyboardInterrupt:
-        return 0  # that is how an echo ends
+        return 0  # the usual end
     if args.timeout is not None and not printer.count:
         raise ToolError(
-            f"nothing came on {args.topic} in domain {network.domain} within {args.timeout:g} s;"
-            f" see: uros topic info -v {args.topic}"
+            f"no message came on {args.topic} in domain {network.domain} within {args.timeout:g} s;"
+            f" check the publishers: uros topic info -v {args.topic}"
         )
     return 0
 
@@ -96,7 +106,7 @@ def _listen(network: Network, args: argparse.Namespace, printer: Printer) -> Non
         type_name = args.type if message is None else message._TYPE
         present = network.graph.topics().get(args.topic, [type_name])
         if type_name not in present:
-            warn(f"{args.topic} has the type {' and '.join(present)}: nothing will come")
+            warn(f"{args.topic} has the type {' and '.join(present)}: no message will come")
     offered = [publisher.qos for publisher in network.graph.publishers(args.topic)]
     qos, notes = choose(args, offered)
     for note in notes:
@@ -109,8 +119,8 @@ def _listen(network: Network, args: argparse.Namespace, printer: Printer) -> Non
 def _only_type(topic: str, types: list[str]) -> str:
     if len(types) > 1:
         raise ToolError(
-            f"{topic} has more than one type: {', '.join(types)};"
-            f" say which: uros topic echo {topic} TYPE"
+            f"{topic} has several types: {', '.join(types)};"
+            f" give one: uros topic echo {topic} TYPE"
         )
     return types[0]
 
@@ -120,12 +130,12 @@ def _load(type_name: str) -> Any:
 
     found = load(type_name)
     if not plain.is_message(found):
-        raise ToolError(f"{type_name} is no message; topics carry messages")
+        raise ToolError(f"{type_name} is not a message; topics carry messages")
     return found
 
 
 class Printer:
-    """Prints each message as the options say, and knows when enough was printed."""
+    """Prints messages as the options say, and counts them."""
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._args = args
@@ -141,16 +151,17 @@ class Printer:
 
     @property
     def done(self) -> bool:
+        """Whether ``--once`` is satisfied."""
         return bool(self._args.once and self.count)
 
     def show(self, received: Received, message_class: Any) -> None:
-        """Print one sample; ``message_class`` None: its bytes."""
+        """Print a sample; with ``message_class`` None, its bytes."""
         if self.done:
             return
         info: dict[str, Value] = {
             "source_timestamp": received.source_ns,
             "received_timestamp": received.received_ns,
-            "publication_sequence_number": None,  # Cyclone does not tell them
+            "publication_sequence_number": None,  # Cyclone does not provide them
             "reception_sequence_number": None,
         }
         if message_class is None:
@@ -169,13 +180,13 @@ class Printer:
         self.count += 1
 
     def _unread(self, error: Exception) -> None:
-        """Say so at the first, and after ten times as many."""
+        """Warn at the first unreadable message, then each time at ten times as many."""
         self.unread += 1
         if self.unread == self._say_at:
             self._say_at *= 10
             warn(
                 f"{self.unread} message{'s' if self.unread > 1 else ''} could not be read: {error};"
-                " is the definition here the publisher's? --raw shows the bytes"
+                " is this the publisher's definition? --raw prints the bytes"
             )
 
     def _text(self, message: Any, info: dict[str, Value]) -> str:

@@ -1,4 +1,4 @@
-"""``uros topic hz``"""
+"""``uros topic hz``: print the average publishing rate of topics."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from ..waiting import topic_types
 
 _WINDOW: Final = 10000
 _PERIOD: Final = 1.0
-_DEPTH: Final = 1000  # what comes in one period must not push itself out
+_DEPTH: Final = 1000  # for all messages of one period
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros topic hz``."""
     add_topic(parser, "+")
     add_common(parser)
     parser.add_argument(
@@ -32,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the rates once a second until Ctrl-C."""
     from ...qos import QoSProfile, ReliabilityPolicy
 
     topics = list(dict.fromkeys(args.topic))
@@ -57,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 class Statistics(NamedTuple):
-    """Of the times between messages, in seconds; ``window``: how many of them."""
+    """Of the times between messages, in seconds. ``window`` is their number."""
 
     rate: float
     shortest: float
@@ -75,14 +77,14 @@ class Rate:
         self._fresh = False
 
     def add(self, now_ns: int) -> None:
-        """A message came."""
+        """Count a message that came at ``now_ns``."""
         if self._last is not None:
             self._gaps.append(now_ns - self._last)
             self._fresh = True
         self._last = now_ns
 
     def statistics(self) -> Statistics | None:
-        """None: nothing new since they were asked for."""
+        """Return the statistics, or None if no message came since the last call."""
         if not self._fresh:
             return None
         self._fresh = False
@@ -99,7 +101,7 @@ class Rate:
 
 
 def report(rates: dict[str, Rate]) -> str:
-    """What ros2 prints once a second; nothing where nothing came."""
+    """Return what ros2 prints once a second; nothing if no message came."""
     found = {topic: stats for topic, rate in rates.items() if (stats := rate.statistics())}
     if not found:
         return ""

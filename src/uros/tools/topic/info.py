@@ -1,4 +1,4 @@
-"""``uros topic info``"""
+"""``uros topic info``: print information about a topic."""
 
 from __future__ import annotations
 
@@ -13,17 +13,23 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros topic info``."""
     add_topic(parser)
     add_common(parser)
     parser.add_argument(
         "-v",
         "--verbose",
         action="store_true",
-        help="show every publisher and subscription: node, type, type hash, GID and QoS profile",
+        help="print the node, type, type hash, GID and QoS profile of each endpoint",
     )
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the types and the endpoints of a topic.
+
+    Raises:
+        ToolError: There is no such topic.
+    """
     with join(args) as network:
         discover(network, args)
         graph = network.graph
@@ -47,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def describe(endpoint: EndpointInfo) -> str:
-    """The lines that ros2 prints of an endpoint."""
+    """Return the lines that ros2 prints about an endpoint."""
     from ...qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, ReliabilityPolicy
 
     qos = endpoint.qos

@@ -1,33 +1,36 @@
-"""``uros topic list``"""
+"""``uros topic list``: list topics."""
 
 from __future__ import annotations
 
 import argparse
 from typing import TYPE_CHECKING
 
-from ..common import add_common, discover, join
+from ..common import add_common, discover, hint_if_alone, join
 
 if TYPE_CHECKING:
     from ...host.graph import Graph, NamesAndTypes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros topic list``."""
     add_common(parser)
-    parser.add_argument("-t", "--show-types", action="store_true", help="show the types as well")
+    parser.add_argument("-t", "--show-types", action="store_true", help="print the types too")
     parser.add_argument(
         "-c", "--count-topics", action="store_true", help="print only how many topics there are"
     )
     parser.add_argument(
-        "-v", "--verbose", action="store_true", help="show types, publishers and subscribers"
-    )
+        "-v", "--verbose", action="store_true",
+        help="print types and the number of publishers and subscribers",
+    )  # fmt: skip
     parser.add_argument(
         "--include-hidden-topics",
         action="store_true",
-        help="list topics with a part that begins with _ as well",
+        help="list hidden topics too, which have a part that begins with _",
     )
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print the topics of the domain."""
     from ...names import is_hidden
 
     with join(args) as network:
@@ -45,6 +48,8 @@ def run(args: argparse.Namespace) -> int:
         else:
             for name, types in topics.items():
                 print(f"{name} [{', '.join(types)}]" if args.show_types else name)
+        if not topics:
+            hint_if_alone(network)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""``uros topic pub``"""
+"""``uros topic pub``: publish messages to a topic."""
 
 from __future__ import annotations
 
@@ -28,49 +28,55 @@ if TYPE_CHECKING:
     from ...qos import QoSProfile
 
 _SAY_AGAIN: Final = 1.0
-# We know a subscription before it knows us: what is published in between, one that is best effort
-# or volatile may miss.
+# We discover a subscription before it discovers us. A best-effort or volatile one would miss what
+# is published in between.
 _SETTLE: Final = 0.1
 _LOOKS: Final = 4
-# What is later than this, after a stopped terminal, is not caught up on.
+# After a stopped terminal, messages later than this are not caught up on.
 _CAUGHT_UP: Final = 0.1
 _NO_ROOM: Final = 0.005
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``uros topic pub``."""
     add_topic(parser)
     add_type_and_values(parser, "std_msgs/msg/String", "topic")
     add_common(parser)
     parser.add_argument(
         "-r", "--rate", metavar="N", type=positive_float, default=1.0,
-        help="messages a second (default: 1)",
+        help="publishing rate in Hz (default: 1)",
     )  # fmt: skip
     parser.add_argument(
         "-p", "--print", metavar="N", type=unsigned_int, default=1,
-        help="print every N-th message only; 0: none (default: 1)",
+        help="print only every N-th message (default: 1; 0: none)",
     )  # fmt: skip
     group = parser.add_mutually_exclusive_group()
-    group.add_argument("-1", "--once", action="store_true", help="publish one message and end")
+    group.add_argument("-1", "--once", action="store_true", help="publish one message and exit")
     group.add_argument(
         "-t", "--times", metavar="N", type=unsigned_int, default=0,
-        help="publish so many messages and end",
+        help="publish N messages and exit",
     )  # fmt: skip
     parser.add_argument(
         "-w", "--wait-matching-subscriptions", metavar="N", type=unsigned_int,
-        help="wait for so many subscriptions first (default: 1 with --once and --times, else 0)",
+        help="wait for N matching subscriptions first (default: 1 with --once or --times, else 0)",
     )  # fmt: skip
     parser.add_argument(
         "--max-wait-time-secs", metavar="S", type=positive_float,
-        help="wait for them so long at most; exit status 1 if they did not come",
+        help="seconds to wait for them; exit status 1 if they do not come (default: no limit)",
     )  # fmt: skip
     parser.add_argument(
         "--keep-alive", metavar="S", type=positive_float, default=0.1,
-        help="stay so long behind the last message (default: 0.1)",
+        help="seconds to stay after the last message (default: 0.1)",
     )  # fmt: skip
     add_qos_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Publish messages.
+
+    Raises:
+        ToolError: The values do not fit the type, or no subscription matched in time.
+    """
     times = 1 if args.once else args.times
     wanted = args.wait_matching_subscriptions
     if wanted is None:
@@ -89,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
                 _wait(network, writer, wanted, args.max_wait_time_secs, mismatches)
             _publish(network, writer, filled, args, times, mismatches)
     except KeyboardInterrupt:
-        return 0  # that is how it ends
+        return 0  # the usual end
     return 0
 
 
@@ -98,8 +104,8 @@ def _type_there(network: Network, args: argparse.Namespace) -> str:
     types = topic_types(network, args.topic)
     if len(types) > 1:
         raise ToolError(
-            f"{args.topic} has more than one type: {', '.join(types)};"
-            f" say which: uros topic pub {args.topic} TYPE"
+            f"{args.topic} has several types: {', '.join(types)};"
+            f" give one: uros topic pub {args.topic} TYPE"
         )
     return types[0]
 
@@ -118,7 +124,7 @@ def _say(text: str) -> None:
 def _wait(
     network: Network, writer: Writer, wanted: int, longest: float | None, mismatches: _Mismatches
 ) -> None:
-    """Wait until so many subscriptions are there."""
+    """Wait until ``wanted`` subscriptions match."""
     end = None if longest is None else time.monotonic() + longest
     said = ""
     while writer.matched() < wanted:
@@ -135,13 +141,21 @@ def _wait(
             left = _SAY_AGAIN if end is None else max(0.0, end - time.monotonic())
             network.settle(min(_SAY_AGAIN, left))
         if not writer.matched():
-            said = _tell_close_names(network, mismatches.topic, True, said)
+            said = _suggest_topics(network, mismatches.topic, True, said)
     network.spin(lambda: False, _SETTLE)
 
 
-def _tell_close_names(network: Network, topic: str, waiting: bool, said: str) -> str:
-    """Where nobody subscribes: it may be misspelt, or, to one who waits, another domain's. What
-    was ``said`` is not said again; the result is what was said last.
+def _suggest_topics(network: Network, topic: str, waiting: bool, said: str) -> str:
+    """Suggest similar topics if nobody subscribes to this one.
+
+    Args:
+        network: The domain.
+        topic: The topic.
+        waiting: Whether a subscription is waited for; then the hint comes without a similar name.
+        said: The last hint, which is not repeated.
+
+    Returns:
+        The last hint.
     """
     graph = network.graph
     if graph.subscriptions(topic):
@@ -184,11 +198,11 @@ def _publish(
         network.spin(lambda: False, max(0.0, due - time.monotonic()))
         if time.monotonic() - mismatches.looked >= _SAY_AGAIN:
             mismatches.tell()
-            said = _tell_close_names(network, args.topic, False, said)
+            said = _suggest_topics(network, args.topic, False, said)
 
 
 class _Mismatches:
-    """Tells, once each, of subscriptions that will not hear us, and why."""
+    """Warns once about each subscription that does not match, and why."""
 
     def __init__(self, network: Network, topic: str, type_name: str, qos: QoSProfile) -> None:
         self.looked = time.monotonic()
@@ -200,7 +214,14 @@ class _Mismatches:
         self._told: set[bytes] = set()
 
     def tell(self, last: bool = False) -> bool:
-        """False: there are some whose nodes are not known yet; with ``last`` they do not count."""
+        """Warn about new mismatches.
+
+        Args:
+            last: Whether to warn about subscriptions of unknown nodes too.
+
+        Returns:
+            False if nodes of some subscriptions are not known yet.
+        """
         from ... import names
         from ...host.graph import BARE_DDS, UNKNOWN_NODE
         from ..doctor.qos import mismatches
@@ -210,7 +231,7 @@ class _Mismatches:
         for end in self._graph.subscriptions(self.topic):
             if end.gid in self._told:
                 continue
-            # Its node may be known some seconds later than itself.
+            # Its node may be discovered some seconds later.
             nameless = (end.node_namespace, end.node_name) in (UNKNOWN_NODE, BARE_DDS)
             looks = self._looks[end.gid] = self._looks.get(end.gid, 0) + 1
             if nameless and looks < _LOOKS and not last:
@@ -219,11 +240,15 @@ class _Mismatches:
             self._told.add(end.gid)
             who = "a subscription" if nameless else names.join(end.node_namespace, end.node_name)
             if end.type_name != self._type:
-                warn(f"{who} takes {end.type_name} on {self.topic}: it will hear nothing")
+                warn(
+                    f"{who} subscribes to {self.topic} with the type {end.type_name}: it will"
+                    " receive nothing"
+                )
                 continue
             for one in mismatches(self._qos, end.qos):
                 warn(
-                    f"{who} asks for {one.requested} on {self.topic}, and this is {one.offered}:"
-                    " it will hear nothing; see --qos-reliability and --qos-durability"
+                    f"{who} requests {one.requested} on {self.topic}, and this offers"
+                    f" {one.offered}: it will receive nothing; see --qos-reliability and"
+                    " --qos-durability"
                 )
         return named

@@ -1,9 +1,8 @@
-"""Messages made of YAML text, as ``ros2 topic pub`` and ``ros2 service call`` take it, and printed
-as they print them.
+"""Fills messages with values in YAML, and prints them, as ``ros2 topic pub`` does.
 
-What a value means is for its field to say: ``1`` is true for a bool and text for a string, and
-``yes`` is text for a string, where ros2 would send ``True``. What does not fit is refused with the
-field's name, and never rounded or cut.
+The type of a field decides what a value means: ``1`` is true for a bool and text for a string, and
+``yes`` is text for a string, where ros2 would send ``True``. A value that does not fit is refused
+with the field's name, and never rounded or cut.
 """
 
 from __future__ import annotations
@@ -36,9 +35,14 @@ _MOST_SHOWN: Final = 40
 
 
 class Filled:
-    """A message with the values of a text; :meth:`stamp` sets what is to be ``now`` or ``auto``.
+    """A message filled with the values of a YAML text.
 
-    Raises ToolError for a text that is no YAML, or does not fit the message.
+    Args:
+        message_class: The message's class.
+        text: The values; empty for the defaults.
+
+    Raises:
+        ToolError: The text is not YAML, or does not fit the message.
     """
 
     def __init__(self, message_class: Any, text: str) -> None:
@@ -47,7 +51,7 @@ class Filled:
         try:
             node = read(text)
         except YamlError as error:
-            raise ToolError(f"the values are no YAML: {error}") from error
+            raise ToolError(f"the values are not YAML: {error}") from error
         if isinstance(node, Plain) and not node:
             node = {}
         if not isinstance(node, dict):
@@ -60,7 +64,7 @@ class Filled:
         self._fill(self.message, node, message_class._TYPE)
 
     def stamp(self, nanoseconds: int) -> None:
-        """The time is so much since 1970."""
+        """Set the fields whose value is ``now`` or ``auto`` to a time since 1970."""
         for stamp in self._stamps:
             stamp.sec, stamp.nanosec = divmod(nanoseconds, 1_000_000_000)
 
@@ -79,7 +83,7 @@ class Filled:
             setattr(message, slot, self._value(value, kind, now, f"{where}.{name}"))
 
     def _value(self, node: Node, kind: str, now: Any, where: str) -> Any:
-        """``now`` is what a message of this kind is filled into."""
+        """Convert a value for a field of type ``kind``. ``now`` is the field's present value."""
         inner = plain.element(kind)
         if inner:
             return self._items(node, kind, inner, where)
@@ -119,7 +123,7 @@ class Filled:
 
 
 def _maker(kind: str) -> Callable[[], Any]:
-    """What makes a message of this kind; None for the rest."""
+    """Return what makes a nested message of this kind, or None for other kinds."""
     if "/" not in kind:
         return lambda: None
     from ...interfaces import load
@@ -132,7 +136,7 @@ def _maker(kind: str) -> Callable[[], Any]:
 
 
 def _resolved(node: Node) -> None | bool | int | float | str | Node:
-    """Also what stands in quotes, as with ros2."""
+    """Resolve quoted values too, as ros2 does."""
     return resolve(node) if isinstance(node, str) else node
 
 
@@ -161,7 +165,7 @@ def _whole(node: Node, kind: str, where: str) -> int:
 
 def _real(node: Node, kind: str, where: str) -> float:
     value = _resolved(node)
-    if isinstance(value, str):  # 1e-3, which is no number in YAML 1.1
+    if isinstance(value, str):  # 1e-3, which is not a number in YAML 1.1
         try:
             value = float(value)
         except ValueError:
@@ -181,7 +185,7 @@ def _text(node: Node, kind: str, where: str) -> str:
         raise _wrong(where, f"text ({kind}), in quotes where it holds any of {{}}[],:#", node)
     text = str(node)
     if "\0" in text:
-        raise ToolError(f"{where}: text ends where a NUL stands, so it cannot hold one")
+        raise ToolError(f"{where}: text cannot hold a NUL, which ends it")
     bound = kind[kind.find("<") + 1 : -1] if kind.endswith(">") else ""
     length = len(text.encode("utf-16-le")) // 2 if kind.startswith("w") else len(text.encode())
     if bound and length > int(bound):
@@ -194,7 +198,7 @@ def _wrong(where: str, takes: str, node: Node) -> ToolError:
 
 
 def _shown(node: Node) -> str:
-    """The value as it was written, or near that."""
+    """Return the value roughly as it was written."""
     if isinstance(node, Plain):
         text = str(node) or "nothing"
     elif isinstance(node, list):
@@ -210,7 +214,7 @@ def _shown(node: Node) -> str:
 
 
 def constructed(message: Any) -> str:
-    """The message as rclpy's ``repr`` has it; arrays of fixed length without numpy's name."""
+    """Return the message as rclpy's ``repr`` prints it, but without numpy's name for arrays."""
     parts = [
         f"{name}={_constructed(value, kind)}" for name, kind, value in plain.fields(message)
     ]

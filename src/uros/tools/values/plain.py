@@ -1,7 +1,7 @@
-"""Messages as plain values, as CSV, and their fields: what ``topic echo`` prints.
+"""Converts messages to plain values and to CSV, as ``topic echo`` prints them.
 
-The conversions are those of ROS 2's rosidl_runtime_py: a ``byte`` is a character, what is long is
-cut off and ends with ``...``, and left-out arrays and strings are described.
+The conversions are those of ROS 2's rosidl_runtime_py: a ``byte`` is a character, long values are
+cut and end with ``...``, and arrays and strings that are left out are described.
 """
 
 from __future__ import annotations
@@ -33,7 +33,13 @@ _CUT: Final = "..."
 
 @dataclass(frozen=True)
 class Show:
-    """``truncate``: length to which strings and arrays are cut, None: not at all."""
+    """How to print.
+
+    Attributes:
+        truncate: The length to which strings and arrays are cut; None for no cut.
+        no_arr: Whether arrays are left out.
+        no_str: Whether strings are left out.
+    """
 
     truncate: int | None = 128
     no_arr: bool = False
@@ -41,12 +47,12 @@ class Show:
 
 
 def plain(message: Any, show: Show) -> dict[str, Value]:
-    """The message as nested dicts and lists of numbers and strings."""
+    """Return a message as nested dicts and lists of numbers and strings."""
     return {name: _plain(value, kind, show) for name, kind, value in fields(message)}
 
 
 def fields(message: Any) -> list[tuple[str, str, Any]]:
-    """(name, type, value) of each field; the type as rclpy spells it."""
+    """Return ``(name, type, value)`` of each field, with the type as rclpy spells it."""
     return [
         (name, kind, getattr(message, slot))
         for (name, kind), slot in zip(message._FIELDS, message.__slots__, strict=True)
@@ -71,13 +77,13 @@ def _plain(value: Any, kind: str, show: Show) -> Value:
 
 
 def element(kind: str) -> str:
-    """The type of an array's elements, empty for what is no array."""
+    """Return the type of an array's elements; empty for other types."""
     match = _ARRAY.fullmatch(kind) or _SEQUENCE.fullmatch(kind)
     return match["inner"] if match else ""
 
 
 def describe_array(kind: str, length: int) -> str:
-    """What stands for a left-out array."""
+    """Return the text in place of an array that is left out."""
     match = _ARRAY.fullmatch(kind)
     if match:
         return f"<array type: {_type_name(match['inner'])}[{match['size']}]>"
@@ -93,7 +99,7 @@ def _type_name(kind: str) -> str:
 
 
 def describe_string(text: str) -> str:
-    """What stands for a left-out string."""
+    """Return the text in place of a string that is left out."""
     return f"<string length: <{len(text)}>>"
 
 
@@ -107,7 +113,7 @@ def _cut(text: str, show: Show) -> str:
 
 
 def csv(message: Any, show: Show) -> str:
-    """All values of the message, at any depth, with commas between them."""
+    """Return all values of a message, at any depth, separated by commas."""
     return ",".join([_csv(value, kind, show) for _name, kind, value in fields(message)])
 
 
@@ -134,13 +140,14 @@ def _csv(value: Any, kind: str, show: Show) -> str:
 
 
 class FieldError(ValueError):
-    """A field that the message does not have; the text says which and what there is."""
+    """A message does not have a field. The text lists its fields."""
 
 
 def select(message: Any, path: list[str]) -> tuple[Any, str]:
-    """The value that ``path`` leads to, and its type; "" where it is a message.
+    """Return the value that a path of fields leads to, and its type ("" for a message).
 
-    Raises FieldError.
+    Raises:
+        FieldError: There is no such field.
     """
     value, kind = message, ""
     for depth, step in enumerate(path):
@@ -156,11 +163,12 @@ def select(message: Any, path: list[str]) -> tuple[Any, str]:
 
 
 def is_message(value: Any) -> bool:
+    """Return whether a value is a message, or a message class."""
     return hasattr(value, "_FIELDS")
 
 
 def text(value: Any, kind: str) -> str:
-    """A single value as rclpy's would be printed; of a string, line ends and tabs stay."""
+    """Return a single value as rclpy prints it. Line ends and tabs of a string stay."""
     if kind == "octet":
         return str(bytes([value]))
     match = _SEQUENCE.fullmatch(kind)

@@ -1,4 +1,4 @@
-"""The ``--qos-…`` options of what publishes: a profile by name, and single policies."""
+"""The ``--qos-…`` options of a publisher."""
 
 from __future__ import annotations
 
@@ -16,16 +16,20 @@ _ADAPTS: Final = "best_available"
 
 
 def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     group = parser.add_argument_group("quality of service")
     group.add_argument(
         "--qos-profile",
         choices=tuple(PRESETS),
         metavar="NAME",
         default="default",
-        help=f"a preset: {', '.join(PRESETS)} (default: default)",
+        help=f"preset: {', '.join(PRESETS)} (default: default)",
     )
     group.add_argument(
-        "--qos-depth", metavar="N", type=unsigned_int, help="how many messages are kept"
+        "--qos-depth",
+        metavar="N",
+        type=unsigned_int,
+        help="history depth: how many messages are kept",
     )
     group.add_argument(
         "--qos-history",
@@ -36,7 +40,7 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--qos-durability",
         choices=(_SYSTEM, "transient_local", "volatile", _ADAPTS),
-        help="transient_local: who comes later gets the last --qos-depth messages",
+        help="transient_local: later subscriptions receive the last --qos-depth messages",
     )
     group.add_argument(
         "--qos-liveliness", choices=(_SYSTEM, "automatic", "manual_by_topic", _ADAPTS)
@@ -45,13 +49,15 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
         "--qos-liveliness-lease-duration-seconds",
         metavar="S",
         type=positive_float,
-        help="who publishes nothing for so long is taken for dead, with manual_by_topic",
+        help="lease duration, after which a silent manual_by_topic publisher is not alive",
     )
 
 
 def choose(args: argparse.Namespace) -> QoSProfile:
-    """The profile to publish with. What is left to the system, or to whoever subscribes, is
-    reliable, volatile and automatic: all match that, but those that want more.
+    """Return the profile to publish with.
+
+    What is left to the system, or to the subscriptions, is reliable, volatile and automatic, which
+    matches every subscription that does not request more.
     """
     from ...qos import (
         DurabilityPolicy,

@@ -1,4 +1,4 @@
-"""The ``--qos-…`` options: a profile by name, single policies, the rest as publishers have it."""
+"""The ``--qos-…`` options of a subscription, which adapts to the publishers otherwise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..common import unsigned_int
 if TYPE_CHECKING:
     from ...qos import QoSProfile
 
-# Deep enough for a burst that comes while a screen is slow; a publisher's depth is not known.
+# Enough for a burst while the terminal is slow. Discovery does not tell a publisher's depth.
 _DEFAULT_DEPTH: Final = 100
 
 # name → (depth, best effort, transient local), from rmw/qos_profiles.h
@@ -30,18 +30,22 @@ _ADAPTS: Final = "best_available"
 
 
 def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     group = parser.add_argument_group(
         "quality of service",
-        "Reliability and durability follow the publishers unless they are given.",
+        "Reliability and durability are those of the publishers unless they are given.",
     )
     group.add_argument(
         "--qos-profile",
         choices=tuple(PRESETS),
         metavar="NAME",
-        help=f"a preset: {', '.join(PRESETS)} (default: sensor_data, {_DEFAULT_DEPTH} deep)",
+        help=f"preset: {', '.join(PRESETS)} (default: sensor_data with depth {_DEFAULT_DEPTH})",
     )
     group.add_argument(
-        "--qos-depth", metavar="N", type=unsigned_int, help="how many messages may wait"
+        "--qos-depth",
+        metavar="N",
+        type=unsigned_int,
+        help="history depth: how many messages are queued",
     )
     group.add_argument(
         "--qos-history",
@@ -57,7 +61,12 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def choose(args: argparse.Namespace, offered: Sequence[QoSProfile]) -> tuple[QoSProfile, list[str]]:
-    """The profile to listen with, and what the user should know about the choice."""
+    """Return the profile to subscribe with, and notes for the user.
+
+    Args:
+        args: The command line.
+        offered: The profiles of the publishers.
+    """
     from ...host.matching import adapt
     from ...qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -82,9 +91,7 @@ def choose(args: argparse.Namespace, offered: Sequence[QoSProfile]) -> tuple[QoS
     )
     notes = adapt(profile, offered, reliability is not None, durability is not None)
     if reliability == "reliable" and not all(qos.reliable for qos in offered):
-        notes.append("publishers that are best effort will not be heard: reliable was asked for")
+        notes.append("best-effort publishers do not match: reliable was requested")
     if durability == "transient_local" and not all(qos.transient_local for qos in offered):
-        notes.append(
-            "publishers that are volatile will not be heard: transient local was asked for"
-        )
+        notes.append("volatile publishers do not match: transient local was requested")
     return profile, notes

@@ -1,4 +1,4 @@
-"""The positional arguments TYPE and VALUES, of which either may be left out, and ``--stdin``."""
+"""The positional arguments TYPE and VALUES, either of which is optional, and ``--stdin``."""
 
 from __future__ import annotations
 
@@ -14,26 +14,37 @@ _TYPE: Final = re.compile(r"[A-Za-z]\w*(/\w+)?/[A-Za-z]\w*|\w+(::\w+)+")
 
 
 def add_type_and_values(parser: argparse.ArgumentParser, example: str, what: str) -> None:
+    """Declare ``type``, ``values`` and ``--stdin``.
+
+    Args:
+        parser: Where to declare them.
+        example: A type, for the help.
+        what: What has the type: ``topic`` or ``service``.
+    """
     parser.add_argument(
-        "type", metavar="TYPE", nargs="?", help=f"its type, such as {example} (default: what the"
-        f" {what} has that is there)",
+        "type", metavar="TYPE", nargs="?",
+        help=f"type, such as {example} (default: the type of the existing {what})",
     )  # fmt: skip
     parser.add_argument(
         "values",
         metavar="VALUES",
         nargs="?",
-        help="its fields in YAML, such as 'data: 1' or '{x: 1.5, name: left}'; the others have"
-        " what the definition says, or zeros",
+        help="fields in YAML, such as 'data: 1' or '{x: 1.5, name: left}'; other fields have their"
+        " default or zero",
     )
     parser.add_argument("--stdin", action="store_true", help="read VALUES from standard input")
 
 
 def type_and_text(args: argparse.Namespace) -> tuple[str | None, str]:
-    """The type, None where it was left out, and the text of the values. Raises ToolError."""
+    """Return the type, None if it was left out, and the text of the values.
+
+    Raises:
+        ToolError: The arguments are contradictory or malformed.
+    """
     type_name, text = args.type, args.values
     if type_name is not None and text is None and not _TYPE.fullmatch(type_name):
         if "/" in type_name and not re.search(r"[:{}\[\]\s]", type_name):
-            raise ToolError(f"{type_name!r} is no name of a type, as std_msgs/msg/String is")
+            raise ToolError(f"{type_name!r} is not the name of a type, such as std_msgs/msg/String")
         type_name, text = None, type_name
     if args.stdin:
         if text is not None:
@@ -46,21 +57,31 @@ def type_and_text(args: argparse.Namespace) -> tuple[str | None, str]:
 
 
 def load_message(type_name: str) -> Any:
-    """The class of a message. Raises InterfaceError, or ToolError for another kind."""
+    """Return the class of a message.
+
+    Raises:
+        InterfaceError: The type is unknown.
+        ToolError: The type is not a message.
+    """
     from ...interfaces import load
 
     found = load(type_name)
     if not plain.is_message(found):
-        raise ToolError(f"{type_name} is no message; topics carry messages")
+        raise ToolError(f"{type_name} is not a message; topics carry messages")
     return found
 
 
 def load_service(type_name: str) -> Any:
-    """The class of a service, which has Request and Response; ``std_srvs/Trigger`` too."""
+    """Return the class of a service, also for ``std_srvs/Trigger``.
+
+    Raises:
+        InterfaceError: The type is unknown.
+        ToolError: The type is not a service.
+    """
     from ...interfaces import load
 
     package, _, name = type_name.partition("/")
     found = load(type_name if not name or "/" in name else f"{package}/srv/{name}")
     if not hasattr(found, "Request"):
-        raise ToolError(f"{type_name} is no service, as std_srvs/srv/Trigger is")
+        raise ToolError(f"{type_name} is not a service, such as std_srvs/srv/Trigger")
     return found

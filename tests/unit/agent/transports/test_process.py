@@ -221,7 +221,7 @@ def test_a_pseudo_terminal_keeps_its_name_when_a_program_closes_it():
         (["udp4", "-p", "eighty"], 2, "'eighty' is not a port (0 to 65535)"),
         (["udp4", "-p", "65536"], 2, "'65536' is not a port (0 to 65535)"),
         (["udp4", "-v", "7"], 2, "'7' is not a verbosity (0 to 6)"),
-        (["udp4", "--domain", "233"], 2, "'233' is no domain; give 0 to 232"),
+        (["udp4", "--domain", "233"], 2, "'233' is not a domain; give 0 to 232"),
         (["udp4", "-m", "corba"], 2, "corba"),
         (["udp4", "--prot", "1"], 2, "unrecognized arguments: --prot"),
         (["udp4", "-r", "/nowhere/agent.refs"], 1,
@@ -237,7 +237,7 @@ def test_what_is_refused(args, status, said):
 def test_a_wrong_environment_is_named():
     status, said = refused("udp4", "-p", 0, "-m", "memory", XRCE_DOMAIN_ID_OVERRIDE="many")
     assert status == 1
-    assert "XRCE_DOMAIN_ID_OVERRIDE: 'many' is no domain; give 0 to 232" in said
+    assert "XRCE_DOMAIN_ID_OVERRIDE: 'many' is not a domain; give 0 to 232" in said
 
 
 def test_a_privileged_port_says_what_to_do(monkeypatch):

@@ -97,11 +97,12 @@ def test_without_a_port_those_that_are_there_are_listed(
     assert "there are /dev/ttyACM3, /dev/ttyUSB1" in said
     assert f"uros board deploy {program} ... --port /dev/ttyACM3" in said
     monkeypatch.setattr(serial, "ports", list)
-    assert "no serial port is there: plug the board in" in fail("deploy", program)
+    assert "there is no serial port: plug the board in" in fail("deploy", program)
 
 
 def test_a_port_that_is_not_there(program: str, fail: Callable[..., str]) -> None:
-    assert "/dev/ttyACM77 is not there" in fail("deploy", program, "--port", "/dev/ttyACM77")
+    port = "/dev/ttyACM77"
+    assert f"uros: {port} does not exist" in fail("deploy", program, "--port", port)
 
 
 def test_a_file_is_no_port(program: str, tmp_path: Path, fail: Callable[..., str]) -> None:
@@ -201,7 +202,7 @@ def test_the_console_goes_on_when_the_board_is_back(capsys: pytest.CaptureFixtur
     console.show(port, "/dev/ttyX", None)
     done = capsys.readouterr()
     assert done.out == "before\nafter ~\n\n" and port.opened == 1
-    assert "the line is gone (gone)" in done.err and "/dev/ttyX is back" in done.err
+    assert "the line is lost (gone)" in done.err and "/dev/ttyX is back" in done.err
 
 
 def test_the_console_counts_frames_and_says_what_they_mean(
@@ -210,7 +211,7 @@ def test_the_console_counts_frames_and_says_what_they_mean(
     console.show(Script(b"a" + framed(b"12345678") * 2 + b"b"), "/dev/ttyX", None)
     done = capsys.readouterr()
     assert done.out == "ab\n"
-    assert "2 XRCE frames passed" in done.err
+    assert "2 XRCE frames were not printed" in done.err
     assert "uros agent serial --dev /dev/ttyX" in done.err
 
 

@@ -293,9 +293,9 @@ def test_it_prints_as_it_finds(place, capsys):
         (["--baudrate", "9" * 5000], "not a baud rate"),
         (["--port", "0"], "not a port"),
         (["--port", "9" * 5000], "not a port"),
-        (["--domain", "233"], "no domain"),
-        (["--seconds", "0"], "no number above 0"),
-        (["--agent", "me"], "no whole number"),
+        (["--domain", "233"], "not a domain"),
+        (["--seconds", "0"], "not a number above 0"),
+        (["--agent", "me"], "not an integer"),
     ],
 )
 def test_options_that_cannot_be(options, words, capsys):

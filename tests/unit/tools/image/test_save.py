@@ -85,9 +85,9 @@ def test_one_file(tmp_path):
 
 
 def test_what_out_cannot_be(tmp_path):
-    with pytest.raises(ToolError, match="is one file, for --count 1; give a folder"):
+    with pytest.raises(ToolError, match="is a file, for --count 1; give a folder"):
         saver(tmp_path / "one.jpg", count=2)
-    with pytest.raises(ToolError, match="the pictures are jpeg: give --out a .jpg name"):
+    with pytest.raises(ToolError, match="the images are jpeg: give --out a .jpg name"):
         saver(tmp_path / "one.png", count=1).add(picture(taken()), 0)
     (tmp_path / "file").write_text("")
     with pytest.raises(ToolError, match="cannot be made: "):
@@ -144,7 +144,7 @@ def test_over_dds(camera, tmp_path):
 def test_in_time_or_not_at_all(camera, tmp_path, capsys):
     camera.data = None
     assert camera.save("--out", str(tmp_path), "--timeout", "0.2") == 1
-    assert "0 of 1 pictures came within 0.2 s" in capsys.readouterr().err
+    assert "0 of 1 images came within 0.2 s" in capsys.readouterr().err
 
 
 def test_broken_pictures_are_told_and_not_written(camera, tmp_path, capsys):

@@ -82,11 +82,11 @@ def test_a_picture_is_sent_once(shown):
 def test_a_broken_one_is_told_beside_the_last_good_one(shown):
     shown.waiting("")
     shown.add(picture(taken()), time.time_ns())
-    shown.trouble("a picture cannot be shown: it is empty")
+    shown.trouble("an image cannot be shown: it is empty")
     answer = shown.answer({})
     assert answer.body == JPEG
     assert (answer.about["broken"], answer.about["trouble"]) == (
-        1, "a picture cannot be shown: it is empty",
+        1, "an image cannot be shown: it is empty",
     )  # fmt: skip
     shown.add(picture(taken(PNG)), time.time_ns())
     answer = shown.answer({})
@@ -171,7 +171,7 @@ def test_nobody_is_there_and_then_somebody(world):
         f"nobody publishes {TOPIC} yet: is the board connected, and its camera on?"
     )
     elsewhere = world.node.create_publisher(CompressedImage, "/cam", 10)
-    world.until(lambda: "there are pictures on /cam" in world.source.check())
+    world.until(lambda: "there are images on /cam" in world.source.check())
     elsewhere.destroy()
     publishes(world, taken())
     assert world.source.check() == ""
@@ -181,7 +181,7 @@ def test_nobody_is_there_and_then_somebody(world):
 def test_alone_in_the_domain(own_domain_id):
     with Network(own_domain_id) as network:
         source = ImageSource(network, TOPIC, print, print)
-        assert f"nobody else was found in domain {own_domain_id}" in source.check()
+        assert f"no other participant was found in domain {own_domain_id}" in source.check()
 
 
 def test_raw_and_compressed_pictures(world):
@@ -210,12 +210,12 @@ def test_a_camera_that_leaves_is_missed(world):
 
 def test_what_is_no_picture(world):
     world.node.create_publisher(String, TOPIC, 10)
-    world.until(lambda: "is std_msgs/msg/String, which is no picture" in world.source.check())
+    world.until(lambda: "is std_msgs/msg/String, which is not an image" in world.source.check())
 
 
 def test_broken_pictures_are_told_and_the_next_is_shown(world):
     publisher = publishes(world, taken(JPEG[:-2]))
-    assert world.troubles[-1].startswith("a picture cannot be shown: its JPEG has no end")
+    assert world.troubles[-1].startswith("an image cannot be shown: its JPEG has no end")
     publisher.publish(taken())
     world.until(lambda: world.seen)
 
@@ -281,8 +281,8 @@ def test_a_page_that_waits_gets_the_next_picture_at_once():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--host", "192.0.2.1"), "192.0.2.1 is no address of this machine"),
-        (("--host", "no such host"), "no such host is no address of this machine"),
+        (("--host", "192.0.2.1"), "192.0.2.1 is not an address of this machine"),
+        (("--host", "no such host"), "no such host is not an address of this machine"),
     ],
 )
 def test_an_address_that_is_not_ours(arguments, said):
@@ -293,7 +293,7 @@ def test_an_address_that_is_not_ours(arguments, said):
 def test_a_port_that_is_taken():
     pages = open_pages(options("--no-open", "--port", "0"), ("image.html",), {})
     try:
-        with pytest.raises(ToolError, match="in use, perhaps by another uros: end that, or --port"):
+        with pytest.raises(ToolError, match="in use, .* give another port with --port"):
             open_pages(options("--no-open", "--port", str(pages.port)), ("image.html",), {})
     finally:
         pages.close()
@@ -301,7 +301,7 @@ def test_a_port_that_is_taken():
 
 def test_a_port_that_only_root_may_have():
     said = str(bind_error("the page", "127.0.0.1", 80, "--port", PermissionError(13, "no")))
-    assert said == "the page: port 80 is for root; --port with a number above 1023"
+    assert said == "the page: port 80 is reserved for root; give a port above 1023 with --port"
 
 
 def test_a_browser_is_opened_unless_it_is_not_wanted(monkeypatch):

@@ -92,7 +92,7 @@ def test_packages(capsys, folder):
     ]  # fmt: skip
     said = refusal(capsys, "package", "std_msg")
     assert said.startswith("there is no package 'std_msg'; did you mean 'std_msgs'")
-    assert refusal(capsys, "package", "x").endswith("by --interfaces DIR")
+    assert refusal(capsys, "package", "x").endswith("with --interfaces DIR")
 
 
 def test_show(capsys, folder):

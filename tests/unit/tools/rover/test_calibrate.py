@@ -93,7 +93,7 @@ def test_a_slip_of_the_pen_is_told_at_once_and_asked_again():
     square(rover, calibration, 1.0, 0.2, False)
     assert rover.asked == ["after the first side", "after the first side", "at the end"]
     (said,) = rover.said
-    assert said.startswith("that is 97.0") and "metres from where it began" in said
+    assert said.startswith("this is 97.0") and "metres from the origin" in said
     calibration.restart()
     rover.put_back()
     square(rover, calibration, 1.0, 0.2, True)
@@ -139,8 +139,9 @@ def test_what_is_typed():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("1", "type x and y in metres"), ("1 2 3 4", "type x and y"), ("a b", "'a b' is not of"),
-        ("nan 0", "no rover is there"), ("1e9 0", "no rover is there"),
+        ("1", "type x and y in metres"), ("1 2 3 4", "type x and y"),
+        ("a b", "'a b': type numbers"),
+        ("nan 0", "this is too far away"), ("1e9 0", "this is too far away"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_a_pose_is_told(text, words):

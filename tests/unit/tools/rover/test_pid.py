@@ -143,5 +143,5 @@ def test_a_port_that_is_taken(option):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         ports = {"--port": "0", "--page-port": "0", option: str(taken.getsockname()[1])}
         words = [word for pair in ports.items() for word in pair]
-        with pytest.raises(ToolError, match=f"in use, .* or {option} with another number"):
+        with pytest.raises(ToolError, match=f"in use, .* give another port with {option}"):
             pid_view.run(options("--no-open", "--host", "127.0.0.1", *words))

@@ -13,7 +13,7 @@ TALKER = "import sys; from uros.tools.cli import main; sys.exit(main(['run', 'ta
 @pytest.mark.parametrize(
     "arguments, said",
     [
-        (["run"], "say which node (nodes: talker, listener, trigger_service)"),
+        (["run"], "name a node to run (nodes: talker, listener, trigger_service)"),
         (["run", "talkr"], "there is no node 'talkr'; did you mean 'talker'?"),
         (["run", "talker", "-r", "chatter"], "--remap: 'chatter' is no remapping rule"),
     ],

@@ -10,13 +10,14 @@ object with the fields of `Options`. Commands come in as JSON lines::
 
 and events go out the same way::
 
-    {"event": "ready", "path": …, "happenings": […]}  the line has its name; the program starts
+    {"event": "ready", "path": …, "happenings": […], "faults": […]}
+                                             the line has its name; the program starts
     {"event": "usb", "state": …, "error": …} what became of it
     {"event": "console", "line": …}          what the program printed
     {"event": "read", "address": …, "ns": …} an I2C read has ended, by the monotonic clock; told
                                              when the program next waits
-    {"event": "happened", "spec": …, "error": …, "still": […]}
-                                             what else is wrong with that part, still
+    {"event": "happened", "spec": …, "error": …, "faults": […]}
+                                             all faults that the board has now
     {"event": "part", "name": …, "shows": …} what is to be seen of a part has changed
     {"event": "heap", "used": …, "peak": …, "base": …}
     {"event": "reset"}                       the program starts anew
@@ -215,7 +216,9 @@ class BoardProcess:
             board.usb.wait(1.0)  # its bridge has power already
         happenings = [it.spec for it in (*board.acts(), *board.faults())]
         self._tell_parts()  # before it is ready, so that who waits for that can look
-        self.send("ready", path=str(board.usb.path), happenings=happenings)
+        self.send(
+            "ready", path=str(board.usb.path), happenings=happenings, faults=self._faults()
+        )
         host.usb_state()
         threading.Thread(target=self._obey, name="commands", daemon=True).start()
         threading.Thread(target=self._look, name="parts", daemon=True).start()
@@ -338,15 +341,13 @@ class BoardProcess:
             self.board.happen(spec)
         except FaultError as refused:
             error = str(refused)
-        part = spec.partition(":")[0]
-        still = [
-            it.spec
-            for it in self.board.faults()
-            if it.active and it.spec != spec and it.spec.partition(":")[0] == part
-        ]
+        faults = self._faults()
         self._tell_parts()  # as they were when it happened, for who waits for that
-        self.send("happened", spec=spec, error=error, still=still)
+        self.send("happened", spec=spec, error=error, faults=faults)
         self._host.usb_state()
+
+    def _faults(self) -> list[str]:
+        return [fault.spec for fault in self.board.faults() if fault.active]
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         # Not from here: the interrupted program may hold what the end has to wait for.

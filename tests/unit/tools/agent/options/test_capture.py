@@ -30,7 +30,7 @@ def test_file_and_size_may_stand_behind_any_transport():
 def test_a_size_that_is_none(capsys, size):
     with pytest.raises(SystemExit):
         options(f"--capture-size={size}")
-    assert "is no whole number above 0" in capsys.readouterr().err
+    assert "is not an integer above 0" in capsys.readouterr().err
 
 
 def test_what_cannot_be_captured_into_ends_the_agent_with_a_line(tmp_path):

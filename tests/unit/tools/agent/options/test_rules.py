@@ -61,9 +61,9 @@ def test_wrong_rules_say_what_would_be_right(line, said):
 @pytest.mark.parametrize(
     "line, said",
     [
-        ("--max-rate 0", "'0' is no number above 0"),
-        ("--max-size 1.5", "'1.5' is no whole number above 0"),
-        ("--domain 233", "'233' is no domain; give 0 to 232"),
+        ("--max-rate 0", "'0' is not a number above 0"),
+        ("--max-size 1.5", "'1.5' is not an integer above 0"),
+        ("--domain 233", "'233' is not a domain; give 0 to 232"),
     ],
 )
 def test_numbers_that_are_none(line, said, capsys):
