@@ -1,12 +1,12 @@
-"""HTTP for what looks into this machine: the agent's metrics and the pages of tools.
+"""A bounded HTTP server for this machine: the agent's metrics and the pages of tools.
 
-One thread holds the connections and reads until a request is whole; whole requests are answered in
-threads, a bounded number at a time. So who says nothing has a place and no thread, and where places
-are used up, he goes first.
+One thread holds the connections and reads until a request is complete; complete requests are
+answered in threads, a limited number at a time. So a silent connection takes a place and no thread,
+and is the first to be closed where places are used up.
 
-Who may ask: a browser shows pages of strangers too, and those could ask here, by a name that leads
-to this machine (DNS rebinding). So a request must name this machine by its address, ``localhost``,
-its host name or a name that was given, and a page of another origin is refused.
+A browser also shows foreign pages, which could send requests here by a name that resolves to this
+machine (DNS rebinding). So the Host header must be an address of this machine, ``localhost``, its
+host name or a configured name, and requests of pages of another origin are refused.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from http.server import BaseHTTPRequestHandler
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-# Attack: connections without end. Those that are read and those that are answered.
+# Attack: connections without end. Those being read and those being answered.
 MAX_CONNECTIONS: Final = 64
-# Attack: a request without end, in single bytes, or none.
+# Attack: a request without end, byte by byte, or none. Bytes of the head and the body, and seconds.
 MAX_HEAD: Final = 16 * 1024
 MAX_BODY: Final = 4096
 ASK_SECONDS: Final = 5.0
-# Attack: an answer that is read in single bytes. A whole answer takes no longer.
+# Attack: an answer that is read byte by byte. Seconds of a complete answer.
 ANSWER_SECONDS: Final = 15.0
 
 _END: Final = re.compile(rb"\r?\n\r?\n")
@@ -50,13 +50,13 @@ class _Connection:
         self.ended = False  # all is said: what still comes is read, or it would not hear us out
 
     def take(self) -> bytes | None:
-        """A whole request, or what is certainly none; None: more is to come."""
+        """Return a complete request, or bytes that cannot become one; None until then."""
         end = _END.search(self.data)
         if end is None:
             return self._all() if len(self.data) > MAX_HEAD else None
         length = _LENGTH.search(self.data, 0, end.end())
         body = int(length[1]) if length else 0
-        if body > MAX_BODY:  # its handler says so
+        if body > MAX_BODY:  # its handler refuses it
             return self._all()
         stop = end.end() + body
         if len(self.data) < stop:
@@ -70,7 +70,7 @@ class _Connection:
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers one request; it has come whole, and names this machine."""
+    """Answers one complete request whose Host header is this machine."""
 
     protocol_version = "HTTP/1.1"
     server: HttpServer  # type: ignore[assignment]
@@ -80,18 +80,21 @@ class Handler(BaseHTTPRequestHandler):
         super().__init__(connection.sock, connection.peer, server)  # type: ignore[arg-type]
 
     def setup(self) -> None:
+        """Read the request from memory, and write to the socket."""
         self.connection = self.request
         self.rfile = io.BytesIO(self._asked)
         self.wfile = _Out(self.request)
 
     def handle(self) -> None:
+        """Answer the request."""
         self.close_connection = True
         self.handle_one_request()
 
     def finish(self) -> None:
-        """The connection is the server's."""
+        """Do nothing: the connection belongs to the server."""
 
     def parse_request(self) -> bool:
+        """Parse the request and check its Host and Origin headers."""
         if not super().parse_request():
             return False
         host = self.headers.get("Host", "")
@@ -104,7 +107,14 @@ class Handler(BaseHTTPRequestHandler):
     def reply(
         self, status: int, body: bytes, kind: str, headers: tuple[tuple[str, str], ...] = ()
     ) -> None:
-        """Send all of an answer."""
+        """Send a complete answer.
+
+        Args:
+            status: HTTP status.
+            body: The body.
+            kind: Its content type.
+            headers: Further headers.
+        """
         self.send_response(status)
         if self.close_connection:
             self.send_header("Connection", "close")
@@ -117,14 +127,15 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def version_string(self) -> str:
+        """Return the Server header, without versions."""
         return "uros"
 
     def log_message(self, format: str, *args: Any) -> None:
-        """One that asks every few seconds is no news."""
+        """Log nothing: a scrape every few seconds is no news."""
 
 
 class _Out(io.BufferedIOBase):
-    """Writes all to a socket; it knows whether anything was."""
+    """Writes everything to a socket, and notes whether anything was written."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._sock = sock
@@ -168,24 +179,27 @@ class HttpServer:
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._selector.register(self._woken, selectors.EVENT_READ)
         self._reading: dict[_Connection, None] = {}
-        self._queue: deque[tuple[_Connection, bytes]] = deque()  # whole requests without a thread
-        # When their time is over; None: it was.
+        # Complete requests that wait for a thread.
+        self._queue: deque[tuple[_Connection, bytes]] = deque()
+        # Until when; None: it is over.
         self._answering: dict[_Connection, float | None] = {}
-        self._answered: deque[tuple[_Connection, bool]] = deque()  # of threads; whether it goes on
+        # Connections answered by threads, and whether they stay open.
+        self._answered: deque[tuple[_Connection, bool]] = deque()
         self._closed = False
-        self._alone = False  # threads that answer close their connections themselves
+        self._alone = False  # answering threads close their connections themselves
         self._thread = threading.Thread(target=self._run, name="uros-http", daemon=True)
 
     def start(self) -> None:
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """No more answers. Those who wait for one are cut off."""
+        """Stop serving and close all connections."""
         self._closed = True
         self._wake.send(b"x")
         self._thread.join()
         self._alone = True
-        for connection in (*self._reading, *(it for it, _ in self._queue)):
+        for connection in (*self._reading, *(connection for connection, _ in self._queue)):
             connection.sock.close()
         while self._answered:
             self._answered.popleft()[0].sock.close()
@@ -196,7 +210,7 @@ class HttpServer:
             sock.close()
 
     def knows(self, host: str) -> bool:
-        """Whether a request that is for ``host``, with a port or without, is for us."""
+        """Return whether a Host header, with or without a port, means this server."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
             if name in self._names:
@@ -208,7 +222,7 @@ class HttpServer:
 
     @property
     def connections(self) -> int:
-        """How many there are, in any state."""
+        """Return the number of connections in all states."""
         return len(self._reading) + len(self._queue) + len(self._answering)
 
     # --- the thread that holds the connections -------------------------------------------------
@@ -225,7 +239,7 @@ class HttpServer:
             self._end_late_ones()
 
     def _patience(self) -> float | None:
-        """Until the next one is late. An agent that nobody asks should sleep."""
+        """Return the seconds until the next connection times out; None lets an idle agent sleep."""
         ends = [it.since + ASK_SECONDS for it in self._reading]
         ends += [it for it in self._answering.values() if it is not None]
         return max(0.0, min(ends) - time.monotonic()) if ends else None
@@ -233,7 +247,7 @@ class HttpServer:
     def _accept(self) -> None:
         try:
             sock, peer = self._listener.accept()
-        except OSError:  # gone again, or no descriptor is left
+        except OSError:  # closed again, or no descriptor left
             if not self._drop_one():
                 time.sleep(_NO_DESCRIPTOR_SECONDS)
             return
@@ -243,7 +257,7 @@ class HttpServer:
         self._watch(_Connection(sock, peer))
 
     def _drop_one(self) -> bool:
-        """The longest silent one, of the address that has most of those that have not asked."""
+        """Close the longest silent connection, of the address with most without a request."""
         if not self._reading:
             return False
         counts = Counter(it.peer[0] for it in self._reading)
@@ -271,7 +285,7 @@ class HttpServer:
         connection.sock.close()
 
     def _read(self, connection: _Connection) -> None:
-        if connection not in self._reading:  # dropped for another one in this turn
+        if connection not in self._reading:  # closed for another one in this turn
             return
         try:
             data = connection.sock.recv(_CHUNK)
@@ -301,12 +315,12 @@ class HttpServer:
             )  # fmt: skip
             try:
                 thread.start()
-            except RuntimeError:  # no thread can be had
+            except RuntimeError:  # no thread can be started
                 del self._answering[connection]
                 _refuse(connection.sock)
 
     def _take_back(self) -> None:
-        """Connections whose answers are out."""
+        """Handle connections whose answers were sent."""
         try:
             self._woken.recv(_CHUNK)
         except BlockingIOError:
@@ -317,7 +331,7 @@ class HttpServer:
             if not goes_on:
                 connection.ended = True
                 _shut(connection, socket.SHUT_WR)
-            # It may have asked twice.
+            # A second request may have arrived already.
             request = None if connection.ended else connection.take()
             if request is not None:
                 self._queue.append((connection, request))
@@ -331,7 +345,7 @@ class HttpServer:
             self._drop(connection)
         for connection, end in self._answering.items():
             if end is not None and end <= now:
-                _shut(connection)  # its thread comes to its end by that
+                _shut(connection)  # this ends its thread
                 self._answering[connection] = None
 
     # --- the threads that answer ------------------------------------------------------------------
@@ -342,8 +356,8 @@ class HttpServer:
             connection.sock.settimeout(ANSWER_SECONDS)
             goes_on = not self._handler(connection, request, self).close_connection
         except OSError:
-            pass  # askers come and go
-        except Exception as error:  # a fault of ours
+            pass  # the connection was closed
+        except Exception as error:  # a fault of uros
             self._on_error(error)
         self._answered.append((connection, goes_on))
         try:
@@ -357,7 +371,7 @@ class HttpServer:
 def _listen(host: str, port: int) -> socket.socket:
     sock = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     try:
-        if os.name == "posix":  # elsewhere it lets others take the port
+        if os.name == "posix":  # on Windows it lets other programs take the port
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if host == "::" and socket.has_dualstack_ipv6():
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)

@@ -1,4 +1,4 @@
-"""Image messages as files that a browser shows: checked first, since they come from outside.
+"""Converts image messages to files that a browser shows; they are checked first.
 
 What a picture is says its first octets, never its sender: ``format`` of a CompressedImage is not
 looked at. Raw images become PNG.
@@ -11,10 +11,10 @@ import zlib
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
-# Attack: a few kilobytes that a browser unpacks into gigabytes.
+# Attack: a few kilobytes that a browser decompresses into gigabytes.
 MAX_SIDE: Final = 8192
 MAX_PIXELS: Final = 32_000_000
-# Attack: a picture that each of several waiting browsers holds once more.
+# Attack: large pictures, of which each waiting browser holds a copy.
 MAX_OCTETS: Final = 16 << 20
 
 COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"
@@ -25,7 +25,7 @@ _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8\xff"
 _MIME: Final = {"jpeg": "image/jpeg", "png": "image/png"}
 _SUFFIX: Final = {"jpeg": ".jpg", "png": ".png"}
-# encoding → (octets a pixel, PNG colour type, bits, colours stand the other way round)
+# encoding → (bytes a pixel, PNG colour type, bits, whether red and blue are swapped)
 _ENCODINGS: Final = {
     "rgb8": (3, 2, 8, False),
     "bgr8": (3, 2, 8, True),
@@ -39,11 +39,11 @@ _ENCODINGS: Final = {
 
 
 class PictureError(ValueError):
-    """It cannot be shown; the text says why, for a person."""
+    """A picture cannot be shown; the text has the reason."""
 
 
 class Picture(NamedTuple):
-    """A picture that may be shown. ``stamp_ns`` 0: its sender gave it no time."""
+    """A picture that a browser can show; ``stamp_ns`` is 0 where its header has no time."""
 
     kind: str  # "jpeg" or "png"
     data: bytes
@@ -55,15 +55,17 @@ class Picture(NamedTuple):
 
     @property
     def mime(self) -> str:
+        """The MIME type."""
         return _MIME[self.kind]
 
     @property
     def suffix(self) -> str:
+        """The suffix of a file name."""
         return _SUFFIX[self.kind]
 
 
 def picture(message: Any) -> Picture:
-    """Of a CompressedImage or an Image. Raises PictureError."""
+    """Make a picture of a CompressedImage or an Image; raises PictureError."""
     header = message.header
     stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
     if message._TYPE == COMPRESSED:
@@ -77,7 +79,7 @@ def picture(message: Any) -> Picture:
 
 
 def look(data: bytes) -> tuple[str, int, int]:
-    """What a file is by its own octets, its width and height. Raises PictureError."""
+    """Return the format of a file by its content, its width and height; raises PictureError."""
     if not data:
         raise PictureError("it is empty: the camera has taken nothing")
     if len(data) > MAX_OCTETS:
@@ -106,7 +108,7 @@ def _check_size(width: int, height: int) -> None:
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
-    """Also sees that it is whole: a camera's buffer that was too small cuts it off."""
+    """Return width and height; a picture that a small camera buffer cut off is refused."""
     size, scan = None, len(data)
     for marker, at, length in _segments(data):
         if marker == 0xDA:
@@ -118,14 +120,14 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
             size = width, height
     if size is None:
         raise PictureError("its JPEG says no size: it is broken")
-    # Behind the end there may be anything: cameras fill up their buffers.
+    # Bytes behind the end are ignored: cameras pad their buffers.
     if data.find(b"\xff\xd9", scan) < 0:
         raise PictureError("its JPEG has no end: it was cut off, perhaps by too small a buffer")
     return size
 
 
 def _segments(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """``(marker, where its content begins, its length)`` up to the scan."""
+    """Yield ``(marker, offset of its content, its length)`` up to the scan."""
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF:
         marker = data[at + 1]
@@ -157,7 +159,7 @@ def _png_size(data: bytes) -> tuple[int, int]:
 
 
 def png(image: Any) -> bytes:
-    """A raw Image as PNG. Raises PictureError."""
+    """Convert a raw Image to PNG; raises PictureError."""
     known = _ENCODINGS.get(image.encoding)
     if known is None:
         raise PictureError(
@@ -172,7 +174,7 @@ def png(image: Any) -> bytes:
     data = memoryview(image.data)
     if len(data) < step * (height - 1) + row:
         raise PictureError(f"it has {len(data)} octets, and {height} rows need {step * height}")
-    lines = bytearray((row + 1) * height)  # a filter's number, 0, before each row
+    lines = bytearray((row + 1) * height)  # filter type 0 before each row
     for y in range(height):
         lines[y * (row + 1) + 1 : (y + 1) * (row + 1)] = data[y * step : y * step + row]
     if turned:
@@ -190,7 +192,7 @@ def png(image: Any) -> bytes:
 
 
 def _turn(lines: bytearray, row: int, octets: int) -> None:
-    """Blue and red change places."""
+    """Swap red and blue."""
     for begin in range(1, len(lines), row + 1):
         end = begin + row
         blue = lines[begin:end:octets]

@@ -1,4 +1,4 @@
-"""What a rover sends while its wheels are tuned: lines of whole numbers, found in its octets."""
+"""Parses the samples that a rover sends while its wheels are tuned: lines of whole numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ MAX_FIELDS: Final = 8
 MAX_VALUE: Final = 1_000_000
 # Attack: a line that never ends.
 MAX_LINE: Final = 256
-# So long a rover may go on before it is clear that it ends no lines.
+# Bytes after which a rover without line ends is recognised.
 _UNDECIDED: Final = 8
 
 _END: Final = re.compile(rb"[\r\n;\0]")
@@ -20,7 +20,7 @@ Sample = tuple[int, ...]
 
 
 class Samples:
-    """Finds samples in what one connection brings, however TCP has cut or joined it.
+    """Finds samples in the bytes of one connection, however TCP has split or joined them.
 
     With line ends (LF, CR, a semicolon) only these count. A rover that sends none is known by a
     pause, `flush`, or by eight pieces without any; then each piece that TCP brings is a message, as
@@ -36,14 +36,14 @@ class Samples:
     def __init__(self) -> None:
         self.faults = 0
         self.said: list[str] = []
-        self._pieces: list[bytes] = []  # of what has not ended, as they came
+        self._pieces: list[bytes] = []  # of the incomplete line, as received
         self._by_lines: bool | None = None  # None: not known yet
         self._skips = False
-        self._fields = 0  # of the last good sample; 0: there was none
-        self._other = 0  # of the last one that had another number of them
+        self._fields = 0  # number of fields of the last valid sample; 0 without one
+        self._other = 0  # of the last sample with another number of fields
 
     def feed(self, octets: bytes) -> list[Sample]:
-        """The samples that are known to be whole."""
+        """Return the complete samples in a piece of the stream."""
         found: list[Sample] = []
         *lines, rest = _END.split(octets)
         if lines:
@@ -60,7 +60,7 @@ class Samples:
         return found
 
     def flush(self) -> list[Sample]:
-        """Nothing came for a while: where no lines end, that is the end of a message."""
+        """Handle a pause, which ends a message where there are no line ends."""
         found: list[Sample] = []
         if self._by_lines is None and self._pieces:
             self._by_lines = False
@@ -70,7 +70,7 @@ class Samples:
         return found
 
     def _settle(self, found: list[Sample]) -> None:
-        """There are no line ends: the pieces that are kept are messages."""
+        """Treat the stored pieces as messages, as there are no line ends."""
         pieces, self._pieces = self._pieces, []
         for piece in pieces:
             if self._pieces and not self._goes_on(piece):
@@ -78,7 +78,7 @@ class Samples:
             self._pieces.append(piece)
 
     def _goes_on(self, piece: bytes) -> bool:
-        """Whether it goes on with the message before it."""
+        """Return whether a piece continues the message before it."""
         before = b"".join(self._pieces).rstrip()
         return (
             not before[-1:].isdigit()
@@ -92,7 +92,7 @@ class Samples:
         if sum(map(len, self._pieces)) + len(piece) <= MAX_LINE:
             self._pieces.append(piece)
             return
-        if self._by_lines is None:  # perhaps each piece is one
+        if self._by_lines is None:  # each piece may be a message
             self._by_lines = False
             self._settle(found)
             if self._pieces and not self._goes_on(piece):
@@ -153,6 +153,6 @@ class Samples:
 
 
 def _shown(text: str, most: int = 24) -> str:
-    """Text from outside, as it may be shown."""
+    """Escape text from outside."""
     clean = "".join(it if it.isascii() and it.isprintable() else "?" for it in text)
     return clean if len(clean) <= most else clean[: most - 1] + "…"

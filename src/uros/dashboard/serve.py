@@ -1,4 +1,4 @@
-"""HTTP for a few pages on this machine, and for what they ask for again and again.
+"""Serves a few pages on this machine over HTTP, and their periodic requests.
 
 A page's question may be left unanswered until there is news, for a second or so: that is how a page
 is live. Who may ask is said in :mod:`uros.http_server`; besides, what changes something must be
@@ -20,14 +20,14 @@ from urllib.parse import parse_qs
 
 from ..http_server import MAX_BODY, Handler, HttpServer
 
-# Attack: questions without end. Answered at a time; the others wait.
+# Attack: requests without end. So many are answered at a time; others wait.
 MAX_ANSWERS: Final = 32
-# Attack: a query of many fields.
+# Attack: a query with many fields.
 _MAX_FIELDS: Final = 8
 _STRANGER: Final = "open this page by this machine's address, such as http://127.0.0.1\n"
 
 _MIME: Final = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-# Nothing from elsewhere, and nobody's frame.
+# No content from other origins, and no embedding in frames.
 _POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:;"
     " connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
@@ -40,7 +40,7 @@ _HEADERS: Final = (
 
 
 class Answer(NamedTuple):
-    """What is sent back; ``about``: small facts that a page reads beside the body, as JSON."""
+    """An answer; ``about`` is sent as JSON in a header, for small values beside the body."""
 
     status: int
     body: bytes
@@ -49,10 +49,11 @@ class Answer(NamedTuple):
 
 
 def as_json(value: Any, status: int = 200) -> Answer:
+    """Make an answer with a JSON body."""
     return Answer(status, json.dumps(value).encode(), "application/json")
 
 
-# Gets what stands behind "?", by name, or what was sent as JSON.
+# Get handlers take the query by name, post handlers the JSON body.
 Get = Callable[[dict[str, str]], Answer]
 Post = Callable[[Any], Answer]
 
@@ -87,7 +88,7 @@ class Pages:
         self._http.start()
 
     def close(self) -> None:
-        """No more answers. Those who wait for one are cut off."""
+        """Stop serving and close all connections."""
         self._http.close()
 
 
@@ -155,7 +156,7 @@ class _Handler(Handler):
 
 
 class Newest:
-    """What changes, and those who wait for it to change. Use it from any thread."""
+    """A version counter to wait for; thread-safe."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -168,29 +169,29 @@ class Newest:
         self._changed.release()
 
     def change(self) -> None:
-        """Within ``with``: something is new."""
+        """Count a new version; called within ``with``."""
         self.version += 1
         self._changed.notify_all()
 
     def wait(self, seen: int, seconds: float) -> None:
-        """Within ``with``: until there is another version than ``seen``, for so long at most."""
+        """Wait for a version other than ``seen``, at most so long; called within ``with``."""
         end = time.monotonic() + seconds
         while self.version == seen and (left := end - time.monotonic()) > 0:
             self._changed.wait(left)
 
 
 def number(asked: dict[str, str], name: str) -> int:
-    """A whole number that was asked with; -1 where there is none."""
+    """Return a whole number of a query; -1 where there is none."""
     text = asked.get(name, "")
     return int(text) if text.isdecimal() and len(text) < 16 else -1
 
 
 def show(url: str) -> bool:
-    """Open a browser at it, where there is one with windows; whether it seems so."""
+    """Open a graphical browser at a URL, if there is one; return whether it probably opened."""
     windows = sys.platform in ("darwin", "win32") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
     )
-    if not windows:  # a browser for terminals would take this one
+    if not windows:  # a text browser would use this terminal
         return False
     import webbrowser
 

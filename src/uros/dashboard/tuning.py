@@ -1,4 +1,4 @@
-"""The conversation with a rover whose wheels are tuned: it connects, tells, and is told gains.
+"""The connection of a rover whose wheels are tuned: it sends samples and receives gains.
 
 One rover at a time, and the newest that connects is it: a rover that was reset has left a
 connection behind that nobody closed.
@@ -19,12 +19,12 @@ from .samples import Sample, Samples
 from .serve import Newest
 
 HISTORY: Final = 100
-# The document's rover sends each message without an end: so long a pause is one.
+# The document's rover sends messages without line ends: a pause of so many seconds ends one.
 PAUSE: Final = 0.05
 _NOTES: Final = 40
 _SEND_SECONDS: Final = 2.0
 _SIZE: Final = 4096
-# Attack: a flood of nonsense. So many notes a second are kept, and the rest counted.
+# Attack: a flood of invalid lines. So many notes a second are stored, and the rest counted.
 _NOTES_A_SECOND: Final = 5
 
 
@@ -50,7 +50,7 @@ class Tuning:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._listener = socket.socket(family, socket.SOCK_STREAM)
         try:
-            if os.name == "posix":  # elsewhere it lets others take the port
+            if os.name == "posix":  # on Windows it lets other programs take the port
                 self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._listener.bind((host, port))
             self._listener.listen(4)
@@ -64,7 +64,7 @@ class Tuning:
         self._thread.start()
 
     def close(self) -> None:
-        """End the conversation."""
+        """Close the connection and stop listening."""
         self._wake.send(b"x")
         self._thread.join()
         self._drop()
@@ -74,7 +74,7 @@ class Tuning:
     # --- for the page and the terminal -----------------------------------------------------
 
     def snapshot(self, seen: int = -1, seconds: float = 0.0) -> dict[str, Any]:
-        """All that a page shows, as JSON has it; waits for news since version ``seen``."""
+        """Return the state that a page shows, for JSON; waits for a version other than ``seen``."""
         with self.newest:
             self.newest.wait(seen, seconds)
             return {
@@ -89,7 +89,7 @@ class Tuning:
             }
 
     def notes_since(self, seen: int, seconds: float) -> tuple[int, list[str]]:
-        """The notes behind number ``seen``, waited for so long; and the last one's number."""
+        """Return the notes after number ``seen``, waiting for them, and the last one's number."""
         with self.newest:
             if self._noted == seen:
                 self.newest.wait(self.newest.version, seconds)
@@ -97,7 +97,7 @@ class Tuning:
             return self._noted, fresh
 
     def send(self, line: str) -> str:
-        """Send gains to the rover; what was sent. ValueError: why not, for the person."""
+        """Send gains to the rover; return the line sent. Raises ValueError with the reason."""
         text = format_gains(parse_gains(line))
         with self._sending:
             rover = self._rover
@@ -109,7 +109,7 @@ class Tuning:
             try:
                 rover.sendall(f"{text}\n".encode())
             except OSError as error:
-                _shut(rover)  # half a line may be out, and the next must not go on with it
+                _shut(rover)  # part of a line may be sent, and the next must not continue it
                 raise ValueError(
                     f"the rover takes nothing ({error.strerror or 'timed out'}): reset it"
                 ) from error
@@ -149,7 +149,7 @@ class Tuning:
                 pending = False
 
     def _receive(self, rover: socket.socket) -> bytes | None:
-        """None: it is gone."""
+        """Read from the rover; None where it has disconnected."""
         try:
             return rover.recv(_SIZE) or None
         except (TimeoutError, BlockingIOError):
@@ -160,7 +160,7 @@ class Tuning:
     def _accept(self) -> None:
         try:
             rover, address = self._listener.accept()
-        except OSError:  # it has left again
+        except OSError:  # disconnected again
             return
         rover.settimeout(_SEND_SECONDS)
         rover.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -181,7 +181,7 @@ class Tuning:
         with self.newest:
             rover, self._rover, self._name = self._rover, None, ""
         if rover is not None:
-            _shut(rover)  # whoever sends is not to wait
+            _shut(rover)  # a sender must not block
             with self._sending:
                 rover.close()
 
@@ -200,7 +200,7 @@ class Tuning:
             self.newest.change()
 
     def _note(self, text: str, limited: bool = False) -> None:
-        """Within ``with self.newest``."""
+        """Add a note; called within ``with self.newest``."""
         second = int(time.monotonic())
         if second != self._second:
             self._second, self._in_second = second, 0

@@ -1,4 +1,6 @@
-"""One XRCE message, of either direction, as a line that a person reads::
+"""Formats one XRCE message of either direction as a line of text.
+
+::
 
     0x81 reliable 5: CREATE #10 datawriter 0x001(5) in publisher 0x001(3) on topic 0x001(2) ...
 

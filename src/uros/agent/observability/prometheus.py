@@ -1,9 +1,9 @@
-"""``--metrics``: what an agent counts, for Prometheus, over HTTP.
+"""``--metrics``: the agent's counters for Prometheus, over HTTP.
 
-Threads serve HTTP (:mod:`uros.http_server`). For each scrape one asks the server's thread for a
-snapshot, which is made between what boards want, and makes the metrics of it. Boards have the label
-``key``; those beyond the first :data:`MAX_SERIES` are one, ``key="other"``, because each label is a
-series that Prometheus keeps for weeks.
+Threads serve HTTP (:mod:`uros.http_server`). For each scrape one requests a snapshot from the
+server's thread, which makes it while boards are served, and converts it to metrics. Boards have the
+label ``key``; those beyond the first :data:`MAX_SERIES` share ``key="other"``, because each label
+is a series that Prometheus keeps for weeks.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ if TYPE_CHECKING:
 # Attack: a fleet of boards that change their keys.
 MAX_SERIES: Final = 200
 OTHER: Final = "other"
-# Attack: scrapes without end. Answered at a time; the others wait.
+# Attack: scrapes without end. So many are answered at a time; others wait.
 MAX_SCRAPES: Final = 4
-# How long a snapshot is waited for, in seconds: the agent may hang in its middleware.
+# Timeout of a snapshot, in seconds: the agent may hang in its middleware.
 PATIENCE: Final = 2.0
-# Between metrics, so that the server's thread need not fight for the GIL: two hundred boards are
-# some ten milliseconds of work.
+# Pause between metrics, which lets the server's thread have the GIL: two hundred boards take some
+# ten milliseconds. In seconds.
 _BREATH: Final = 0.0005
-_STRANGER: Final = (
-    "ask by this machine's address, such as http://127.0.0.1, or by the name that the agent was"
-    " given: --metrics NAME:PORT\n"
+_WRONG_HOST: Final = (
+    "use this machine's address, such as http://127.0.0.1, or the name that the agent was"
+    " started with: --metrics NAME:PORT\n"
 )
 _NOT_INSTALLED: Final = (
     "--metrics needs prometheus_client, which is not installed: python -m pip install"
     " prometheus_client"
 )
 
-# (name, what it is, counter or gauge, where in a client's part of the snapshot)
+# (name, description, counter or gauge, path in the client's part of the snapshot)
 _CLIENT: Final = (
     ("received_messages", "Messages from the board", True, ("received", "messages")),
     ("received_bytes", "Bytes of these messages", True, ("received", "bytes")),
-    ("lost_messages", "Best-effort messages of the board that never came, by their numbers",
+    ("lost_messages", "Best-effort messages of the board that never arrived, by their numbers",
      True, ("received", "lost")),
     ("given_up_messages", "Long messages of which the board sent the first fragments only",
      True, ("received", "given_up")),
@@ -67,23 +67,23 @@ _CLIENT: Final = (
      False, ("queues", "stalled")),
     ("early_messages", "Messages of the board that wait for one before them",
      False, ("queues", "early")),
-    ("fragment_bytes", "Bytes of messages that are not whole yet", False, ("queues", "fragments")),
+    ("fragment_bytes", "Bytes of incomplete fragmented messages", False, ("queues", "fragments")),
 )  # fmt: skip
 _TRANSPORT: Final = (
-    ("received_messages", "Messages that came, whosever they are", "messages"),
+    ("received_messages", "Messages received, those of unknown clients too", "messages"),
     ("received_bytes", "Bytes of these messages", "bytes"),
-    ("frames", "Sound frames for the agent", "frames"),
-    ("crc_errors", "Whole frames that are not sound", "crc_errors"),
-    ("foreign_frames", "Sound frames for somebody else", "foreign"),
-    ("skipped_bytes", "Bytes outside of sound frames", "skipped"),
-    ("malformed_messages", "Messages or frames that cannot be", "malformed"),
+    ("frames", "Valid frames for the agent", "frames"),
+    ("crc_errors", "Complete frames with a wrong CRC", "crc_errors"),
+    ("foreign_frames", "Valid frames for other addresses", "foreign"),
+    ("skipped_bytes", "Bytes outside of valid frames", "skipped"),
+    ("malformed_messages", "Malformed messages or frames", "malformed"),
     ("dropped_messages", "Messages that the line did not take", "dropped"),
     ("refused_connections", "Connections that were refused", "refused"),
 )
 
 
 def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
-    """The metrics of a snapshot."""
+    """Yield the metrics of a snapshot."""
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
     info = GaugeMetricFamily(
@@ -120,7 +120,7 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
             connections.add_metric(labels, it["connections"])
     yield connections
 
-    about = "Where a board is and what it says it is, always 1"
+    about = "Address and first node of a board, always 1"
     info = GaugeMetricFamily(
         "uros_client_info", about, labels=["key", "transport", "address", "node"]
     )
@@ -144,12 +144,12 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
 
 
 def _label(text: str) -> str:
-    """A text that may be a client's, for who reads a graph's legend."""
+    """Make a text of a client safe for the legend of a graph."""
     return printable(text)
 
 
 class _Families:
-    """What prometheus_client calls a collector."""
+    """A collector of prometheus_client."""
 
     def __init__(self, snapshot: dict[str, Any]) -> None:
         self._snapshot = snapshot
@@ -161,7 +161,7 @@ class _Families:
 
 
 def _page(snapshot: dict[str, Any], accept: str) -> tuple[bytes, str]:
-    """The metrics in the form that the asker accepts, and its name."""
+    """Return the metrics in a format that is accepted, and its content type."""
     from prometheus_client import CollectorRegistry, ProcessCollector
     from prometheus_client.exposition import choose_encoder
 
@@ -173,7 +173,12 @@ def _page(snapshot: dict[str, Any], accept: str) -> tuple[bytes, str]:
 
 
 class Metrics:
-    """Attached to a server: serves HTTP at an address of this machine; port 0 is any."""
+    """Serves the metrics over HTTP; an attachment of the server.
+
+    Args:
+        host: An address or name of this machine.
+        port: TCP port; 0 for any.
+    """
 
     def __init__(self, host: str, port: int) -> None:
         self.host = host
@@ -181,7 +186,7 @@ class Metrics:
         self._http: _Http | None = None
 
     def open(self, server: Server) -> None:
-        """See :class:`~uros.agent.server.Attachment`."""
+        """Start to serve; raises TransportError."""
         try:
             import prometheus_client  # noqa: F401  here, and not at the first scrape
         except ImportError as error:
@@ -207,7 +212,7 @@ class Metrics:
         server.note(INFO, "Metrics", "init", "running...", f"port: {self.port}, {url}")
 
     def close(self) -> None:
-        """See :class:`~uros.agent.server.Attachment`."""
+        """Stop; idempotent."""
         http, self._http = self._http, None
         if http is not None:
             http.close()
@@ -216,14 +221,14 @@ class Metrics:
 class _Http(HttpServer):
     def __init__(self, host: str, port: int, server: Server) -> None:
         self.agent_server = server
-        super().__init__(host, port, _Handler, MAX_SCRAPES, _STRANGER, self._tell)
+        super().__init__(host, port, _Handler, MAX_SCRAPES, _WRONG_HOST, self._tell)
 
     def _tell(self, error: Exception) -> None:
         server, about = self.agent_server, unexpected(error)
         server.soon(lambda: server.note(ERROR, "Metrics", "run", "internal error", about))
 
     def snapshot(self) -> dict[str, Any] | None:
-        """Asked for in a thread of ours; None: the agent has not made it in time."""
+        """Request a snapshot, in a thread of HTTP; None where it is not made in time."""
         made: list[str] = []
         ready = threading.Event()
         wanted = True
@@ -250,7 +255,7 @@ class _Handler(Handler):
             return
         snapshot = self.server.snapshot()
         if snapshot is None:
-            self._reply(503, b"the agent is busy: its log may say with what\n")
+            self._reply(503, b"the agent is busy: its log may have the reason\n")
             return
         self._reply(200, *_page(snapshot, self.headers.get("Accept") or ""))
 

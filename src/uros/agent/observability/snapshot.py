@@ -1,11 +1,11 @@
-"""What an agent's owner may see of it: transports, clients, who was refused, as one JSON object.
+"""State of the agent as one JSON object: transports, clients, refused clients.
 
 It is made in the server's thread, in pieces, so that boards are served between them: one with
-four thousand clients has megabytes. What clients have chosen, names for one, is cut to a length.
+four thousand clients has megabytes. Texts of clients, such as names, are cut to a length.
 
-``clock_offset`` is the client's own time minus the agent's when its last TIMESTAMP came, and
-null before; a C client tells the time since its start there. ``rate`` is messages a second, over
-the last ``rate_over`` seconds.
+``clock_offset`` is the client's own time minus the agent's at its last TIMESTAMP, null before; a C
+client sends the time since its start there. ``rate`` is messages a second, over the last
+``rate_over`` seconds.
 """
 
 from __future__ import annotations
@@ -36,30 +36,31 @@ MAX_TEXT: Final = 200
 MAX_ENDPOINTS: Final = 256
 # Rates are over at least so many seconds, and at most twice as many.
 RATE_SECONDS: Final = 5.0
-# How long a piece of work on a snapshot takes, in seconds, before it is the boards' turn.
+# How long the work on a snapshot takes at a time, in seconds, before boards are served.
 SLICE: Final = 0.0003
-# Ticks go around: what was heard longer ago is told by the clock of the marks.
+# Ticks wrap around: for longer silences the time of the marks is used.
 _TICKS_MS: Final = 3_600_000
 
 
 class _Mark(NamedTuple):
-    """What a client's counters were."""
+    """The counters of a client at a time."""
 
     born: float
     when: float
     received: int
     sent: int
     heard: int
-    heard_at: float  # of time.monotonic, about
+    heard_at: float  # seconds of the monotonic clock, approximate
 
 
-# A session begins with a burst of CREATE messages; and a rate is over no less.
+# A session begins with a burst of CREATE messages, which no rate includes; and the shortest time of
+# a rate.
 _CREATING_SECONDS: Final = 1.0
 _LEAST_SECONDS: Final = 1.0
 
 
 class Rates:
-    """Remembers the counters of all clients, every :data:`RATE_SECONDS`."""
+    """Records the counters of all clients every :data:`RATE_SECONDS`."""
 
     def __init__(self, clients: dict[int, ProxyClient]) -> None:
         self._clients = clients
@@ -67,7 +68,7 @@ class Rates:
         self._last: dict[int, _Mark] = {}
 
     def mark(self, now: float) -> None:
-        """Remember the counters, and the ones before."""
+        """Record the counters; the ones before are kept too."""
         marks = {}
         for key, client in self._clients.items():
             session = client.session
@@ -80,10 +81,9 @@ class Rates:
         self._before, self._last = self._last, marks
 
     def of(self, client: ProxyClient, now: float) -> tuple[float, float, float]:
-        """Messages a second that came and that went, and over how many seconds."""
+        """Return the messages received and sent a second, and over how many seconds."""
         since, received, sent = client.born, 0, 0
-        # The longer time first; a client that is in none of them is younger. What it creates when
-        # it comes is no rate.
+        # The longer time first; a client without a mark is younger.
         for mark in (self._before.get(client.key), self._last.get(client.key)):
             if (
                 mark is not None
@@ -98,7 +98,7 @@ class Rates:
         return (session.received - received) / over, (session.sent - sent) / over, over
 
     def heard_ago(self, client: ProxyClient, now: float, ticks: int) -> float:
-        """Seconds since anything was heard of the client."""
+        """Return the seconds since the last message of the client."""
         mark = self._last.get(client.key)
         if mark is not None and mark.born == client.born and mark.heard == client.session.heard:
             ago = now - mark.heard_at
@@ -108,14 +108,14 @@ class Rates:
 
 
 def cut(text: str) -> str:
-    """A text of a client's, no longer than :data:`MAX_TEXT`."""
+    """Cut a text of a client to :data:`MAX_TEXT` characters."""
     return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 3] + "..."
 
 
 def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
-    """The snapshot's JSON, on one line with its end, a piece a client.
+    """Yield the JSON of a snapshot as one line, a piece for each client.
 
-    Without ``rates``, they are over a client's life.
+    Without ``rates``, rates are over a client's life.
     """
     agent = server.agent
     rates = rates or Rates(agent.clients)
@@ -123,22 +123,22 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
     comma = ""
     for key in list(agent.clients):
         client = agent.clients.get(key)
-        if client is not None:  # else it left meanwhile
+        if client is not None:  # otherwise it left meanwhile
             yield comma + _text(_client(server, client, rates))
             comma = ","
     now = time.monotonic()
     refused = [
         {
-            "key": key_label(key), "why": cut(it.why), "address": cut(it.address),
-            "times": it.times, "ago": round(now - it.when, 3),
+            "key": key_label(key), "why": cut(refusal.why), "address": cut(refusal.address),
+            "times": refusal.times, "ago": round(now - refusal.when, 3),
         }
-        for key, it in list(agent.refusals.items())
+        for key, refusal in list(agent.refusals.items())
     ]  # fmt: skip
     yield '],"refused":' + _text(refused) + "}\n"
 
 
 def snapshot(server: Server) -> dict[str, Any]:
-    """All of it at once, where boards may wait."""
+    """Make a snapshot at once, where boards may wait."""
     made: dict[str, Any] = json.loads("".join(pieces(server)))
     return made
 
@@ -146,9 +146,9 @@ def snapshot(server: Server) -> dict[str, Any]:
 def gather(
     server: Server, done: Callable[[str], None], wanted: Callable[[], bool]
 ) -> None:
-    """Make one between what boards want, and give its JSON to ``done``; in the server's thread.
+    """Make a snapshot in the server's thread while boards are served; pass its JSON to ``done``.
 
-    It stops where it is no longer ``wanted``.
+    It stops when it is no longer ``wanted``.
     """
     made: list[str] = []
     more = pieces(server)
@@ -183,7 +183,7 @@ def _head(server: Server) -> dict[str, Any]:
         "cpu": round(time.process_time(), 3),
         "fds": descriptors(),
         "limits": dataclasses.asdict(agent.limits),
-        "transports": [_transport(it) for it in server.transports],
+        "transports": [_transport(transport) for transport in server.transports],
     }
 
 
@@ -240,17 +240,17 @@ def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]
     return made
 
 
-def _endpoint(thing: XrceObject, endpoint: Endpoint) -> dict[str, Any]:
-    topic, type_name = thing.named
-    if thing.kind in (ids.KIND_REQUESTER, ids.KIND_REPLIER):
+def _endpoint(obj: XrceObject, endpoint: Endpoint) -> dict[str, Any]:
+    topic, type_name = obj.named
+    if obj.kind in (ids.KIND_REQUESTER, ids.KIND_REPLIER):
         shown = names.service_from_request(topic) or topic
         type_name = names.service_type_from_dds(type_name)
     else:
         shown = names.topic_from_dds(topic) or topic
         type_name = names.type_from_dds(type_name)
     return {
-        "object": object_label(thing.object_id),
-        "kind": KIND_NAMES[thing.kind],
+        "object": object_label(obj.object_id),
+        "kind": KIND_NAMES[obj.kind],
         "topic": cut(shown),
         "type": cut(type_name),
         "samples": endpoint.written if isinstance(endpoint, WriterEndpoint) else endpoint.taken,
@@ -258,7 +258,7 @@ def _endpoint(thing: XrceObject, endpoint: Endpoint) -> dict[str, Any]:
 
 
 def resident_bytes() -> int | None:
-    """Memory of this process that is in the machine's; None where that is not told."""
+    """Return the resident memory of this process in bytes; None where it is unknown."""
     try:
         with open("/proc/self/statm", encoding="ascii") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -267,8 +267,8 @@ def resident_bytes() -> int | None:
 
 
 def descriptors() -> int | None:
-    """How many descriptors this process has open; None where that is not told."""
+    """Return the number of open descriptors of this process; None where it is unknown."""
     try:
-        return len(os.listdir("/proc/self/fd")) - 1  # one of them is the look itself
+        return len(os.listdir("/proc/self/fd")) - 1  # one of them is that of listdir
     except OSError:
         return None

@@ -1,4 +1,4 @@
-"""What the agent's owner decides for clients: names, domain, QoS, limits.
+"""Rules of the agent's owner for clients: names, domain, QoS, limits.
 
 Rules come from a TOML file and from the command line. A rule says which
 clients it is for (by key, address, name of the node; every client where it
@@ -46,7 +46,7 @@ from .config_values import ConfigError as ConfigError
 from .config_values import key_of, listed, only, shown, table_of, whole
 from .token_bucket import TokenBucket
 
-# Names that mean the same for every robot: a namespace leaves them alone, remapping does not.
+# Names that are global in ROS: a namespace does not apply to them, remapping does.
 GLOBAL: Final = frozenset(
     {
         "/clock",
@@ -58,9 +58,9 @@ GLOBAL: Final = frozenset(
         "/tf_static",
     }
 )
-# Attack, or a slip: a file that is none of rules.
+# Attack, or a mistake: a file that is no rule file. Bytes.
 MAX_FILE: Final = 1024 * 1024
-# How much of a second's messages may come at once under max_rate.
+# Messages that may come at once under max_rate, as seconds of that rate.
 _BURST: Final = 0.25
 _MAX_MS: Final = 0x7FFFFFFF
 _MAX_DEPTH: Final = 1_000_000
@@ -92,7 +92,7 @@ _ACTIONS: Final = ("domain", "namespace", "remap", "qos", "max_rate", "max_size"
 
 @dataclass
 class Rule:
-    """One rule. None and empty: it says nothing about that."""
+    """One rule; None and empty fields do not apply."""
 
     keys: frozenset[int] = frozenset()
     addresses: tuple[str, ...] = ()
@@ -105,20 +105,20 @@ class Rule:
     max_size: int | None = None
 
     def is_for(self, key: int, address: str) -> bool:
-        """:meth:`matches`, for some node."""
+        """Return whether the rule applies to some node of a client."""
         if self.keys and key not in self.keys:
             return False
         return not self.addresses or any(_is_at(address, it) for it in self.addresses)
 
     def matches(self, key: int, address: str, node: str) -> bool:
-        """``address`` as the log shows it, ``node`` as the board names it."""
+        """Return whether it applies; ``address`` as in the log, ``node`` as the board names it."""
         if not self.is_for(key, address):
             return False
         return not self.nodes or any(fnmatchcase(node, it) for it in self.nodes)
 
 
 class NameRefused(Exception):
-    """A topic, service or node may not have this name; the text says why, and the remedy."""
+    """A topic, service or node may not have this name; the text has the reason and the remedy."""
 
 
 class Limiter:
@@ -143,7 +143,7 @@ class Limiter:
             self._rate.available(clock())
 
     def admits(self) -> bool:
-        """Whether one more message may pass now; it counts as passed then."""
+        """Return whether one more message may pass now under max_rate, and count it."""
         return self._rate is None or self._rate.take(self._clock())
 
     def write(
@@ -175,7 +175,7 @@ class Limiter:
 
 
 class Settings:
-    """What the rules come to for one node of one client."""
+    """The rules that apply to one node of one client, combined."""
 
     def __init__(self, rules: list[Rule], clock: Callable[[], float] = time.monotonic) -> None:
         self.any_name = False  # see Middleware.any_name; in a namespace they are ROS's all the same
@@ -202,11 +202,11 @@ class Settings:
 
     @property
     def remapped(self) -> frozenset[str]:
-        """The names that remappings lead to; no namespace stands before them."""
+        """The targets of remappings, which get no namespace."""
         return frozenset(self._remap.values())
 
     def node(self, namespace: str, name: str) -> tuple[str, str]:
-        """Where the node stands and what it is called. Raises NameRefused."""
+        """Map namespace and name of a node; raises NameRefused."""
         whole = (self.namespace + namespace).rstrip("/") or "/"
         why = "" if whole == "/" else names.fault(whole, names.MAX_NAMESPACE)
         if not why and len(name) > names.MAX_NODE_NAME:
@@ -216,8 +216,10 @@ class Settings:
         return whole, name
 
     def name(self, name: str, prefix: str = "rt") -> str:
-        """The name of a topic or service for the one that the board uses. ``prefix`` is that of
-        DDS: a service that is called as a topic of :data:`GLOBAL` is in the namespace.
+        """Map the name of a topic or service that the board uses.
+
+        ``prefix`` is that of DDS: a service with the name of a topic of :data:`GLOBAL` is put into
+        the namespace.
         """
         to = self._remap.get(name)
         if to is None:
@@ -260,7 +262,7 @@ class Settings:
         return f"{prefix}{name}{suffix}"
 
     def service(self, service: Service) -> Service:
-        """The same for a service's pair of topics."""
+        """Map the two topics of a service; raises NameRefused."""
         return Service(
             self.topic(service.request_topic),
             service.request_type,
@@ -271,7 +273,7 @@ class Settings:
     # --- QoS ------------------------------------------------------------
 
     def apply(self, qos: QoSProfile, dds_name: str) -> None:
-        """Set what the rules say of the topic that the board calls ``dds_name``."""
+        """Apply the QoS rules for the topic that the board calls ``dds_name``."""
         prefix, given, _ = names.split_dds(dds_name) or ("", names.absolute(dds_name), "")
         called = {given, self.name(given, prefix)}
         for pattern, fields in self._qos:
@@ -280,12 +282,12 @@ class Settings:
                     setattr(qos, key, value)
 
 
-# Where no rule says anything.
+# The settings where no rule applies.
 NOTHING: Final = Settings([])
 
 
 class Rules:
-    """All rules, in order."""
+    """All rules of an agent, in order."""
 
     def __init__(self) -> None:
         self._rules: list[Rule] = []
@@ -293,7 +295,7 @@ class Rules:
         self.admission: list[tuple[str, Any]] = []
 
     def load(self, path: str | Path) -> int:
-        """Add a file's rules; how many. Raises ConfigError naming the file."""
+        """Add the rules of a file; return how many. Raises ConfigError with the file's name."""
         if sys.version_info >= (3, 11):
             import tomllib
         else:
@@ -319,27 +321,25 @@ class Rules:
         return len(rules)
 
     def add(self, table: Mapping[str, Any]) -> None:
-        """Add one rule, as a ``[[client]]`` table has it. Raises ConfigError."""
+        """Add one rule from a ``[[client]]`` table; raises ConfigError."""
         self._rules.append(parse_rule(table))
 
     def settings(
         self, key: int, address: str, node: str, clock: Callable[[], float] = time.monotonic
     ) -> Settings:
-        """What applies to a node of a client; see :meth:`Rule.matches`."""
+        """Return the settings of a node of a client; see :meth:`Rule.matches`."""
         rules = [rule for rule in self._rules if rule.matches(key, address, node)]
         return Settings(rules, clock) if rules else NOTHING
 
     def same_rules(self, key: int, one: str, other: str) -> bool:
-        """Whether a client that talks from either of two addresses has the same rules, whatever its
-        nodes are called.
-        """
+        """Return whether a client has the same rules at two addresses, for all node names."""
         return one == other or all(
             rule.is_for(key, one) == rule.is_for(key, other) for rule in self._rules
         )
 
 
 def _cut(name: str) -> str:
-    """As much of a refused name as a line of the log needs."""
+    """Cut a refused name for the log."""
     return name if len(name) <= 80 else name[:80] + "…"
 
 
@@ -372,7 +372,7 @@ def _rules(document: Mapping[str, Any]) -> list[Rule]:
 
 
 def parse_rule(table: Mapping[str, Any]) -> Rule:
-    """A rule from a ``[[client]]`` table. Raises ConfigError."""
+    """Parse a rule from a ``[[client]]`` table; raises ConfigError."""
     only(table, _SELECTORS + _ACTIONS, "a rule")
     if not any(key in table for key in _ACTIONS):
         raise ConfigError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
@@ -415,7 +415,7 @@ def _pattern(value: Any, what: str) -> str:
 
 
 def _address(value: Any) -> str:
-    """A network, or a pattern for other addresses; what only looks like a network is refused."""
+    """Check a network, or a pattern for other addresses."""
     pattern = _pattern(value, "address")
     if re.match(r"[0-9A-Fa-f.:]+/", pattern):
         try:

@@ -1,4 +1,4 @@
-"""The addresses of this machine, as the kernel knows them. Nothing is sent to find them."""
+"""The addresses of this machine, from the kernel; nothing is sent to find them."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import struct
 import sys
 from typing import Final
 
-# The kernel's: ask for an interface's IPv4 address; lengths of struct ifreq and of a name in it.
+# Linux: the ioctl for an interface's IPv4 address; lengths of struct ifreq and of a name in it.
 _SIOCGIFADDR: Final = 0x8915
 _IFREQ: Final = 256
 _NAME: Final = 15
-# Flags of an IPv6 address that is not to be given out: tentative, deprecated, a duplicate; and
-# of one that will be another soon.
+# Flags of an IPv6 address that must not be given out: tentative, deprecated, duplicate; and of a
+# temporary one.
 _UNFIT: Final = 0x40 | 0x20 | 0x08
 _TEMPORARY: Final = 0x01
 _IF_INET6: Final = "/proc/net/if_inet6"
-# From the block for documentation: nobody has it, and a way to it is one to the Internet.
+# From the block for documentation (RFC 3849): a route to it is one to the Internet.
 _FAR_AWAY: Final = ("2001:db8::1", 9)
 
 
 def ipv4_by_interface() -> dict[str, str]:
-    """The first IPv4 address of each interface that has one; empty where only Linux could say."""
+    """Return the first IPv4 address of each interface; empty on systems other than Linux."""
     if sys.platform != "linux":
         return {}
     import fcntl
@@ -32,17 +32,17 @@ def ipv4_by_interface() -> dict[str, str]:
             request = struct.pack(f"{_IFREQ}s", name.encode()[:_NAME])
             try:
                 answer = fcntl.ioctl(sock.fileno(), _SIOCGIFADDR, request)
-            except OSError:  # it has none, or is gone again
+            except OSError:  # it has none, or was removed
                 continue
             found[name] = socket.inet_ntoa(answer[20:24])
     return found
 
 
 def ipv6_of(interface: str | None) -> str | None:
-    """An IPv6 address of an interface that others can be told, if it has one.
+    """Return an IPv6 address of an interface that can be given to other machines, if it has one.
 
-    Not a link-local one: it means nothing without the name that the interface has with the other.
-    ``None`` is the interface towards the Internet.
+    Not a link-local one: it needs the name of the other machine's interface. ``None`` is the
+    interface towards the Internet.
     """
     best, best_rank = None, 2
     for name, flags, address in _ipv6_addresses() if interface is not None else []:
@@ -54,7 +54,7 @@ def ipv6_of(interface: str | None) -> str | None:
 
 
 def _ipv6_addresses() -> list[tuple[str, int, str]]:
-    """(interface, flags, address) of each, as far as this system says."""
+    """Return ``(interface, flags, address)`` of each, on Linux."""
     try:
         with open(_IF_INET6, encoding="ascii") as file:
             lines = [line.split() for line in file]
@@ -67,12 +67,12 @@ def _ipv6_addresses() -> list[tuple[str, int, str]]:
 
 
 def is_link_local(address: str) -> bool:
-    """Whether an address in numbers is good on one link only, and on IPv6."""
+    """Return whether a numeric address is a link-local one of IPv6."""
     return address[:3] in ("fe8", "fe9", "fea", "feb")
 
 
 def own_address(peer: tuple[str, int]) -> str | None:
-    """The address that this machine has towards a peer; None: there is no way there."""
+    """Return the address that this machine has towards a peer; None without a route."""
     family = socket.AF_INET6 if ":" in peer[0] else socket.AF_INET
     try:
         with socket.socket(family, socket.SOCK_DGRAM) as sock:

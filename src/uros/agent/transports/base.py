@@ -1,9 +1,8 @@
 """The contract of a transport at the agent's end.
 
-A transport finds the messages and tells from whom they are; it does not look
-into them beyond the session id. It keeps the sessions of its peers itself, so
-that the way from socket to session is one dictionary look-up. Everything
-happens in the server's thread; nothing blocks.
+A transport receives messages and identifies their senders; it reads no more of them than the
+session id. It keeps the sessions of its peers itself, so that finding the session of a message is
+one dictionary look-up. Everything happens in the server's thread; nothing blocks.
 """
 
 from __future__ import annotations
@@ -15,34 +14,34 @@ from typing import Any, Protocol
 # Levels of Host.note, as in the agent's log.
 ERROR, WARNING, INFO = 2, 3, 4
 
-# Where boards look for an agent, by UDP and TCP, if nobody says another.
+# The default port of agents, for UDP and TCP.
 DEFAULT_PORT = 8888
 
-# Drain a ready socket up to so many messages, then the next: a flood must not
-# starve others.
+# A ready socket is drained up to so many messages, then the next: a flood must not starve others.
 MAX_BURST = 64
-# Attack: as large messages as there are, full of small requests.
+# Attack: the largest messages, full of small requests. Bytes of one burst.
 MAX_BURST_BYTES = 64 * 1024
 
 
 class TransportError(OSError):
-    """A transport cannot be opened; the text says why and what to do."""
+    """A transport cannot be opened; the text has the reason and the remedy."""
 
 
 class Session(Protocol):
-    """What a transport knows of a session."""
+    """What a transport uses of a session."""
 
     key: int
     session_id: int
 
-    def receive(self, buf: bytearray, view: memoryview, length: int, now: int) -> bool: ...
+    def receive(self, buf: bytearray, view: memoryview, length: int, now: int) -> bool:
+        """Handle one message; return whether there is something to send."""
 
 
 class Host(Protocol):
-    """What a transport needs of the server it works for."""
+    """What a transport uses of the server."""
 
     def now(self) -> int:
-        """Milliseconds modulo 2^30."""
+        """Return the time in milliseconds modulo 2^30."""
 
     def stray(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
@@ -56,87 +55,95 @@ class Host(Protocol):
         """A message of a session, where messages are logged or may fail."""
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
-        """The peer's connection is closed for good."""
+        """Note that the connection of a peer was closed for good."""
 
     def lost(self, transport: ServerTransport) -> None:
-        """A line of the transport is gone, and with it some peers; see is_away()."""
+        """Note that the transport lost a line, and with it some peers; see is_away()."""
 
     def has_client(self, transport: ServerTransport, peer: Any) -> bool:
-        """Whether a client talks from there; seldom asked, as all are looked at."""
+        """Return whether a client has this address; called seldom, as it searches all clients."""
 
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
-        """Call ``ready`` when the descriptor is readable (or writable too)."""
+        """Call ``ready`` whenever the descriptor is readable; with ``writing`` also writable."""
 
     def unwatch(self, fileno: int) -> None:
-        """The descriptor is about to be closed."""
+        """Stop watching a descriptor that will be closed."""
 
     def note(self, level: int, part: str, function: str, what: str, about: str) -> None:
-        """A line for the log."""
+        """Write a line to the log."""
 
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
-        """Call once, so many seconds from now."""
+        """Call ``call`` once, so many seconds from now."""
 
 
 class ServerTransport(ABC):
-    """See the module."""
+    """A transport at the agent's end.
 
-    name = ""  # as the log knows it: UDPv4Agent
-    kind = ""  # in arrows of messages: UDP
-    mtu = 0xFFFF  # the longest message it carries
-    # Whether a peer has the same address after a restart of the agent, and goes on there.
+    Attributes:
+        name: Its name in the log, such as ``UDPv4Agent``.
+        kind: Its name in the arrows of logged messages, such as ``UDP``.
+        mtu: The longest message that it carries, in bytes.
+        lasting: Whether a peer keeps its address over a restart of the agent, and its session.
+        sessions: The sessions with ids from 0x80 on, by peer.
+        admits: Whether an IP address is admitted; None for all. Set before :meth:`open`.
+        messages: Messages received, those of unknown clients too.
+        bytes: Their bytes.
+    """
+
+    name = ""
+    kind = ""
+    mtu = 0xFFFF
     lasting = True
 
     def __init__(self) -> None:
         self.sessions: dict[Any, Any] = {}
-        # Whether an IP address may talk to the agent, where not all may. Set before open().
         self.admits: Callable[[str], bool] | None = None
-        self.messages = 0  # that came, whosever they are, and their bytes
+        self.messages = 0
         self.bytes = 0
 
     def label(self) -> str:
-        """What it listens on, as a person reads it: port 8888, /dev/ttyACM0."""
+        """Return what it listens on, as text: ``port 8888``, ``/dev/ttyACM0``."""
         return ""
 
     def counters(self) -> dict[str, int]:
-        """What it has counted since it was made; what else than messages, kinds of transport
-        differ in.
-        """
+        """Return its counters; further ones than messages and bytes differ by transport."""
         return {"messages": self.messages, "bytes": self.bytes}
 
     @abstractmethod
     def open(self, host: Host) -> None:
-        """Open and start watching. Raises TransportError."""
+        """Open and start watching; raises TransportError."""
 
     @abstractmethod
     def send(self, peer: Any, datagram: bytes) -> None:
-        """Send one message; what cannot be sent is lost, as on a network."""
+        """Send one message; it is lost where it cannot be sent, as on a network."""
 
     @abstractmethod
     def address(self, peer: Any) -> str:
-        """The peer as a person reads it."""
+        """Return the peer as text."""
 
     def host_of(self, peer: Any) -> str | None:
-        """The IP address that the peer talks from, in numbers; None: it does not talk over IP."""
+        """Return the peer's numeric IP address; None where the transport does not use IP."""
         return None
 
     def is_away(self, peer: Any) -> bool:
-        """Whether the line that the peer is on is not there now, as far as that can be known."""
+        """Return whether the line of the peer is gone, as far as that can be known."""
         return False
 
     def certificate_of(self, peer: Any) -> str | None:
-        """What tells the certificate that the peer has shown from all others (its SHA-256, in hex);
-        None: it has shown none, as nobody does but clients of TLS.
+        """Return the SHA-256 of the certificate that the peer showed, in hex.
+
+        None where it showed none; only clients of TLS do.
         """
         return None
 
     @abstractmethod
     def close(self) -> None:
-        """Close everything. Twice is once."""
+        """Close everything; idempotent."""
 
     def deliver(
         self, host: Host, peer: Any, buf: bytearray, view: memoryview, length: int, now: int
     ) -> None:
-        """Pass one message on to the session it names, or as a stray."""
+        """Pass one message to the session that it names, or to the host as an unmatched message."""
         self.messages += 1
         self.bytes += length
         session = self.sessions.get(peer)

@@ -1,7 +1,7 @@
 """Baud rates of serial devices: those that termios names, and any other.
 
-Linux takes any number by TCSETS2, macOS by IOSSIOSPEED. The BSDs' constants are
-the rates themselves, so there any number will do. POSIX only: it imports termios.
+Linux takes any number by TCSETS2, macOS by IOSSIOSPEED. On the BSDs the constants are the rates
+themselves, so any number works. POSIX only: it imports termios.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from .base import TransportError
 
-# Above this no UART goes; a number that does not fit 32 bits would be an error of struct's.
+# No UART is faster; a number of over 32 bits would be a struct.error.
 MAX_BAUD: Final = 50_000_000
 
 BAUD_RATES: Final = {
@@ -38,16 +38,16 @@ _GENERIC: Final = ("x86_64", "amd64", "i386", "i486", "i586", "i686", "arm", "aa
 _IOSSIOSPEED: Final = 0x80045402
 _PLATFORM: Final = str(sys.platform)
 
-# A UART understands a rate that is so far off, in percent; beyond, bits are read wrong.
+# A UART tolerates a rate that is so far off, in percent; beyond, bits are read wrong.
 _TOLERANCE: Final = 3
 
 
 class BaudRateError(OSError):
-    """The device does not do this rate; the text says so, and what to do."""
+    """The device does not support this rate; the text has the remedy."""
 
 
 def check_baud_rate(rate: int) -> int:
-    """``rate``, if this machine can be asked for it. Raises TransportError naming the remedy."""
+    """Return ``rate`` if this machine can set it; raises TransportError with the remedy."""
     if rate in BAUD_RATES:
         return rate
     if not 0 < rate <= MAX_BAUD:
@@ -56,7 +56,7 @@ def check_baud_rate(rate: int) -> int:
             f"baud rate {rate} does not exist: 1 to {MAX_BAUD}, such as 115200 or 921600",
         )
     if _way() is None:
-        known = ", ".join(str(it) for it in sorted(BAUD_RATES))
+        known = ", ".join(str(each) for each in sorted(BAUD_RATES))
         raise TransportError(
             errno.EINVAL,
             f"baud rate {rate} cannot be set on this machine ({_PLATFORM},"
@@ -66,7 +66,7 @@ def check_baud_rate(rate: int) -> int:
 
 
 def _way() -> str | None:
-    """How a rate without a constant is set here."""
+    """Return how this system sets a rate without a constant; None if it cannot."""
     if _PLATFORM.startswith("linux"):
         return "termios2" if os.uname().machine.lower().startswith(_GENERIC) else None
     if _PLATFORM == "darwin":
@@ -75,17 +75,17 @@ def _way() -> str | None:
 
 
 def set_baud_rate(fd: int, rate: int) -> None:
-    """Set what check_baud_rate allowed, both ways, and nothing else.
+    """Set a rate that check_baud_rate returned, for input and output, and nothing else.
 
-    The last thing to be set: on macOS, whatever is set after it sets the rate back.
-    Raises OSError or termios.error; BaudRateError where the device has taken another one.
+    It must be set last: on macOS, any later setting resets the rate. Raises OSError or
+    termios.error; BaudRateError where the device set another rate.
     """
     way = None if rate in BAUD_RATES else _way()
     attributes: list[Any] = termios.tcgetattr(fd)
     if way == "termios2":
         _set_termios2(fd, rate)
         return
-    # Where the input has a rate of its own it would stay: none means the output's.
+    # A separate input rate would stay: 0 means that of the output.
     attributes[2] &= ~getattr(termios, "CIBAUD", 0)
     if way == "iossiospeed":
         attributes[4] = attributes[5] = termios.B9600
@@ -113,11 +113,11 @@ def _set_termios2(fd: int, rate: int) -> None:
 
 
 def baud_rate(fd: int) -> int:
-    """The rate that a Linux device says it has. Raises OSError where it has none to tell."""
+    """Return the rate of a Linux device; raises OSError where it has none."""
     return int(_TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[6])
 
 
 def _refused(rate: int, why: str) -> BaudRateError:
     return BaudRateError(
-        errno.EINVAL, f"the device does not do {rate} baud ({why}): choose a rate that it has"
+        errno.EINVAL, f"the device does not support {rate} baud ({why}): choose a rate that it has"
     )

@@ -1,8 +1,8 @@
-"""CAN FD at the agent's end, over python-can: SocketCAN, and the adapters that python-can knows.
+"""CAN FD at the agent's end, over python-can: SocketCAN, and other adapters of python-can.
 
-The frames are those of :mod:`uros.transport.can`. A board is known by the identifier of its
-frames, and answered under the same. An interface that is missing, down or unplugged is waited
-for, as serial devices are.
+The frames are those of :mod:`uros.transport.can`. A peer is the identifier of its frames; answers
+have the same one. An interface that is missing, down or unplugged is opened again and again, as
+serial devices are.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, Transp
 from .fault_counter import FaultCounter
 from .worker import Worker
 
-# How often an interface that is away is looked for, in seconds.
+# The time between two tries to open an interface, in seconds.
 RETRY: Final = 0.5
-# A bus has a short queue in the kernel (10 frames, by default), and nothing tells when it has
-# room again. Ours is looked after so often, in seconds, and less often while nothing goes out.
+# A bus has a short queue in the kernel (10 frames by default), and no event when it has room again.
+# Sending is tried at this interval, in seconds, and less often while nothing is sent.
 _AGAIN: Final = 0.002
 _AGAIN_MOST: Final = 0.1
-# A bus that takes no frame for so long is told about, and what waits is old, in seconds.
+# A bus that takes no frame for so long is logged, and waiting frames are dropped, in seconds.
 _STUCK: Final = 1.0
-# What waits for the bus, in frames; then messages are lost.
+# Frames that wait for the bus; further messages are lost.
 MAX_UNSENT: Final = 4096
-# How long a driver may wait with a frame, in seconds.
+# How long a driver may block on a frame, in seconds.
 _SEND: Final = 0.5
 
-# Errors of a send after which another one may do.
+# Errors of a send that may succeed later.
 _FULL: Final = (None, errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK)
 CHANNEL_GONE: Final = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF)
 # Bits of a SocketCAN error frame's identifier.
@@ -42,14 +42,18 @@ _CLASSIC_MTU: Final = "16"
 
 
 class CanServer(ServerTransport):
-    """The bus behind ``device``: can0, or what python-can's ``interface`` calls a channel.
+    """A CAN FD bus.
 
-    ``options`` go to python-can as they are, such as the bit rates of an adapter that is not
-    SocketCAN's. ``bitrate_switch`` sends the data of a frame at the second bit rate; the C++
-    agent does not.
+    Attributes:
+        malformed: Frames that are empty or shorter than their length field.
+        foreign: Frames without an extended identifier or without data.
+        dropped: Messages that could not be sent.
 
-    Counted: ``malformed`` frames, shorter than they say or empty; ``foreign`` ones, which have
-    no extended identifier or no data; ``dropped``, messages that could not be sent.
+    Args:
+        device: The interface, such as can0, or a channel of python-can's ``interface``.
+        interface: The interface type of python-can.
+        bitrate_switch: Send the data of a frame at the second bit rate; the C++ agent does not.
+        options: Passed to python-can, such as the bit rates of an adapter without SocketCAN.
     """
 
     name = "CanAgent"
@@ -86,22 +90,27 @@ class CanServer(ServerTransport):
 
     @property
     def malformed(self) -> int:
+        """Malformed frames so far."""
         return self._malformed.count
 
     @property
     def dropped(self) -> int:
+        """Messages dropped so far."""
         return self._dropped.count
 
     def label(self) -> str:
+        """Return what it listens on, as text."""
         return self._device
 
     def counters(self) -> dict[str, int]:
+        """Return the counters."""
         names = ("malformed", "foreign", "dropped")
         return {**super().counters(), **{name: getattr(self, name) for name in names}}
 
-    # --- a bus that comes and goes ---------------------------------------------------------
+    # --- reconnection --------------------------------------------------------------------
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         self._host = host
         self._can = python_can()
         self._try(True)
@@ -138,7 +147,7 @@ class CanServer(ServerTransport):
         )
 
     def _for_good(self, error: Exception) -> bool:
-        """Whether waiting does not help."""
+        """Return whether trying again cannot help."""
         return (
             isinstance(error, (NotImplementedError, TypeError))
             or _number(error) in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)
@@ -168,12 +177,12 @@ class CanServer(ServerTransport):
         if self._interface == "socketcan" and _mtu(self._device) == _CLASSIC_MTU:
             host.note(
                 WARNING, self.name, "init", "not in CAN FD mode",
-                f"device: {self._device}, it takes no frames of ours: sudo ip link set"
+                f"device: {self._device}, it does not take CAN FD frames: sudo ip link set"
                 f" {self._device} down; {_up(self._device)}",
             )  # fmt: skip
 
     def _wait(self, error: BaseException, text: str) -> None:
-        """Say once what is the matter, and try again until it is mended."""
+        """Log a new reason once, and try again."""
         assert self._host is not None
         if text != self._said:
             self._said = text
@@ -183,7 +192,7 @@ class CanServer(ServerTransport):
         self._host.wake_at(RETRY, self._try)
 
     def _lost(self, error: BaseException | None) -> None:
-        """The bus is gone."""
+        """Note that the bus was lost, and try to open it again."""
         self._drop_bus()
         if self._closed or self._host is None:
             return
@@ -218,7 +227,7 @@ class CanServer(ServerTransport):
             pass
 
     def _trouble(self, error: BaseException | None) -> str:
-        """What an error means, and what to do."""
+        """Explain an error, with its remedy."""
         number = _number(error)
         if self._interface == "socketcan":
             if number in (errno.ENODEV, errno.ENXIO):
@@ -298,6 +307,7 @@ class CanServer(ServerTransport):
     # --- sending ---------------------------------------------------------------------------
 
     def send(self, peer: int, datagram: bytes) -> None:
+        """Send one message; it is lost where it cannot be sent."""
         if self._bus is None:
             return
         if len(datagram) > MTU:
@@ -313,14 +323,14 @@ class CanServer(ServerTransport):
                 self._push()
 
     def message(self, peer: int, datagram: bytes) -> Any:
-        """python-can's message."""
+        """Return a message of python-can."""
         return self._can.Message(
             arbitration_id=peer, is_extended_id=True, is_fd=True, bitrate_switch=self._switch,
             data=can_frame(datagram), check=False,
         )  # fmt: skip
 
     def drop(self, why: str) -> None:
-        """Count a message that is lost."""
+        """Count and log a lost message."""
         if self._dropped.add():
             assert self._host is not None
             self._host.note(
@@ -366,7 +376,7 @@ class CanServer(ServerTransport):
         self._push()
 
     def _give_up(self) -> None:
-        """What is newer than this may be of use; one frame stays, to see when the bus goes on."""
+        """Drop old frames; one stays, to notice when the bus takes frames again."""
         while len(self._unsent) > 1:
             self._unsent.pop()
             self._dropped.add()
@@ -380,15 +390,17 @@ class CanServer(ServerTransport):
             )  # fmt: skip
 
     def address(self, peer: int) -> str:
+        """Return the peer as text."""
         return f"{self._device} (0x{peer:08X})"
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         self._closed = True
         self._drop_bus()
 
 
 class _BusLine:
-    """A bus of which no selector knows when it has a frame, for a Worker."""
+    """A bus that cannot be watched by a selector, for a Worker."""
 
     def __init__(self, server: CanServer, bus: Any) -> None:
         self._server = server
@@ -396,7 +408,7 @@ class _BusLine:
         self.worker: Worker | None = None
 
     def open(self) -> None:
-        """It is open."""
+        """Do nothing: it is open."""
 
     def read(self, timeout: float) -> Any:
         return self._bus.recv(timeout)
@@ -414,7 +426,7 @@ class _BusLine:
 
 
 def python_can() -> Any:
-    """The library. Raises TransportError where it is not there."""
+    """Import python-can; raises TransportError where it is not installed."""
     try:
         import can
     except ImportError as error:
@@ -425,20 +437,21 @@ def python_can() -> Any:
 
 
 def check_socketcan(device: str) -> None:
-    """Raises OSError where there is no such interface, or no SocketCAN at all. python-can would
-    print it each time, and leave a socket open.
+    """Raise OSError where there is no such interface, or no SocketCAN.
+
+    python-can would print the error each time, and leave a socket open.
     """
     if not hasattr(socket, "AF_CAN"):
         raise OSError(errno.EAFNOSUPPORT, "no SocketCAN")
     socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     try:
         socket.if_nametoindex(device)
-    except (OSError, ValueError):  # or a name that cannot be one
+    except (OSError, ValueError):  # or an invalid name
         raise OSError(errno.ENODEV, "no such interface") from None
 
 
 def _number(error: BaseException | None) -> int | None:
-    """The errno, where there is one."""
+    """Return the errno of an error, if it has one."""
     number = getattr(error, "error_code", None) or getattr(error, "errno", None)
     return number if isinstance(number, int) else None
 

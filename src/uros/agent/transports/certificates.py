@@ -1,4 +1,4 @@
-"""The agent's certificate, its key and the CA of its clients: files that become an SSLContext."""
+"""Loads the agent's certificate, its key and the CA of its clients into an SSLContext."""
 
 from __future__ import annotations
 
@@ -10,18 +10,24 @@ from typing import Final
 
 from .base import TransportError
 
-# A chain of certificates has some kilobytes.
+# The largest file that is read, in bytes; a chain of certificates has some kilobytes.
 MAX_FILE: Final = 1024 * 1024
-# Attack: sessions that may be resumed, of which OpenSSL keeps 20,000 with their certificates, for
-# clients of TLS 1.2 that leave with a farewell. A new context forgets them.
+# Attack: resumable sessions, of which OpenSSL keeps 20,000 with their certificates, for clients of
+# TLS 1.2 that close properly. A new context drops them.
 MAX_SESSIONS: Final = 256
 _HELP: Final = "docs/security.md has the commands"
 
 
 class Certificates:
-    """What a port speaks TLS with; ``ca`` is None where anybody may come.
+    """The certificate, key and CA of a TLS port.
 
-    Raises TransportError that names the option, the file and the remedy.
+    Args:
+        cert: File of the certificate.
+        key: File of its private key.
+        ca: File of the CA of the clients; None to admit clients without a certificate.
+
+    Raises:
+        TransportError: A file cannot be used; the text has the option, the file and the remedy.
     """
 
     def __init__(self, cert: str, key: str, ca: str | None = None) -> None:
@@ -30,13 +36,13 @@ class Certificates:
         self.ca = ca
         self._context = self._load()
         self._seen = self._look()
-        self._broken = False  # since the last change they cannot be used
+        self._broken = False  # the files cannot be used since their last change
 
     def context(self) -> ssl.SSLContext:
-        """For the next handshake: new where the files are.
+        """Return the context for the next handshake; files that changed are loaded again.
 
         Raises TransportError, once after each change, where they cannot be used; the former
-        ones stay in use.
+        context stays in use.
         """
         seen = self._look()
         full = not self._broken and self._context.session_stats()["number"] > MAX_SESSIONS
@@ -48,12 +54,12 @@ class Certificates:
         return self._context
 
     def _look(self) -> tuple[tuple[int, int, int], ...]:
-        """What changes when a file does."""
+        """Return time, inode and size of the files, to detect changes."""
         found = []
         for path in (self.cert, self.key, self.ca):
             try:
-                it = os.stat(path or "")
-                found.append((it.st_mtime_ns, it.st_ino, it.st_size))
+                status = os.stat(path or "")
+                found.append((status.st_mtime_ns, status.st_ino, status.st_size))
             except OSError:
                 found.append((0, 0, 0))
         return tuple(found)
@@ -61,7 +67,7 @@ class Certificates:
     def _load(self) -> ssl.SSLContext:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
-        # Attack: a client that wants to begin again and again, which costs the agent the most.
+        # Attack: a client that renegotiates again and again, which costs the agent the most.
         # (OpenSSL 3 refuses it by itself.)
         context.options |= ssl.OP_NO_RENEGOTIATION
         context.options |= ssl.OP_NO_TICKET | ssl.OP_NO_COMPRESSION
@@ -82,10 +88,10 @@ class Certificates:
         key = _read("--tls-key", self.key)
 
         def encrypted() -> str:
-            """Without this, OpenSSL would ask at the terminal, and wait."""
+            """Raise; without this function OpenSSL would ask for the password at the terminal."""
             raise _trouble(
-                "--tls-key", self.key, "is encrypted, and an agent has nobody to ask for the"
-                f" password: write it in the clear (openssl pkey -in {self.key} -out NEW), readable"
+                "--tls-key", self.key, "is encrypted, and an agent cannot ask for the"
+                f" password: store it without one (openssl pkey -in {self.key} -out NEW), readable"
                 " for the agent's user only",
             )  # fmt: skip
 
@@ -100,7 +106,7 @@ class Certificates:
             if error.reason == "KEY_VALUES_MISMATCH":
                 raise _trouble(
                     "--tls-key", self.key, f"does not belong to the certificate {self.cert}: give"
-                    " the two that were made together",
+                    " the pair that was made together",
                 ) from error  # fmt: skip
             if error.reason in _WEAK:
                 raise _trouble(
@@ -119,14 +125,14 @@ class Certificates:
             raise _trouble("--tls-cert", self.cert, f"cannot be read: {error.strerror}") from error
 
     def doubt(self) -> str:
-        """Why those who look at the agent's certificate will not have it, or nothing.
+        """Return why boards that verify the certificate will refuse it; "" if they will not.
 
-        By a handshake within this process, which is done as soon as it is known.
+        It is found by a handshake within this process.
         """
         theirs = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         theirs.check_hostname = False
         try:
-            # The certificate vouches for itself, whoever has signed it: this is about its dates.
+            # The certificate is its own trust anchor: only its dates are checked.
             theirs.load_verify_locations(cadata=_read("--tls-cert", self.cert))
             theirs.verify_flags |= 0x80000  # X509_V_FLAG_PARTIAL_CHAIN
             ours = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -152,7 +158,7 @@ _WEAK: Final = ("EE_KEY_TOO_SMALL", "CA_KEY_TOO_SMALL", "CA_MD_TOO_WEAK", "EE_MD
 
 
 def _words(error: ssl.SSLError) -> str:
-    """OpenSSL's reason in words."""
+    """Return OpenSSL's reason in words."""
     return (error.reason or "of no known form").replace("_", " ").lower()
 
 
@@ -162,7 +168,7 @@ def _trouble(option: str, path: str, what: str) -> TransportError:
 
 def _no_certificate(path: str) -> str:
     return (
-        "holds no sound certificate in PEM form (-----BEGIN CERTIFICATE-----): if it is in DER,"
+        "holds no valid certificate in PEM form (-----BEGIN CERTIFICATE-----): if it is in DER,"
         f" openssl x509 -inform DER -in {path} -out NEW; {_HELP}"
     )
 
@@ -176,7 +182,7 @@ def _is_sound(cert: str) -> bool:
 
 
 def _read(option: str, path: str) -> str:
-    """The text of a file; what is no text becomes some that is no certificate."""
+    """Read a file as text; other bytes become text that is no certificate."""
     try:
         with open(path, "rb") as file:
             data = file.read(MAX_FILE + 1)
@@ -187,7 +193,7 @@ def _read(option: str, path: str) -> str:
         ) from error  # fmt: skip
     except (OSError, ValueError) as error:  # ValueError: a name with a zero in it
         why = getattr(error, "strerror", None) or str(error)
-        raise _trouble(option, path, f"cannot be read: {why}: mend the name; {_HELP}") from error
+        raise _trouble(option, path, f"cannot be read: {why}: correct the name; {_HELP}") from error
     if len(data) > MAX_FILE:
         raise _trouble(option, path, f"is over {MAX_FILE} bytes: that is no certificate or key")
     return data.decode("ascii", "backslashreplace")

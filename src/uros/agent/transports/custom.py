@@ -1,4 +1,4 @@
-"""Transports that others write, at the agent's end: radio modems, message buses, tunnels.
+"""Custom transports at the agent's end, written by users: radio modems, message buses, tunnels.
 
 A class with four calls is enough, which may wait and may fail: it is called from threads of its
 own, and opened again after whatever it raises. docs/custom_transport.md has an example.
@@ -22,60 +22,70 @@ from .fault_counter import FaultCounter
 from .worker import LEAVE, Worker
 
 AGENT_ADDRESS: Final = 0
-# After a failure, a line is opened again so soon, in seconds; each time twice as late, until
-# something has come.
+# The pause before a failed line is opened again, in seconds; it doubles until something arrives.
 RETRY: Final = 0.5
 _RETRY_MOST: Final = 8.0
 # The longest message there is: lengths of messages have 16 bits on other lines.
 MAX_MESSAGE: Final = 0xFFFF
 # A stream is handled in pieces of so many bytes, however much was read at once.
 _CHUNK: Final = 4096
-# Attack: a new peer with each piece, each with a frame that never ends. Those that were silent
-# the longest are forgotten.
+# Attack: a new peer with each piece, each with a frame that never ends. The state of those that
+# were silent the longest is dropped.
 MAX_PEERS: Final = 256
 _CALLS: Final = ("open", "close", "read", "write")
 
 
 class CustomTransport:
-    """What to write: a subclass, or any class with these calls.
+    """Base class of custom transports; any class with these methods works too.
 
-    Whatever a call raises closes the line, which is opened again a little later. ``read``
-    and ``write`` come from two threads, so that one may wait while the other works; all else
-    comes one after the other.
+    An exception in a method closes the line, which is opened again a little later. ``read`` and
+    ``write`` are called from two threads, so that each may block; the other methods are never
+    called concurrently.
+
+    Attributes:
+        framed: True where the line is a stream of bytes: messages are sent in serial frames, and
+            ``read`` and ``write`` get pieces of the stream.
     """
 
     framed = False
-    """True where the line is a stream of bytes: then messages travel in serial frames, and
-    ``read`` and ``write`` get pieces of the stream."""
 
     def open(self) -> None:
-        """Make the line ready. Called first, and again after each failure."""
+        """Open the line; called first, and again after each failure."""
 
     def close(self) -> None:
-        """Undo :meth:`open`. A ``write`` that waits too long should return from then on."""
+        """Close the line; a ``write`` that blocks should return from then on."""
 
     def read(self, timeout: float) -> bytes | tuple[bytes, Any] | None:
-        """One message, waiting for it at most ``timeout`` seconds; None where none has come.
+        """Receive one message, blocking for at most ``timeout`` seconds.
 
-        Where there are several boards, ``(message, peer)``: anything that can be a key of a
-        dictionary and tells one board from the other.
+        Returns:
+            The message; ``(message, peer)`` where there are several boards, with any hashable
+            value that identifies the board; None where nothing was received.
         """
         raise NotImplementedError
 
     def write(self, data: bytes, peer: Any) -> None:
-        """Send one message to the board that ``read`` named ``peer`` (None where it named none).
+        """Send one message to a board.
 
-        It may wait; messages that come meanwhile wait in a queue, and are lost where that is
-        full.
+        It may block; further messages wait in a queue, and are lost where that is full.
+
+        Args:
+            data: The message.
+            peer: The board as ``read`` returned it; None where it returned none.
         """
         raise NotImplementedError
 
 
 class CustomServer(ServerTransport):
-    """The agent's end of ``line``, a :class:`CustomTransport`; ``name`` is for the log.
+    """Serves a custom transport.
 
-    Counted: ``malformed``, messages too long or empty; ``dropped``, messages that the line
-    did not take in time.
+    Attributes:
+        malformed: Messages that are too long or empty.
+        dropped: Messages that the line did not take in time.
+
+    Args:
+        line: A :class:`CustomTransport`.
+        name: Its name in the log; by default that of its class.
     """
 
     kind = "CUSTOM"
@@ -107,16 +117,20 @@ class CustomServer(ServerTransport):
 
     @property
     def malformed(self) -> int:
+        """Malformed frames so far."""
         return self._malformed.count
 
     @property
     def dropped(self) -> int:
+        """Messages dropped so far."""
         return self._dropped.count
 
     def counters(self) -> dict[str, int]:
+        """Return the counters."""
         return {**super().counters(), "malformed": self.malformed, "dropped": self.dropped}
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         self._host = host
         self._begin()
 
@@ -176,6 +190,7 @@ class CustomServer(ServerTransport):
                 self.deliver(host, board, buf, memoryview(buf), len(buf), now)
 
     def send(self, peer: Any, datagram: bytes) -> None:
+        """Send one message; it is lost where it cannot be sent."""
         worker = self._worker
         if worker is None:
             return
@@ -191,6 +206,7 @@ class CustomServer(ServerTransport):
             )  # fmt: skip
 
     def address(self, peer: Any) -> str:
+        """Return the peer as text."""
         if self._framed:
             return f"{self._name(peer[0])} ({peer[1]})"
         return self._name(peer)
@@ -204,6 +220,7 @@ class CustomServer(ServerTransport):
             return f"{self.name} {type(peer).__name__}"
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         self._closed = True
         worker, self._worker = self._worker, None
         if worker is not None and not worker.stop():
@@ -215,7 +232,7 @@ class CustomServer(ServerTransport):
 
 
 class _Checked:
-    """The line with what its ``read`` gives brought into one form, in the line's own thread."""
+    """The line for a Worker, with a uniform result of ``read``, in the line's thread."""
 
     def __init__(self, line: Any, framed: bool) -> None:
         self._line = line
@@ -241,7 +258,7 @@ class _Checked:
             data, peer = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
             if not isinstance(data, (bytes, bytearray, memoryview)):
                 raise TypeError(
-                    f"read() gave {type(given).__name__}: it must be bytes, (bytes, peer) or None"
+                    f"read() returned {type(given).__name__}, not bytes, (bytes, peer) or None"
                 )
             _ = hash(peer), peer == peer  # noqa: PLR0124  raises here and not in the agent's thread
             self._data, self._peer, self._at = bytes(data), peer, 0
@@ -251,13 +268,13 @@ class _Checked:
 
 
 def _pieces(data: bytes) -> Sequence[bytes]:
-    """Cut before each flag: a frame at a time, because each has a source."""
+    """Split before each flag: a frame at a time, because each has a source."""
     first, *others = data.split(b"\x7e")
     return [first, *(b"\x7e" + it for it in others)]
 
 
 def _said(error: BaseException) -> str:
-    """What others' code has raised, and where."""
+    """Return an exception of the user's code as text, with its place."""
     try:
         text = f"{type(error).__name__}: {error}"
     except BaseException:  # even that is theirs
@@ -266,7 +283,7 @@ def _said(error: BaseException) -> str:
 
 
 def _where(error: BaseException) -> str:
-    """The line of the user's file that raised, for the log."""
+    """Return the line of the user's file that raised, for the log."""
     at = error.__traceback__
     if at is None:
         return ""
@@ -275,14 +292,19 @@ def _where(error: BaseException) -> str:
     return f" ({Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno})"
 
 
-# --- naming one on the command line -----------------------------------------------------------
+# --- loading by name --------------------------------------------------------------------------
 
 
 def load(spec: str, arguments: Sequence[str] = ()) -> Any:
-    """The transport that ``MODULE:CLASS`` or ``FILE.py:CLASS`` names, made with ``arguments``,
-    which are text. Modules are also looked for in the current directory.
+    """Make the custom transport that the command line names.
 
-    Raises TransportError saying what is wrong.
+    Args:
+        spec: ``MODULE:CLASS`` or ``FILE.py:CLASS``; modules are also searched for in the current
+            directory.
+        arguments: Arguments of the class, as text.
+
+    Raises:
+        TransportError: It cannot be imported or made; the text has the reason.
     """
     module_name, colon, name = spec.rpartition(":")
     if not colon or not module_name or not name.isidentifier():
@@ -293,7 +315,7 @@ def load(spec: str, arguments: Sequence[str] = ()) -> Any:
     make = getattr(module, name, None)
     if not callable(make):
         raise TransportError(
-            errno.EINVAL, f"{module_name} has no class {name}: it is to have open(), close(),"
+            errno.EINVAL, f"{module_name} has no class {name}: it must have open(), close(),"
             " read(timeout) and write(data, peer)",
         )  # fmt: skip
     try:

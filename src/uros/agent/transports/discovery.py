@@ -34,18 +34,18 @@ MAX_LOCATORS: Final = 4
 # Attack: questions in the name of another, who gets the answers, eight times as long. At once,
 # and a second:
 MAX_ANSWERS: Final = 50
-# Attack: the same in the name of many; so many are remembered, too.
+# Attack: the same in the name of many.
 MAX_ANSWERS_IN_ALL: Final = 500
 # Attack: a line in the log for each bad packet. Seconds from one line to the next.
 FAULT_PAUSE: Final = 10.0
-# Networks come and go: seconds from one look at the interfaces to the next.
+# Networks come and go: seconds between two scans of the interfaces.
 SCAN_PAUSE: Final = 10.0
 _LARGEST: Final = 2048
 _IP_MULTICAST_ALL: Final = 49  # of Linux; Python has no name for it
 
 
 def read_question(buf: bytearray | bytes, length: int) -> tuple[int, int, int, int]:
-    """``(session id, client key or 0, request id, object id)`` of a GET_INFO.
+    """Parse a GET_INFO: ``(session id, client key or 0, request id, object id)``.
 
     Raises DecodeError for anything else.
     """
@@ -53,16 +53,16 @@ def read_question(buf: bytearray | bytes, length: int) -> tuple[int, int, int, i
     kind, flags, start, stop = pull_subheader(buf, at, length)
     outside = session_id in (ids.SESSION_NONE_WITH_KEY, ids.SESSION_NONE_WITHOUT_KEY)
     if kind == ids.CREATE_CLIENT:
-        raise DecodeError("a board wants to begin its session at the port for discovery")
+        raise DecodeError("CREATE_CLIENT at the discovery port")
     if kind != ids.GET_INFO or not outside:
-        raise DecodeError(f"submessage {kind} of session 0x{session_id:02X} is no question")
+        raise DecodeError(f"submessage {kind} of session 0x{session_id:02X} is not a GET_INFO")
     r = Reader(buf, start, stop, bool(flags & ids.FLAG_LITTLE_ENDIAN))
     request_id, object_id, _ = session.pull_get_info(r)
     return session_id, key or 0, request_id, object_id
 
 
 def write_answer(question: tuple[int, int, int, int], locators: list[tuple[bytes, int]]) -> bytes:
-    """The INFO for a question."""
+    """Encode the INFO that answers a GET_INFO."""
     session_id, key, request_id, object_id = question
     w = MessageWriter(bytearray(256), session_id, ids.STREAM_NONE, 0, key)
     w.begin(ids.INFO)
@@ -78,10 +78,10 @@ def answer_limit() -> KeyedTokenBuckets:
 
 
 class DiscoveryServer(ServerTransport):
-    """Tells where ``transports`` listen, as far as they are UDP or TCP. It has no sessions.
+    """Answers boards that search for an agent with the addresses of its UDP and TCP transports.
 
-    On Linux it joins the group on every interface with an IPv4 address, those that come later
-    too; elsewhere on the one that the system chooses.
+    It has no sessions. On Linux it joins the group on every interface with an IPv4 address, those
+    added later too; elsewhere on the one that the system chooses.
     """
 
     name = "DiscoveryServer"
@@ -91,19 +91,19 @@ class DiscoveryServer(ServerTransport):
         super().__init__()
         self.port = port
         self.faults = 0
-        # Not TLS: a client that asks would speak plain TCP there.
+        # Not TLS: a client that searches would use plain TCP there.
         found = [
             it for it in transports
             if isinstance(it, (UdpServer, TcpServer)) and not isinstance(it, TlsServer)
         ]  # fmt: skip
-        # A client that looks at the first only is one that speaks UDP over IPv4.
+        # Clients that use only the first address use UDP over IPv4.
         self._servers = sorted(
             found, key=lambda it: (it.kind != "UDP", family_of(it.listens_on) == socket.AF_INET6)
         )
         self._limit = answer_limit()
         self._buf = bytearray(_LARGEST)
         self._group: socket.socket | None = None
-        # What is sent to an address and not to the group, by interface; see _own_socket.
+        # Sockets of single addresses, by interface; see _own_socket.
         self._own: dict[str, tuple[str, socket.socket]] = {}
         self._joined: dict[str, str] = {}
         self._trouble: dict[str, str] = {}
@@ -112,6 +112,7 @@ class DiscoveryServer(ServerTransport):
     # --- sockets ------------------------------------------------------------------
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         try:
             sock = _reusing_socket("0.0.0.0", self.port)
         except OSError as error:
@@ -135,7 +136,7 @@ class DiscoveryServer(ServerTransport):
         elif all(ip.startswith("127.") for ip in self._joined.values()):
             host.note(
                 WARNING, self.name, "init", "only this machine can find the agent",
-                "no network has the multicast group: connect one (looked for again every"
+                "no network has the multicast group: connect one (checked again every"
                 f" {SCAN_PAUSE:.0f} s), or tell boards this machine's address",
             )  # fmt: skip
         self._look_again()
@@ -155,7 +156,7 @@ class DiscoveryServer(ServerTransport):
             self._host.wake_at(SCAN_PAUSE, self._look_again)
 
     def _scan_interfaces(self) -> None:
-        """Join the group on interfaces that are new, and forget those that are gone."""
+        """Join the group on new interfaces, and leave those that were removed."""
         found = addresses.ipv4_by_interface()
         if sys.platform != "linux":
             found = {"default": "0.0.0.0"}
@@ -166,7 +167,7 @@ class DiscoveryServer(ServerTransport):
                 self._host.unwatch(sock.fileno())
                 sock.close()
         for name, ip in found.items():
-            # Those that are joined too: one that was away meanwhile is not a member any more.
+            # Joined ones too: an interface that was away meanwhile is not a member any more.
             trouble = self._join(ip)
             if trouble is None:
                 self._trouble.pop(name, None)
@@ -182,33 +183,34 @@ class DiscoveryServer(ServerTransport):
                 )  # fmt: skip
 
     def _join(self, ip: str) -> str | None:
-        """Why the group cannot be joined there; None: it is joined."""
+        """Join the group at an address; return why it failed, None if it is joined."""
         if self._group is None:
             return "closed"
         both = socket.inet_aton(GROUP) + socket.inet_aton(ip)
         try:
             self._group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, both)
         except OSError as error:
-            if error.errno != errno.EADDRINUSE:  # it is in already, with another address
+            if error.errno != errno.EADDRINUSE:  # joined already, with another address
                 return error.strerror or str(error)
         return None
 
     def _own_socket(self, name: str, ip: str) -> None:
-        """Listen on one address, besides all.
+        """Listen on one address too.
 
-        Of the sockets on all addresses, the youngest gets what is sent to one of them. DDS opens
-        such a one in domain 0, whose port for multicast is 7400; one on the address comes first.
+        Of several sockets on all addresses, the newest gets unicast messages. DDS opens such a
+        socket in domain 0, whose multicast port is 7400; a socket on the address takes precedence.
         """
         if sys.platform != "linux":
             return
         try:
             sock = _reusing_socket(ip, self.port)
         except OSError:
-            return  # the socket on all addresses does as well, where no DDS is
+            return  # without DDS the socket on all addresses is enough
         self._own[name] = ip, sock
         self._host.watch(sock.fileno(), lambda: self._drain(sock))
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         if self._group is not None:
             for sock in [self._group, *(sock for _, sock in self._own.values())]:
                 self._host.unwatch(sock.fileno())
@@ -246,7 +248,7 @@ class DiscoveryServer(ServerTransport):
         try:
             sock.sendto(answer, peer)
         except OSError:
-            pass  # no room, no route, nobody there: who still wants to know asks again
+            pass  # no room, no route, no receiver: the board asks again
 
     def _fault(self, peer: Address, about: str) -> None:
         self.faults += 1
@@ -261,7 +263,7 @@ class DiscoveryServer(ServerTransport):
         return ", ".join(f"{it.kind} {it.port}" for it in self._servers) or "no port"
 
     def locators(self, asker: Address) -> list[tuple[bytes, int]]:
-        """Where the agent listens, in addresses that mean something to the asker."""
+        """Return the agent's addresses that the asking board can reach."""
         here = addresses.own_address((asker[0], asker[1]))
         if here is None:
             return []
@@ -276,7 +278,7 @@ class DiscoveryServer(ServerTransport):
         return found[:MAX_LOCATORS]
 
     def _address_of(self, listens_on: str, here: str, local: bool) -> str | None:
-        """What to tell an asker to whom this machine is ``here``; None: he cannot come there."""
+        """Return the address for a board that reaches this machine at ``here``, or None."""
         if listens_on in ("0.0.0.0", ""):
             return here
         if listens_on != "::":
@@ -287,23 +289,24 @@ class DiscoveryServer(ServerTransport):
         names = [name for name, ip in addresses.ipv4_by_interface().items() if ip == here]
         return addresses.ipv6_of(names[0] if names else None)
 
-    # --- the rest of a transport: there are no peers to send to -----------------------
+    # --- the rest of a transport: it has no peers -------------------------------------
 
     def send(self, peer: Address, datagram: bytes) -> None:
-        """Nothing: what is asked here is answered at once."""
+        """Do nothing: it has no peers."""
 
     def address(self, peer: Address) -> str:
+        """Return the peer as text."""
         return text_of(peer)
 
 
 def _reusing_socket(address: str, port: int) -> socket.socket:
-    """A UDP socket that lets other agents, and DDS, listen on the port too."""
+    """Make a UDP socket that shares its port with other agents and DDS."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if sys.platform == "linux":
-            # Else it hears every group that anybody on this machine has joined: that of DDS.
+            # Otherwise it receives all groups joined on this machine, such as that of DDS.
             sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
         sock.bind((address, port))
     except OSError:

@@ -1,4 +1,4 @@
-"""What UDP and TCP at the agent's end share: sockets and addresses of IPv4 and IPv6."""
+"""Sockets and addresses of IPv4 and IPv6, for UDP and TCP at the agent's end."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from .base import WARNING, Host, TransportError
 
-# As sockets give them: (host, port), and for IPv6 flow label and scope behind.
+# As sockets give them: (host, port), for IPv6 also flow label and scope.
 Address = tuple[Any, ...]
 
 _NO_IPV6 = (
@@ -19,7 +19,7 @@ _NO_IPV6 = (
 
 
 def family_of(host: str) -> socket.AddressFamily:
-    """The family of an address to listen on: IPv6 is what has a colon."""
+    """Return the family of an address: IPv6 where it has a colon."""
     return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
@@ -53,7 +53,7 @@ def listening_socket(protocol: str, host: str, port: int) -> socket.socket:
 
 
 def bind_trouble(protocol: str, port: int, error: OSError, option: str = "--port") -> str:
-    """Why a port cannot be bound, and what to do."""
+    """Explain why a port cannot be bound, with the remedy."""
     if error.errno == errno.EADDRINUSE:
         return (
             f"{protocol} port {port} is in use, perhaps by another agent:"
@@ -65,7 +65,7 @@ def bind_trouble(protocol: str, port: int, error: OSError, option: str = "--port
 
 
 def address_trouble(protocol: str, host: str, port: int) -> str:
-    """Why an address that this machine does not have cannot be listened on."""
+    """Explain why an address that this machine does not have cannot be used."""
     if family_of(host) == socket.AF_INET6 and not ipv6_works():
         return f"{protocol} port {port} cannot be opened: {_NO_IPV6}"
     everything = "::" if family_of(host) == socket.AF_INET6 else "0.0.0.0"
@@ -76,7 +76,7 @@ def address_trouble(protocol: str, host: str, port: int) -> str:
 
 
 def ipv6_works() -> bool:
-    """Whether this machine can reach itself over IPv6. Nothing is sent."""
+    """Return whether this machine can reach itself over IPv6; nothing is sent."""
     try:
         with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as sock:
             sock.connect(("::1", 9))
@@ -86,12 +86,12 @@ def ipv6_works() -> bool:
 
 
 def warn_without_ipv6(host: Host, name: str, listens_on: str) -> None:
-    """Say that nobody will come: "::" can be listened on even where IPv6 is turned off."""
+    """Log a warning where IPv6 is turned off: listening on "::" works even then."""
     if family_of(listens_on) == socket.AF_INET6 and not ipv6_works():
         host.note(WARNING, name, "init", "nobody can reach this port", _NO_IPV6)
 
 
 def text_of(address: Address) -> str:
-    """An address and port as a person reads it: 192.0.2.7:8888, [2001:db8::7]:8888."""
+    """Return address and port as text: 192.0.2.7:8888, [2001:db8::7]:8888."""
     host, port = address[:2]
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

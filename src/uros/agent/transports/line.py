@@ -1,8 +1,8 @@
-"""Lines of bytes at the agent's end, whatever carries them: frames, counters, coming back.
+"""Byte streams at the agent's end: framing, counters, reconnection.
 
-A :class:`Line` finds frames in a stream whatever else is on it, a board's
-``printf`` for one, and counts what is wrong with them. A :class:`LineServer` is
-the transport of one line, which is opened again whenever it is lost.
+A :class:`Line` finds frames in a stream among other bytes, such as a board's ``printf``, and counts
+errors. A :class:`LineServer` is the transport of one line, which is opened again whenever it is
+lost.
 """
 
 from __future__ import annotations
@@ -17,41 +17,41 @@ from ...wire.framing import FLAG, Deframer, frame, frame_size
 from .base import ERROR, INFO, WARNING, Host, ServerTransport
 
 AGENT_ADDRESS: Final = 0
-# What a line counts.
+# The counters of a line.
 COUNTERS: Final = ("frames", "crc_errors", "foreign", "skipped", "dropped")
-# How often a line that is away is looked for, in seconds.
+# The time between two tries to open a line, in seconds.
 RETRY: Final = 0.5
-# A line that takes nothing for so long loses messages, as a full UART does.
+# Bytes that wait for a line; further messages are lost, as with a full UART.
 MAX_UNSENT: Final = 256 * 1024
-# After a warning about bad frames or lost messages, seconds until the next.
+# Seconds between two warnings about bad frames or lost messages.
 QUIET: Final = 10.0
 _CHUNK: Final = 4096
-# Lines that carry frames have few bad bytes; this many in a row say something, twice as
-# many say it again.
+# Lines that carry frames have few other bytes; this many in a row are logged, and again after twice
+# as many.
 _SUSPICIOUS: Final = 512
 
 
 class Stream(Protocol):
-    """What a line needs of an open device or socket. No call waits."""
+    """An open device or socket; no call blocks."""
 
     def fileno(self) -> int:
-        """The descriptor that becomes readable (or writable) when there is something to do."""
+        """Return the descriptor to watch for reading and writing."""
 
     def read(self, size: int) -> bytes:
-        """Some bytes; none: it has ended. BlockingIOError: nothing now; OSError: it is gone."""
+        """Read bytes; none at the end. Raises BlockingIOError for nothing now, OSError if lost."""
 
     def write(self, data: bytearray) -> int:
-        """How many it took, from the first on. BlockingIOError: none; OSError: it is gone."""
+        """Write; return the bytes taken. Raises BlockingIOError for none, OSError if lost."""
 
     def backlog(self) -> int:
-        """Bytes that it took and keeps itself, besides what the system keeps."""
+        """Return the bytes taken that wait in this object, besides those in the system."""
 
     def close(self) -> None:
-        """Once, after the descriptor has been unwatched."""
+        """Close it; called once, after the descriptor is unwatched."""
 
 
 class FileStream:
-    """A descriptor that does not block."""
+    """A non-blocking descriptor."""
 
     __slots__ = ("_fd",)
 
@@ -59,23 +59,28 @@ class FileStream:
         self._fd = fd
 
     def fileno(self) -> int:
+        """Return the descriptor to watch."""
         return self._fd
 
     def read(self, size: int) -> bytes:
+        """Read up to ``size`` bytes."""
         return os.read(self._fd, size)
 
     def write(self, data: bytearray) -> int:
+        """Write; return how many bytes were taken."""
         return os.write(self._fd, data)
 
     def backlog(self) -> int:
+        """Return the bytes that it holds itself: none."""
         return 0
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         os.close(self._fd)
 
 
 class SocketStream:
-    """A connected stream socket, TCP or Bluetooth, that does not block."""
+    """A connected non-blocking stream socket, TCP or Bluetooth."""
 
     __slots__ = ("_socket",)
 
@@ -83,40 +88,57 @@ class SocketStream:
         self._socket = sock
 
     def fileno(self) -> int:
+        """Return the descriptor to watch."""
         return self._socket.fileno()
 
     def read(self, size: int) -> bytes:
+        """Read up to ``size`` bytes."""
         return self._socket.recv(size)
 
     def write(self, data: bytearray) -> int:
+        """Write; return how many bytes were taken."""
         return self._socket.send(data)
 
     def backlog(self) -> int:
+        """Return the bytes that it holds itself: none."""
         return 0
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         self._socket.close()
 
 
 class Line:
-    """Frames over a stream, for the transport ``server``, which it outlives never.
+    """Frames over a stream; the counters continue when the stream is replaced.
 
-    ``peer`` makes the server's peer of a frame's source address; ``lost`` is called
-    with a reason when the stream has ended. The counters go on when the stream is
-    replaced by the next one.
+    Attributes:
+        label: Its name in the log.
+        stream: The open stream, if any.
+        frames: Valid frames for the agent.
+        crc_errors: Complete frames with a wrong CRC.
+        foreign: Valid frames for other addresses.
+        skipped: Bytes outside of valid frames.
+        dropped: Messages not sent because the line took nothing.
+        unsent: Bytes that wait to be sent.
+
+    Args:
+        server: The transport that the line belongs to.
+        label: See above.
+        peer: Makes a peer of a frame's source address.
+        lost: Called with a reason when the stream has ended.
     """
 
     def __init__(
         self, server: ServerTransport, label: str, peer: Callable[[int], Any],
         lost: Callable[[str], None],
     ) -> None:  # fmt: skip
-        self.label = label  # how lines of the log name it
+        self.label = label
         self.stream: Stream | None = None
-        self.frames = 0  # sound ones for the agent
-        self.crc_errors = 0  # whole frames that are not sound
-        self.foreign = 0  # sound ones for somebody else
-        self.skipped = 0  # bytes outside of sound frames
-        self.dropped = 0  # messages that were not sent, because the line took nothing
+        self.frames = 0
+        self.crc_errors = 0
+        self.foreign = 0
+        self.skipped = 0
+        self.dropped = 0
         self.unsent = bytearray()
         self._server = server
         self._peer = peer
@@ -125,12 +147,12 @@ class Line:
         self._deframer = Deframer(AGENT_ADDRESS)
         self._suspected = 0
         self._patience = _SUSPICIOUS
-        # What the last warning knew, and whether it is too early for another.
-        self._told = (0, 0, 0)
-        self._hushed = False
+        # The counters at the last warning, and whether it is too early for another.
+        self._reported = (0, 0, 0)
+        self._throttled = False
 
     def open(self, host: Host, stream: Stream) -> None:
-        """Go on with this stream; nothing of the one before is left in it."""
+        """Use this stream from now on; the one before is closed."""
         self.close()
         self._host = host
         self.stream = stream
@@ -140,7 +162,7 @@ class Line:
         host.watch(stream.fileno(), self._ready)
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the stream; idempotent."""
         stream, self.stream = self.stream, None
         if stream is not None:
             if self._host is not None:
@@ -182,7 +204,7 @@ class Line:
                 self._server.deliver(host, peer, buf, memoryview(buf), len(buf), now)
             at = stop
         self._count(deframer)
-        if self.crc_errors > self._told[1] and not self._hushed:
+        if self.crc_errors > self._reported[1] and not self._throttled:
             self._warn()
         if self.skipped - self._suspected > self._patience:
             self._suspected = self.skipped
@@ -194,25 +216,25 @@ class Line:
             )  # fmt: skip
 
     def _count(self, deframer: Deframer) -> None:
-        """The deframer's counts are ours now: it is replaced, and we are not."""
+        """Move the deframer's counts here, as it is replaced with each stream."""
         self.crc_errors += deframer.crc_errors
         self.foreign += deframer.foreign
         self.skipped += deframer.skipped
         deframer.crc_errors = deframer.foreign = deframer.skipped = 0
 
     def _warn(self) -> None:
-        """Tell what became bad since the last warning, and again later where it goes on."""
+        """Log errors since the last warning, and again each QUIET seconds while there are more."""
         host = self._host
         frames, crc_errors, dropped = (
             now - before
             for now, before in zip(
-                (self.frames, self.crc_errors, self.dropped), self._told, strict=True
+                (self.frames, self.crc_errors, self.dropped), self._reported, strict=True
             )
         )
-        self._hushed = bool(crc_errors or dropped)
-        if not self._hushed or host is None:
+        self._throttled = bool(crc_errors or dropped)
+        if not self._throttled or host is None:
             return
-        self._told = self.frames, self.crc_errors, self.dropped
+        self._reported = self.frames, self.crc_errors, self.dropped
         host.wake_at(QUIET, self._warn)
         if crc_errors:
             host.note(
@@ -224,23 +246,23 @@ class Line:
             host.note(
                 WARNING, self._server.name, "send", "messages lost",
                 f"device: {self.label}, the line did not take {dropped} messages"
-                " (nobody reads there, or it is slower than what is sent)",
+                " (no program reads there, or the line is too slow)",
             )  # fmt: skip
 
     def counters(self) -> dict[str, int]:
-        """What is counted of it."""
+        """Return the counters."""
         return {name: getattr(self, name) for name in COUNTERS}
 
     # --- out --------------------------------------------------------------------
 
     def send(self, address: int, datagram: bytes) -> None:
-        """One message in a frame for ``address``; lost where the line has no room."""
+        """Send one message in a frame to ``address``; it is lost where the line has no room."""
         stream = self.stream
         if stream is None:
             return
         if len(self.unsent) + stream.backlog() > MAX_UNSENT:
             self.dropped += 1
-            if not self._hushed:
+            if not self._throttled:
                 self._warn()
             return
         out = bytearray(frame_size(datagram))
@@ -271,10 +293,10 @@ class Line:
 
 
 class LineServer(ServerTransport):
-    """One line, looked for until it is there, and again when it is gone.
+    """The transport of one line, which is opened again and again until it is there.
 
-    A peer is the source address of its frames: boards are 1 and up. Boards that
-    were not reset go on in their sessions when the line comes back.
+    A peer is the source address of its frames: boards are 1 and up. Boards that were not reset
+    continue their sessions when the line comes back.
     """
 
     name = "SerialAgent"
@@ -289,6 +311,7 @@ class LineServer(ServerTransport):
         self._said = ""
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         self._host = host
         self._try()
 
@@ -296,15 +319,15 @@ class LineServer(ServerTransport):
         if not self._closed and self._host is not None:
             try:
                 self._begin(self._host)
-            except Exception as error:  # no descriptor is left, or whatever: it was there before
+            except Exception as error:  # such as no descriptor left: it may be gone later
                 self._failed(ERROR, "open device error", str(error))
 
     @abstractmethod
     def _begin(self, host: Host) -> None:
-        """Start to open the line; ends in :meth:`_opened` or :meth:`_failed`, now or later."""
+        """Start to open the line; calls :meth:`_opened` or :meth:`_failed`, now or later."""
 
     def _opened(self, stream: Stream, about: str) -> None:
-        """The line is there."""
+        """Note that the line is open."""
         host = self._host
         if self._closed or host is None:
             stream.close()
@@ -314,7 +337,7 @@ class LineServer(ServerTransport):
         host.note(INFO, self.name, "init", "running...", about)
 
     def _failed(self, level: int, what: str, why: str) -> None:
-        """Say once what is the matter, and try again until it is mended."""
+        """Log a new reason once, and try again."""
         host = self._host
         if self._closed or host is None:
             return
@@ -324,7 +347,7 @@ class LineServer(ServerTransport):
         host.wake_at(RETRY, self._try)
 
     def _lost(self, why: str) -> None:
-        """The line is gone."""
+        """Note that the line was lost, and try to open it again."""
         host = self._host
         if self._closed or host is None:
             return
@@ -336,20 +359,26 @@ class LineServer(ServerTransport):
         host.lost(self)
 
     def send(self, peer: int, datagram: bytes) -> None:
+        """Send one message; it is lost where it cannot be sent."""
         self.line.send(peer, datagram)
 
     def label(self) -> str:
+        """Return what it listens on, as text."""
         return self.device
 
     def counters(self) -> dict[str, int]:
+        """Return the counters."""
         return {**super().counters(), **self.line.counters()}
 
     def address(self, peer: int) -> str:
+        """Return the peer as text."""
         return f"{self.device} ({peer})"
 
     def is_away(self, peer: int) -> bool:
+        """Return whether the line of the peer is gone."""
         return self.line.stream is None
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         self._closed = True
         self.line.close()

@@ -11,7 +11,7 @@ _LARGEST = 65536
 
 
 class MemoryServer(ServerTransport):
-    """The agent's end. A peer is the number that :meth:`connect` gave it."""
+    """The agent's end; a peer is the number that :meth:`connect` gave it."""
 
     name = "MemoryAgent"
     kind = "MEMORY"
@@ -25,12 +25,13 @@ class MemoryServer(ServerTransport):
         self._count = 0
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         self._host = host
         for number in self._peers:
             self._watch(number)
 
     def connect(self, mtu: int = 512) -> MemoryTransport:
-        """A line for one more board. Call it before the agent runs, or in its thread."""
+        """Add a line for a board; call it before the agent runs, or in its thread."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         for end in (ours, theirs):
             end.setblocking(False)
@@ -57,15 +58,18 @@ class MemoryServer(ServerTransport):
             self.deliver(host, number, self._buf, self._view, length, host.now())
 
     def send(self, peer: int, datagram: bytes) -> None:
+        """Send one message; it is lost where it cannot be sent."""
         try:
             self._peers[peer].send(datagram)
         except OSError:  # full, or the board is gone
             pass
 
     def address(self, peer: int) -> str:
+        """Return the peer as text."""
         return f"memory:{peer}"
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         for end in self._peers.values():
             if self._host is not None:
                 self._host.unwatch(end.fileno())
@@ -81,22 +85,22 @@ class MemoryTransport:
         self._socket = end
 
     def open(self) -> None:
-        """It is open."""
+        """Do nothing: it is open."""
 
     def close(self) -> None:
-        """It stays open for the next session; what came for this one is dropped."""
+        """Drop received messages; the socket stays open for the next session."""
         while self.receive(0) is not None:
             pass
 
     def send(self, message: bytes | bytearray | memoryview, size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`."""
+        """Send one message; see :class:`uros.client.protocols.Transport`."""
         try:
             self._socket.send(message if size < 0 else memoryview(message)[:size])
         except OSError:  # full, or there is no agent
             pass
 
     def receive(self, timeout_ms: int) -> bytes | None:
-        """See :class:`uros.client.protocols.Transport`."""
+        """Receive one message; see :class:`uros.client.protocols.Transport`."""
         if not select.select([self._socket], [], [], timeout_ms / 1000)[0]:
             return None
         try:

@@ -1,8 +1,8 @@
 """Several serial devices in one agent.
 
-Each device is a transport of its own, with its own hot plug, counters and sessions:
-the agent knows a board by its transport and its address there, so boards that have the
-same address on different devices are different peers.
+Each device is a separate transport with its own reconnection, counters and sessions: a peer is
+identified by transport and address, so boards with the same address on different devices are
+different peers.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Final
 from .base import ServerTransport, TransportError
 from .serial import serial_server
 
-# A descriptor each, and a look each half second while it is away.
+# Each device takes a descriptor, and is checked each half second while it is away.
 MAX_DEVICES: Final = 256
 _MAX_FILE: Final = 64 * 1024
 
@@ -23,9 +23,9 @@ _MAX_FILE: Final = 64 * 1024
 def serial_servers(
     devices: Sequence[str], baud: int = 115200, dtr: bool | None = None, rts: bool | None = None
 ) -> list[ServerTransport]:
-    """Make a transport for each device, by `uros.agent.transports.serial.serial_server`.
+    """Make a transport for each device, by :func:`uros.agent.transports.serial.serial_server`.
 
-    Raises TransportError for none, too many, or one that is named twice.
+    Raises TransportError for no device, too many, or one that is named twice.
     """
     if not devices:
         raise TransportError(errno.EINVAL, "no device is named: name some, such as /dev/ttyACM0")
@@ -33,7 +33,7 @@ def serial_servers(
         raise TransportError(
             errno.EINVAL, f"{len(devices)} devices are over {MAX_DEVICES}: start another agent"
         )
-    twice = sorted({it for it in devices if devices.count(it) > 1})
+    twice = sorted({device for device in devices if devices.count(device) > 1})
     if twice:
         raise TransportError(errno.EINVAL, f"{', '.join(twice)}: named twice; name it once")
     servers = []
@@ -45,9 +45,9 @@ def serial_servers(
 
 
 def devices_in(path: str) -> list[str]:
-    """The devices that a file names, one a line; empty lines and ``#`` lines are left out.
+    """Read device names from a file, one a line; empty lines and ``#`` lines are skipped.
 
-    Raises TransportError saying what is wrong with the file.
+    Raises TransportError where the file cannot be used.
     """
     try:
         with Path(path).open("rb") as file:
@@ -59,7 +59,7 @@ def devices_in(path: str) -> list[str]:
         lines = [line.strip() for line in text.decode("utf-8").splitlines()]
     except UnicodeDecodeError:
         raise TransportError(
-            errno.EINVAL, f"{path} is no text: it should name a device a line"
+            errno.EINVAL, f"{path} is not a text file: it should name a device a line"
         ) from None
     except TransportError:
         raise

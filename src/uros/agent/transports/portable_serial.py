@@ -114,9 +114,11 @@ class ThreadedPort:
     # --- the agent's thread -------------------------------------------------------
 
     def fileno(self) -> int:
+        """Return the descriptor to watch."""
         return self._ours.fileno()
 
     def read(self, size: int) -> bytes:
+        """Read up to ``size`` bytes."""
         with self._lock:
             try:
                 self._ours.recv(_CHUNK)
@@ -135,12 +137,14 @@ class ThreadedPort:
         raise BlockingIOError
 
     def write(self, data: bytearray) -> int:
+        """Write; return how many bytes were taken."""
         with self._lock:
             self._outbox += data
             self._lock.notify_all()
         return len(data)
 
     def backlog(self) -> int:
+        """Return the bytes that wait for the writing thread."""
         return len(self._outbox)
 
     def close(self) -> None:
@@ -279,6 +283,7 @@ class PySerialServer(DeviceServer):
         self._wait(*reason(self.device, error))
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         super().close()
         port, self._port = self._port, None
         if port is not None:

@@ -1,4 +1,4 @@
-"""What an error of opening a line means, and what to do about it."""
+"""Explains errors of opening a line, with their remedies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _ERFKILL = 132
 
 
 def trouble(device: str, number: int) -> str:
-    """For an errno of opening the serial device ``device``."""
+    """Explain an errno of opening the serial device ``device``."""
     if sys.platform == "win32":
         return _windows(device, number)
     if number == errno.ENOENT:
@@ -37,13 +37,13 @@ def _windows(device: str, number: int) -> str:
             "errno: 2, it is not there: plug the board in, or see what there is:"
             " python -m serial.tools.list_ports"
         )
-    if number == errno.EACCES:  # what Windows says of a port that is open elsewhere
+    if number == errno.EACCES:  # Windows: the port is open in another program
         return "errno: 13, in use by another program, perhaps a second agent: close it"
     return f"errno: {number}, {os.strerror(number)}"
 
 
 def bluetooth_trouble(number: int) -> str:
-    """For an errno of a Bluetooth socket."""
+    """Explain an errno of a Bluetooth socket."""
     text = {
         errno.EAFNOSUPPORT: "this kernel has no Bluetooth: sudo modprobe rfcomm (a container"
         " or a virtual machine may have none at all)",
@@ -53,27 +53,27 @@ def bluetooth_trouble(number: int) -> str:
         errno.ENETDOWN: "the adapter is off: bluetoothctl power on",
         errno.EHOSTUNREACH: "no adapter is on: bluetoothctl power on",
         _ERFKILL: "the adapter is blocked: rfkill unblock bluetooth",
-        errno.EHOSTDOWN: "the board does not answer: switch it on, bring it near, and see that"
-        " nobody else is connected to it",
+        errno.EHOSTDOWN: "the board does not answer: switch it on, bring it near, and check that"
+        " nothing else is connected to it",
         errno.ETIMEDOUT: "the board does not answer: switch it on, bring it near",
         errno.ECONNREFUSED: "nothing listens on this channel: see the board's: sdptool browse"
         " ADDRESS",
         errno.EACCES: "the board wants to be paired: bluetoothctl pair ADDRESS",
         errno.EPERM: "not permitted: pair the board first: bluetoothctl pair ADDRESS",
         errno.EADDRINUSE: "another program listens on this channel, perhaps a second agent:"
-        " end it, or choose another channel",
-        errno.EBUSY: "another program is connected to this channel of the board: end it",
+        " stop it, or choose another channel",
+        errno.EBUSY: "another program is connected to this channel of the board: stop it",
     }.get(number)
     return f"errno: {number}, {text or os.strerror(number)}"
 
 
 def socket_trouble(number: int) -> str:
-    """For an errno of connecting to a serial line that another machine offers by TCP."""
+    """Explain an errno of connecting to a serial line that another machine offers by TCP."""
     text = {
         errno.ECONNREFUSED: "nothing listens there: start the program that offers the line, or"
-        " mend the port",
-        errno.EHOSTUNREACH: "the machine does not answer: switch it on, or mend the address",
-        errno.ENETUNREACH: "no way leads there: see the network",
-        errno.ETIMEDOUT: "the machine does not answer: switch it on, or mend the address",
+        " correct the port",
+        errno.EHOSTUNREACH: "the machine does not answer: switch it on, or correct the address",
+        errno.ENETUNREACH: "there is no route to it: check the network",
+        errno.ETIMEDOUT: "the machine does not answer: switch it on, or correct the address",
     }.get(number)
     return f"errno: {number}, {text or os.strerror(number)}"

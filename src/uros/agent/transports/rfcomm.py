@@ -1,9 +1,9 @@
 """Bluetooth at the agent's end: RFCOMM, the serial line of classic Bluetooth.
 
-Most boards (an ESP32's BluetoothSerial, an HC-05) wait to be connected to:
-:class:`RfcommServer`. A board that connects by itself needs :class:`RfcommListener`; the
-agent registers no service record, so such a board must be told the channel.
-A channel that the system has bound to a device, ``/dev/rfcomm0``, is a serial device.
+Most boards (an ESP32's BluetoothSerial, an HC-05) accept a connection: :class:`RfcommServer`. A
+board that connects by itself needs :class:`RfcommListener`; the agent registers no service record,
+so the channel must be configured on such a board. A channel that the system has bound to a device,
+``/dev/rfcomm0``, is a serial device.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ _ADDRESS: Final = re.compile("[0-9A-F]{2}(:[0-9A-F]{2}){5}")
 
 
 def check_address(address: str) -> str:
-    """``address`` in capitals. Raises TransportError where it is none of Bluetooth's."""
+    """Return a Bluetooth address in capitals; raises TransportError where it is invalid."""
     address = address.upper().replace("-", ":")
     if not _ADDRESS.fullmatch(address):
         raise TransportError(
-            errno.EINVAL, f"{address} is no Bluetooth address: it looks like AA:BB:CC:DD:EE:FF"
+            errno.EINVAL, f"{address} is not a Bluetooth address: it looks like AA:BB:CC:DD:EE:FF"
             " (see: bluetoothctl devices)"
         )  # fmt: skip
     return address
 
 
 def check_channel(channel: int) -> int:
-    """``channel``. Raises TransportError where RFCOMM has no such channel."""
+    """Return ``channel``; raises TransportError where RFCOMM has no such channel."""
     if not 1 <= channel <= MAX_CHANNEL:
         raise TransportError(
             errno.EINVAL, f"channel {channel} does not exist: 1 to {MAX_CHANNEL}"
@@ -45,7 +45,7 @@ def check_channel(channel: int) -> int:
 
 
 def bluetooth_socket() -> Callable[[], socket.socket]:
-    """What makes RFCOMM sockets. Raises TransportError where this Python has none."""
+    """Return a function that makes RFCOMM sockets; raises TransportError without Bluetooth."""
     family: Any = getattr(socket, "AF_BLUETOOTH", None)
     protocol: Any = getattr(socket, "BTPROTO_RFCOMM", None)
     if family is None or protocol is None:
@@ -59,9 +59,15 @@ def bluetooth_socket() -> Callable[[], socket.socket]:
 
 
 class RfcommServer(SocketLineServer):
-    """Connects to the board at ``address``; what is off or out of reach is waited for.
+    """Connects to the board at ``address``, again and again while it is out of reach.
 
-    ``make`` makes the sockets, for tests. Raises TransportError for what will never work.
+    Args:
+        address: The board's Bluetooth address.
+        channel: Its RFCOMM channel.
+        make: Makes the sockets, for tests.
+
+    Raises:
+        TransportError: The address or channel is invalid, or this Python has no Bluetooth.
     """
 
     name = "RfcommAgent"
@@ -78,7 +84,7 @@ class RfcommServer(SocketLineServer):
 
 
 class RfcommListener(StreamListener):
-    """Boards connect to ``channel`` of the adapter ``adapter`` (any, unless it is named).
+    """Accepts boards that connect to a channel of an adapter (any, by default).
 
     See :class:`RfcommServer`.
     """

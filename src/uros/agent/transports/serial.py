@@ -1,8 +1,8 @@
-"""Serial lines at the agent's end: devices, and a pseudo-terminal of our own.
+"""Serial lines at the agent's end: serial devices, and a pseudo-terminal.
 
-A device that is missing, not permitted or unplugged is waited for: a board that
-is plugged in again goes on where it was. :func:`serial_server` chooses what opens
-a device; this module can be imported where there is no termios.
+A device that is missing, not permitted or unplugged is opened again and again: a board that is
+plugged in again continues its session. :func:`serial_server` chooses the transport of a device;
+this module can be imported where there is no termios.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Final
 from .base import ERROR, INFO, Host, ServerTransport, TransportError
 from .line import FileStream, LineServer
 
-# A slip: a file that never ends. A pipe that nobody writes to must not stop the agent either.
+# Bytes of a file that holds a device name: the file could be endless.
 _MAX_NAME: Final = 4096
 
 if find_spec("termios") is not None:
@@ -29,12 +29,12 @@ if find_spec("termios") is not None:
 
 
 def has_termios() -> bool:
-    """Whether this system's serial devices are terminals: all but Windows."""
+    """Return whether this system has termios: all but Windows."""
     return find_spec("termios") is not None
 
 
 def is_url(device: str) -> bool:
-    """Whether ``device`` is no path: ``socket://host:port``, ``rfc2217://host:port``."""
+    """Return whether ``device`` is a URL: ``socket://host:port``, ``rfc2217://host:port``."""
     return "://" in device
 
 
@@ -42,11 +42,20 @@ def serial_server(
     device: str, baud: int = 115200, is_file: bool = False, dtr: bool | None = None,
     rts: bool | None = None,
 ) -> ServerTransport:  # fmt: skip
-    """The transport for ``device``, which may be a URL.
+    """Make the transport for a serial device or URL.
 
-    ``socket://`` is a TCP socket of ours, other URLs and systems without termios need
-    pyserial, anything else is a :class:`SerialServer`. Raises TransportError for what
-    will never work; what is only missing is waited for.
+    ``socket://`` uses a TCP socket, other URLs and systems without termios need pyserial, anything
+    else is a :class:`SerialServer`. A device that is missing is opened later.
+
+    Args:
+        device: A path, or a URL.
+        baud: Baud rate.
+        is_file: Whether ``device`` is a file that holds the name of the device.
+        dtr: Raise (True) or drop (False) DTR after opening; None leaves it to the system.
+        rts: The same for RTS.
+
+    Raises:
+        TransportError: The device can never be opened with these arguments.
     """
     if not is_file and device.startswith("socket://"):
         from .sockets import tcp_line
@@ -60,7 +69,7 @@ def serial_server(
 
 
 def _name_in(path: str) -> str:
-    """What a file says, without waiting for it."""
+    """Read the device name in a file without blocking, as it may be a pipe."""
 
     def without_waiting(name: str, flags: int) -> int:
         return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
@@ -73,10 +82,10 @@ def _name_in(path: str) -> str:
 
 
 class DeviceServer(LineServer):
-    """A device by its name, or by a file that holds the name (``is_file``).
+    """A serial device by its name, or by a file that holds the name (``is_file``).
 
-    ``dtr`` and ``rts``: raise (True) or drop (False) these lines after opening; None
-    leaves them to the system, which is right for most boards (see :mod:`.terminal`).
+    ``dtr`` and ``rts`` raise (True) or drop (False) these lines after opening; None leaves them to
+    the system, which is right for most boards (see :mod:`.terminal`).
     """
 
     def __init__(
@@ -97,9 +106,9 @@ class DeviceServer(LineServer):
             raise OSError(errno.EINVAL, "not a text file") from None
 
     def _wait(self, number: int, why: str) -> None:
-        """Wait for what an errno says is missing."""
+        """Log the reason of a failed opening, and try again later."""
         if number == errno.ENOENT and self._is_file and not Path(self.device).exists():
-            why = "errno: 2, the file that is to name the device is not there"
+            why = "errno: 2, the file with the name of the device does not exist"
         missing = number == errno.ENOENT
         self._failed(
             INFO if missing else ERROR,
@@ -109,7 +118,7 @@ class DeviceServer(LineServer):
 
 
 class SerialServer(DeviceServer):
-    """A device by termios. See :class:`DeviceServer`."""
+    """A serial device by termios; see :class:`DeviceServer`."""
 
     def __init__(
         self, device: str, baud: int = 115200, is_file: bool = False, dtr: bool | None = None,
@@ -142,9 +151,9 @@ class SerialServer(DeviceServer):
 
 
 class _Master(FileStream):
-    """Our end of a pseudo-terminal, which outlives the programs at the other end.
+    """The master of a pseudo-terminal, which stays open when programs close the other end.
 
-    ``opened`` is called when something comes, ``closed`` when no program has it open any more.
+    ``opened`` is called when bytes arrive, ``closed`` when no program has it open any more.
     """
 
     __slots__ = ("_closed", "_opened")
@@ -162,7 +171,7 @@ class _Master(FileStream):
         except OSError as error:
             if error.errno != errno.EIO:
                 raise
-            chunk = b""  # Linux says so, others say that it has ended
+            chunk = b""  # Linux raises EIO, other systems return the end of file
         if not chunk:
             self._closed()
             raise BlockingIOError
@@ -171,14 +180,15 @@ class _Master(FileStream):
 
 
 class PseudoTerminalServer(LineServer):
-    """A pseudo-terminal: a program opens the device whose name the log tells.
+    """A pseudo-terminal: a program opens the device whose name is in the log.
 
-    While nobody has it open we hold it open ourselves, so that it stays the same device. When
-    something comes we let go, as only then the system tells when the program closes it.
+    While no program has it open the agent holds it open, so that it stays the same device. When
+    bytes arrive the agent closes its own descriptor, as only then the system reports when the
+    program closes the device.
     """
 
     name = "PseudoTtyAgent"
-    lasting = False  # another device each time
+    lasting = False  # the device has another name each time
 
     def __init__(self, baud: int = 115200) -> None:
         super().__init__("")
@@ -190,14 +200,14 @@ class PseudoTerminalServer(LineServer):
             )
         check_baud_rate(baud)
         self._slave = -1
-        self._left = False  # a program had it open, and has closed it
+        self._left = False  # a program opened it and has closed it
 
     def _begin(self, host: Host) -> None:
         try:
             master, slave = os.openpty()
         except OSError as error:
             raise TransportError(
-                error.errno, f"no pseudo-terminal can be had: {error.strerror}"
+                error.errno, f"no pseudo-terminal can be opened: {error.strerror}"
             ) from error
         tty.setraw(slave)
         os.set_blocking(master, False)
@@ -224,9 +234,11 @@ class PseudoTerminalServer(LineServer):
             self._host.lost(self)
 
     def is_away(self, peer: int) -> bool:
+        """Return whether no program has the device open."""
         return self._left or super().is_away(peer)
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         super().close()
         self._close_slave()
 

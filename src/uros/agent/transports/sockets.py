@@ -18,11 +18,11 @@ from .fault_counter import FaultCounter
 from .line import COUNTERS, Line, LineServer, SocketStream
 from .remedies import socket_trouble
 
-# Until the agent stops waiting for an answer to its connecting, and begins anew, in seconds.
+# Timeout of a connection attempt, in seconds.
 PATIENCE: Final = 20.0
-# How often a listening socket that cannot be had is tried again, in seconds.
+# The time between two tries to open a listening socket, in seconds.
 RETRY: Final = 2.0
-# Attack: connections until no descriptor is left. An adapter holds seven.
+# Attack: connections until no descriptor is left. A Bluetooth adapter holds seven.
 MAX_CONNECTIONS: Final = 64
 
 _PENDING: Final = (
@@ -31,9 +31,13 @@ _PENDING: Final = (
 
 
 class SocketLineServer(LineServer):
-    """Connects to ``address`` with sockets that ``make`` makes, and again when it is lost.
+    """A line over a socket that connects, and connects again when it is lost.
 
-    ``device`` is its name in the log, ``explain`` the text for an errno.
+    Args:
+        device: Its name in the log.
+        make: Makes sockets.
+        address: The address to connect to.
+        explain: Returns the text for an errno.
     """
 
     def __init__(
@@ -61,13 +65,13 @@ class SocketLineServer(LineServer):
         if not number:
             self._connected(sock)
         elif number in _PENDING:
-            host.watch(sock.fileno(), lambda: self._look(sock), True)
+            host.watch(sock.fileno(), lambda: self._attempt_ended(sock), True)
             host.wake_at(PATIENCE, lambda: self._late(sock))
         else:
             self._give_up(number)
 
-    def _look(self, sock: socket.socket) -> None:
-        """Something has become of our connecting."""
+    def _attempt_ended(self, sock: socket.socket) -> None:
+        """Handle the end of a connection attempt."""
         if self._pending is not sock:
             return
         number = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
@@ -109,6 +113,7 @@ class SocketLineServer(LineServer):
             sock.close()
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         super().close()
         self._forget()
 
@@ -126,15 +131,15 @@ def tcp_line(url: str) -> SocketLineServer:
         host = port = None
     if not host or not port:
         raise TransportError(
-            errno.EINVAL, f"{url} names no line: write socket://host:port, such as"
+            errno.EINVAL, f"{url} is not valid: write socket://host:port, such as"
             " socket://192.168.1.20:3333"
         )  # fmt: skip
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         raise TransportError(
-            errno.EINVAL, f"{url}: nobody knows {host} ({error}): mend the name, or write the"
-            " address"
+            errno.EINVAL, f"{url}: {host} cannot be resolved ({error}): correct the name, or write"
+            " the address"
         ) from error  # fmt: skip
     family, kind, protocol, _, address = found[0]
     return SocketLineServer(
@@ -143,11 +148,16 @@ def tcp_line(url: str) -> SocketLineServer:
 
 
 class StreamListener(ServerTransport):
-    """Listens; each who connects is a line. A peer is (name, source address of its frames).
+    """Accepts connections, each a line; a peer is (name, source address of its frames).
 
-    ``name_of`` makes the name of an accepted address: who comes back under a name goes
-    on in the sessions it had, and replaces what was connected as that before. ``where``
-    names the socket in the log.
+    A connection with the name of an earlier one replaces it and continues its sessions.
+
+    Args:
+        where: Its name in the log.
+        make: Makes sockets.
+        address: The address to listen on.
+        name_of: Returns the name of an accepted address.
+        explain: Returns the text for an errno.
     """
 
     def __init__(
@@ -168,6 +178,7 @@ class StreamListener(ServerTransport):
         self._refused = FaultCounter()
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         self._host = host
         self._try()
 
@@ -193,7 +204,7 @@ class StreamListener(ServerTransport):
         host.note(INFO, self.name, "init", "running...", self.where)
 
     def _wait(self, host: Host, error: OSError) -> None:
-        """Say once what is the matter, and try again until it is mended."""
+        """Log a new reason once, and try again."""
         why = self._explain(error.errno or 0)
         if why != self._said:
             self._said = why
@@ -209,7 +220,7 @@ class StreamListener(ServerTransport):
         except (BlockingIOError, ConnectionError):
             return  # gone again
         except OSError as error:
-            # The adapter was pulled out, or there are no descriptors left: begin anew.
+            # The adapter was unplugged, or there are no descriptors left: open again.
             self._stop(host)
             self._wait(host, error)
             return
@@ -231,7 +242,7 @@ class StreamListener(ServerTransport):
         host.note(INFO, self.name, "accept", "connected", f"address: {name}")
 
     def _connected(self) -> int:
-        """How many are connected; of those that are not, no more are kept than may be."""
+        """Return the number of connections; closed ones over the limit are dropped."""
         away = [name for name, line in self.lines.items() if line.stream is None]
         for name in away[: max(0, len(away) - MAX_CONNECTIONS + 1)]:
             del self.lines[name]
@@ -249,14 +260,17 @@ class StreamListener(ServerTransport):
         return Line(self, name, lambda source: (name, source), lost)
 
     def send(self, peer: tuple[str, int], datagram: bytes) -> None:
+        """Send one message; it is lost where it cannot be sent."""
         line = self.lines.get(peer[0])
         if line is not None:
             line.send(peer[1], datagram)
 
     def label(self) -> str:
+        """Return what it listens on, as text."""
         return self.where
 
     def counters(self) -> dict[str, int]:
+        """Return the counters."""
         lines = [line.counters() for line in self.lines.values()]
         return {
             **super().counters(),
@@ -266,10 +280,14 @@ class StreamListener(ServerTransport):
         }
 
     def address(self, peer: tuple[str, int]) -> str:
+        """Return the peer as text."""
         return f"{peer[0]} ({peer[1]})"
 
     def is_away(self, peer: tuple[str, int]) -> bool:
-        """A board of before the agent's start has not been here: when it calls is its matter."""
+        """Return whether the board was connected and is not any more.
+
+        A restored board was never connected here: it connects when it likes.
+        """
         line = self.lines.get(peer[0])
         return line is not None and line.stream is None
 
@@ -280,6 +298,7 @@ class StreamListener(ServerTransport):
             sock.close()
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         self._closed = True
         for line in self.lines.values():
             line.close()

@@ -20,17 +20,17 @@ from .ip import (
     warn_without_ipv6,
 )
 
-# What is handled before it is another socket's turn.
+# Bytes handled before the next socket.
 _CHUNK: Final = 16384
-# How long nothing is accepted where no descriptors are left, in seconds.
+# How long accepting pauses where no descriptors are left, in seconds.
 _PAUSE: Final = 0.5
-# A client that does not read what it asked for is cut off here.
+# Bytes that wait for a client; one that does not read them is disconnected.
 MAX_UNSENT: Final = 4 * 1024 * 1024
-# Attack: connections that say nothing, a descriptor each. (The C++ agent has 100.)
+# Attack: silent connections, a descriptor each. (The C++ agent has 100.)
 MAX_CONNECTIONS: Final = 1000
 # Attack: all of them from one address; of IPv6 from one network of 64 bits, which one machine has.
 MAX_FROM_ONE: Final = 250
-# Attack: a thousand clients that read slowly. What waits for all of them together.
+# Attack: a thousand clients that read slowly. Bytes that wait for all of them together.
 MAX_UNSENT_OF_ALL: Final = 64 * 1024 * 1024
 # Attack: connections that say nothing, or a message byte by byte. A client says at once who it is;
 # one that only pings may be as slow. And a message comes whole in that time, or never.
@@ -38,7 +38,7 @@ IDLE_SECONDS: Final = 30.0
 _SWEEP_SECONDS: Final = 5.0
 _NO_TLS_HERE: Final = (
     "it begins TLS, which this port does not speak: start the agent with --tls-cert and"
-    " --tls-key, or take TLS out of the board's program"
+    " --tls-key, or remove TLS from the board's program"
 )
 _TCP_QUICKACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)
 
@@ -100,7 +100,7 @@ def _acknowledge_at_once(sock: socket.socket) -> None:
 class TcpServer(ServerTransport):
     """Accepts connections on one port; a session ends with its connection.
 
-    Of all addresses of IPv4 ("0.0.0.0") or IPv6 ("::"), or of one.
+    It listens on all IPv4 addresses ("0.0.0.0"), all of IPv6 ("::"), or one.
     """
 
     kind = "TCP"
@@ -121,6 +121,7 @@ class TcpServer(ServerTransport):
         self._sweeping = False
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         sock = listening_socket("TCP", self.listens_on, self.port)
         try:
             sock.listen(100)
@@ -186,7 +187,7 @@ class TcpServer(ServerTransport):
         self._host.watch(sock.fileno(), lambda: self._ready(connection))
 
     def _sweep(self) -> None:
-        """Close the connections that nothing comes of."""
+        """Close idle connections."""
         before = time.monotonic() - IDLE_SECONDS
         for connection in list(self._connections):
             if connection.whole > before:
@@ -196,7 +197,7 @@ class TcpServer(ServerTransport):
             elif connection in self.sessions or (
                 connection.spoke & 0x7F and self._host.has_client(self, connection)
             ):
-                continue  # a session, which may be silent: the agent probes it
+                continue  # a session may be silent: the agent probes it
             else:
                 why = f"no session, and silent for {IDLE_SECONDS:.0f} s"
             if self._idle.add():
@@ -242,26 +243,27 @@ class TcpServer(ServerTransport):
             connection.begun = time.monotonic()
         for message in messages:
             if connection not in self._connections:
-                return  # cut off at an answer: what would be made now would never leave
+                return  # disconnected meanwhile: further answers could not be sent
             buf = bytearray(message)
             self.deliver(self._host, connection, buf, memoryview(buf), len(buf), now)
 
     def send(self, peer: _Connection, datagram: bytes) -> None:
+        """Send one message; it is lost where it cannot be sent."""
         if peer not in self._connections:
             return
         if len(peer.unsent) + len(datagram) > MAX_UNSENT:
-            self._note("connection dropped", "it does not read what it is sent", peer.address)
+            self._note("connection dropped", "it does not read its messages", peer.address)
             self._drop(peer)
             return
         if len(datagram) > 0xFFFF:
-            return  # the length has 16 bits; the MTU field too, so this is no session's
+            return  # longer than the length field; no session sends such a message
         waiting = bool(peer.unsent)
         peer.unsent += len(datagram).to_bytes(2, "little") + datagram
         self._unsent += 2 + len(datagram)
         if not waiting:
             self._push(peer)
         if self._unsent > MAX_UNSENT_OF_ALL:
-            worst = max(self._connections, key=lambda it: len(it.unsent))
+            worst = max(self._connections, key=lambda connection: len(connection.unsent))
             self._note(
                 "connection dropped",
                 f"{MAX_UNSENT_OF_ALL} bytes wait for clients that do not read, most for this one",
@@ -294,21 +296,26 @@ class TcpServer(ServerTransport):
             self._host.gone(self, connection)
 
     def label(self) -> str:
+        """Return what it listens on, as text."""
         return f"port {self.port}"
 
     def counters(self) -> dict[str, int]:
+        """Return the counters."""
         return {
             **super().counters(), "connections": len(self._connections),
             "refused": self._refused.count,
         }  # fmt: skip
 
     def host_of(self, peer: _Connection) -> str | None:
+        """Return the peer's IP address."""
         return str(peer.address[0])
 
     def address(self, peer: _Connection) -> str:
+        """Return the peer as text."""
         return text_of(peer.address)
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         for connection in list(self._connections):
             self._drop(connection)
         if self._socket is not None:

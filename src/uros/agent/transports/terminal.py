@@ -1,13 +1,11 @@
 """Serial devices by termios: opening them, and their modem lines. POSIX only.
 
-What a board sees of it. Opening a device raises DTR and RTS (the system does that,
-before anybody can ask it not to), and they stay up when it is closed, because HUPCL
-is cleared, as the C++ agent does too. An Arduino-style board is reset when DTR
-rises: once, when the device is opened for the first time after it was plugged in or
-after a program that lets DTR fall, and not each time that the agent is started
-again. ESP32 boards with the usual two transistors run as long as both are equal, so
-leaving both up is right for them. Boards with USB of their own (RA4M1, RP2040, TinyUSB)
-send only while DTR is up.
+Effects on a board: opening a device raises DTR and RTS (the system does that, and it cannot be
+prevented), and they stay up when it is closed, because HUPCL is cleared, as in the C++ agent. An
+Arduino-style board is reset when DTR rises: once, when the device is opened for the first time
+after it was plugged in or after a program that lets DTR fall, and not each time that the agent is
+started. ESP32 boards with the usual two transistors run as long as both are equal, so both up is
+right for them. Boards with native USB (RA4M1, RP2040, TinyUSB) send only while DTR is up.
 
 So leave ``dtr`` and ``rts`` None unless a board needs otherwise: False for a circuit
 that holds the board in reset or in its bootloader while the line is up.
@@ -28,10 +26,10 @@ from .remedies import trouble
 
 
 def open_device(path: str, baud: int) -> int:
-    """Open a serial device for us alone, raw and not blocking; the descriptor.
+    """Open a serial device exclusively, raw and non-blocking; return its descriptor.
 
-    What came before us is dropped. ``baud`` is what check_baud_rate allowed. Raises
-    OSError or termios.error, which :func:`reason` explains.
+    Bytes received before are dropped. ``baud`` is a result of check_baud_rate. Raises OSError or
+    termios.error, which :func:`reason` explains.
     """
     fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
@@ -52,11 +50,11 @@ def open_device(path: str, baud: int) -> int:
 
 
 def set_modem_lines(fd: int, dtr: bool | None, rts: bool | None) -> str:
-    """Raise (True) or drop (False) DTR and RTS, leave alone what is None.
+    """Raise (True) or drop (False) DTR and RTS; None leaves a line as it is.
 
-    A line that has none (a pseudo-terminal, some USB devices) works without, so that is
-    no error: the text says so, and is empty where all is well. Raises OSError when the
-    device is gone.
+    Devices without modem lines (a pseudo-terminal, some USB devices) work, so that is no error.
+    Returns a text for the log about that, "" where the lines were set. Raises OSError when the
+    device was removed.
     """
     up = down = 0
     for wanted, bit in ((dtr, termios.TIOCM_DTR), (rts, termios.TIOCM_RTS)):
@@ -77,7 +75,7 @@ def set_modem_lines(fd: int, dtr: bool | None, rts: bool | None) -> str:
 
 
 def reason(device: str, error: Exception) -> str:
-    """What an error of opening ``device`` means, and what to do."""
+    """Explain an error of opening ``device``, with its remedy."""
     if isinstance(error, BaudRateError):
         return str(error.strerror)
     number = error.args[0] if error.args and isinstance(error.args[0], int) else 0

@@ -1,9 +1,9 @@
-"""TCP in TLS at the agent's end: a handshake first, and all that TCP does behind it.
+"""TLS over TCP at the agent's end.
 
-A handshake costs the one thread of the agent milliseconds, and memory before anybody has said
-who he is. So there are as many at once as :data:`MAX_HANDSHAKES` says, they take no more than
-:data:`SHARE` of the time, and where more want to come, those go first whose network has had the
-least: a flood from one machine does not keep the others out.
+A handshake costs the one thread of the agent milliseconds, and memory before the client is known.
+So there are at most :data:`MAX_HANDSHAKES` at once, they take no more than :data:`SHARE` of the
+time, and where more wait, the network that has used the least time goes first: a flood from one
+machine does not block others.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .certificates import Certificates
 from .ip import text_of
 from .tcp import TcpServer
 
-# Attack: handshakes that stop half-way. A board's own arithmetic takes some seconds.
+# Attack: handshakes that stop half-way. The arithmetic of a board takes some seconds.
 HANDSHAKE_SECONDS: Final = 10.0
 # Attack: many of them, tens of kilobytes each.
 MAX_HANDSHAKES: Final = 256
@@ -33,7 +33,7 @@ MAX_HANDSHAKES: Final = 256
 # of what was not used may be saved up, in seconds.
 SHARE: Final = 0.25
 _SAVED: Final = 0.25
-# How long those wait that come when the time is used up.
+# How long handshakes wait when the time is used up, in seconds.
 _PAUSE: Final = 0.05
 _SWEEP_SECONDS: Final = 1.0
 # A kind of fault is logged so many times at once, then once in so many seconds.
@@ -48,7 +48,7 @@ _WANTS: Final = (ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
 
 class _Channel(ssl.SSLSocket):
-    """Says "not now" and "good-bye" as a plain socket does."""
+    """Raises BlockingIOError as a plain socket does, and closes TLS properly."""
 
     def recv(self, buflen: int = 1024, flags: int = 0) -> bytes:
         try:
@@ -63,7 +63,7 @@ class _Channel(ssl.SSLSocket):
             raise BlockingIOError from None
 
     def close(self) -> None:
-        """With a farewell, where one can be said without waiting."""
+        """Close the TLS session, if that is possible without blocking, and the socket."""
         try:
             self.unwrap()
         except (OSError, ValueError):
@@ -74,8 +74,8 @@ class _Channel(ssl.SSLSocket):
 class TlsServer(TcpServer):
     """A :class:`TcpServer` whose clients speak TLS 1.2 or later.
 
-    Where the certificates have a CA, each client has one that it has signed; the name in that
-    stands behind the client's address: ``192.0.2.7:50123 (CN=left)``.
+    With a CA, each client must show a certificate that the CA signed; its name is appended to the
+    client's address: ``192.0.2.7:50123 (CN=left)``.
     """
 
     def __init__(
@@ -88,17 +88,18 @@ class TlsServer(TcpServer):
         self._certificates = certificates
         self._clock = clock
         self._cpu = cpu
-        self._names: dict[Any, str] = {}  # of those who are through; "": without a certificate
-        self._shown: dict[Any, str] = {}  # the certificates of those who have shown one
-        self._shaking: dict[Any, float] = {}  # since when, the oldest first
-        self._waiting: set[Any] = set()  # those of them whose time has not come
+        self._names: dict[Any, str] = {}  # by connection with TLS; "" without a certificate
+        self._shown: dict[Any, str] = {}  # certificates of clients that showed one
+        self._shaking: dict[Any, float] = {}  # start of handshakes, the oldest first
+        self._waiting: set[Any] = set()  # those of them that wait for time
         self._spent: dict[str, float] = {}  # seconds, by network
         self._time_limit = TokenBucket(_SAVED, SHARE)
         self._time_limit.available(clock())
-        self._looking = False  # whether a look at those who take long is due
+        self._looking = False  # whether a check for slow handshakes is scheduled
         self._faults = RateLimit(FAULT_SECONDS, FAULT_BURST, clock)
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         super().open(host)
         files = self._certificates
         who = f"with a certificate of {files.ca}" if files.ca else "anybody (--tls-ca restricts)"
@@ -122,12 +123,12 @@ class TlsServer(TcpServer):
             self._shake(connection)
 
     def _look_behind(self, connection: Any) -> None:
-        """The selector does not see what OpenSSL has decrypted already."""
+        """Handle bytes that OpenSSL has decrypted already, which the selector does not see."""
         if connection in self._connections and connection.sock.pending():
             self._host.wake_at(0.0, lambda: self._ready(connection))
 
     def _shake(self, connection: Any) -> None:
-        """One step of a handshake, when its time has come."""
+        """Do one step of a handshake, if there is time for it."""
         if connection not in self._shaking and not self._admitted(connection):
             return
         if self._seconds_left(self._clock()) <= 0.0 or self._waiting:
@@ -142,16 +143,18 @@ class TlsServer(TcpServer):
         """Return the seconds that handshakes may take now."""
         left = self._time_limit.available(now)
         if left >= _SAVED or len(self._spent) > _REMEMBERED:
-            self._spent.clear()  # there is time for all, whoever had how much before
+            self._spent.clear()  # there is time for all: earlier use does not matter any more
         return left
 
     def _resume(self) -> None:
-        """Those who wait, the network first that has had the least."""
+        """Continue waiting handshakes, the network with the least time used first."""
         now = self._clock()
         while self._waiting and self._seconds_left(now) > 0.0:
             connection = min(
                 self._waiting,
-                key=lambda it: (self._spent.get(it.network, 0.0), self._shaking[it]),
+                key=lambda waiting: (
+                    self._spent.get(waiting.network, 0.0), self._shaking[waiting]
+                ),
             )
             self._waiting.discard(connection)
             self._step(connection)
@@ -159,7 +162,7 @@ class TlsServer(TcpServer):
             self._host.wake_at(_PAUSE, self._resume)
 
     def _admitted(self, connection: Any) -> bool:
-        """Whether this may be the beginning of a handshake; what cannot be is dropped."""
+        """Return whether this can be a handshake; other connections are closed."""
         try:
             first = connection.sock.recv(2, socket.MSG_PEEK)
         except BlockingIOError:
@@ -171,8 +174,8 @@ class TlsServer(TcpServer):
             return False
         if first != _BEGINNING[: len(first)]:
             self._fault(
-                connection, "it speaks no TLS, which this port requires: give the board's program a"
-                " TlsTransport (docs/security.md), or serve plain TCP on another port",
+                connection, "it does not use TLS, which this port requires: give the board's"
+                " program a TlsTransport (docs/security.md), or serve plain TCP on another port",
             )  # fmt: skip
             return False
         if len(self._shaking) >= MAX_HANDSHAKES and not self._make_room(connection):
@@ -184,23 +187,24 @@ class TlsServer(TcpServer):
             self._host.wake_at(_SWEEP_SECONDS, self._look)
         return True
 
-    def _make_room(self, newcomer: Any) -> bool:
-        """Drop the oldest of the network that has the most, if that is not the newcomer's."""
-        shares = Counter(it.network for it in self._shaking)
+    def _make_room(self, connection: Any) -> bool:
+        """Drop the oldest handshake of the network that has the most, if it is another network."""
+        shares = Counter(each.network for each in self._shaking)
         network, most = shares.most_common(1)[0]
-        if shares[newcomer.network] + 1 >= most:
+        if shares[connection.network] + 1 >= most:
             return False
-        oldest = next(it for it in self._shaking if it.network == network)
+        oldest = next(each for each in self._shaking if each.network == network)
         self._fault(oldest, f"over {MAX_HANDSHAKES} handshakes at once, most from this address")
         return True
 
     def _look(self) -> None:
-        """Drop those who take too long."""
+        """Drop handshakes that take too long."""
         late = self._clock() - HANDSHAKE_SECONDS
-        for connection in [it for it, since in self._shaking.items() if since <= late]:
+        slow = [connection for connection, since in self._shaking.items() if since <= late]
+        for connection in slow:
             self._fault(
                 connection, f"no handshake within {HANDSHAKE_SECONDS:.0f} s: the line is slow, or"
-                " it does not speak TLS",
+                " it does not use TLS",
             )  # fmt: skip
         self._looking = bool(self._shaking)
         if self._looking:
@@ -224,7 +228,7 @@ class TlsServer(TcpServer):
             self._ready(connection)
 
     def _go_on(self, connection: Any) -> bool:
-        """Whether the handshake is done now."""
+        """Continue a handshake; return whether it is complete."""
         try:
             if not isinstance(connection.sock, _Channel) and not self._wrap(connection):
                 return False
@@ -251,7 +255,7 @@ class TlsServer(TcpServer):
             context = self._certificates.context()
         context.sslsocket_class = _Channel
         plain = connection.sock
-        # What cannot be wrapped is closed on the way, and its number may be another's then.
+        # A socket that cannot be wrapped is closed by that, and its descriptor may be reused.
         self._host.unwatch(plain.fileno())
         try:
             connection.sock = context.wrap_socket(
@@ -267,7 +271,7 @@ class TlsServer(TcpServer):
     # --- faults ---------------------------------------------------------------------------
 
     def _fault(self, connection: Any, why: str) -> None:
-        """Say so, and drop it."""
+        """Log a fault of a connection, and drop it."""
         self._tell("no TLS connection", why, f"address: {text_of(connection.address)}, ")
         self._drop(connection)
 
@@ -284,21 +288,24 @@ class TlsServer(TcpServer):
         self._shown.pop(connection, None)
 
     def label(self) -> str:
+        """Return what it listens on, as text."""
         return f"{super().label()}, TLS"
 
     def address(self, peer: Any) -> str:
+        """Return the peer as text."""
         name = self._names.get(peer)
         return f"{super().address(peer)} (CN={name})" if name else super().address(peer)
 
     def certificate_of(self, peer: Any) -> str | None:
+        """Return the SHA-256 of the peer's certificate in hex; None without one."""
         return self._shown.get(peer)
 
 
 def _name_in(certificate: Any) -> str:
-    """Whose certificate it is, or nothing. What is not in ``A-Z a-z 0-9 _ . - ~ @`` or a space is
-    percent-encoded (RFC 3986), so that no name looks like another.
+    """Return the name in a certificate; "" without a certificate.
 
-    Rules may be for a name, so one that is cut ends with what tells it from others.
+    Characters other than ``A-Z a-z 0-9 _ . - ~ @`` and space are percent-encoded (RFC 3986), so
+    that no two names look alike. Rules may match a name, so one that is cut ends with a hash.
     """
     if not certificate:
         return ""
@@ -314,7 +321,7 @@ def _name_in(certificate: Any) -> str:
 
 
 def _explain(error: Exception) -> str:
-    """What is the matter with a handshake, and what to do."""
+    """Explain a failed handshake, with the remedy."""
     reason = str(getattr(error, "reason", None) or "")
     words = reason.replace("_", " ").lower() or str(error)
     if isinstance(error, ssl.SSLCertVerificationError):
@@ -327,16 +334,16 @@ def _explain(error: Exception) -> str:
     if "ALERT" in reason and ("CERTIFICATE" in reason or reason.endswith("_CA")):
         return (
             f"it refuses the agent's certificate ({words}): give the board the CA that has signed"
-            " it, and look at the name that it connects to and at its clock"
+            " it, and check the name that it connects to and its clock"
         )
     if reason in _OLD:
         return f"it has no TLS 1.2 or later, or no cipher of today ({words}): update its TLS"
     if isinstance(error, (ConnectionError, ssl.SSLEOFError, ssl.SSLZeroReturnError)):
         return (
-            "it has closed the connection during the handshake; if it goes on doing so, look at"
-            " what it says of the agent's certificate"
+            "it closed the connection during the handshake; if it does so again, check"
+            " what it says about the agent's certificate"
         )
-    return f"the handshake fails ({words}): what it sends is no TLS that is known here"
+    return f"the handshake fails ({words}): what it sends is not valid TLS"
 
 
 _OLD: Final = (
@@ -349,7 +356,7 @@ _OLD: Final = (
 def tls_server(
     port: int, host: str, cert: str | None, key: str | None, ca: str | None
 ) -> TlsServer:
-    """The server that the three options ask for. Raises TransportError."""
+    """Make the server for the three options; raises TransportError."""
     for option, path in (("--tls-cert", cert), ("--tls-key", key)):
         if path is None:
             raise TransportError(

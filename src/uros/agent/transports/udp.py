@@ -9,12 +9,12 @@ from .base import ERROR, INFO, MAX_BURST, MAX_BURST_BYTES, Host, ServerTransport
 from .ip import Address, family_of, listening_socket, text_of, warn_without_ipv6
 
 _LARGEST: Final = 65536
-# A burst of a hundred boards must fit; the kernel may grant less.
+# A burst of a hundred boards must fit, in bytes; the kernel may grant less.
 _SOCKET_BUFFER: Final = 4 * 1024 * 1024
 
 
 class UdpServer(ServerTransport):
-    """Listens on one port of all addresses of IPv4 ("0.0.0.0") or IPv6 ("::"), or of one."""
+    """Listens on a port of all IPv4 addresses ("0.0.0.0"), all of IPv6 ("::"), or of one."""
 
     kind = "UDP"
 
@@ -28,6 +28,7 @@ class UdpServer(ServerTransport):
         self._view = memoryview(self._buf)
 
     def open(self, host: Host) -> None:
+        """Open and start watching; raises TransportError."""
         sock = listening_socket("UDP", self.listens_on, self.port)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
             sock.setsockopt(socket.SOL_SOCKET, option, _SOCKET_BUFFER)
@@ -47,7 +48,7 @@ class UdpServer(ServerTransport):
         left = MAX_BURST_BYTES
         count = 0
         try:
-            for count in range(MAX_BURST):  # noqa: B007  how many came before this one
+            for count in range(MAX_BURST):  # noqa: B007  received so far
                 try:
                     length, peer = recvfrom_into(buf)
                 except BlockingIOError:
@@ -70,22 +71,27 @@ class UdpServer(ServerTransport):
             self.bytes += MAX_BURST_BYTES - left
 
     def send(self, peer: Address, datagram: bytes) -> None:
+        """Send one message; it is lost where it cannot be sent."""
         if self._socket is not None:
             try:
                 self._socket.sendto(datagram, peer)
             except OSError:
-                pass  # no room, no route, nobody there: the streams repeat what matters
+                pass  # no room, no route, no receiver: reliable streams retransmit
 
     def label(self) -> str:
+        """Return what it listens on, as text."""
         return f"port {self.port}"
 
     def host_of(self, peer: Address) -> str | None:
+        """Return the peer's IP address."""
         return str(peer[0])
 
     def address(self, peer: Address) -> str:
+        """Return the peer as text."""
         return text_of(peer)
 
     def close(self) -> None:
+        """Close everything; idempotent."""
         if self._socket is not None:
             self._host.unwatch(self._socket.fileno())
             self._socket.close()

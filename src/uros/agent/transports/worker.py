@@ -1,8 +1,8 @@
-"""Lines whose calls may wait: each has two threads of its own, and queues between them and the
-server's thread, which therefore never waits.
+"""Runs lines whose calls may block in threads, so that the server's thread never blocks.
 
-One Worker is one life of a line: open, read and write, close. A line that fails gets another
-Worker, when this one has ended: so its ``open`` never meets calls that are still under way.
+Each line has two threads, and queues between them and the server's thread. A Worker runs a line
+once: open, read and write, close. A line that fails gets another Worker when this one has ended, so
+that ``open`` is never called while other calls are running.
 """
 
 from __future__ import annotations
@@ -16,43 +16,48 @@ from typing import Any, Final, Protocol
 
 from .base import MAX_BURST, WARNING, Host
 
-# How long a read may wait, in seconds: the end of a line is noticed so late.
+# How long a read may block, in seconds: the delay at which the end of a line is noticed.
 POLL: Final = 0.1
-# What was read and not handled yet: then the line is not read until some of it is.
+# Items read and not handled yet; then the line is not read until some are.
 MAX_WAITING: Final = 256
-# Then it is another line's turn, in seconds.
+# How long one line is handled before the next, in seconds.
 _TURN: Final = 0.001
-# What was sent and not written yet, in bytes: then messages are lost, as on a network.
+# Bytes that wait to be written; further messages are lost, as on a network.
 MAX_UNSENT: Final = 1024 * 1024
-# What a small message takes besides its bytes.
+# Overhead of a message in bytes.
 _ENTRY: Final = 64
-# How long the threads are waited for at the end, in seconds.
+# How long the end waits for the threads, in seconds.
 LEAVE: Final = 2.0
-# A read that gives nothing and does not wait would take a processor.
+# The pause after a read that returned nothing at once, which would take a processor.
 _QUIET: Final = 0.001
 
 
 class Line(Protocol):
-    """Calls that may wait. Whatever they raise ends the line."""
+    """A line whose calls may block; any exception ends it."""
 
     def open(self) -> None:
-        """Before all else, and once."""
+        """Open the line; called first, once."""
 
     def read(self, timeout: float) -> Any:
-        """What has come, waiting for it at most so many seconds; None: nothing."""
+        """Return received data, waiting at most so many seconds; None for nothing."""
 
     def write(self, data: bytes, peer: Any) -> None:
-        """Send one message. It comes from another thread than the other calls."""
+        """Send one message; called from another thread than the other methods."""
 
     def close(self) -> None:
-        """After all else, and once: but before the end of a write that takes too long."""
+        """Close the line; called last, once. A write that takes too long may still be running."""
 
 
 class Worker:
-    """Runs ``line``, ``name`` for the log. The three callbacks come in the server's thread:
+    """Runs a line from open to close; the callbacks are called in the server's thread.
 
-    ``opened()``; ``received(item)`` for each item read; ``ended(error)``, after which there is
-    nothing left of this Worker, with what the line has raised.
+    Args:
+        host: The server.
+        name: Name for the log.
+        line: The line.
+        opened: Called when the line is open.
+        received: Called with each item read.
+        ended: Called once, last, with the exception of the line, or None.
     """
 
     def __init__(
@@ -87,7 +92,7 @@ class Worker:
     # --- the server's thread ---------------------------------------------------------------
 
     def send(self, data: bytes, peer: Any) -> bool:
-        """Have it written soon; False: too much waits already, it is lost."""
+        """Queue a message; False where too much waits already and it is lost."""
         with self._change:
             if self._over or self._unsent + len(data) > MAX_UNSENT:
                 return False
@@ -97,8 +102,9 @@ class Worker:
         return True
 
     def stop(self) -> bool:
-        """End the line, and wait for that up to LEAVE seconds; whether it has. No callback comes
-        any more.
+        """Close the line, waiting up to LEAVE seconds; return whether it is closed.
+
+        No callback is called afterwards.
         """
         if self._wake.fileno() < 0:
             return True
@@ -161,7 +167,7 @@ class Worker:
     # --- the line's threads ----------------------------------------------------------------
 
     def post(self, it: Callable[[], None] | tuple[Any]) -> None:
-        """Have it called in the server's thread; from any thread."""
+        """Call a function in the server's thread; thread-safe."""
         with self._change:
             self._come.append(it)
         self._poke()

@@ -118,7 +118,7 @@ def test_a_driver_that_takes_another_rate(line, monkeypatch, took, fine):
     with pytest.raises(BaudRateError) as caught:
         set_baud_rate(line, 250_000)
     assert caught.value.strerror == (
-        "the device does not do 250000 baud (it took 115200): choose a rate that it has"
+        "the device does not support 250000 baud (it took 115200): choose a rate that it has"
     )
 
 

@@ -50,7 +50,7 @@ def test_sound_files(files, authority):
 def test_a_file_that_is_not_there_or_no_file(files, tmp_path, option):
     given = {"--tls-cert": files[0], "--tls-key": files[1], "--tls-ca": files[0]}
     for path, why in (
-        (tmp_path / "none", "No such file or directory: mend the name"),
+        (tmp_path / "none", "No such file or directory: correct the name"),
         (tmp_path, "Is a directory"),
         ("a\0b", "null"),
     ):
@@ -79,22 +79,22 @@ def test_an_endless_file(files):
 def test_what_is_no_certificate_or_key(files, tmp_path, text):
     other = tmp_path / "other"
     other.write_bytes(text)
-    assert f"--tls-cert {other} holds no sound certificate" in refused(other, files[1])
+    assert f"--tls-cert {other} holds no valid certificate" in refused(other, files[1])
     assert "openssl x509 -inform DER" in refused(other, files[1])
     assert f"--tls-key {other} holds no private key" in refused(files[0], other)
-    assert f"--tls-ca {other} holds no sound certificate" in refused(*files, other)
+    assert f"--tls-ca {other} holds no valid certificate" in refused(*files, other)
 
 
 def test_a_certificate_in_the_place_of_the_key_and_the_other_way_round(files):
     cert, key = files
     assert f"--tls-key {cert} holds no private key" in refused(cert, cert)
-    assert f"--tls-cert {key} holds no sound certificate" in refused(key, key)
-    assert f"--tls-ca {key} holds no sound certificate" in refused(cert, key, key)
+    assert f"--tls-cert {key} holds no valid certificate" in refused(key, key)
+    assert f"--tls-ca {key} holds no valid certificate" in refused(cert, key, key)
 
 
 def test_spoilt_ones(files):
     cert, key = files
-    for path, said in ((cert, "holds no sound certificate"), (key, "holds a key that cannot")):
+    for path, said in ((cert, "holds no valid certificate"), (key, "holds a key that cannot")):
         text = path.read_text()
         lines = text.splitlines()
         path.write_text("\n".join([lines[0], "A" * 64, *lines[2:]]))

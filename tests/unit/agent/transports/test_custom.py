@@ -128,11 +128,11 @@ def test_one_board_and_boards_with_names():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ("text", "Scripted .*TypeError: read.. gave str: it must be bytes"),
-        (3, "gave int"),
-        ((PING,), "gave tuple"),
-        ((PING, 1, 2), "gave tuple"),
-        ((None, 1), "gave tuple"),
+        ("text", "Scripted .*TypeError: read.. returned str, not bytes"),
+        (3, "returned int"),
+        ((PING,), "returned tuple"),
+        ((PING, 1, 2), "returned tuple"),
+        ((None, 1), "returned tuple"),
         ((PING, []), "unhashable"),
         (OSError(5, "off"), r"OSError: \[Errno 5\] off \(test_custom.py:"),
         (SystemExit(3), "SystemExit: 3"),

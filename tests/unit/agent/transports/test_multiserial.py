@@ -113,7 +113,7 @@ def test_devices_in_a_file(tmp_path, monkeypatch):
     file.write_text("/dev/ttyA\n\n  # the other bench\n /dev/ttyB \r\n")
     assert devices_in(str(file)) == ["/dev/ttyA", "/dev/ttyB"]
     file.write_bytes(b"\xff\xfe")
-    for content, why in ((b"\xff\xfe", "is no text"), (b"# none\n\n", "names no device")):
+    for content, why in ((b"\xff\xfe", "is not a text file"), (b"# none\n\n", "names no device")):
         file.write_bytes(content)
         with pytest.raises(TransportError, match=why):
             devices_in(str(file))

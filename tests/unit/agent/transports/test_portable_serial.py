@@ -201,7 +201,7 @@ def test_a_device_by_a_file_with_its_name(host, tmp_path, terminal):
     file = tmp_path / "name"
     server = PySerialServer(str(file), is_file=True)
     server.open(host)
-    assert "the file that is to name the device is not there" in host.said()
+    assert "the file with the name of the device does not exist" in host.said()
     file.write_text("nonsense://\n")
     host.fire()
     host.until(lambda: "nonsense" in host.said().split("\n")[-1])

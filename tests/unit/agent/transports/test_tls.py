@@ -212,7 +212,7 @@ def test_tls_of_yesterday(strict):
 def test_a_client_without_tls_is_told_of_in_the_log(agent, raw):
     raw.sendall(framed(create_client(0x77)))
     assert is_closed(raw)
-    wait_for(agent.said.getvalue, "it speaks no TLS, which this port requires")
+    wait_for(agent.said.getvalue, "it does not use TLS, which this port requires")
     assert "TlsTransport" in agent.said.getvalue()
     assert 0x77 not in agent.agent.clients
 
@@ -370,7 +370,7 @@ def test_who_does_not_read_is_cut_off_and_only_he(agent, bystanders, monkeypatch
     writer = bystanders.publisher.writer("publisher", "rt/slow", TYPE)
     for _ in range(400):
         bystanders.publisher.write(writer, bytes(50_000))
-        if "does not read what it is sent" in agent.said.getvalue():
+        if "does not read its messages" in agent.said.getvalue():
             break
     wait_for(agent.said.getvalue, "session closed                 | client_key: 0x00000079")
     bystanders.check()
@@ -443,7 +443,7 @@ def test_a_new_certificate_is_taken_without_a_restart(tmp_path):
                 answers(sock, 1)
         said = it.said.getvalue()
         assert said.count("cannot use new files") == 1
-        assert "holds no sound certificate" in said and "the former ones stay in use" in said
+        assert "holds no valid certificate" in said and "the former ones stay in use" in said
 
 
 def test_an_expired_certificate_of_the_agents_own_is_told_at_the_start(tmp_path):

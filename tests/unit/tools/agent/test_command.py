@@ -91,7 +91,7 @@ def test_bluetooth(monkeypatch):
     assert type(one) is rfcomm.RfcommServer
     with pytest.raises(SystemExit):
         made("rfcomm --channel 31")
-    with pytest.raises(TransportError, match="no Bluetooth address"):
+    with pytest.raises(TransportError, match="not a Bluetooth address"):
         made("rfcomm --address here")
 
 
