@@ -167,7 +167,7 @@ def test_reversals_are_followed_though_the_encoders_have_one_channel() -> None:
     car.drive.stop()
     car.run(0.5)
     metres, degrees = car.error()
-    assert car.rover.way > 3
+    assert car.rover.path_length > 3
     assert metres < 0.03
     assert abs(degrees) < 4
 

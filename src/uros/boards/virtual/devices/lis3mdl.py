@@ -1,12 +1,12 @@
-"""The LIS3MDL: the magnetic field, x y z, by registers.
+"""The LIS3MDL magnetometer: magnetic field on three axes.
 
-After power-on it is switched off. In continuous mode it takes a sample at the rate of CTRL_REG1 and
-sets ZYXDA, which reading the outputs clears; one that was not read in time sets ZYXOR. Outputs are
-little-endian, 6842 a gauss at the smallest range. Only with the pointer's uppermost bit set does
-the pointer move on.
+After power-on it is in power-down mode. In continuous mode it takes a sample at the output data
+rate of CTRL_REG1 and sets ZYXDA, which reading the output registers clears; a sample that was not
+read in time sets ZYXOR. Outputs are little-endian, 6842 counts per gauss at ±4 gauss. The register
+pointer moves on only with its most significant bit set.
 
-Left out: single conversions' idle state is entered, low power and FAST_ODR are not modelled, nor
-interrupts, big-endian outputs, self-test.
+Left out: low power and FAST_ODR, interrupts, big-endian outputs, self-test. After a single
+conversion the idle state is entered.
 """
 
 from __future__ import annotations
@@ -36,37 +36,43 @@ OVERRUN: Final = 0x80
 _IDENTITY: Final = 0x3D
 _POWER_DOWN: Final = 2
 _SINGLE: Final = 1
-_SENSITIVITY: Final = (6842, 3421, 2281, 1711)  # counts a gauss
+_SENSITIVITY: Final = (6842, 3421, 2281, 1711)  # counts per gauss
 _FULL: Final = (4, 8, 12, 16)  # gauss
 _NOISE: Final = (0.0032, 0.0032, 0.0041)  # gauss, in its best mode
-# Of the datasheet ±1 gauss; a part that was calibrated once is better.
+# Gauss. The data sheet allows ±1 gauss; this is a part that was calibrated once.
 _OFFSET: Final = 0.01
-_TESLA: Final = 1e-4  # a gauss
+_TESLA: Final = 1e-4  # per gauss
 
 
 class Lis3mdl(Registers):
-    """``field(seconds)`` gives the field in tesla at a time since power-on, ``air(seconds)`` the
-    temperature in °C. Without ``noise`` there is no offset, either.
+    """A LIS3MDL.
+
+    Args:
+        field: Returns the magnetic field x y z in tesla at a time in seconds since power-on.
+        ambient: Returns the ambient temperature in °C at a time; by default 25 °C.
+        address: The I2C address.
+        seed: The seed of noise and offsets.
+        noise: Whether there are noise and offsets.
     """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,
-        "asleep": "lost its supply for a moment: it has its settings after power-on",
-        "frozen": "gives new samples that are all the same",
-        "saturated": "a magnet is near: every axis is at the end of its range",
+        "asleep": "lost its supply for a moment: its registers are as after power-on",
+        "frozen": "takes samples that are all the same",
+        "saturated": "a magnet is near: every axis is at full scale",
     }
 
     def __init__(
         self,
         field: Callable[[float], tuple[float, float, float]],
-        air: Callable[[float], float] | None = None,
+        ambient: Callable[[float], float] | None = None,
         address: int = ADDRESS,
         seed: int = 0,
         noise: bool = True,
     ) -> None:
         super().__init__("lis3mdl", address, 0x80)
         self._field = field
-        self._air = air if air is not None else (lambda t: 25.0)
+        self._ambient = ambient if ambient is not None else (lambda t: 25.0)
         self._random = random.Random(f"{seed}/lis3mdl")
         self._noise = noise
         self._offsets = [self._random.gauss(0, _OFFSET if noise else 0.0) for _ in range(3)]
@@ -81,18 +87,21 @@ class Lis3mdl(Registers):
         self._samples = 0
 
     def fault(self, kind: str) -> None:
+        """Inject one of FAULTS; "asleep" resets the registers once."""
         super().fault(kind)
         if kind == "asleep":
             self.faults.discard(kind)
             self._power_up()
 
     def following(self, register: int) -> int:
+        """Return where the pointer moves to: on by one only with its uppermost bit set."""
         return register & 0x80 | register + 1 & 0x7F if register & 0x80 else register
 
     def _period_us(self) -> int:
         return 1_600_000 >> (self.memory[CTRL_REG1] >> 2 & 7)
 
     def catch_up(self, now_us: int) -> None:
+        """Store the results of the measurements that were finished by ``now_us``."""
         mode = self.memory[CTRL_REG3] & 3
         if mode >= _POWER_DOWN:
             return
@@ -125,10 +134,11 @@ class Lis3mdl(Registers):
                 raw = 0x7FFF if raw > 0 else -0x8000
             self.put(OUT + 2 * axis, raw, True)
         if self.memory[CTRL_REG1] & 0x80:
-            self.put(TEMPERATURE, counts(self._air(at / 1e6) - 25, 8), True)
+            self.put(TEMPERATURE, counts(self._ambient(at / 1e6) - 25, 8), True)
 
     def wrote(self, register: int, byte: int) -> None:
-        if register == CTRL_REG2 and byte & 0x0C:  # restarted by its memory, or by itself
+        """Store the byte where the register can be written, and carry out commands."""
+        if register == CTRL_REG2 and byte & 0x0C:  # REBOOT or SOFT_RST
             self._power_up()
             return
         if CTRL_REG1 <= register <= CTRL_REG5 or 0x30 <= register <= 0x33:
@@ -138,5 +148,6 @@ class Lis3mdl(Registers):
                 self._samples = 0
 
     def was_read(self, register: int) -> None:
+        """Clear the status bits that this read clears."""
         if register == OUT + 5:
             self.memory[STATUS] = 0

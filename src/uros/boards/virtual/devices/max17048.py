@@ -1,9 +1,9 @@
-"""The MAX17048: a cell's voltage and how full it is, by registers of 16 bits, big-endian.
+"""The MAX17048 fuel gauge: cell voltage and state of charge, 16-bit big-endian registers.
 
-It measures by itself, four times a second: 78.125 µV, 1/256 %, and by how many 0.208 % an hour it
-changes. The first result comes 1 s after power-on.
+It converts four times a second: VCELL in 78.125 µV, SOC in 1/256 %, CRATE in 0.208 % an hour. The
+first result is there 1 s after power-on.
 
-Left out: its model of the cell (it is told how full the cell is), alerts, hibernation, sleep;
+Left out: its model of the cell (the state of charge is given to it), alerts, hibernation and sleep;
 their registers keep what is written.
 """
 
@@ -46,14 +46,20 @@ _ACCURACY: Final = 0.0025  # V: one sigma of ±7.5 mV
 
 
 class Max17048(Registers):
-    """``cell(seconds)`` gives volts and how full the cell is (0 to 1) at a time since power-on.
-    Without ``noise`` they are only rounded.
+    """A MAX17048.
+
+    Args:
+        cell: Returns the cell's voltage in V and state of charge (0 to 1) at a time in seconds
+            since power-on.
+        address: The I2C address.
+        seed: The seed of noise and offset.
+        noise: Whether there are noise and offset; without, results are only rounded.
     """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,
-        "open": "the cell has come off: it measures next to nothing",
-        "frozen": "its results do not change any more",
+        "open": "the cell is disconnected: it measures nearly 0 V",
+        "frozen": "its results no longer change",
         "low": "the cell is nearly empty: 3.2 V, 3 %",
     }
 
@@ -79,6 +85,7 @@ class Max17048(Registers):
         self._measured = -1
 
     def catch_up(self, now_us: int) -> None:
+        """Store the results of the measurements that were finished by ``now_us``."""
         number = (now_us - self._first) // _PERIOD_US
         if number <= self._measured or number < 0:
             return
@@ -103,6 +110,7 @@ class Max17048(Registers):
         self.memory[register : register + 2] = min(max(value, 0), 0xFFFF).to_bytes(2, "big")
 
     def wrote(self, register: int, byte: int) -> None:
+        """Store the byte where the register can be written, and carry out commands."""
         if register not in _WRITABLE:
             return
         self.memory[register] = byte

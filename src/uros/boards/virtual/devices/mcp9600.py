@@ -1,8 +1,8 @@
-"""The MCP9600: a thermocouple's hot and cold junction, by registers behind a pointer.
+"""The MCP9600 thermocouple converter: hot and cold junction temperature.
 
-A write sets the pointer and then the register; a read gets the register's bytes, and 0xFF after
-them. Temperatures are big-endian int16, 0.0625 °C each. The part converts on its own, 320 ms each
-time at 18 bits, and reads hold the clock for a moment.
+A write sets the register pointer and then the register; a read returns the register's bytes, and
+0xFF after them. Temperatures are big-endian int16 in 0.0625 °C. Conversions are continuous, 320 ms
+each at 18 bits; reads stretch the clock for 60 µs.
 
 Left out: the digital filter, burst mode's averaging (it converts as in normal mode) and the
 outputs of the alerts; their registers keep what is written.
@@ -42,13 +42,13 @@ _SIZES: Final = {
 _READ_ONLY: Final = (HOT, DELTA, COLD, RAW, DEVICE_ID)
 _IDENTITY: Final = b"\x40\x14"
 
-# What the thermocouple types K J T N S E B R cover in °C, and about how many µV a degree they give
-# at room temperature.
+# Of the thermocouple types K J T N S E B R: the range in °C, and about how many µV per °C at room
+# temperature.
 _TYPES: Final = (
     (-200, 1372, 40.6), (-150, 1200, 51.7), (-200, 400, 40.7), (-150, 1300, 26.5),
     (50, 1664, 6.0), (-200, 1000, 60.9), (250, 1800, 0.2), (50, 1664, 6.0),
 )  # fmt: skip
-# By the resolution in bits of CONFIG: µs for a conversion, and how many µV a count of 18 bits.
+# µs for a conversion by the ADC resolution in CONFIG, and µV per count at 18 bits.
 _CONVERSION_US: Final = (320_000, 80_000, 20_000, 5_000)
 _MICROVOLTS: Final = 2.0
 _STRETCH_US: Final = 60
@@ -56,14 +56,20 @@ _SHUTDOWN: Final = 1
 
 
 class Mcp9600(Device):
-    """``junctions(seconds)`` gives the temperatures of the hot and the cold junction in °C at a
-    time since power-on. Without ``noise`` they are only rounded.
+    """An MCP9600.
+
+    Args:
+        junctions: Returns the temperatures of the hot and the cold junction in °C at a time in
+            seconds since power-on.
+        address: The I2C address.
+        seed: The seed of the noise.
+        noise: Whether there is noise; without, results are only rounded.
     """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,
-        # The part itself does not say what it reads then; this is the worst case.
-        "open": "the thermocouple is broken: it reads the end of its range, and says so in STATUS",
+        # The data sheet does not specify the reading; this is the worst case.
+        "open": "the thermocouple is broken: it reads the end of its range, with the status bit",
     }
 
     def __init__(
@@ -88,6 +94,7 @@ class Mcp9600(Device):
         self._conversions = 0  # since then
 
     def start(self, read: bool) -> bool:
+        """Latch the register for a read; always acknowledge."""
         self._written = None
         self._at = 0
         self._hold = 0
@@ -98,10 +105,12 @@ class Mcp9600(Device):
         return True
 
     def hold_us(self) -> int:
+        """Return for how long the clock is stretched, in µs."""
         held, self._hold = self._hold, 0
         return held
 
     def write(self, byte: int) -> bool:
+        """Take a byte from the controller; return whether it is acknowledged."""
         if self._written is None:
             self._pointer = byte
             self._written = bytearray()
@@ -115,6 +124,7 @@ class Mcp9600(Device):
         return True
 
     def read(self) -> int:
+        """Return the next byte for the controller."""
         if self._at >= len(self._out):
             return IDLE
         self._at += 1
@@ -122,7 +132,7 @@ class Mcp9600(Device):
 
     def _set(self, data: bytes) -> None:
         if self._pointer == STATUS:
-            # Only the two flags can be cleared, by writing 0.
+            # Only these two status bits can be cleared, by writing 0.
             data = bytes((self.registers[STATUS][0] & (data[0] | ~(BURST_DONE | UPDATED)),))
         elif self._pointer in (THERMOCOUPLE, CONFIG):
             self._began = self.now_us()
@@ -130,7 +140,7 @@ class Mcp9600(Device):
         self.registers[self._pointer] = data
 
     def _convert(self) -> None:
-        """Do what was finished since the last look."""
+        """Store the result of the last conversion that is complete."""
         config = self.registers[CONFIG][0]
         if config & 3 == _SHUTDOWN:
             return
@@ -150,7 +160,7 @@ class Mcp9600(Device):
         if not lowest <= hot <= highest:
             status |= OUT_OF_RANGE
             hot = min(max(hot, lowest), highest)
-        step = 4 if config & 0x80 else 1  # of the cold junction: 0.25 or 0.0625 °C
+        step = 4 if config & 0x80 else 1  # cold junction resolution: 0.25 or 0.0625 °C
         cold_counts = round(cold * 16 / step) * step
         hot_counts = round(hot * 16)
         self.registers[HOT] = _int(hot_counts, 2)

@@ -1,15 +1,16 @@
-"""The MPU-6050: acceleration, rate of turn and its own temperature, by registers.
+"""The MPU-6050: acceleration, angular velocity and die temperature.
 
-After power-on it sleeps, and every output is 0. Awake it takes a sample every
-(1 + SMPLRT_DIV) / 1 kHz (8 kHz without its filter) and sets DATA_RDY, which reading INT_STATUS
-clears. The fourteen output registers are of one sample, big-endian: acceleration x y z, temperature
-(340 a degree from 36.53 °C), turn x y z. The gyroscope needs 30 ms after waking up.
+After power-on it is in sleep mode, and every output is 0. Awake it takes a sample every
+(1 + SMPLRT_DIV) / 1 kHz (8 kHz with the low-pass filter off) and sets DATA_RDY, which reading
+INT_STATUS clears. The fourteen output registers hold one sample, big-endian: acceleration x y z,
+temperature (340 counts per °C from 36.53 °C), angular velocity x y z. The gyroscope needs 30 ms to
+start after sleep mode.
 
-Self-test pushes the masses by forces that are known from the factory: the six trims in registers
-0x0D to 0x10 say by how much the outputs change.
+Self-test deflects the masses by known forces: the six factory trim codes in registers 0x0D to 0x10
+give the change of the outputs.
 
-Left out: FIFO, the bus behind it, motion detection and its high pass, cycle mode; their registers
-keep what is written. The filter is not modelled but for the rate of samples and the noise.
+Left out: FIFO, auxiliary I2C bus, motion detection and its high pass, cycle mode; their registers
+keep what is written. Of the low-pass filter only sample rate and noise bandwidth are modelled.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ _GYRO_START_US: Final = 30_000
 _READ_ONLY: Final = frozenset(
     (*range(SELF_TEST, SELF_TEST + 4), *range(INT_STATUS, 0x49), WHO_AM_I)
 )
-# Bandwidths of the filter in Hz, and what the datasheet has for noise and offsets.
+# Bandwidths of the low-pass filter in Hz; noise and offsets after the data sheet.
 _BANDWIDTH: Final = (260, 184, 94, 44, 21, 10, 5, 260)
 _ACCEL_NOISE: Final = 400e-6  # g per root of Hz
 _GYRO_NOISE: Final = 0.005  # degrees a second per root of Hz
@@ -57,40 +58,54 @@ Motion = tuple[float, float, float, float, float, float]
 
 
 def accel_trim(code: int) -> float:
-    """By how many counts self-test moves an acceleration at 8 g, for a code of 5 bits."""
+    """Return the self-test response of an accelerometer axis at ±8 g, in counts.
+
+    Args:
+        code: The 5-bit factory trim code; 0 for none.
+    """
     return 4096 * 0.34 * (0.92 / 0.34) ** ((code - 1) / 30) if code else 0.0
 
 
 def gyro_trim(code: int) -> float:
-    """By how many counts self-test moves a rate at 250 degrees a second; y goes the other way."""
+    """Return the self-test response of a gyroscope axis at ±250 °/s, in counts; negative for y.
+
+    Args:
+        code: The 5-bit factory trim code; 0 for none.
+    """
     return 25 * 131 * 1.046 ** (code - 1) if code else 0.0
 
 
 class Mpu6050(Registers):
-    """``motion(seconds)`` gives the acceleration that is felt (at rest: 1 g upwards) in m/s² and
-    the rate of turn in rad/s, x y z each, at a time since power-on; ``air(seconds)`` the
-    temperature around it in °C. Without ``noise`` there are no offsets, either.
+    """An MPU-6050.
+
+    Args:
+        motion: Returns the proper acceleration (at rest: 1 g upwards) in m/s² and the angular
+            velocity in rad/s, x y z each, at a time in seconds since power-on.
+        ambient: Returns the ambient temperature in °C at a time; by default 25 °C.
+        address: The I2C address.
+        seed: The seed of noise, offsets and trim codes.
+        noise: Whether there are noise and offsets.
     """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,
-        "asleep": "lost its supply for a moment: it has its settings after power-on",
-        "frozen": "gives new samples that are all the same",
-        "saturated": "its x axes are at the end of their ranges",
-        "selftest": "the mass of its z axis sticks: self-test moves it half as far",
+        "asleep": "lost its supply for a moment: its registers are as after power-on",
+        "frozen": "takes samples that are all the same",
+        "saturated": "its x axes are at full scale",
+        "selftest": "the mass of its z axis sticks: its self-test response is half of what it was",
     }
 
     def __init__(
         self,
         motion: Callable[[float], Motion],
-        air: Callable[[float], float] | None = None,
+        ambient: Callable[[float], float] | None = None,
         address: int = ADDRESS,
         seed: int = 0,
         noise: bool = True,
     ) -> None:
         super().__init__("mpu6050", address, 0x80)
         self._motion = motion
-        self._air = air if air is not None else (lambda t: 25.0)
+        self._ambient = ambient if ambient is not None else (lambda t: 25.0)
         self._random = source = random.Random(f"{seed}/mpu6050")
         self._noise = noise
         size = 1.0 if noise else 0.0
@@ -110,13 +125,14 @@ class Mpu6050(Registers):
             ((xa >> 2) << 5 | xg, (ya >> 2) << 5 | yg, (za >> 2) << 5 | zg,
              (xa & 3) << 4 | (ya & 3) << 2 | za & 3)
         )  # fmt: skip
-        self._began = 0  # of the samples
+        self._began = 0  # when sampling began
         self._samples = 0
         self._woke = 0
 
     def fault(self, kind: str) -> None:
+        """Inject one of FAULTS; "asleep" resets the registers once."""
         super().fault(kind)
-        if kind == "asleep":  # it is over at once, but for what it leaves behind
+        if kind == "asleep":  # momentary: only the registers stay changed
             self.faults.discard(kind)
             self._power_up()
 
@@ -129,6 +145,7 @@ class Mpu6050(Registers):
         self._samples = 0
 
     def catch_up(self, now_us: int) -> None:
+        """Store the results of the measurements that were finished by ``now_us``."""
         if self.memory[PWR_MGMT_1] & SLEEP:
             return
         period = self._period_us()
@@ -148,8 +165,8 @@ class Mpu6050(Registers):
         values = self._motion(at / 1e6)
         width = math.sqrt(_BANDWIDTH[memory[CONFIG] & 7])
         for axis in range(6):
-            turns = axis >= 3
-            if turns:
+            is_rate = axis >= 3
+            if is_rate:
                 value = math.degrees(values[axis])
                 scale = 32768 / (250 << gyro_range)
             else:
@@ -157,18 +174,19 @@ class Mpu6050(Registers):
                 scale = 32768 / (2 << accel_range)
             value += self._offsets[axis]
             if self._noise:
-                value += self._random.gauss(0, width * (_GYRO_NOISE if turns else _ACCEL_NOISE))
-            if turns and at - self._woke < _GYRO_START_US:
-                value += 100.0  # it swings up
-            raw = counts(value, scale) + self._pushed(axis, gyro_range if turns else accel_range)
+                value += self._random.gauss(0, width * (_GYRO_NOISE if is_rate else _ACCEL_NOISE))
+            if is_rate and at - self._woke < _GYRO_START_US:
+                value += 100.0  # degrees a second, while the gyroscope starts
+            full_scale = gyro_range if is_rate else accel_range
+            raw = counts(value, scale) + self._self_test(axis, full_scale)
             if axis in (0, 3) and "saturated" in self.faults:
                 raw = 0x7FFF
-            self.put((GYRO - 6 if turns else ACCEL) + 2 * axis, raw)
-        warm = self._air(at / 1e6) + 2.0
+            self.put((GYRO - 6 if is_rate else ACCEL) + 2 * axis, raw)
+        warm = self._ambient(at / 1e6) + 2.0
         self.put(TEMPERATURE, counts(warm - 36.53, 340))
 
-    def _pushed(self, axis: int, chosen: int) -> int:
-        """What self-test adds to an axis, in counts of the range that is chosen."""
+    def _self_test(self, axis: int, chosen: int) -> int:
+        """Return the self-test response of an axis, in counts of the selected range."""
         code = self._codes[axis]
         if axis < 3:
             if not self.memory[ACCEL_CONFIG] & 0x80 >> axis:
@@ -183,6 +201,7 @@ class Mpu6050(Registers):
         return round(value)
 
     def wrote(self, register: int, byte: int) -> None:
+        """Store the byte where the register can be written, and carry out commands."""
         now = self.now_us()
         if register == PWR_MGMT_1:
             if byte & RESET:
@@ -197,5 +216,6 @@ class Mpu6050(Registers):
             self.memory[register] = byte
 
     def was_read(self, register: int) -> None:
+        """Clear the status bits that this read clears."""
         if register == INT_STATUS:
             self.memory[INT_STATUS] = 0

@@ -1,11 +1,11 @@
-"""The SHT3x: temperature and relative humidity, by 16-bit commands.
+"""The SHT3x: temperature and relative humidity, 16-bit commands.
 
 A result is T, CRC, RH, CRC: T = -45 + 175 * raw / 65535 in °C, RH = raw / 65535. It can be read
-once. A command needs 1 ms before the next one is heard, and a measurement that was ordered is not
-interrupted by anything; both are seen as an address that is not acknowledged.
+once. The sensor takes the next command 1 ms after the last, and no command during a single-shot
+measurement: until then it does not acknowledge its address.
 
-Left out: alert limits, ART's different sampling (it is taken for 4 Hz), the serial number, reset
-by general call.
+Left out: alert limits, the sampling of ART (modelled as 4 Hz), the serial number, general call
+reset.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..hardware.i2c import FAULTS, IDLE, Device
 
 ADDRESS: Final = 0x44
 
-# Repeatability: longest time of a measurement in µs, and noise (3 sigma) in °C and of RH.
+# Repeatability: longest measurement duration in µs, and noise (3 sigma) in °C and of RH (0 to 1).
 _HIGH: Final = (15_000, 0.04, 0.0008)
 _MEDIUM: Final = (6_000, 0.08, 0.0015)
 _LOW: Final = (4_000, 0.15, 0.0021)
@@ -49,13 +49,13 @@ HEATER: Final = 0x2000
 RESET_SEEN: Final = 0x0010
 COMMAND_FAILED: Final = 0x0002
 
-_COMMAND_US: Final = 1_000  # from a command to the next
+_COMMAND_US: Final = 1_000  # between two commands
 _RESET_US: Final = 1_500
 _HEATER_CELSIUS: Final = 3.0
 
 
 def crc8(data: bytes) -> int:
-    """The checksum after each word: polynomial 0x31, starting with 0xFF."""
+    """Return the CRC-8 of a word: polynomial 0x31, initial value 0xFF."""
     crc = 0xFF
     for byte in data:
         crc ^= byte
@@ -65,14 +65,23 @@ def crc8(data: bytes) -> int:
 
 
 def word(value: float) -> bytes:
-    """A 16-bit word, limited to what fits, and its checksum."""
+    """Return a 16-bit big-endian word, limited to its range, and its CRC."""
     data = min(max(round(value), 0), 0xFFFF).to_bytes(2, "big")
     return data + bytes((crc8(data),))
 
 
 class Sht3x(Device):
-    """``air(seconds)`` gives temperature in °C and relative humidity (0 to 1) at a time since
-    power-on. Without ``noise`` they are reported as they are.
+    """An SHT3x.
+
+    Attributes:
+        status: The status register.
+
+    Args:
+        ambient: Returns the temperature in °C and the relative humidity (0 to 1) at a time in
+            seconds since power-on.
+        address: The I2C address.
+        seed: The seed of the noise.
+        noise: Whether there is noise; without, results are only rounded.
     """
 
     FAULTS: ClassVar[dict[str, str]] = {
@@ -82,33 +91,34 @@ class Sht3x(Device):
 
     def __init__(
         self,
-        air: Callable[[float], tuple[float, float]],
+        ambient: Callable[[float], tuple[float, float]],
         address: int = ADDRESS,
         seed: int = 0,
         noise: bool = True,
     ) -> None:
         super().__init__("sht3x", address)
-        self._air = air
+        self._ambient = ambient
         self._random = random.Random(f"{seed}/sht3x")
         self._noise = noise
         self._command = bytearray()
-        self._busy_until = 0  # commands are not heard before
+        self._busy_until = 0  # no command is acknowledged before
         self._power_up()
 
     def _power_up(self) -> None:
         self.status = ALERT | RESET_SEEN
-        self._out = b""  # what a read gets
+        self._out = b""  # what a read returns
         self._at = 0
         self._hold = 0
-        # The measurement under way: when it ends, how, and whether a read waits for it.
+        # The measurement under way: its end, its repeatability, and whether a read is stretched.
         self._ends: int | None = None
         self._repeatability: _Repeatability = _HIGH
         self._stretches = False
-        self._period = 0  # of the periodic mode, in µs; 0: single shots
+        self._period = 0  # of periodic mode, in µs; 0: single-shot mode
         self._began = 0
         self._fetched = 0  # the number of the last periodic measurement that was fetched
 
     def start(self, read: bool) -> bool:
+        """Acknowledge unless a measurement or command is under way."""
         now = self.now_us()
         self.stop()
         self._command.clear()
@@ -126,12 +136,14 @@ class Sht3x(Device):
         return bool(self._out)
 
     def hold_us(self) -> int:
+        """Return for how long the clock is stretched, in µs."""
         held, self._hold = self._hold, 0
         return held
 
     def write(self, byte: int) -> bool:
+        """Take a byte of a command; return False for an unknown command."""
         if len(self._command) >= 2:
-            return False  # limits of alerts would come here
+            return False  # the alert limits would follow here
         self._command.append(byte)
         if len(self._command) < 2:
             return True
@@ -143,6 +155,7 @@ class Sht3x(Device):
         return known
 
     def read(self) -> int:
+        """Return the next byte for the controller."""
         if self._at >= len(self._out):
             return IDLE
         byte = self._out[self._at]
@@ -152,18 +165,19 @@ class Sht3x(Device):
         return byte
 
     def stop(self) -> None:
+        """Discard the rest of a result that was read in part."""
         if self._at:
             self._out = b""
             self._at = 0
 
     def _run(self, command: int) -> bool:
-        """Returns whether there is such a command, and now."""
+        """Run a command; return whether there is such a command in this mode."""
         now = self.now_us()
         self._busy_until = now + _COMMAND_US
         self._out = b""
         single = _STRETCHED.get(command) or _POLLED.get(command)
         if self._period and (single or command in _PERIODIC):
-            return False  # only after a break
+            return False  # periodic mode allows it only after the break command
         if single:
             self._ends = now + single[0]
             self._repeatability = single
@@ -192,7 +206,7 @@ class Sht3x(Device):
         return True
 
     def _fetch(self, now: int) -> None:
-        """The newest measurement of the periodic mode, unless it was fetched before."""
+        """Make the newest measurement of periodic mode readable, unless it was fetched before."""
         duration = self._repeatability[0]
         number = (now - self._began - duration) // self._period + 1
         if number > self._fetched:
@@ -200,9 +214,9 @@ class Sht3x(Device):
             self._out = self._measure(self._began + (number - 1) * self._period + duration)
 
     def _measure(self, at: int) -> bytes:
-        celsius, humidity = self._air(at / 1e6)
+        celsius, humidity = self._ambient(at / 1e6)
         if self.status & HEATER:
-            # Warmer air of the same water: about 6 % of its relative humidity a degree.
+            # The same absolute humidity in warmer air: about 6 % less relative humidity per °C.
             celsius += _HEATER_CELSIUS
             humidity *= 0.94**_HEATER_CELSIUS
         if self._noise:

@@ -1,14 +1,14 @@
-"""The TF-Luna in I2C mode: how far something is, by light, in registers, little-endian.
+"""The TF-Luna lidar in I2C mode: distance, little-endian registers.
 
-Distance in cm, how strong the light came back, its own temperature in 0.01 °C, and a counter of
-milliseconds that tells one measurement from the next. It measures 100 times a second, or once when
-it is triggered. Too little light (below 100) is a distance of 0; foreign light is a strength above
-32768, and 65535 when it is blinded.
+It measures the distance in cm, the amplitude of the returned light and its own temperature in
+0.01 °C; a tick in milliseconds tells one measurement from the next. It measures 100 times a second,
+or once for each trigger. With an amplitude below 100 the distance is 0; ambient light makes the
+amplitude larger than 32768, and 65535 when the sensor is saturated.
 
-In continuous mode a read may fall into an update, and gets bytes of two measurements, as the manual
-warns; the wire's time decides.
+In continuous mode a read may fall into an update and return bytes of two measurements, as the
+manual warns; that depends on the time of each byte on the bus.
 
-Left out: the pin, other rates, limits, its UART mode; their registers keep what is written.
+Left out: the data-ready pin, other rates, limits, UART mode; their registers keep what is written.
 """
 
 from __future__ import annotations
@@ -42,35 +42,40 @@ SIGNATURE: Final = 0x3C
 
 _PERIOD_US: Final = 10_000
 _TRIGGERED_US: Final = 4_000
-_SEES: Final = 8.0  # m, with the light that comes back from what is white
-_LIGHT: Final = 30_000.0  # amplitude of what is 0.2 m away
+_LIGHT: Final = 30_000.0  # amplitude of a white target at 0.2 m
 _BLINDED: Final = 0xFFFF
 
 
 class TfLuna(Registers):
-    """``target(seconds)`` gives the distance in m of what is before it (infinite: nothing) and how
-    much of the light that throws back (0 to 1), at a time since power-on. Without ``noise`` it is
-    only rounded.
+    """A TF-Luna.
+
+    Args:
+        target: Returns the distance of the target in m (infinite: none) and its reflectivity (0 to
+            1) at a time in seconds since power-on.
+        ambient: Returns the ambient temperature in °C at a time; by default 25 °C.
+        address: The I2C address.
+        seed: The seed of the noise.
+        noise: Whether there is noise; without, results are only rounded.
     """
 
     FAULTS: ClassVar[dict[str, str]] = {
         **FAULTS,
-        "frozen": "it does not measure any more: its counter stands still",
-        "dirty": "its window is dirty: too little light comes back",
+        "frozen": "it no longer measures: its tick does not advance",
+        "dirty": "its window is dirty: too little light returns",
         "sun": "the sun shines into it",
     }
 
     def __init__(
         self,
         target: Callable[[float], tuple[float, float]],
-        air: Callable[[float], float] | None = None,
+        ambient: Callable[[float], float] | None = None,
         address: int = ADDRESS,
         seed: int = 0,
         noise: bool = True,
     ) -> None:
         super().__init__("tfluna", address, 0x40)
         self._target = target
-        self._air = air if air is not None else (lambda t: 25.0)
+        self._ambient = ambient if ambient is not None else (lambda t: 25.0)
         self._random = random.Random(f"{seed}/tfluna")
         self._noise = noise
         self._power_up(0)
@@ -86,13 +91,15 @@ class TfLuna(Registers):
         self.memory[SIGNATURE:] = b"LUNA"
         self._began = now
         self._samples = 0
-        self._due: int | None = None  # when the triggered measurement is done
+        self._due: int | None = None  # when the triggered measurement is complete
 
     def read(self) -> int:
+        """Return the next byte for the controller."""
         self.catch_up(self.now_us())
         return super().read()
 
     def catch_up(self, now_us: int) -> None:
+        """Store the results of the measurements that were finished by ``now_us``."""
         if "frozen" in self.faults or not self.memory[ENABLE]:
             return
         if self.memory[MODE]:
@@ -110,7 +117,7 @@ class TfLuna(Registers):
         metres = max(metres, 0.0)
         amplitude = 0.0
         if math.isfinite(metres):
-            # As the square of the distance, up to what it makes of its own strength.
+            # Falls by an exponent below 2, as the sensor raises its own light with the distance.
             amplitude = min(_LIGHT * reflects * (0.2 / max(metres, 0.2)) ** 1.4, 32_000.0)
         if "dirty" in self.faults:
             amplitude *= 0.001
@@ -124,13 +131,14 @@ class TfLuna(Registers):
         centimetres = dummy if weak or amplitude == _BLINDED else min(counts(metres, 100), 1200)
         self._word(DISTANCE, centimetres)
         self._word(AMPLITUDE, round(amplitude))
-        self._word(TEMPERATURE, counts(self._air(at / 1e6) + 12, 100))
+        self._word(TEMPERATURE, counts(self._ambient(at / 1e6) + 12, 100))
         self._word(TICK, at // 1000 % 0x10000)
 
     def _word(self, register: int, value: int) -> None:
         self.memory[register : register + 2] = (value & 0xFFFF).to_bytes(2, "little")
 
     def wrote(self, register: int, byte: int) -> None:
+        """Store the byte where the register can be written, and carry out commands."""
         now = self.now_us()
         if register == TRIGGER:
             if byte == 1 and self.memory[MODE]:

@@ -1,14 +1,14 @@
 """The VCNL4010: proximity by its own infrared light, and ambient light.
 
 Registers 0x80 to 0x8F behind a pointer that moves on by itself. A bit in the command register
-orders a measurement; when it is done a ready bit is set there and the result registers change,
-until then they have the old value. Reading a result clears its ready bit.
+starts a measurement; when it is complete a ready bit is set there and the result registers change.
+Until then they have the old value. Reading a result clears its ready bit.
 
-Ambient light is 0.25 lx a count. A measurement averages 2**n conversions: spread over 100 ms, or
+Ambient light is 0.25 lx per count. A measurement averages 2**n conversions: spread over 100 ms, or
 one after another, 0.45 ms each, in continuous conversion mode (bit 7 of the parameter).
 
-Proximity has no unit. Here it is, for a distance in mm and the current of the infrared diode
-in mA::
+Proximity has no unit. It is modelled for a distance in mm and the current of the infrared diode in
+mA::
 
     counts = 2100 + 13750 * current / (distance + 2) ** 2
 
@@ -21,11 +21,11 @@ mA      closed    15 mm ajar  open
 200     65 535    11 616      2 117
 ======  ========  ==========  =========
 
-So 10 000 counts divide open from closed at the 20 mA of a part that nobody has configured; at
-200 mA the closed door saturates, one that is ajar is above 10 000 too, and the threshold has to be
-higher (30 000 is 8 mm).
+So 10 000 counts separate open from closed at 20 mA, the setting after power-on. At 200 mA the
+closed door saturates, a door ajar is above 10 000 too, and the threshold has to be higher (30 000
+is 8 mm).
 
-Left out: the interrupt pin and its count of exceedings, the timing adjustment in 0x8F, offset
+Left out: the interrupt pin and its persistence count, the timing adjustment in 0x8F, offset
 compensation; their registers keep what is written.
 """
 
@@ -78,14 +78,25 @@ _MAX_CURRENT: Final = 20  # times 10 mA
 
 
 def proximity_counts(distance_mm: float, milliamperes: float) -> int:
-    """What the part measures without noise, up to 65535."""
+    """Return the proximity measurement without noise, up to 65535.
+
+    Args:
+        distance_mm: The distance of the target in mm.
+        milliamperes: The current of the infrared diode in mA.
+    """
     counts = _OFFSET + _REFLECTION * milliamperes / (max(distance_mm, 0.0) + _AWAY) ** 2
     return min(round(counts), 0xFFFF)
 
 
 class Vcnl4010(Device):
-    """``scene(seconds)`` gives the distance of what is before the sensor in mm, and the light on
-    it in lux, at a time since power-on. Without ``noise`` they are only rounded.
+    """A VCNL4010.
+
+    Args:
+        scene: Returns the distance of the target in mm and the illuminance in lux at a time in
+            seconds since power-on.
+        address: The I2C address.
+        seed: The seed of the noise.
+        noise: Whether there is noise; without, results are only rounded.
     """
 
     def __init__(
@@ -100,13 +111,13 @@ class Vcnl4010(Device):
         self._random = random.Random(f"{seed}/vcnl4010")
         self._noise = noise
         self._pointer = COMMAND
-        self._pointed = False
+        self._pointer_set = False
         self._memory = bytearray(_LAST - COMMAND + 1)
         self._put(COMMAND, LOCK)
         self._put(PRODUCT, _IDENTITY)
         self._put(LED_CURRENT, 2)
         self._put(AMBIENT_PARAMETER, 0x1D)
-        # When the measurement under way is done; None: there is none.
+        # When the measurement under way is complete; None: there is none.
         self._ambient_at: int | None = None
         self._proximity_at: int | None = None
 
@@ -117,17 +128,19 @@ class Vcnl4010(Device):
         self._memory[register - COMMAND] = value
 
     def start(self, read: bool) -> bool:
-        self._pointed = False
+        """Expect the register pointer next; always acknowledge."""
+        self._pointer_set = False
         return True
 
     def write(self, byte: int) -> bool:
-        self._catch_up()
-        if not self._pointed:
+        """Take a byte from the controller; return whether it is acknowledged."""
+        self._update()
+        if not self._pointer_set:
             self._pointer = byte
-            self._pointed = True
+            self._pointer_set = True
             return True
         if self._pointer == COMMAND:
-            self._order(byte)
+            self._write_command(byte)
         elif self._pointer == INTERRUPT_STATUS:
             self._put(INTERRUPT_STATUS, self._get(INTERRUPT_STATUS) & ~byte)
         elif self._pointer in _WRITABLE:
@@ -136,7 +149,8 @@ class Vcnl4010(Device):
         return True
 
     def read(self) -> int:
-        self._catch_up()
+        """Return the next byte for the controller."""
+        self._update()
         register = self._pointer
         self._pointer = (register + 1) & 0xFF
         if not COMMAND <= register <= _LAST:
@@ -148,23 +162,23 @@ class Vcnl4010(Device):
             self._put(COMMAND, self._get(COMMAND) & ~PROXIMITY_READY)
         return byte
 
-    def _order(self, byte: int) -> None:
-        """The command register is written."""
+    def _write_command(self, byte: int) -> None:
+        """Handle a write to the command register."""
         now = self.now_us()
         ready = self._get(COMMAND) & (AMBIENT_READY | PROXIMITY_READY)
-        orders = byte & 0x1F
-        if orders & SELF_TIMED:
-            orders &= ~(AMBIENT_ONCE | PROXIMITY_ONCE)
-        self._put(COMMAND, LOCK | ready | orders)
-        if orders & (AMBIENT_ONCE if not orders & SELF_TIMED else AMBIENT_ENABLE):
+        command = byte & 0x1F
+        if command & SELF_TIMED:
+            command &= ~(AMBIENT_ONCE | PROXIMITY_ONCE)
+        self._put(COMMAND, LOCK | ready | command)
+        if command & (AMBIENT_ONCE if not command & SELF_TIMED else AMBIENT_ENABLE):
             if self._ambient_at is None:
                 self._ambient_at = now + self._ambient_us()
-        elif orders & SELF_TIMED or not orders:
+        elif command & SELF_TIMED or not command:
             self._ambient_at = None
-        if orders & (PROXIMITY_ONCE if not orders & SELF_TIMED else PROXIMITY_ENABLE):
+        if command & (PROXIMITY_ONCE if not command & SELF_TIMED else PROXIMITY_ENABLE):
             if self._proximity_at is None:
                 self._proximity_at = now + _PROXIMITY_US
-        elif orders & SELF_TIMED or not orders:
+        elif command & SELF_TIMED or not command:
             self._proximity_at = None
 
     def _ambient_us(self) -> int:
@@ -173,8 +187,8 @@ class Vcnl4010(Device):
             return int(_CONVERSION_US) << (parameter & 7)
         return _AMBIENT_US
 
-    def _catch_up(self) -> None:
-        """Do what was finished since the last look."""
+    def _update(self) -> None:
+        """Store the results of the measurements that are complete."""
         now = self.now_us()
         command = self._get(COMMAND)
         if self._ambient_at is not None and now >= self._ambient_at:
@@ -202,7 +216,7 @@ class Vcnl4010(Device):
         self._put(COMMAND, command)
 
     def _done(self, now: int, due: int, period: int, enable: int) -> tuple[int, int | None]:
-        """When the last measurement was finished, and when the next one will be."""
+        """Return when the last measurement was complete, and when the next one will be."""
         command = self._get(COMMAND)
         if not (command & SELF_TIMED and command & enable):
             return due, None

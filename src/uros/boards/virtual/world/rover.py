@@ -95,7 +95,7 @@ class Rover(Part):
         self.battery = battery
         self.volts = open_volts(battery)
         self.current = 0.0
-        self.x = self.y = self.theta = self.way = 0.0
+        self.x = self.y = self.theta = self.path_length = 0.0
         self.v = self.w = 0.0
         self.angles = [0.0, 0.0]  # that the wheels have turned, rad
         self.blocked = False  # by a wall or a box
@@ -126,12 +126,14 @@ class Rover(Part):
         self.driver.powered = on
 
     def fault(self, kind: str) -> None:
+        """Inject one of FAULTS; raise ValueError for any other."""
         if kind not in self.FAULTS:
             raise ValueError(f"{self.name} has no fault {kind}; it has {', '.join(self.FAULTS)}")
         super().fault(kind)
         self._spread_faults()
 
     def heal(self) -> None:
+        """Clear all faults, those of its parts too."""
         super().heal()
         self._spread_faults()
 
@@ -143,6 +145,7 @@ class Rover(Part):
             motor.faults = _of(self.faults, f"{side}_") & set(Motor.FAULTS)
 
     def act(self, kind: str, value: str = "") -> None:
+        """Carry out one of ACTS; raise ValueError for a value that is not allowed."""
         try:
             numbers = [float(it) for it in value.split(",")] if value else []
             if not all(map(math.isfinite, numbers)):
@@ -190,6 +193,7 @@ class Rover(Part):
         return self.motors[0].speed * self.radii[0], self.motors[1].speed * self.radii[1]
 
     def shows(self) -> str:
+        """Return the pose in words."""
         degrees = math.degrees(math.remainder(self.theta, math.tau))
         return f"{self.x:.3f} m, {self.y:.3f} m, {degrees:.1f}°" + (
             ", against a wall" if self.blocked else ""
@@ -274,7 +278,7 @@ class Rover(Part):
                 self._stop_forward()
             else:
                 self.x, self.y = x, y
-                self.way += abs(self.v) * dt
+                self.path_length += abs(self.v) * dt
         self.theta += self.w * dt
         self._wheels(t_us, dt)
 
@@ -296,12 +300,12 @@ class Rover(Part):
             before = self.angles[side]
             after = self.angles[side] = before + self.motors[side].speed * dt
             encoder = self.encoders[side]
-            for when, level in encoder.turn(t_us, STEP_US, before, after):
+            for when, level in encoder.edges(t_us, STEP_US, before, after):
                 told.append((when, side, level))
         if told:
             told.sort()
             for when, side, level in told:
-                self.encoders[side].tell(when, level)
+                self.encoders[side].set_level(when, level)
         self.battery = max(self.battery - self.current * dt / _CAPACITY, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Pictures as a board gets them."""
+"""The camera: pictures, noise and faults."""
 
 import io
 import math
@@ -45,7 +45,7 @@ def test_other_sizes_and_qualities() -> None:
             camera.capture(quality=quality)
 
 
-def test_where_it_stands_still_something_moves() -> None:
+def test_the_ball_moves_before_a_camera_at_rest() -> None:
     camera = Camera()
     first = opened(camera.capture())
     camera.advance(2_000_000)

@@ -1,4 +1,4 @@
-"""The driver's truth table, and what PWM makes of it."""
+"""The driver's truth table, and what PWM makes of driver."""
 
 import pytest
 
@@ -6,11 +6,11 @@ from uros.boards.virtual.devices.drv8835 import FULL, Drv8835
 
 
 def made(*duties: int, frequency: int = 20_000) -> Drv8835:
-    it = Drv8835()
-    it.powered = True
+    driver = Drv8835()
+    driver.powered = True
     for channel, duty in enumerate(duties):
-        it.set_duty(channel, duty, frequency)
-    return it
+        driver.set_duty(channel, duty, frequency)
+    return driver
 
 
 @pytest.mark.parametrize(
@@ -32,31 +32,31 @@ def test_pwm_on_one_input_drives_and_coasts_or_drives_and_brakes() -> None:
 
 
 def test_without_power_overheated_or_dead_it_coasts() -> None:
-    it = made(FULL, 0, 0, FULL)
-    it.powered = False
-    assert it.bridge(0) == it.bridge(1) == (0, 0)
-    it.powered = True
-    it.faults.add("dead_a")
-    assert it.bridge(0) == (0, 0)
-    assert it.bridge(1) == (-1, 0)
-    it.faults.add("overheated")
-    assert it.bridge(1) == (0, 0)
-    it.faults.clear()
-    assert it.bridge(0) == (1, 0)
-    it.off()
-    assert not it.powered
+    driver = made(FULL, 0, 0, FULL)
+    driver.powered = False
+    assert driver.bridge(0) == driver.bridge(1) == (0, 0)
+    driver.powered = True
+    driver.faults.add("dead_a")
+    assert driver.bridge(0) == (0, 0)
+    assert driver.bridge(1) == (-1, 0)
+    driver.faults.add("overheated")
+    assert driver.bridge(1) == (0, 0)
+    driver.faults.clear()
+    assert driver.bridge(0) == (1, 0)
+    driver.off()
+    assert not driver.powered
 
 
-def test_inputs_faster_than_the_datasheet_allows_do_nothing() -> None:
+def test_inputs_above_the_frequency_limit_count_as_low() -> None:
     assert made(FULL // 2, 0, 0, 0, frequency=250_000).bridge(0)[0] > 0
     assert made(FULL // 2, 0, 0, 0, frequency=250_001).bridge(0) == (0, 0)
     assert made(FULL, 0, 0, 0, frequency=300_000).bridge(0) == (1, 0)
 
 
-def test_wrong_inputs_are_refused() -> None:
-    it = Drv8835()
+def test_invalid_inputs_are_refused() -> None:
+    driver = Drv8835()
     with pytest.raises(ValueError, match="0 to 3"):
-        it.set_duty(4, 0)
+        driver.set_duty(4, 0)
     for duty in (-1, FULL + 1):
         with pytest.raises(ValueError, match="a duty is"):
-            it.set_duty(0, duty)
+            driver.set_duty(0, duty)

@@ -1,4 +1,4 @@
-"""Edges of an encoder, against where its disc is."""
+"""Edges of an encoder, against the angle of its disc."""
 
 import math
 
@@ -10,7 +10,7 @@ from uros.boards.virtual.devices.encoder import EDGES, Encoder
 
 
 class Disc:
-    """An encoder on a wheel that tests turn; ``edges`` are what was told."""
+    """An encoder on a wheel that tests turn; ``edges`` are the edges that it reported."""
 
     def __init__(self, *faults: str, seed: object = 0, uneven: float = 0.0) -> None:
         self.encoder = Encoder(seed, uneven)
@@ -23,14 +23,14 @@ class Disc:
     def turn(self, degrees: float, ms: int) -> None:
         for _ in range(ms):
             after = self.angle + math.radians(degrees) / ms
-            for t_us, level in self.encoder.turn(self.t_us, 1000, self.angle, after):
-                self.encoder.tell(t_us, level)
+            for t_us, level in self.encoder.edges(self.t_us, 1000, self.angle, after):
+                self.encoder.set_level(t_us, level)
             self.angle = after
             self.t_us += 1000
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_forty_edges_a_turn_whatever_the_way(way: int) -> None:
+def test_forty_edges_a_turn_in_either_direction(way: int) -> None:
     disc = Disc()
     disc.turn(way * 360, 1000)
     assert len(disc.edges) == EDGES
@@ -49,7 +49,7 @@ def test_edges_have_their_own_time_within_a_step() -> None:
     assert all(abs(gap - 507_000 / EDGES) <= 2 for gap in gaps), gaps
 
 
-def test_several_edges_in_a_step_are_told_in_their_order() -> None:
+def test_several_edges_in_a_step_are_reported_in_order() -> None:
     disc = Disc()
     disc.turn(36, 1)
     assert len(disc.edges) == 4
@@ -68,7 +68,7 @@ def test_wide_teeth_shift_every_other_edge() -> None:
         assert all(abs(gap - share * 100_000) < 50 for gap in gaps[level]), gaps
 
 
-def test_rocking_over_an_edge_tells_it_each_time() -> None:
+def test_rocking_over_an_edge_reports_an_edge_each_time() -> None:
     disc = Disc()
     disc.turn(9, 10)
     seen = len(disc.edges)
@@ -79,7 +79,7 @@ def test_rocking_over_an_edge_tells_it_each_time() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-400, 400), st.integers(1, 50)), max_size=20))
-def test_the_line_is_what_the_disc_says(ways: list[tuple[float, int]]) -> None:
+def test_the_level_follows_the_disc(ways: list[tuple[float, int]]) -> None:
     disc = Disc(seed=5, uneven=0.1)
     for degrees, ms in ways:
         disc.turn(degrees, ms)
@@ -90,7 +90,7 @@ def test_the_line_is_what_the_disc_says(ways: list[tuple[float, int]]) -> None:
             assert disc.encoder.level == (1 if place < 1.1 else 0)
 
 
-def test_a_dead_one_says_nothing_and_where_it_is_healed_it_goes_on() -> None:
+def test_a_dead_encoder_reports_no_edges_until_it_is_healed() -> None:
     disc = Disc("dead")
     disc.turn(360, 1000)
     assert disc.edges == []
@@ -109,15 +109,15 @@ def test_missing_teeth_are_missing_edges_each_turn() -> None:
 
 def test_noise_is_short_pulses_and_comes_from_the_seed() -> None:
     disc, same, other = Disc("noise"), Disc("noise"), Disc("noise", seed=1)
-    for it in (disc, same, other):
-        it.turn(0, 3000)
+    for each in (disc, same, other):
+        each.turn(0, 3000)
     assert 10 < len(disc.edges) / 2 < 60
     assert disc.edges == same.edges != other.edges
     for (a, up), (b, down) in zip(disc.edges[::2], disc.edges[1::2], strict=True):
         assert 20 <= b - a <= 500 and up != down == disc.encoder.level
 
 
-def test_where_the_disc_stands_at_first_comes_from_the_seed() -> None:
+def test_the_angle_at_power_on_comes_from_the_seed() -> None:
     first = set()
     for seed in range(20):
         disc = Disc(seed=seed)
@@ -126,6 +126,6 @@ def test_where_the_disc_stands_at_first_comes_from_the_seed() -> None:
     assert len(first) == 20
 
 
-def test_teeth_wider_than_the_disc_are_refused() -> None:
-    with pytest.raises(ValueError, match="teeth"):
+def test_an_uneven_out_of_range_is_refused() -> None:
+    with pytest.raises(ValueError, match="uneven"):
         Encoder(0, 1.5)

@@ -1,4 +1,4 @@
-"""The receiver of satellites, and the reader of what it says."""
+"""The GNSS receiver, and the driver that reads its sentences."""
 
 import math
 from datetime import datetime, timezone
@@ -34,7 +34,7 @@ class Bench:
         return bytes(out)
 
     def error_m(self):
-        """How far it is off, to the side and in height; the place is that of the last second."""
+        """Return the horizontal and vertical error against the place at the last second."""
         true = self.world.place(self.nmea.seconds - self.world.epoch)
         north = (self.nmea.latitude - true.latitude) * self.world.metres[0]
         east = (self.nmea.longitude - true.longitude) * self.world.metres[1]
@@ -68,7 +68,7 @@ def test_once_a_second_and_near_the_truth():
         bench.run(1)
         assert len(bench.fixes) == before + 1
         errors.append(bench.error_m())
-        # From the second that is told to its last octet: the line is the slower part of it.
+        # From the reported second to its last octet; the line takes most of the time.
         age = bench.fixes[-1][0] % 1
         assert 0.15 < age < 0.3
     assert max(level for level, _ in errors) < 8
@@ -76,7 +76,7 @@ def test_once_a_second_and_near_the_truth():
     assert bench.nmea.speed == pytest.approx(0.8, abs=0.01)
     covariance = [0.0] * 9
     bench.nmea.covariance(covariance)
-    # It is honest: what it says is not better than what it is.
+    # The reported accuracy is not better than the true one.
     mean = sum(level * level for level, _ in errors) / len(errors)
     assert mean < covariance[0] + covariance[4]
     assert 1 < covariance[0] < 25 and covariance[8] > covariance[0]
@@ -90,7 +90,7 @@ def test_time_is_utc():
     assert bench.nmea.seconds == bench.world.epoch + 19
 
 
-def test_switched_on_between_two_seconds():
+def test_power_on_between_two_seconds():
     gnss = Gnss(lambda t: Motion(t, 0.0, 0.0, 0.0, 0.0), 1_000_000_000.75, cold_start_s=3.0)
     nmea = NMEA()
     for ms in range(0, 10_000, 10):
@@ -124,7 +124,7 @@ def test_a_line_that_is_too_slow_is_never_faster():
     assert got > 19 * 100
 
 
-def test_whatever_the_rhythm_it_says_the_same():
+def test_the_output_does_not_depend_on_when_it_is_read():
     a, b = Bench(seed=7), Bench(seed=7)
     one = a.run(60, every_us=1_000)
     other = b.run(60, every_us=97_000) + b.run(1)
@@ -132,7 +132,7 @@ def test_whatever_the_rhythm_it_says_the_same():
     assert len(one) > 9_000
 
 
-def test_what_nobody_reads_is_lost_and_a_week_costs_nothing():
+def test_unread_data_is_lost_and_a_week_costs_no_time():
     gnss = Gnss(Outdoors().place, 0)
     gnss.advance(7 * 86_400 * 1_000_000)
     said = b""
@@ -143,7 +143,7 @@ def test_what_nobody_reads_is_lost_and_a_week_costs_nothing():
     assert nmea.feed(said) and nmea.status == FIX and nmea.damaged == 0
 
 
-def test_no_fix_and_found_again():
+def test_no_fix_and_a_new_fix():
     bench = Bench(cold_start_s=2.0)
     bench.run(20)
     bench.gnss.fault("nofix")
@@ -201,7 +201,7 @@ def test_jamming_is_seen_in_the_covariance():
     assert wild[0] > 20 * calm[0]
 
 
-def test_switched_off_and_on():
+def test_a_cold_restart():
     bench = Bench(cold_start_s=5.0)
     bench.run(20)
     bench.gnss.act("cold")
@@ -228,8 +228,8 @@ def test_sentences_by_hand():
     st.floats(-90, 90), st.floats(-180, 180), st.floats(-500, 9000), st.integers(5, 7),
     st.integers(1_000_000_000, 2_147_000_000),
 )  # fmt: skip
-def test_every_place_and_time_survives(latitude, longitude, altitude, decimals, epoch):
-    """Half a unit of the digits that were sent, and of 1e-9."""
+def test_every_place_and_time_round_trips(latitude, longitude, altitude, decimals, epoch):
+    """Allow half a unit of the digits that were sent, and of 1e-9."""
     by = 0.51 * 10**-decimals / 60 + 1e-9
     lines = b"".join(
         sentence(body)
@@ -265,7 +265,7 @@ def test_every_place_and_time_survives(latitude, longitude, altitude, decimals, 
         max_size=12,
     )
 )
-def test_whatever_comes_on_the_line(pieces):
+def test_any_octets_on_the_line(pieces):
     nmea = NMEA()
     for piece in pieces:
         nmea.feed(piece)
@@ -275,8 +275,8 @@ def test_whatever_comes_on_the_line(pieces):
         assert nmea.hdop >= 0 or nmea.damaged >= 0
         out = [0.0] * 9
         nmea.covariance(out)
-        assert all(math.isfinite(it) and it >= 0 for it in out)
-    # And it still reads what is fine.
+        assert all(math.isfinite(value) and value >= 0 for value in out)
+    # Undamaged sentences are still read.
     fine = sentence("GPRMC,120000,A,,,,,,,010126,,,A") + sentence(
         "GPGGA,120000,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,"
     )
@@ -284,7 +284,7 @@ def test_whatever_comes_on_the_line(pieces):
     assert nmea.feed(fine) and nmea.status == FIX
 
 
-def test_near_the_edge_of_the_map():
+def test_near_the_date_line():
     gnss = Gnss(lambda t: Motion(0.0, 179.9999999, 0.0, 0.0, 0.0), 10**9, cold_start_s=0.0)
     nmea = NMEA()
     for second in range(3, 200):

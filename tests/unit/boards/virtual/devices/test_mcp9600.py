@@ -1,4 +1,4 @@
-"""The MCP9600 by its datasheet."""
+"""The MCP9600 against its data sheet."""
 
 import errno
 
@@ -46,7 +46,7 @@ def test_temperatures(bench):
     "celsius, data",
     [(0.0, b"\x00\x00"), (0.0625, b"\x00\x01"), (-0.0625, b"\xff\xff"), (1000.0, b"\x3e\x80")],
 )
-def test_the_words_of_the_datasheet(celsius, data):
+def test_the_values_of_the_data_sheet(celsius, data):
     assert Bench(lambda t: (celsius, celsius)).get(0x00) == data
 
 
@@ -55,7 +55,7 @@ def test_pointer_and_read_in_two_transfers(bench):
     assert bench.bus.transfer(0x67, b"", 2) == bench.bus.transfer(0x67, b"", 2) == b"\x01\x62"
 
 
-def test_before_the_first_conversion_there_is_nothing():
+def test_before_the_first_conversion_registers_are_zero():
     bench = Bench()
     bench.device._began = bench.clock.world_us()
     assert bench.get(0x00) == b"\0\0"
@@ -74,7 +74,7 @@ def test_a_value_stays_for_a_conversion():
     assert bench.celsius(0x00) == 12 * 32.0
 
 
-def test_reads_hold_the_clock_for_a_moment(bench):
+def test_reads_stretch_the_clock(bench):
     before = bench.clock.world_us()
     bench.get(0x00)
     assert bench.clock.world_us() - before == (10 + 9 + 10 + 18 + 1) * 10 + 60
@@ -108,7 +108,7 @@ def test_raw_microvolts(bench):
     assert int.from_bytes(bench.get(0x03, 3), "big") % 64 == 0
 
 
-def test_status_says_that_there_is_something_new(bench):
+def test_the_update_bit_of_status(bench):
     assert bench.get(0x04, 1) == b"\xc0"
     bench.set(0x04, 0x00)
     assert bench.get(0x04, 1) == b"\x00"
@@ -155,7 +155,7 @@ def test_a_broken_thermocouple(bench):
 
 
 @pytest.mark.parametrize("register", [0x00, 0x01, 0x02, 0x03, 0x20, 0x77])
-def test_what_cannot_be_written(bench, register):
+def test_read_only_registers_refuse_writes(bench, register):
     with pytest.raises(BusError) as caught:
         bench.set(register, 1)
     assert caught.value.errno == errno.EIO
@@ -173,7 +173,7 @@ def test_noise_is_small():
         seen.add(bench.celsius(0x00))
         bench.clock.advance(CONVERSION)
     assert len(seen) > 3
-    assert all(abs(it - 61.3) < 0.4 for it in seen)
+    assert all(abs(celsius - 61.3) < 0.4 for celsius in seen)
 
 
 @given(
@@ -184,7 +184,7 @@ def test_noise_is_small():
     st.floats(-1e6, 1e6),
     st.floats(-1e6, 1e6),
 )
-def test_whatever_is_sent(steps, hot, cold):
+def test_any_bytes_sent(steps, hot, cold):
     bench = Bench(lambda t: (hot, cold))
     for write, read, us in steps:
         try:

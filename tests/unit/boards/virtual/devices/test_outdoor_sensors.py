@@ -1,4 +1,4 @@
-"""The outdoor sensors' registers, by their datasheets; and whatever is sent to them."""
+"""The outdoor sensors against their data sheets, and any bytes sent to them."""
 
 import math
 
@@ -88,7 +88,7 @@ def test_mpu6050_saturates():
     assert [int16(data[i : i + 2]) for i in (0, 2, 8, 10)] == [32767, -32768, 32767, -32768]
 
 
-def test_mpu6050_gyroscope_swings_up():
+def test_mpu6050_gyroscope_needs_30_ms_to_start():
     bench = imu()
     bench.set(0x6B, 0)
     bench.wait(20_000)
@@ -98,14 +98,14 @@ def test_mpu6050_gyroscope_swings_up():
 
 
 def test_mpu6050_trims():
-    """Of the register map, 4.1: codes of 1 and 31."""
+    """Trim codes 1 and 31 (register map, 4.1)."""
     assert accel_trim(1) == pytest.approx(1392.64)
     assert accel_trim(31) == pytest.approx(3768.32)
     assert gyro_trim(1) == pytest.approx(3275)
     assert accel_trim(0) == gyro_trim(0) == 0
 
 
-def test_mpu6050_what_cannot_be_written_is_ignored():
+def test_mpu6050_ignores_writes_to_read_only_registers():
     bench = imu()
     before = bench.get(0x0D, 4)
     bench.set(0x0D, 1, 2, 3, 4)
@@ -139,12 +139,12 @@ def test_lis3mdl():
     assert bench.get(0x22) == b"\x03"
 
 
-def test_lis3mdl_moves_on_only_when_told():
+def test_lis3mdl_pointer_moves_on_only_with_its_top_bit():
     bench = Bench(Lis3mdl(lambda t: (0, 0, 0), noise=False))
     assert bench.get(0x0F, 3) == b"\x3d\x3d\x3d"
 
 
-def test_lis3mdl_once():
+def test_lis3mdl_single_conversion():
     bench = Bench(Lis3mdl(lambda t: (1e-4, 0, 0), noise=False))
     bench.set(0x22, 1)
     bench.wait(10**6)
@@ -178,7 +178,7 @@ def test_bh1750():
         lux(bench, 0x55 | 0x80)
 
 
-def test_bh1750_again_and_again():
+def test_bh1750_continuous():
     bench = Bench(Bh1750(lambda t: 100 * t, noise=False))
     first = lux(bench, 0x10)
     assert lux(bench, wait=10_000) == first
@@ -235,7 +235,7 @@ def test_tfluna_triggered():
 
 
 def test_tfluna_may_change_while_it_is_read():
-    """From 255 to 256 cm: one byte of each."""
+    """A read during an update from 255 to 256 cm returns one byte of each."""
     bench = Bench(TfLuna(lambda t: (2.55 if t < 0.9999 else 2.56, 0.8), noise=False))
     # The first byte is read 190 µs after the beginning and the second 90 µs later: around 1 s.
     bench.bus.frequency = 100_000

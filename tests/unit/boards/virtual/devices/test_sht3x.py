@@ -1,4 +1,4 @@
-"""The SHT3x by its datasheet."""
+"""The SHT3x against its data sheet."""
 
 import errno
 
@@ -73,7 +73,7 @@ def test_ends_of_the_range(celsius, humidity, expected):
     assert bench.command(0x2C06, 6) == expected
 
 
-def test_what_the_air_has_is_what_is_read(bench):
+def test_temperature_and_humidity_are_those_of_the_air(bench):
     celsius, humidity = values(bench.command(0x2C06, 6))
     assert celsius == pytest.approx(21.5, abs=0.002)
     assert humidity == pytest.approx(0.40, abs=1e-5)
@@ -90,7 +90,7 @@ def test_a_read_waits_for_the_measurement(bench, code, ms):
     assert ms * 1000 + wire - 200 < took < ms * 1000 + wire
 
 
-def test_20_ms_later_it_is_there_at_once(bench):
+def test_a_read_20_ms_later_does_not_wait(bench):
     bench.command(0x2C06)
     bench.wait(20_000)
     before = bench.clock.world_us()
@@ -127,7 +127,7 @@ def test_beyond_the_result_the_line_is_idle(bench):
     assert bench.command(0x2C06, 9)[6:] == b"\xff\xff\xff"
 
 
-def test_the_air_is_measured_when_the_measurement_ends():
+def test_the_result_is_of_the_end_of_the_measurement():
     asked = []
     bench = Bench(lambda t: asked.append(t) or AIR)
     bench.command(0x2400)
@@ -137,7 +137,7 @@ def test_the_air_is_measured_when_the_measurement_ends():
     assert asked == [ends / 1e6]
 
 
-def test_no_command_while_it_measures(bench):
+def test_no_command_is_acknowledged_during_a_measurement(bench):
     bench.command(0x2400)
     bench.wait(10_000)
     assert bench.refuses(0x30A2) == errno.ENODEV
@@ -247,7 +247,7 @@ def test_a_wrong_checksum_on_demand(bench):
         max_size=20,
     )
 )
-def test_whatever_is_sent(steps):
+def test_any_bytes_sent(steps):
     bench = Bench()
     for write, read, us in steps:
         try:

@@ -1,4 +1,4 @@
-"""The VCNL4010 by its datasheet, and the door threshold."""
+"""The VCNL4010 against its data sheet, and the door threshold."""
 
 import pytest
 from hypothesis import given
@@ -55,7 +55,7 @@ def test_both_on_demand(bench):
     assert bench.get(0x80) == 0x80
 
 
-def test_too_early_there_is_the_old_value():
+def test_a_read_before_completion_returns_the_old_value():
     bench = Bench(lambda t: (3.0 if t < 1 else 400.0, 78.0 if t < 1 else 500.0))
     bench.set(0x80, 0x18)
     bench.wait(10**6)
@@ -86,13 +86,13 @@ def test_a_quarter_lux_a_count(lux, counts):
     assert bench.get(0x85, 2) == counts
 
 
-def test_the_register_moves_on(bench):
+def test_the_pointer_moves_on(bench):
     bench.set(0x82, 3, 7)
     assert bench.bus.transfer(0x13, b"\x81", 4) == b"\x21\x03\x07\x1d"
     assert bench.bus.transfer(0x13, b"\x8f", 3) == b"\0\0\0"
 
 
-def test_what_cannot_be_written_is_ignored(bench):
+def test_writes_to_read_only_registers_are_ignored(bench):
     bench.set(0x81, 0x55)
     bench.set(0x85, 1, 2, 3, 4)
     bench.set(0x20, 1)
@@ -118,7 +118,7 @@ def test_the_door_at_the_default_current_and_at_200_mA():
     assert DOOR < measured(15, 20) == 11_616 < 30_000
 
 
-def test_the_current_ends_at_200_mA_and_without_it_nothing_is_seen():
+def test_the_current_is_limited_to_200_mA_and_none_measures_nothing():
     assert measured(10, 20) == measured(10, 63)
     assert measured(0, 0) == measured(400, 0) == 2100
 
@@ -208,7 +208,7 @@ def test_noise_is_small_and_comes_from_the_seed():
     st.floats(-1e9, 1e9),
     st.floats(-1e9, 1e9),
 )
-def test_whatever_is_sent(steps, distance, lux):
+def test_any_bytes_sent(steps, distance, lux):
     bench = Bench(lambda t: (distance, lux), noise=True)
     for write, read, us in steps:
         assert len(bench.bus.transfer(0x13, write, read)) == read

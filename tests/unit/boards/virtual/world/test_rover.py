@@ -39,7 +39,7 @@ def test_equal_motors_drive_it_straight_on() -> None:
     assert it.x > 0.8
     assert it.y == pytest.approx(0, abs=1e-6)
     assert it.theta == pytest.approx(0, abs=1e-6)
-    assert it.way == pytest.approx(it.x)
+    assert it.path_length == pytest.approx(it.x)
     assert it.v == pytest.approx(it.speeds[0])
     drive(it, -HALF, -HALF, 6.0)
     assert it.x < 0
@@ -199,7 +199,7 @@ def test_a_slip_loses_way_and_the_encoders_do_not_see_it() -> None:
     for it in (sound, slips):
         drive(it, HALF, HALF, 2.0)
     assert slips.angles == sound.angles
-    assert slips.way == pytest.approx(0.75 * sound.way, rel=0.01)
+    assert slips.path_length == pytest.approx(0.75 * sound.path_length, rel=0.01)
 
 
 @pytest.mark.parametrize("fault", sorted(Rover.FAULTS))
