@@ -240,8 +240,8 @@ class HttpServer:
 
     def _patience(self) -> float | None:
         """Return the seconds until the next connection times out; None lets an idle agent sleep."""
-        ends = [it.since + ASK_SECONDS for it in self._reading]
-        ends += [it for it in self._answering.values() if it is not None]
+        ends = [connection.since + ASK_SECONDS for connection in self._reading]
+        ends += [end for end in self._answering.values() if end is not None]
         return max(0.0, min(ends) - time.monotonic()) if ends else None
 
     def _accept(self) -> None:
@@ -260,12 +260,12 @@ class HttpServer:
         """Close the longest silent connection, of the address with most without a request."""
         if not self._reading:
             return False
-        counts = Counter(it.peer[0] for it in self._reading)
+        counts = Counter(connection.peer[0] for connection in self._reading)
         most = counts.most_common(1)[0][1]
         self._drop(
             min(
-                (it for it in self._reading if counts[it.peer[0]] == most),
-                key=lambda it: it.since,
+                (connection for connection in self._reading if counts[connection.peer[0]] == most),
+                key=lambda connection: connection.since,
             )
         )
         return True
@@ -341,7 +341,8 @@ class HttpServer:
 
     def _end_late_ones(self) -> None:
         now = time.monotonic()
-        for connection in [it for it in self._reading if it.since + ASK_SECONDS <= now]:
+        late = [each for each in self._reading if each.since + ASK_SECONDS <= now]
+        for connection in late:
             self._drop(connection)
         for connection, end in self._answering.items():
             if end is not None and end <= now:

@@ -154,5 +154,5 @@ class Samples:
 
 def _shown(text: str, most: int = 24) -> str:
     """Escape text from outside."""
-    clean = "".join(it if it.isascii() and it.isprintable() else "?" for it in text)
+    clean = "".join(c if c.isascii() and c.isprintable() else "?" for c in text)
     return clean if len(clean) <= most else clean[: most - 1] + "…"

@@ -93,7 +93,7 @@ class Tuning:
         with self.newest:
             if self._noted == seen:
                 self.newest.wait(self.newest.version, seconds)
-            fresh = [it["text"] for it in self._notes if it["number"] > seen]
+            fresh = [note["text"] for note in self._notes if note["number"] > seen]
             return self._noted, fresh
 
     def send(self, line: str) -> str:

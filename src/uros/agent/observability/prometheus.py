@@ -101,23 +101,24 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
     )  # fmt: skip
 
     transports = [
-        ([it["name"], _label(it["label"])], it) for it in snapshot["transports"]
+        ([transport["name"], _label(transport["label"])], transport)
+        for transport in snapshot["transports"]
     ]
     for name, about, field in _TRANSPORT:
         family = CounterMetricFamily(
             f"uros_transport_{name}", about, labels=["transport", "where"]
         )
-        for labels, it in transports:
-            if field in it:
-                family.add_metric(labels, it[field])
+        for labels, transport in transports:
+            if field in transport:
+                family.add_metric(labels, transport[field])
         if family.samples:
             yield family
     connections = GaugeMetricFamily(
         "uros_transport_connections", "Open connections", labels=["transport", "where"]
     )
-    for labels, it in transports:
-        if "connections" in it:
-            connections.add_metric(labels, it["connections"])
+    for labels, transport in transports:
+        if "connections" in transport:
+            connections.add_metric(labels, transport["connections"])
     yield connections
 
     about = "Address and first node of a board, always 1"
@@ -127,19 +128,20 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
     heard = GaugeMetricFamily(
         "uros_client_silence_seconds", "Seconds since the board was heard", labels=["key"]
     )
-    for it in clients[:MAX_SERIES]:
-        node = it["nodes"][0]["name"] if it["nodes"] else ""
-        info.add_metric([it["key"], it["transport"], _label(it["address"]), _label(node)], 1)
-        heard.add_metric([it["key"]], it["heard_ago"])
+    for client in clients[:MAX_SERIES]:
+        node = client["nodes"][0]["name"] if client["nodes"] else ""
+        where = [client["transport"], _label(client["address"])]
+        info.add_metric([client["key"], *where, _label(node)], 1)
+        heard.add_metric([client["key"]], client["heard_ago"])
     yield info
     yield heard
     for name, about, counter, (part, field) in _CLIENT:
         make = CounterMetricFamily if counter else GaugeMetricFamily
         each = make(f"uros_client_{name}", about, labels=["key"])
-        for it in clients[:MAX_SERIES]:
-            each.add_metric([it["key"]], it[part][field])
+        for client in clients[:MAX_SERIES]:
+            each.add_metric([client["key"]], client[part][field])
         if len(clients) > MAX_SERIES:
-            each.add_metric([OTHER], sum(it[part][field] for it in clients[MAX_SERIES:]))
+            each.add_metric([OTHER], sum(client[part][field] for client in clients[MAX_SERIES:]))
         yield each
 
 

@@ -202,7 +202,7 @@ def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]
     now = time.monotonic()
     rate_in, rate_out, over = rates.of(client, now)
     unacknowledged, stalled, early, fragments = session.queues()
-    found = [it for it in client.objects.values() if it.endpoint is not None]
+    found = [obj for obj in client.objects.values() if obj.endpoint is not None]
     made = {
         "key": key_label(client.key),
         "session_id": f"0x{session.session_id:02X}",
@@ -212,11 +212,11 @@ def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]
         "age": round(now - client.born, 3),
         "heard_ago": round(rates.heard_ago(client, now, agent.now()), 3),
         "nodes": [
-            {"name": cut(it.named[0]), "domain": int(it.named[1])}
-            for it in client.objects.values()
-            if it.kind == ids.KIND_PARTICIPANT and it.node is not None
+            {"name": cut(obj.named[0]), "domain": int(obj.named[1])}
+            for obj in client.objects.values()
+            if obj.kind == ids.KIND_PARTICIPANT and obj.node is not None
         ],
-        "objects": Counter(KIND_NAMES[it.kind] for it in client.objects.values()),
+        "objects": Counter(KIND_NAMES[obj.kind] for obj in client.objects.values()),
         "received": {
             "messages": session.received, "bytes": session.received_bytes, "lost": session.lost,
             "given_up": session.given_up, "rate": round(rate_in, 2),
@@ -231,7 +231,9 @@ def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]
             "fragments": fragments,
         },
         "endpoints": [
-            _endpoint(it, it.endpoint) for it in found[:MAX_ENDPOINTS] if it.endpoint is not None
+            _endpoint(obj, obj.endpoint)
+            for obj in found[:MAX_ENDPOINTS]
+            if obj.endpoint is not None
         ],
         "clock_offset": client.clock_offset,
     }  # fmt: skip

@@ -252,7 +252,7 @@ class StatusSocket:
         del self._connections[connection]
         if self._server is not None:
             self._server.unwatch(connection.sock.fileno())
-            if connection.tracing and not any(it.tracing for it in self._connections):
+            if connection.tracing and not any(other.tracing for other in self._connections):
                 self._server.agent.message_hooks.discard(self._on_message)
         connection.sock.close()
 

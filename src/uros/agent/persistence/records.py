@@ -91,7 +91,7 @@ def can_be_kept(peer: Any) -> bool:
 
 def _peer(value: Any) -> Any:
     if isinstance(value, list):
-        return tuple(_peer(it) for it in value)
+        return tuple(_peer(part) for part in value)
     if value is None or isinstance(value, (int, str)):
         return value
     raise DamagedRecords(f"no address: {value!r}")

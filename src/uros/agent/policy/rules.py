@@ -108,13 +108,13 @@ class Rule:
         """Return whether the rule applies to some node of a client."""
         if self.keys and key not in self.keys:
             return False
-        return not self.addresses or any(_is_at(address, it) for it in self.addresses)
+        return not self.addresses or any(_is_at(address, pattern) for pattern in self.addresses)
 
     def matches(self, key: int, address: str, node: str) -> bool:
         """Return whether it applies; ``address`` as in the log, ``node`` as the board names it."""
         if not self.is_for(key, address):
             return False
-        return not self.nodes or any(fnmatchcase(node, it) for it in self.nodes)
+        return not self.nodes or any(fnmatchcase(node, pattern) for pattern in self.nodes)
 
 
 class NameRefused(Exception):
@@ -277,7 +277,7 @@ class Settings:
         prefix, given, _ = names.split_dds(dds_name) or ("", names.absolute(dds_name), "")
         called = {given, self.name(given, prefix)}
         for pattern, fields in self._qos:
-            if any(fnmatchcase(it, pattern) for it in called):
+            if any(fnmatchcase(called_name, pattern) for called_name in called):
                 for key, value in fields.items():
                     setattr(qos, key, value)
 
@@ -349,7 +349,7 @@ def _is_at(address: str, pattern: str) -> bool:
     try:
         return ip_address(host) in ip_network(pattern, strict=False)
     except ValueError:
-        return any(fnmatchcase(it, pattern) for it in (address, where, host))
+        return any(fnmatchcase(candidate, pattern) for candidate in (address, where, host))
 
 
 # --- from TOML ----------------------------------------------------------------------
@@ -358,7 +358,7 @@ def _is_at(address: str, pattern: str) -> bool:
 def _rules(document: Mapping[str, Any]) -> list[Rule]:
     only(document, ("client", "admission"), "the file")
     tables = document.get("client", [])
-    if not isinstance(tables, list) or not all(isinstance(it, dict) for it in tables):
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError("rules are [[client]] tables, with two brackets")
     if not tables and "admission" not in document:
         raise ConfigError("there is no [[client]] table in it, and no [admission]")
@@ -377,10 +377,10 @@ def parse_rule(table: Mapping[str, Any]) -> Rule:
     if not any(key in table for key in _ACTIONS):
         raise ConfigError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
     rule = Rule(
-        keys=frozenset(key_of(it) for it in listed(table.get("key", []))),
-        addresses=tuple(_address(it) for it in listed(table.get("address", []))),
+        keys=frozenset(key_of(key) for key in listed(table.get("key", []))),
+        addresses=tuple(_address(address) for address in listed(table.get("address", []))),
         nodes=tuple(
-            names.absolute(_pattern(it, "node")) for it in listed(table.get("node", []))
+            names.absolute(_pattern(node, "node")) for node in listed(table.get("node", []))
         ),
     )
     if "domain" in table:

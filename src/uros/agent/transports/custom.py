@@ -104,7 +104,7 @@ class CustomServer(ServerTransport):
         self._pause = 0.0
         try:
             self._framed = bool(getattr(line, "framed", False))
-            missing = [it for it in _CALLS if not callable(getattr(line, it, None))]
+            missing = [call for call in _CALLS if not callable(getattr(line, call, None))]
         except Exception as error:  # others' code
             raise TransportError(errno.EINVAL, f"{self.name} raised {_said(error)}") from error
         if missing:
@@ -270,7 +270,7 @@ class _Checked:
 def _pieces(data: bytes) -> Sequence[bytes]:
     """Split before each flag: a frame at a time, because each has a source."""
     first, *others = data.split(b"\x7e")
-    return [first, *(b"\x7e" + it for it in others)]
+    return [first, *(b"\x7e" + part for part in others)]
 
 
 def _said(error: BaseException) -> str:

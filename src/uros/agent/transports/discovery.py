@@ -93,12 +93,15 @@ class DiscoveryServer(ServerTransport):
         self.faults = 0
         # Not TLS: a client that searches would use plain TCP there.
         found = [
-            it for it in transports
-            if isinstance(it, (UdpServer, TcpServer)) and not isinstance(it, TlsServer)
+            each for each in transports
+            if isinstance(each, (UdpServer, TcpServer)) and not isinstance(each, TlsServer)
         ]  # fmt: skip
         # Clients that use only the first address use UDP over IPv4.
         self._servers = sorted(
-            found, key=lambda it: (it.kind != "UDP", family_of(it.listens_on) == socket.AF_INET6)
+            found,
+            key=lambda server: (
+                server.kind != "UDP", family_of(server.listens_on) == socket.AF_INET6
+            ),
         )
         self._limit = answer_limit()
         self._buf = bytearray(_LARGEST)
@@ -260,7 +263,7 @@ class DiscoveryServer(ServerTransport):
             )  # fmt: skip
 
     def _ports(self) -> str:
-        return ", ".join(f"{it.kind} {it.port}" for it in self._servers) or "no port"
+        return ", ".join(f"{server.kind} {server.port}" for server in self._servers) or "no port"
 
     def locators(self, asker: Address) -> list[tuple[bytes, int]]:
         """Return the agent's addresses that the asking board can reach."""

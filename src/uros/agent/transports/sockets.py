@@ -274,7 +274,7 @@ class StreamListener(ServerTransport):
         lines = [line.counters() for line in self.lines.values()]
         return {
             **super().counters(),
-            **{name: sum(it[name] for it in lines) for name in COUNTERS},
+            **{name: sum(line[name] for line in lines) for name in COUNTERS},
             "connections": sum(line.stream is not None for line in self.lines.values()),
             "refused": self._refused.count,
         }

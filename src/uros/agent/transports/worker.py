@@ -123,15 +123,15 @@ class Worker:
             with self._change:
                 if not self._come:
                     return
-                it = self._come.popleft()
+                item = self._come.popleft()
                 if len(self._come) == MAX_WAITING - 1:
                     self._change.notify_all()
                 if self._come:
                     self._poke()  # also where a callback fails
-            if isinstance(it, tuple):
-                self._received(it[0])
+            if isinstance(item, tuple):
+                self._received(item[0])
             else:
-                it()
+                item()
             if self._wake.fileno() < 0 or time.monotonic() >= end:
                 return
 
