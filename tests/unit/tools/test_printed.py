@@ -97,8 +97,9 @@ class Hostile:
 
 @pytest.fixture
 def hostile(monkeypatch, own_domain_id):
-    """The options that a command needs to join it."""
+    """The options that a command needs to join it; it is known without waiting."""
     monkeypatch.setattr(network_module, "Graph", lambda source: Graph(Hostile(source)))
+    monkeypatch.setattr(Network, "settle", lambda network, seconds=0.0: None)
     return ["--domain", str(own_domain_id)]
 
 
@@ -120,7 +121,6 @@ def sends(monkeypatch):
             raise KeyboardInterrupt
 
         monkeypatch.setattr(Network, "listen", listen)
-        monkeypatch.setattr(Network, "settle", lambda network, seconds=0.0: None)
         monkeypatch.setattr(Network, "spin", spin)
 
     return make
@@ -409,8 +409,8 @@ def doctor(output, hostile, monkeypatch):
     agents = [running_agents.RunningAgent(1, Path("x"))]
     monkeypatch.setattr(running_agents, "find_agents", lambda: agents)
     monkeypatch.setattr(running_agents, "ask", lambda *_: found)
-    output("doctor", *hostile, "--seconds", "0.1")
-    output("doctor", *hostile, "--seconds", "0.1", "--json")
+    for options in ([], ["--json"]):
+        output("doctor", *hostile, "--seconds", "0.1", *options)
 
 
 def agent_status(output, monkeypatch):

@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.lying_board import BANNER, GONE, SILENCE, Endless, LyingBoard
+from support.lying_board import BANNER, GONE, SILENCE, Endless, LyingBoard, QuickTime
 from support.screen import HOSTILE, seen
 
 from uros.boards.deploy import raw_repl
@@ -21,9 +21,6 @@ OLD = {"main.py": b"print('old')\n", "part.py": b"NUMBER = 1\n", "calibration.tx
 NEW = {"main.py": "print('new')\n", "part.py": f"NUMBER = {'2' * 300}\n", "lib/more.py": "A = 1\n"}
 STEPS = ("banner", "reboot", "again", "paste", "window", "credit", "heard", "output", "error",
          "prompt", "friendly")  # fmt: skip
-# Short, as none of these boards gets better by waiting. Which error it is then depends on how fast
-# this machine is, so tests that ask for a certain one are `patient`.
-SHORT = Seconds(enter=0.2, attempt=0.05, answer=0.1, run=0.2, long=0.2, back=0.1, whole=20.0)
 
 
 @pytest.fixture
@@ -41,8 +38,12 @@ def deploy(program, monkeypatch, capsys):
     """Deploys to a board; the exit status, and what was said, which a terminal may show."""
     monkeypatch.setattr("uros.boards.builder.file_system.is_built", lambda path: True)
 
-    def run(board, *options, patient=False):
-        monkeypatch.setattr(raw_repl, "SECONDS", Seconds() if patient else SHORT, raising=False)
+    def run(board, *options):
+        with monkeypatch.context() as patches:
+            QuickTime(board, patches)
+            return judged(board, options)
+
+    def judged(board, options):
         arguments = ["board", "deploy", str(program), "--port", board.path, "--no-console"]
         status = cli.main([*arguments, *options])
         said = capsys.readouterr()
@@ -69,17 +70,17 @@ def deployed(board):
     }
 
 
-def check(deploy, lie, patient=False):
+def check(deploy, lie):
     """A lie ends with success or a named error, and never with half of the new files."""
     with LyingBoard(lie, OLD) as board:
-        status, said = deploy(board, patient=patient)
+        status, said = deploy(board)
     assert deployed(board) if status == 0 else untouched(board) or deployed(board), board.files
     return status, said.err
 
 
 def test_an_honest_board_has_the_new_files(deploy):
     with LyingBoard(files=OLD) as board:
-        status, said = deploy(board, "--json", patient=True)
+        status, said = deploy(board, "--json")
     assert status == 0 and deployed(board) and board.files["calibration.txt"] == b"3"
     assert set(json.loads(said.out)["copied"]) == set(NEW)
     assert set(board.steps) == set(STEPS)
@@ -133,7 +134,7 @@ def test_a_board_that_fails_at_any_code_keeps_its_files(code, kind, deploy):
 )  # fmt: skip
 def test_a_window_of_any_size(window, said, deploy):
     status, error = check(
-        deploy, lambda step, count, honest: window if step == "window" else honest, patient=True
+        deploy, lambda step, count, honest: window if step == "window" else honest
     )
     if said:
         assert status == 1 and said in error and "reset button" in error
@@ -143,7 +144,7 @@ def test_room_without_end_is_named(deploy):
     def lie(step, count, honest):
         return Endless(b"\x01") if step == "credit" else honest
 
-    status, error = check(deploy, lie, patient=True)
+    status, error = check(deploy, lie)
     assert status == 1 and "asks for more and more code, and reads none" in error
 
 
@@ -151,7 +152,7 @@ def test_half_of_two_octets_is_waited_for_and_named(deploy):
     def lie(step, count, honest):
         return {"paste": b"R", "window": SILENCE}.get(step, honest)
 
-    status, error = check(deploy, lie, patient=True)
+    status, error = check(deploy, lie)
     assert status == 1 and "stopped answering (b'R' was the last)" in error
 
 
@@ -161,7 +162,7 @@ def test_an_answer_without_end_is_cut_off(deploy, monkeypatch):
     def lie(step, count, honest):
         return Endless(b"x" * 1000) if (step, count) == ("output", 2) else honest
 
-    status, error = check(deploy, lie, patient=True)
+    status, error = check(deploy, lie)
     assert status == 1 and "its answer has more than 50000 octets" in error
 
 
@@ -198,7 +199,7 @@ def test_an_answer_of_another_kind_ends_with_its_name(answer, deploy):
         def lie(step, count, honest, code=code):
             return answer.encode() + b"\r\n\x04" if (step, count) == ("output", code) else honest
 
-        check(deploy, lie, patient=True)
+        check(deploy, lie)
 
 
 @pytest.mark.parametrize("right", [True, False])
@@ -212,7 +213,7 @@ def test_lies_about_hashes(right, deploy):
         return honest
 
     with LyingBoard(lie, OLD) as board:
-        status, said = deploy(board, patient=True)
+        status, said = deploy(board)
     assert untouched(board) or status == 0
     if not right:
         assert status == 1
