@@ -1,4 +1,4 @@
-"""Messages as lines: those of recorded conversations, each kind, and bytes from anywhere."""
+"""Messages as lines of text: recorded ones, each kind, and arbitrary bytes."""
 
 import pytest
 from hypothesis import given

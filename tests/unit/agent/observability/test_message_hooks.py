@@ -1,4 +1,4 @@
-"""Listening to messages: all of them, in order, and nobody is harmed by who listens."""
+"""Message hooks: they get all messages in order, and a failing hook harms nobody."""
 
 import io
 
@@ -13,7 +13,7 @@ from uros.agent.transports.memory import MemoryServer
 from uros.wire import ids
 
 
-def test_strangers_sessions_and_answers_are_heard_in_order():
+def test_hooks_get_messages_of_unknown_clients_of_sessions_and_answers_in_order():
     heard = []
     with running_agent("udp", "memory") as agent:
         agent.agent.message_hooks.append(heard.append)
@@ -49,7 +49,7 @@ def said():
     return io.StringIO()
 
 
-def test_a_tap_that_fails_is_told_once_and_hears_no_more(said):
+def test_a_hook_that_raises_is_logged_once_and_removed(said):
     message_hooks = MessageHooks(Log(4, said))
     heard = []
 
@@ -64,7 +64,7 @@ def test_a_tap_that_fails_is_told_once_and_hears_no_more(said):
     assert [it.message for it in heard] == [b"123"] * 3
 
 
-def test_a_tap_may_take_itself_out(said):
+def test_a_hook_may_remove_itself(said):
     message_hooks = MessageHooks(Log(4, said))
     heard = []
 

@@ -1,4 +1,4 @@
-"""--metrics: what Prometheus gets, and that no asker hurts the agent."""
+"""--metrics: what Prometheus gets, and that no request harms the agent."""
 
 import json
 import socket

@@ -1,4 +1,4 @@
-"""What an agent's owner may see: the counters, the snapshot, and that it costs boards nothing."""
+"""The counters and the snapshot, and that making one does not delay boards."""
 
 import json
 import socket

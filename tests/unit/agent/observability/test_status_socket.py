@@ -240,7 +240,7 @@ def test_whatever_is_asked_the_next_is_answered(one, data):
 
 
 @pytest.mark.parametrize("data", [b"x" * 100_000, b"\n" * 1000, b'{"ask":"status"}\n' * 1000])
-def test_a_mad_asker_is_cut_off(data):
+def test_a_connection_that_sends_nonsense_is_closed(data):
     with inspected() as running, connect(running) as sock:
         try:
             sock.sendall(data)
@@ -253,7 +253,7 @@ def test_a_mad_asker_is_cut_off(data):
         assert ask(here(running), "status")["version"] == 1
 
 
-def test_more_askers_than_may_be_are_refused_and_may_come_again():
+def test_connections_over_the_limit_are_refused_and_may_try_again():
     with inspected() as running:
         held = [connect(running) for _ in range(module.MAX_CONNECTIONS)]
         held[-1].sendall(b'{"ask":"status"}\n')
@@ -279,7 +279,7 @@ def large(running, count=300):
     return clients
 
 
-def test_an_asker_that_does_not_read_costs_little_and_is_cut_off(monkeypatch):
+def test_a_connection_that_does_not_read_costs_little_and_is_closed(monkeypatch):
     monkeypatch.setattr(module, "RATE_SECONDS", 0.1)
     monkeypatch.setattr(module, "PATIENCE", 0.3)
     monkeypatch.setattr(module, "_CHUNK", 4096)

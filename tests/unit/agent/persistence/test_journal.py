@@ -1,4 +1,4 @@
-"""The state file: whatever is in it, whatever the disk does."""
+"""The state file: any content, and failing disks."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""What the state file keeps of a client: where it talks from."""
+"""The records of a client in the state file: its address."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Sessions that outlive the agent: killed at any write, with clients that never start anew."""
+"""Sessions that survive the agent: killed at any write, with clients that never start anew."""
 
 import os
 import struct
@@ -1091,7 +1091,7 @@ def test_an_end_in_which_something_fails_does_not_forget_anybody(world, monkeypa
     assert list(world.desk.agent.clients) == [0xA1]
 
 
-def test_a_keeper_that_was_never_opened_leaves_the_file_as_it_is(world):
+def test_a_session_store_that_was_never_opened_leaves_the_file_as_it_is(world):
     publisher(world)
     world.stop()
     before = Path(world.path).read_bytes()

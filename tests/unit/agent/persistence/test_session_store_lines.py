@@ -1,4 +1,4 @@
-"""Sessions that outlive the agent on lines that are no network: serial, and CAN."""
+"""Sessions that survive the agent on lines without a network: serial and CAN."""
 
 import os
 import struct

@@ -1,4 +1,4 @@
-"""Who may come in by key, network and number, and the record of those who may not."""
+"""Admission by key, network and number, and the record of refusals."""
 
 import re
 import socket
@@ -213,7 +213,7 @@ def test_no_more_clients_than_the_owner_wants():
     desk.close()
 
 
-def test_one_that_made_nothing_leaves_for_a_newcomer_and_not_all_of_them():
+def test_clients_without_objects_are_evicted_for_a_new_one_and_not_all_of_them():
     desk = Desk(admission=make_admission(max_clients=3))
     for key in (1, 2, 3, 4):
         desk.clock += 10
@@ -245,7 +245,7 @@ def test_the_key_of_whoever_knocks(data):
     key_of_newcomer(memoryview(data))
 
 
-def test_the_key_of_a_newcomer():
+def test_the_key_in_a_create_client():
     assert key_of_newcomer(memoryview(create_client(0x1234))) == 0x1234
     assert key_of_newcomer(memoryview(message([get_info()], 0))) is None
     assert key_of_newcomer(memoryview(message([sub(0)], 0, 0, 0x80))) is None

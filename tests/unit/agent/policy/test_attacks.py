@@ -1,4 +1,4 @@
-"""Attacks by one client on what all share; another one comes afterwards and gets its service."""
+"""Attacks by one client on shared resources; another client is served afterwards."""
 
 import gc
 import time

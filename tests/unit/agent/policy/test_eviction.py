@@ -1,4 +1,4 @@
-"""Who leaves where no places are left: a share for each address and each socket."""
+"""Eviction: which clients are deleted for a new one, by address and socket."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Two with one key: who has the place, and what a flood of newcomers can do to it."""
+"""Two clients with one key: which one is served, and what a flood of claimants can do."""
 
 import pytest
 from hypothesis import given
@@ -57,7 +57,7 @@ def of(desk, key=KEY):
 # --- who gets it -----------------------------------------------------------------------------
 
 
-def test_one_that_answers_keeps_its_place_and_the_newcomer_is_refused(desk):
+def test_an_incumbent_that_answers_wins_and_the_claimant_is_refused(desk):
     board = Board(desk, 1)
     board.ask(*publisher_entities())
     sent = desk.hear(create_client(), 2)
@@ -89,7 +89,7 @@ def test_whatever_comes_from_the_known_place_defends_it(desk, answer):
     assert of(desk) == 1
 
 
-def test_one_that_is_silent_loses_its_place_and_the_newcomer_is_answered_at_once(desk):
+def test_a_silent_incumbent_loses_and_the_claimant_is_answered_at_once(desk):
     Board(desk, 1).ask(*publisher_entities())
     sent = desk.hear(create_client(mtu=1000), 2) + desk.wait(DECIDED)
     assert questions(sent, 1) == len(module.WAIT_MS)
@@ -145,7 +145,7 @@ def test_one_more_than_may_be_is_refused_when_its_turn_has_come(desk):
     assert list(desk.agent.clients) == [0x33]
 
 
-def test_a_newcomer_whose_connection_closes_waits_no_more(desk):
+def test_a_claimant_whose_connection_closes_is_dropped(desk):
     Board(desk, 1)
     desk.hear(create_client(), 2)
     desk.agent.gone(desk.place, 2)
@@ -284,7 +284,7 @@ def test_nobody_takes_part_in_a_session_that_is_alive_by_knowing_its_key(desk):
 # --- floods ------------------------------------------------------------------------------------
 
 
-def test_a_flood_of_newcomers_costs_the_client_three_questions_in_five_seconds(desk):
+def test_a_flood_of_claimants_costs_the_incumbent_three_probes_in_five_seconds(desk):
     board = Board(desk, 1)
     asked, denied = 0, 0
     for number in range(6000):
@@ -315,7 +315,7 @@ def test_a_network_that_loses_two_answers_of_three_loses_no_session(desk):
     assert heard > 20 and of(desk) == 1
 
 
-def test_newcomers_for_all_clients_at_once_are_bounded(desk):
+def test_claimants_for_all_clients_at_once_are_bounded(desk):
     for number in range(1, 601):
         desk.hear(create_client(number), number)
     for number in range(1, 601):

@@ -1,4 +1,4 @@
-"""Clients whose line is gone leave within ten seconds, unless they come back."""
+"""Clients of a lost line are deleted within ten seconds, unless they come back."""
 
 import os
 from contextlib import ExitStack

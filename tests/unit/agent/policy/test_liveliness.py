@@ -1,4 +1,4 @@
-"""Silent clients: when they are asked, what counts as an answer, when they are forgotten."""
+"""Silent clients: when they are probed, what counts as an answer, when they are deleted."""
 
 import pytest
 from hypothesis import given

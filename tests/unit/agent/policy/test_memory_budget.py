@@ -1,4 +1,4 @@
-"""The memory that all clients together make the agent hold: counted, limited, the worst go."""
+"""The memory budget of all clients: counted, limited, the largest clients are evicted."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""What waits in readers of the middleware: octets, bounded and part of the account."""
+"""The backlog of middleware readers: its bytes are bounded and part of the memory budget."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Rules for clients: what they may say, whom they are for, what they do."""
+"""Rules for clients: their syntax, which clients they match, what they do."""
 
 import pytest
 from hypothesis import given

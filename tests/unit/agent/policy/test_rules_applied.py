@@ -1,4 +1,4 @@
-"""Rules at work: clients of an agent whose owner has decided something for them."""
+"""Rules applied to the clients of an agent."""
 
 import pytest
 from support.agent import running_agent

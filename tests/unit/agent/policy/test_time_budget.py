@@ -1,4 +1,4 @@
-"""Creating and deleting as fast as one can: others are served, and an end takes its time."""
+"""Clients that create and delete as fast as they can: others are served, closing is deferred."""
 
 import time
 

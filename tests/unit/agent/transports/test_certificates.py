@@ -1,4 +1,4 @@
-"""The files of an agent's TLS: whatever is wrong with one is named, with the remedy."""
+"""Certificate files: each fault is named, with the remedy."""
 
 import datetime
 import os

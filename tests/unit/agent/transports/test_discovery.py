@@ -1,4 +1,4 @@
-"""Boards look for the agent: over real sockets on loopback, in the multicast group too."""
+"""Discovery: boards search for the agent over real sockets on loopback, also by multicast."""
 
 import errno
 import io

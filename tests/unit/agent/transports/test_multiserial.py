@@ -1,4 +1,4 @@
-"""Several devices in one agent: each comes and goes alone, and keeps to its own boards."""
+"""Several devices in one agent: each is opened and lost on its own, with its own boards."""
 
 import os
 import tty

@@ -1,4 +1,4 @@
-"""What an error says, and that it says what to do."""
+"""Errors of opening a line name the remedy."""
 
 import errno
 import os

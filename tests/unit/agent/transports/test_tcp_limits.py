@@ -1,4 +1,4 @@
-"""TCP connections that keep the agent from others: idle, slow, and many from one address."""
+"""TCP connections that take resources: idle, slow, and many from one address."""
 
 import socket
 from contextlib import contextmanager
@@ -199,7 +199,7 @@ def test_one_address_gets_its_share_and_others_theirs(bench, monkeypatch):
         ("fe80::1%lo", "fe80::2", True),
     ],
 )
-def test_who_shares_a_share(one, other, alike):
+def test_which_peers_share_an_origin(one, other, alike):
     networks = {module._network((it, 1, 0, 0)) for it in (one, other)}
     assert (len(networks) == 1) == alike
 

@@ -1,4 +1,4 @@
-"""TLS at the agent's end: who gets in, what is said to those who do not, and what harms nobody."""
+"""TLS at the agent's end: who is admitted, what is logged of others, hostile handshakes."""
 
 import datetime
 import random
