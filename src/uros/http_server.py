@@ -101,7 +101,7 @@ class Handler(BaseHTTPRequestHandler):
         if self.server.knows(host) and self.headers.get("Origin", "") in ("", f"http://{host}"):
             return True
         self.close_connection = True
-        self.reply(403, self.server.stranger.encode(), "text/plain; charset=utf-8")
+        self.reply(403, self.server.wrong_host.encode(), "text/plain; charset=utf-8")
         return False
 
     def reply(
@@ -149,11 +149,18 @@ class _Out(io.BufferedIOBase):
 
 
 class HttpServer:
-    """Serves ``handler`` at ``host`` and ``port`` (0: any) from `start` until `close`.
+    """A bounded HTTP server; it serves from :meth:`start` until :meth:`close`.
 
-    At most ``threads`` requests are answered at a time. ``stranger`` is what a request by a wrong
-    name is told. ``on_error`` hears of faults of handlers, in their threads. Raises OSError where
-    the address cannot be had.
+    Args:
+        host: The address or name to listen on.
+        port: TCP port; 0 for any.
+        handler: The class that answers requests.
+        threads: The most requests that are answered at a time.
+        wrong_host: The text of the answer to requests with a wrong Host or Origin header.
+        on_error: Called with exceptions of handlers, in their threads.
+
+    Raises:
+        OSError: The address cannot be used.
     """
 
     def __init__(
@@ -162,10 +169,10 @@ class HttpServer:
         port: int,
         handler: type[Handler],
         threads: int,
-        stranger: str,
+        wrong_host: str,
         on_error: Callable[[Exception], object],
     ) -> None:
-        self.stranger = stranger
+        self.wrong_host = wrong_host
         self._handler = handler
         self._threads = threads
         self._on_error = on_error

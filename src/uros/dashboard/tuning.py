@@ -1,7 +1,7 @@
 """The connection of a rover whose wheels are tuned: it sends samples and receives gains.
 
-One rover at a time, and the newest that connects is it: a rover that was reset has left a
-connection behind that nobody closed.
+One rover at a time, the one that connected last: a rover that was reset left an open connection
+behind.
 """
 
 from __future__ import annotations

@@ -265,12 +265,12 @@ class DiscoveryServer(ServerTransport):
     def _ports(self) -> str:
         return ", ".join(f"{server.kind} {server.port}" for server in self._servers) or "no port"
 
-    def locators(self, asker: Address) -> list[tuple[bytes, int]]:
+    def locators(self, client: Address) -> list[tuple[bytes, int]]:
         """Return the agent's addresses that the asking board can reach."""
-        here = addresses.own_address((asker[0], asker[1]))
+        here = addresses.own_address((client[0], client[1]))
         if here is None:
             return []
-        local = here.startswith("127.") or asker[0] == here
+        local = here.startswith("127.") or client[0] == here
         found: list[tuple[bytes, int]] = []
         for server in self._servers:
             address = self._address_of(server.listens_on, here, local)

@@ -1,8 +1,8 @@
-"""Serial lines by pyserial: where there is no termios, and for its URLs.
+"""Serial lines by pyserial, for systems without termios and for pyserial's URLs.
 
-pyserial waits when it opens, reads and writes, so a thread opens and reads and
-another one writes; the agent's thread hears of it by a pair of sockets. The
-extra ``serial`` of uros installs it.
+pyserial blocks when it opens, reads and writes, so one thread opens and reads and another one
+writes; the agent's thread is notified through a pair of sockets. The extra ``serial`` of uros
+installs pyserial.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from .base import Host, TransportError
 from .remedies import trouble
 from .serial import DeviceServer, is_url
 
-# How long the reading thread waits where nothing can wake it, in seconds.
+# How long the reading thread blocks where it cannot be interrupted, in seconds.
 _SLICE: Final = 0.2
-# A write that takes longer has met a line that takes nothing.
+# Timeout of a write, in seconds.
 _WRITE_SECONDS: Final = 2.0
-# How long the end waits for the thread, which closes the port, in seconds.
+# How long closing waits for the thread, which closes the port, in seconds.
 _FAREWELL: Final = 1.0
 _CHUNK: Final = 4096
-# What a board's program waits for a line to take a frame, in seconds.
+# Timeout of a write of a board's program, in seconds.
 _PORT_WRITE_SECONDS: Final = 0.02
-# What is read and not yet handled; more stays in the system, as on a descriptor.
+# Bytes read and not handled yet; further ones stay in the system, as with a descriptor.
 _MAX_INBOX: Final = 256 * 1024
 
 
 def check_pyserial(device: str, baud: int) -> None:
-    """Raises TransportError where ``device`` will never open: no pyserial, no such scheme."""
+    """Raise TransportError where ``device`` can never be opened: no pyserial, unknown scheme."""
     _made(device, baud, None, None)
 
 
@@ -40,12 +40,12 @@ def _made(
     device: str, baud: int, dtr: bool | None, rts: bool | None,
     write_seconds: float = _WRITE_SECONDS,
 ) -> Any:  # fmt: skip
-    """A port of pyserial's that is not open yet."""
+    """Make a port of pyserial that is not open yet."""
     try:
         import serial
     except ImportError:
         serial = None
-    if not hasattr(serial, "serial_for_url"):  # there is another package of that name
+    if not hasattr(serial, "serial_for_url"):  # another package of that name
         raise TransportError(
             errno.ENOSYS, f"{device} needs pyserial: python -m pip install pyserial"
         )
@@ -60,11 +60,11 @@ def _made(
             # Its socket has a timeout of its own, and it refuses to open with this one.
             write_timeout=None if device.lower().startswith("rfc2217:") else write_seconds,
         )  # fmt: skip
-    except (ValueError, re.error) as error:  # the latter of hwgrep://
+    except (ValueError, re.error) as error:  # re.error: of hwgrep://
         raise TransportError(
             errno.EINVAL, f"{device}: {error}; pyserial has socket://, rfc2217://, loop://, hwgrep://"
         ) from error  # fmt: skip
-    # Before it is opened: then the port opens with them so, where the system can do that.
+    # Set before opening: the port is opened with these levels, where the system supports that.
     if dtr is not None:
         port.dtr = dtr
     if rts is not None:
@@ -75,7 +75,7 @@ def _made(
 
 
 def reason(device: str, error: Exception) -> tuple[int, str]:
-    """The errno of what pyserial raised, 0 where there is none to be had; and what to do."""
+    """Return the errno of an exception of pyserial, 0 where it has none; and the remedy."""
     if isinstance(error, TransportError):
         return 0, str(error.strerror)
     number = getattr(error, "errno", None)
@@ -90,9 +90,9 @@ def reason(device: str, error: Exception) -> tuple[int, str]:
 
 
 class ThreadedPort:
-    """A :class:`~uros.agent.transports.line.Stream` of an open pyserial port, and its opening.
+    """A :class:`~uros.agent.transports.line.Stream` over a pyserial port, opened in a thread.
 
-    ``opened`` and ``error`` tell how the opening went, once the descriptor is readable.
+    ``opened`` and ``error`` have the result of opening, once the descriptor is readable.
     """
 
     def __init__(self, make: Callable[[], Any]) -> None:
@@ -102,8 +102,8 @@ class ThreadedPort:
         self._lock = threading.Condition()
         self._inbox = bytearray()
         self._outbox = bytearray()
-        self._shut = False  # by the agent: its descriptor is closed
-        self._ended = False  # by itself
+        self._shut = False  # closed by the agent: its descriptor is closed
+        self._ended = False  # closed by an error or the end of the line
         self._port: Any = None
         self._ours, self._theirs = socket.socketpair()
         for end in (self._ours, self._theirs):
@@ -148,7 +148,7 @@ class ThreadedPort:
         return len(self._outbox)
 
     def close(self) -> None:
-        """The thread closes the port, soon; :meth:`join` waits for that."""
+        """Make the thread close the port soon; :meth:`join` waits for that."""
         with self._lock:
             self._shut = True
             self._lock.notify_all()
@@ -158,17 +158,17 @@ class ThreadedPort:
         for cancel in ("cancel_read", "cancel_write"):
             try:
                 getattr(port, cancel)()
-            except Exception:  # not every port has these, and it may be closed by now
+            except Exception:  # not every port has these methods, and it may be closed by now
                 pass
 
     def join(self) -> None:
-        """Until the port is closed, but not for long: it may be waiting for a network."""
+        """Wait until the port is closed, for a limited time: it may block on a network."""
         self._reader.join(_FAREWELL)
 
     # --- the other threads --------------------------------------------------------
 
     def _wake(self) -> None:
-        """Make the descriptor readable; with the lock held."""
+        """Make the descriptor readable; called with the lock held."""
         if not self._shut:
             try:
                 self._theirs.send(b"\0")
@@ -186,7 +186,7 @@ class ThreadedPort:
         try:
             port = self._make()
             port.open()
-        except Exception as error:  # pyserial raises what its ports raise, many kinds
+        except Exception as error:  # pyserial raises many kinds of exceptions
             self._end(error)
             return
         writer = threading.Thread(
@@ -227,7 +227,7 @@ class ThreadedPort:
     def _write_all(self, port: Any) -> None:
         from serial import SerialTimeoutException
 
-        # Half a second's worth, so that no write can be too long for a slow line.
+        # Half a second of data at a time, so that no write times out on a slow line.
         size = max(16, min(_CHUNK, port.baudrate // 20))
         while True:
             with self._lock:
@@ -239,7 +239,7 @@ class ThreadedPort:
             try:
                 port.write(chunk)
             except SerialTimeoutException:
-                pass  # nobody knows how much of it went; the next frame begins anew
+                pass  # partly sent; the receiver resynchronises at the next frame
             except Exception as error:  # likewise
                 self._end(error)
                 return
@@ -248,7 +248,7 @@ class ThreadedPort:
 
 
 class PySerialServer(DeviceServer):
-    """A device or URL by pyserial, on any system. See :class:`~.serial.DeviceServer`.
+    """A device or URL by pyserial, on any system; see :class:`~.serial.DeviceServer`.
 
     Raises TransportError for what will never work; what is only missing is waited for.
     """
@@ -272,7 +272,7 @@ class PySerialServer(DeviceServer):
         host.watch(port.fileno(), lambda: self._look(host, port, path))
 
     def _look(self, host: Host, port: ThreadedPort, path: str) -> None:
-        """The opening has ended."""
+        """Handle the result of opening."""
         host.unwatch(port.fileno())
         if port.opened:
             self._opened(port, f"dev: {path}, baudrate: {self._baud}")
@@ -294,9 +294,9 @@ class PySerialServer(DeviceServer):
 
 
 class PySerialPort:
-    """A board's program on a line of pyserial's: as :class:`~.device.DevicePort`.
+    """A port of pyserial for a program at the board's end of the line.
 
-    Raises TransportError for a port that will never open.
+    Raises TransportError for a port that can never be opened.
     """
 
     def __init__(self, path: str, baud: int = 115200) -> None:
@@ -304,10 +304,10 @@ class PySerialPort:
         self.path = path
         self._baud = baud
         self._port: Any = None
-        self._waited = b""  # what wait() has read
+        self._waited = b""  # bytes that wait() has read
 
     def open(self) -> None:
-        """Raises OSError with a text that says what to do."""
+        """Open the port; raises OSError with the remedy."""
         self.close()
         try:
             port = _made(self.path, self._baud, None, None, _PORT_WRITE_SECONDS)
@@ -315,20 +315,20 @@ class PySerialPort:
             port.reset_input_buffer()
         except TransportError:
             raise
-        except Exception as error:  # pyserial raises what its ports raise, many kinds
+        except Exception as error:  # pyserial raises many kinds of exceptions
             number, why = reason(self.path, error)
             raise OSError(number or errno.EIO, why) from error
         self._port = port
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the port; idempotent."""
         port, self._port = self._port, None
         self._waited = b""
         if port is not None:
             port.close()
 
     def read(self, size: int) -> bytes | None:
-        """See :class:`~uros.transport.serial.Port`."""
+        """Read bytes; see :class:`~uros.transport.serial.Port`."""
         data, self._waited = self._waited, b""
         if data:
             return data
@@ -337,17 +337,17 @@ class PySerialPort:
         return bytes(port.read(waiting)) if waiting else None
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """See :class:`~uros.transport.serial.Port`; what it does not take soon is lost."""
+        """Write, see :class:`~uros.transport.serial.Port`; bytes not taken in time are lost."""
         from serial import SerialTimeoutException
 
         try:
             self._open_port().write(bytes(data))
         except SerialTimeoutException:
-            pass  # how much of it went nobody knows: a frame cut short is skipped
+            pass  # an unknown part of it was sent: the receiver skips the frame
         return len(data)
 
     def wait(self, timeout_ms: int) -> None:
-        """Until there is something to read, or that long."""
+        """Wait until there is something to read, or for so many milliseconds."""
         if not self._waited:
             port = self._open_port()
             port.timeout = timeout_ms / 1000

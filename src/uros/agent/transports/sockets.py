@@ -119,10 +119,10 @@ class SocketLineServer(LineServer):
 
 
 def tcp_line(url: str) -> SocketLineServer:
-    """``socket://host:port``: a serial line that another machine offers (ser2net, esp-link).
+    """Make the line of ``socket://host:port``, offered by another machine (ser2net, esp-link).
 
-    A name is looked up once, here, because looking up takes long where the network is
-    down. Raises TransportError for what is no such URL, or a name that nobody knows.
+    A name is resolved once, here, because resolving takes long where the network is down. Raises
+    TransportError for another URL, or a name that cannot be resolved.
     """
     try:
         parts = urlsplit(url)

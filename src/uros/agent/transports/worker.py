@@ -162,7 +162,7 @@ class Worker:
         try:
             self._waker.send(b"\0")
         except OSError:
-            pass  # readable already, or nobody waits any more
+            pass  # readable already, or closed
 
     # --- the line's threads ----------------------------------------------------------------
 
