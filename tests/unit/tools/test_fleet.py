@@ -194,6 +194,28 @@ def test_an_agent_that_ends_ends_the_session(tmp_path):
             one.process.communicate()
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_no_folder_is_left_after_a_signal(tmp_path, program, number):
+    (program / "main.py").write_text("import uros.client\n" + PRINTS)
+    text = '[[board]]\nrun = "esp32_wifi_publisher"\nfirmware = "hello"\nnamespace = "/left"\n'
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    fleet = Typed(
+        "fleet", written(tmp_path, text), "--agent-port", 0,
+        env=dict(os.environ, TMPDIR=str(scratch)),
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    )  # fmt: skip
+    try:
+        fleet.until("commands, one a line: ")
+        assert any(path.name.startswith("uros-rules-") for path in scratch.iterdir())
+        fleet.process.send_signal(number)
+        assert fleet.process.wait(20) == 128 + number
+        assert not list(scratch.iterdir())
+    finally:
+        fleet.process.kill()
+        fleet.process.communicate()
+
+
 def test_a_row_is_cut_at_the_edge_and_what_is_below_it_is_not():
     table = [Row(["BOARD", "NODE"]), Row(["left", "-"], "led on, button pressed")]
     assert layout(table, 80) == ["BOARD  NODE", "left   -", "  led on, button pressed"]

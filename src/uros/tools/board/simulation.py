@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import queue
 import shlex
+import signal
 import sys
 import tempfile
 import threading
@@ -12,6 +13,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any, Final
 
 from ..agent.child_process import AgentProcess
@@ -117,6 +119,7 @@ class Simulation:
         from ...boards.virtual.engine.runner import StartError
         from ...boards.virtual.models.catalog import BoardError
 
+        _end_on_signals()
         try:
             for index, plan in enumerate(self._plans):
                 seat = self._seat(index, plan)
@@ -195,7 +198,7 @@ class Simulation:
         ]
         if not rules:
             return None
-        self._rules = tempfile.TemporaryDirectory(prefix="uros-session-")
+        self._rules = tempfile.TemporaryDirectory(prefix="uros-rules-")
         file = Path(self._rules.name) / "rules.toml"
         file.write_text("\n".join(rules), encoding="utf-8")
         return file
@@ -433,6 +436,17 @@ def talks_to_agent(plan: Plan) -> bool:
 
     folder = Path(plan.firmware) if plan.firmware else firmware_folder(find(plan.board))
     return any("uros.client" in file.read_text(encoding="utf-8") for file in folder.rglob("*.py"))
+
+
+def _end_on_signals() -> None:
+    """Close the boards at SIGTERM and SIGHUP too, so that no process or folder is left."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_DFL:  # nohup ignores SIGHUP
+            signal.signal(number, _end)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
 
 
 def _read_input(events: queue.Queue[tuple[_Seat | None, dict[str, Any]]]) -> None:
