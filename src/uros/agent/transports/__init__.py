@@ -11,6 +11,7 @@
 ``addresses``        the network addresses of this machine
 ``line``             frames in a stream of bytes, and a line that reconnects
 ``serial``           serial devices and pseudo-terminals, by termios
+``serial_device``    a serial device by its name, or by a file with the name
 ``terminal``         opens a device and its modem lines
 ``baud``             baud rates, also those that termios does not name
 ``portable_serial``  serial devices and URLs, by pyserial

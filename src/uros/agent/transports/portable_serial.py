@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from .base import Host, TransportError
 from .remedies import trouble
-from .serial import DeviceServer, is_url
+from .serial_device import DeviceServer, is_url
 
 # How long the reading thread blocks where it cannot be interrupted, in seconds.
 _SLICE: Final = 0.2
@@ -248,7 +248,7 @@ class ThreadedPort:
 
 
 class PySerialServer(DeviceServer):
-    """A device or URL by pyserial, on any system; see :class:`~.serial.DeviceServer`.
+    """A device or URL by pyserial, on any system; see :class:`~.serial_device.DeviceServer`.
 
     Raises TransportError for what will never work; what is only missing is waited for.
     """
