@@ -1,9 +1,9 @@
 """The room that a rover drives in: four walls, and coloured boxes on the floor.
 
-Lengths are in metres. The middle of the floor is (0, 0); x points east and y north. Boxes and walls
-are parallel to the axes. What stands where, and which colours it has, comes from the seed; the
-square that reaches from x = -0.25 to 1.15 and from y = -1.15 to 1.15 is always free, so that
-squares of one metre can be driven from the middle to either side.
+Lengths are in metres. The middle of the floor is (0, 0); x points east and y north (REP 103). Boxes
+and walls are parallel to the axes. Positions, sizes and colours of the boxes come from the seed;
+the rectangle from x = -0.25 to 1.15 and from y = -1.15 to 1.15 is always free, so that squares of
+one metre can be driven from the middle to either side.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import random
 from typing import Final, NamedTuple
 
 SIZE: Final = 3.0
-WALL: Final = 0.6  # high
+WALL: Final = 0.6  # height
 
 _COLOURS: Final = (
     (196, 44, 40),
@@ -23,12 +23,12 @@ _COLOURS: Final = (
     (142, 70, 160),
     (230, 122, 30),
 )
-# About where boxes stand.
+# The approximate centres of the boxes.
 _PLACES: Final = ((-1.0, 0.85), (-0.8, -0.75), (-1.15, -0.05), (1.36, 1.34), (1.36, -1.34))
 
 
 class Box(NamedTuple):
-    """From (x0, y0) to (x1, y1), ``height`` high."""
+    """A box on the floor, from (x0, y0) to (x1, y1), with its height and RGB colour."""
 
     x0: float
     y0: float
@@ -38,24 +38,34 @@ class Box(NamedTuple):
     colour: tuple[int, int, int]
 
     def distance(self, x: float, y: float) -> float:
-        """From a point to its nearest side; 0 inside."""
+        """Return the distance from a point to the nearest side; 0 inside."""
         return math.hypot(max(self.x0 - x, 0.0, x - self.x1), max(self.y0 - y, 0.0, y - self.y1))
 
 
-class Hit(NamedTuple):
-    """What a ray meets: how far along, in multiples of the ray's own length, on which box (None is
-    a wall), on which side ("n", "e", "s", "w", as seen from the middle of the room or of the box),
-    and how far from that side's left end as one looks at it.
+class RayHit(NamedTuple):
+    """Where a ray hits a box or a wall.
+
+    Attributes:
+        distance: The distance, in multiples of the length of the ray's direction vector.
+        box: The box, or None for a wall.
+        side: Its side: "n", "e", "s" or "w", as seen from the middle of the room or of the box.
+        along: The distance in metres from the side's left end, as seen by the viewer.
     """
 
-    far: float
+    distance: float
     box: Box | None
     side: str
     along: float
 
 
 class Arena:
-    """A square room with sides of ``size``, with ``boxes`` in it or those of the seed."""
+    """A square room.
+
+    Args:
+        seed: The seed of the boxes.
+        size: The length of its sides in metres.
+        boxes: The boxes; by default those of the seed.
+    """
 
     def __init__(
         self, seed: object = 0, size: float = SIZE, boxes: list[Box] | None = None
@@ -82,44 +92,53 @@ class Arena:
             )
         return boxes
 
-    def free(self, x: float, y: float, radius: float) -> bool:
-        """Whether a round thing stands there without touching anything."""
+    def is_free(self, x: float, y: float, radius: float) -> bool:
+        """Return whether a round body has room there without touching a wall or a box."""
         half = self.size / 2 - radius
         if abs(x) > half or abs(y) > half:
             return False
         return all(box.distance(x, y) >= radius for box in self.boxes)
 
-    def look(self, x: float, y: float, dx: float, dy: float) -> list[Hit]:
-        """What a ray from inside of the room meets, the farthest first: a wall, and before it the
-        boxes, each once. A box that it begins in is not seen.
+    def cast_ray(self, x: float, y: float, dx: float, dy: float) -> list[RayHit]:
+        """Cast a ray from a point inside the room.
+
+        Args:
+            x: Where it starts, in metres.
+            y: Where it starts, in metres.
+            dx: Its direction vector.
+            dy: Its direction vector.
+
+        Returns:
+            The hits, the farthest first: a wall, then each box in front of it once. A box that
+            the ray starts in is not hit.
         """
         half = self.size / 2
-        far, side, along = math.inf, "e", 0.0
+        distance, side, along = math.inf, "e", 0.0
         if dx:
-            far = ((half if dx > 0 else -half) - x) / dx
-            at = y + far * dy
+            distance = ((half if dx > 0 else -half) - x) / dx
+            at = y + distance * dy
             side, along = ("e", half - at) if dx > 0 else ("w", at + half)
         if dy:
             other = ((half if dy > 0 else -half) - y) / dy
-            if other < far:
-                far = other
-                at = x + far * dx
+            if other < distance:
+                distance = other
+                at = x + distance * dx
                 side, along = ("n", at + half) if dy > 0 else ("s", half - at)
-        hits = [Hit(far, None, side, along)]
+        hits = [RayHit(distance, None, side, along)]
         for box in self.boxes:
             hit = _meet(box, x, y, dx, dy)
-            if hit is not None and hit.far < far:
+            if hit is not None and hit.distance < distance:
                 hits.append(hit)
-        hits.sort(key=lambda hit: -hit.far)
+        hits.sort(key=lambda hit: -hit.distance)
         return hits
 
     def range(self, x: float, y: float, theta: float) -> float:
-        """How far it is to whatever stands in a direction, in metres."""
-        return self.look(x, y, math.cos(theta), math.sin(theta))[-1].far
+        """Return the distance to the nearest box or wall in a direction (rad), in metres."""
+        return self.cast_ray(x, y, math.cos(theta), math.sin(theta))[-1].distance
 
 
-def _meet(box: Box, x: float, y: float, dx: float, dy: float) -> Hit | None:
-    """Where a ray enters a box; None where it does not, or is inside already."""
+def _meet(box: Box, x: float, y: float, dx: float, dy: float) -> RayHit | None:
+    """Return where a ray enters a box; None where it does not, or starts inside."""
     enter, leave, side = 0.0, math.inf, ""
     if dx:
         near, away = (box.x0, box.x1) if dx > 0 else (box.x1, box.x0)
@@ -144,4 +163,4 @@ def _meet(box: Box, x: float, y: float, dx: float, dy: float) -> Hit | None:
     else:
         at = x + enter * dx
         along = at - box.x0 if side == "s" else box.x1 - at
-    return Hit(enter, box, side, along)
+    return RayHit(enter, box, side, along)

@@ -1,11 +1,11 @@
-"""A place outdoors, where somebody carries the board slowly around a circle.
+"""A place outdoors, where the board is carried slowly around a circle.
 
-Every quantity is a pure function of the seconds since power-on (and the seed), so that any time
-may be asked for in any order, and weeks cost no more than a second.
+Every quantity is a pure function of the seconds since power-on and the seed: any time may be asked
+for in any order, and weeks cost no more than a second.
 
 The board lies flat: its x is forward, y left and z up; the circle is walked counter-clockwise. The
-axes of the world are east, north and up. The place comes from the seed, the magnetic field from the
-place (the earth's dipole), the light from the hour.
+axes of the world are east, north and up (REP 103). The place comes from the seed, the magnetic
+field from the place (the earth's dipole), the light from the time of day.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 DAY: Final = 86_400.0
 G: Final = 9.80665
 
-# A Monday, 1 June 2026, 00:00 UTC: when it is, unless somebody says so.
+# Monday, 1 June 2026, 00:00 UTC: the default date.
 EPOCH: Final = 1_780_272_000
 
 # Parks: latitude and longitude.
@@ -29,36 +29,44 @@ _NEARBY: Final = 0.005  # degrees
 
 RADIUS: Final = 20.0  # m, of the circle
 SPEED: Final = 0.8  # m/s
-_STEPS: Final = 1.8  # a second; each lifts the board
+_STEPS: Final = 1.8  # steps a second; each lifts the board
 _LIFT: Final = 0.4  # m/s²
-_TILT: Final = 0.02  # rad a second of rolling
+_TILT: Final = 0.02  # rad/s: amplitude of the roll rate
 
-# WGS 84, and the earth's field as a dipole: where its axis leaves the earth in the north, and how
-# strong it is at the equator.
+# WGS 84, and the earth's magnetic field as a dipole: its northern pole, and its flux density at the
+# equator.
 _SEMI_MAJOR: Final = 6_378_137.0
 _ECCENTRICITY_2: Final = 6.69437999014e-3
 _POLE: Final = (math.radians(80.7), math.radians(-72.7))
 _EQUATOR_TESLA: Final = 2.98e-5
 
-_SUN: Final = 100_000.0  # lx, straight above
+_SUN: Final = 100_000.0  # lx with the sun at the zenith
 _SUNRISE: Final = 6.0
 _SUNSET: Final = 20.0
 _MOON: Final = 0.2
 
-# The obstacle: a wall that is passed, and gaps in it.
+# The obstacle: a wall with gaps. Seconds of a pass, and distances in m.
 _PASS: Final = 90.0
 _NEAR: Final = 0.4
 _FAR: Final = 7.0
 
-# A lithium cell, how full, and its voltage at rest.
+# A lithium cell: state of charge and open-circuit voltage in V.
 _REST: Final = ((0.0, 3.2), (0.05, 3.45), (0.1, 3.6), (0.2, 3.68), (0.4, 3.76), (0.6, 3.87),
                 (0.8, 4.0), (0.9, 4.08), (1.0, 4.2))  # fmt: skip
 _LASTS: Final = 6 * 3600.0  # seconds, from full to empty
-_DROP: Final = 0.03  # V, by what the board draws
+_DROP: Final = 0.03  # V: voltage drop by the board's load
 
 
 class Motion(NamedTuple):
-    """Where the board is: degrees, m above the ellipsoid, m/s, degrees clockwise from north."""
+    """Position and velocity of the board.
+
+    Attributes:
+        latitude: In degrees.
+        longitude: In degrees.
+        altitude: In m above the ellipsoid.
+        speed: In m/s.
+        course: In degrees clockwise from north.
+    """
 
     latitude: float
     longitude: float
@@ -68,7 +76,12 @@ class Motion(NamedTuple):
 
 
 def dipole(latitude: float, longitude: float) -> tuple[float, float, float]:
-    """The earth's field at a place given in degrees: east, north and up, in tesla."""
+    """Return the earth's magnetic field: east, north and up, in tesla.
+
+    Args:
+        latitude: In degrees.
+        longitude: In degrees.
+    """
     phi, lam = math.radians(latitude), math.radians(longitude)
     pole_phi, pole_lam = _POLE
 
@@ -91,7 +104,7 @@ def dipole(latitude: float, longitude: float) -> tuple[float, float, float]:
 
 
 def rest_voltage(full: float) -> float:
-    """Of a lithium cell without a load."""
+    """Return the open-circuit voltage of a lithium cell in V, by its charge (0 to 1)."""
     full = min(max(full, 0.0), 1.0)
     for (low, below), (high, above) in zip(_REST, _REST[1:], strict=False):
         if full <= high:
@@ -100,8 +113,20 @@ def rest_voltage(full: float) -> float:
 
 
 class Outdoors:
-    """One place. ``t`` is in seconds since power-on; ``epoch`` is the time of that in seconds since
-    1970, by default on a day in June at ``start_hour`` o'clock by the sun there.
+    """One place. The times ``t`` of its methods are in seconds since power-on.
+
+    Attributes:
+        latitude: Of the circle's middle, in degrees.
+        longitude: Of the circle's middle, in degrees.
+        altitude: In m above the ellipsoid.
+        epoch: The time of power-on, in seconds since 1970.
+        metres: The length in m of one degree of latitude and of one degree of longitude.
+
+    Args:
+        seed: The seed of place and phases.
+        start_hour: The local solar time at power-on, in hours.
+        epoch: See the attribute; by default a day in June at ``start_hour``.
+        charge: The battery's state of charge at power-on, 0 to 1.
     """
 
     def __init__(
@@ -120,7 +145,7 @@ class Outdoors:
         self.epoch = epoch
         sine = math.sin(math.radians(self.latitude))
         shape = 1 - _ECCENTRICITY_2 * sine * sine
-        #: Metres of one degree towards the north and towards the east.
+
         self.metres = (
             math.radians(_SEMI_MAJOR * (1 - _ECCENTRICITY_2) / shape**1.5),
             math.radians(_SEMI_MAJOR / math.sqrt(shape)) * math.cos(math.radians(self.latitude)),
@@ -130,20 +155,20 @@ class Outdoors:
     # The walk.
 
     def heading(self, t: float) -> float:
-        """Of the board's x, counter-clockwise from east, in rad."""
+        """Return the yaw of the board's x axis in rad, counter-clockwise from east."""
         return (self._heading + SPEED / RADIUS * t) % (2 * math.pi)
 
     def offset(self, t: float) -> tuple[float, float]:
-        """Metres to the east and to the north of the circle's middle."""
+        """Return the offset from the circle's middle: metres east and north."""
         angle = self.heading(t) - math.pi / 2
         return RADIUS * math.cos(angle), RADIUS * math.sin(angle)
 
     def roll(self, t: float) -> float:
-        """Its rate, in rad/s: whoever walks sways."""
+        """Return the roll rate in rad/s, which comes from walking."""
         return _TILT * math.sin(math.pi * _STEPS * t + self._phase)
 
     def place(self, t: float) -> Motion:
-        """What a receiver of satellites would find without an error."""
+        """Return the true position and velocity."""
         east, north = self.offset(t)
         longitude = self.longitude + east / self.metres[1]
         return Motion(
@@ -154,46 +179,44 @@ class Outdoors:
             (90.0 - math.degrees(self.heading(t))) % 360.0,
         )
 
-    # What each sensor sees.
+    # What each sensor measures.
 
     def motion(self, t: float) -> tuple[float, float, float, float, float, float]:
-        """Acceleration as it is felt in m/s², and rate of turn in rad/s, on the board's axes."""
+        """Return proper acceleration (m/s²) and angular velocity (rad/s) on the board's axes."""
         lift = _LIFT * math.sin(2 * math.pi * _STEPS * t + self._phase)
         return 0.0, SPEED * SPEED / RADIUS, G + lift, self.roll(t), 0.0, SPEED / RADIUS
 
     def field(self, t: float) -> tuple[float, float, float]:
-        """The magnetic field on the board's axes, in tesla."""
+        """Return the magnetic field on the board's axes, in tesla."""
         east, north, up = self._field
         heading = self.heading(t)
         cos, sin = math.cos(heading), math.sin(heading)
         return east * cos + north * sin, north * cos - east * sin, up
 
     def sun(self, t: float) -> float:
-        """0 at night, 1 at noon: by the sun, not by the clock."""
+        """Return the height of the sun: 0 at night, 1 at noon of local solar time."""
         hour = (self.epoch + self.longitude * 240 + t) % DAY / 3600
         return max(0.0, math.sin(math.pi * (hour - _SUNRISE) / (_SUNSET - _SUNRISE)))
 
     def light(self, t: float) -> float:
-        """In lux: the sun, and clouds before it."""
+        """Return the illuminance in lux: sun and clouds."""
         clouds = 0.75 + 0.2 * math.sin(2 * math.pi * t / 410 + self._phase)
         return _SUN * self.sun(t) * clouds + _MOON
 
     def temperature(self, t: float) -> float:
-        """Of the air, in °C."""
+        """Return the air temperature in °C."""
         return 14.0 + 9.0 * self.sun(t - 7200) + 0.3 * math.sin(2 * math.pi * t / 300)
 
     def humidity(self, t: float) -> float:
-        """Relative, 0 to 1: less of it where it is warmer."""
+        """Return the relative humidity, 0 to 1; it falls as the temperature rises."""
         return min(max(0.75 - 0.025 * (self.temperature(t) - 14.0), 0.05), 0.98)
 
     def air(self, t: float) -> tuple[float, float]:
-        """Temperature in °C and relative humidity."""
+        """Return the air temperature in °C and the relative humidity (0 to 1)."""
         return self.temperature(t), self.humidity(t)
 
     def target(self, t: float) -> tuple[float, float]:
-        """How far the wall is in m (infinite: there is a gap in it), and how much light it throws
-        back.
-        """
+        """Return the distance of the wall in m (infinite at a gap) and its reflectivity."""
         phase = t % _PASS / _PASS
         if phase > 0.85:
             return math.inf, 0.0
@@ -201,6 +224,6 @@ class Outdoors:
         return middle + half * math.cos(2 * math.pi * phase / 0.85), 0.7
 
     def cell(self, t: float) -> tuple[float, float]:
-        """Of the battery: volts, and how full it is."""
+        """Return the battery's voltage in V and state of charge (0 to 1)."""
         full = min(max(self._charge - t / _LASTS, 0.0), 1.0)
         return rest_voltage(full) - _DROP, full

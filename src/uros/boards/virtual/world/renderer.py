@@ -1,8 +1,8 @@
-"""Draws what a camera in an arena sees. Needs Pillow, which the extra ``board`` brings.
+"""Draws what a camera in an arena sees; needs Pillow (extra ``board``).
 
 Walls and boxes are drawn column by column, each from a strip of its texture; the floor is one
 plane in perspective. Each wall has its letter, N, E, S or W, beside chequered fields and stripes,
-so that a person sees where the camera looks and that it moves.
+so that pictures show where the camera points and that it moves.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 HEIGHT: Final = 0.1  # of the camera above the floor, m
-VIEW: Final = math.radians(62)  # from the left to the right edge of a picture
+VIEW: Final = math.radians(62)  # the horizontal field of view
 
-_TEXELS: Final = 160  # a metre of a wall
-_FLOOR: Final = 100  # a metre of the floor
-_NEAR: Final = 0.02  # m; nothing is nearer than the lens
-_BALL: Final = 0.08  # its radius, m
-_BALL_PATH: Final = 0.45  # the radius of its way, m
-_BALL_SECONDS: Final = 7.0  # once around
+_TEXELS: Final = 160  # per metre of a wall
+_FLOOR: Final = 100  # texels per metre of the floor
+_NEAR: Final = 0.02  # m: the smallest depth
+_BALL: Final = 0.08  # radius of the ball, m
+_BALL_PATH: Final = 0.45  # radius of the circle that it rolls, m
+_BALL_SECONDS: Final = 7.0  # for one revolution
 
 _WALLS: Final = {
     "n": ((176, 196, 214), (40, 70, 120), "N"),
@@ -32,28 +32,36 @@ _WALLS: Final = {
     "s": ((190, 206, 182), (40, 100, 60), "S"),
     "w": ((214, 190, 200), (110, 50, 110), "W"),
 }
-# How bright each side of a box is: the light comes from the south west.
+# The brightness of each side of a box: the light comes from the south-west.
 _LIGHT: Final = {"n": 0.6, "e": 0.75, "s": 1.0, "w": 0.9}
 
 
 class NoPillow(ImportError):
-    """Pillow is not there."""
+    """Pillow is not installed."""
 
 
 def pillow() -> Any:
-    """PIL's Image, ImageDraw and ImageFont; loaded when the first picture is drawn."""
+    """Return PIL's Image, ImageDraw and ImageFont, imported with the first picture.
+
+    Raises:
+        NoPillow: Pillow is not installed.
+    """
     try:
         from PIL import Image, ImageDraw, ImageFont
     except ImportError as error:
         raise NoPillow(
-            "pictures need Pillow, which is not here: python -m pip install 'uros[board]'"
+            "pictures need Pillow, which is not installed: python -m pip install 'uros[board]'"
         ) from error
     return Image, ImageDraw, ImageFont
 
 
 class Scene:
-    """The room ``arena``; with ``ball``, a red ball rolls around in its middle, so that something
-    moves where the camera stands still.
+    """What a camera sees: an arena.
+
+    Args:
+        arena: The room; by default the arena of seed 0.
+        ball: Whether a red ball rolls around its middle, so that the pictures of a camera at rest
+            differ.
     """
 
     def __init__(self, arena: Arena | None = None, *, ball: bool = False) -> None:
@@ -64,29 +72,41 @@ class Scene:
         self._floor: Image | None = None
 
     def ball_at(self, t_us: int) -> tuple[float, float]:
-        """Where the ball is, in metres."""
+        """Return the position of the ball at ``t_us`` in µs since power-on, in metres."""
         turn = math.tau * (t_us % int(_BALL_SECONDS * 1e6)) / (_BALL_SECONDS * 1e6)
         return _BALL_PATH * math.cos(turn), _BALL_PATH * math.sin(turn)
 
     def draw(
         self, x: float, y: float, theta: float, width: int, height: int, t_us: int = 0
     ) -> Image:
-        """The picture from (x, y) in the direction theta, without a camera's noise."""
+        """Draw the picture that an ideal camera takes.
+
+        Args:
+            x: The camera's position in metres, to the east.
+            y: The camera's position in metres, to the north.
+            theta: The camera's yaw in rad, counter-clockwise from east (REP 103).
+            width: The width of the picture in pixels.
+            height: The height of the picture in pixels.
+            t_us: The time in µs since power-on, which moves the ball.
+
+        Raises:
+            NoPillow: Pillow is not installed.
+        """
         image_module, draw_module, _ = pillow()
         picture = image_module.new("RGB", (width, height), (226, 226, 220))
         self._prepare()
         focal = width / 2 / math.tan(VIEW / 2)
         self._draw_floor(picture, x, y, theta, focal)
         ball = self._see_ball(x, y, theta, t_us) if self.ball else None
-        # Columns are drawn around a ball: what is behind it first, all of that.
-        behind: list[tuple[float, int, Image, int, int, int]] = []
+        # All columns behind the ball are drawn before it, the others after it.
+        columns: list[tuple[float, int, Image, int, int, int]] = []
         cos, sin = math.cos(theta), math.sin(theta)
         for column in range(width):
             aside = (width / 2 - column - 0.5) / focal
-            # Of length one along the camera's axis, so that "far" is the depth.
+            # Of length 1 along the camera's optical axis, so that the distance is the depth.
             dx, dy = cos - aside * sin, sin + aside * cos
-            for hit in self.arena.look(x, y, dx, dy):
-                depth = max(hit.far, _NEAR)
+            for hit in self.arena.cast_ray(x, y, dx, dy):
+                depth = max(hit.distance, _NEAR)
                 if hit.box is None:
                     strip, high = self._walls[hit.side], WALL
                 else:
@@ -94,15 +114,15 @@ class Scene:
                 texel = min(max(int(hit.along * _TEXELS), 0), strip.width - 1)
                 top = height / 2 - (high - HEIGHT) * focal / depth
                 bottom = height / 2 + HEIGHT * focal / depth
-                behind.append((depth, column, strip, texel, round(top), round(bottom)))
+                columns.append((depth, column, strip, texel, round(top), round(bottom)))
         if ball is not None:
-            for it in behind:
-                if it[0] > ball[0]:
-                    _paste(picture, it)
+            for piece in columns:
+                if piece[0] > ball[0]:
+                    _paste(picture, piece)
             self._draw_ball(picture, draw_module, ball, focal)
-            behind = [it for it in behind if it[0] <= ball[0]]
-        for it in behind:
-            _paste(picture, it)
+            columns = [piece for piece in columns if piece[0] <= ball[0]]
+        for piece in columns:
+            _paste(picture, piece)
         return picture  # type: ignore[no-any-return]
 
     # Textures.
@@ -157,24 +177,26 @@ class Scene:
     # Drawing.
 
     def _draw_floor(self, picture: Image, x: float, y: float, theta: float, focal: float) -> None:
-        """The floor under the horizon. A pixel's point there is a quotient of linear functions of
-        its place, which is what Pillow's perspective takes.
+        """Draw the floor below the horizon.
+
+        The point on the floor of a pixel is a quotient of linear functions of the pixel's position,
+        which are the coefficients of Pillow's perspective transform.
         """
         image_module, _, _ = pillow()
         width, height = picture.size
-        # From the row after the horizon on; that one itself is far behind the walls.
+        # From the row below the horizon on; the horizon itself is far behind the walls.
         horizon = height // 2 + 1
         rows = height - horizon
         cos, sin = math.cos(theta), math.sin(theta)
         half = self.arena.size / 2
-        # At u to the right of the axis and v under it the depth is HEIGHT * focal / v, and the
-        # point HEIGHT / v * (focal * ahead + u * to the right). Pillow adds the half of a pixel.
+        # At u to the right of the optical axis and v below it the depth is HEIGHT * focal / v, and
+        # the point HEIGHT / v * (focal * ahead + u * to the right). Pillow adds half a pixel.
         u0, v0 = -width / 2, horizon - height / 2
         # East of the texture's left edge, and south of its top, in texels, times v.
         east = (HEIGHT * sin, x + half, HEIGHT * (focal * cos + u0 * sin) + (x + half) * v0)
         south = (HEIGHT * cos, half - y, HEIGHT * (u0 * cos - focal * sin) + (half - y) * v0)
         # v is the divisor, with its constant part 1.
-        terms = [it * _FLOOR / v0 for it in (*east, *south)] + [0.0, 1 / v0]
+        terms = [term * _FLOOR / v0 for term in (*east, *south)] + [0.0, 1 / v0]
         assert self._floor is not None
         floor = self._floor.transform(
             (width, rows),
@@ -185,7 +207,7 @@ class Scene:
         picture.paste(floor, (0, horizon))
 
     def _see_ball(self, x: float, y: float, theta: float, t_us: int) -> tuple[float, float] | None:
-        """Its depth, and how far left of the axis it is; None behind the camera."""
+        """Return the ball's depth and its offset to the left; None behind the camera."""
         ball_x, ball_y = self.ball_at(t_us)
         cos, sin = math.cos(theta), math.sin(theta)
         depth = (ball_x - x) * cos + (ball_y - y) * sin
@@ -204,7 +226,7 @@ class Scene:
         draw.ellipse(
             (middle - size, ground - size / 5, middle + size, ground + size / 5), (96, 84, 70)
         )
-        # Lighter towards the light, in a few rings.
+        # Shaded in a few rings, lighter towards the light.
         for ring in range(6):
             part = 1 - ring / 6
             shift = (1 - part) * size * 0.4
@@ -219,14 +241,14 @@ class Scene:
 
 
 def _crate(box: Box, side: str) -> Image:
-    """One side of a box: its colour, a darker frame, a band."""
+    """Draw one side of a box: its colour, a darker frame, a band."""
     image_module, draw_module, _ = pillow()
     wide = box.x1 - box.x0 if side in "ns" else box.y1 - box.y0
     size = max(round(wide * _TEXELS), 4), max(round(box.height * _TEXELS), 4)
     light = _LIGHT[side]
-    paint = tuple(int(it * light) for it in box.colour)
-    dark = tuple(int(it * light * 0.6) for it in box.colour)
-    pale = tuple(int((it + 255) / 2 * light) for it in box.colour)
+    paint = tuple(int(value * light) for value in box.colour)
+    dark = tuple(int(value * light * 0.6) for value in box.colour)
+    pale = tuple(int((value + 255) / 2 * light) for value in box.colour)
     image = image_module.new("RGB", size, paint)
     draw = draw_module.Draw(image)
     draw.rectangle((0, size[1] * 0.4, size[0], size[1] * 0.6), pale)
@@ -234,15 +256,15 @@ def _crate(box: Box, side: str) -> Image:
     return image  # type: ignore[no-any-return]
 
 
-def _paste(picture: Image, it: tuple[float, int, Image, int, int, int]) -> None:
-    """One column of a wall or a box. Of what is far taller than the picture, only what is in it."""
+def _paste(picture: Image, piece: tuple[float, int, Image, int, int, int]) -> None:
+    """Draw one column of a wall or a box, only the part that is inside the picture."""
     image_module, _, _ = pillow()
-    _, column, strip, texel, top, bottom = it
+    _, column, strip, texel, top, bottom = piece
     if bottom <= top:
         return
     above, below = max(top, 0), min(bottom, picture.height)
     scale = strip.height / (bottom - top)
     source = (texel, (above - top) * scale, texel + 1, (below - top) * scale)
     if below > above:
-        piece = strip.resize((1, below - above), image_module.Resampling.BOX, source)
-        picture.paste(piece, (column, above))
+        resized = strip.resize((1, below - above), image_module.Resampling.BOX, source)
+        picture.paste(resized, (column, above))

@@ -1,13 +1,12 @@
-"""The room that the virtual sensors look at.
+"""The room that the virtual sensors measure.
 
-Every quantity is a pure function of the seconds since power-on (and the seed), so that any time
-may be asked for in any order, and weeks cost no more than a second.
+Every quantity is a pure function of the seconds since power-on and the seed: any time may be asked
+for in any order, and weeks cost no more than a second.
 
-A person comes through the door about once a minute. The room was cool when the board was switched
-on and is being heated; the sun warms it by day, and the open door lets warmth out and dampness in.
-Daylight falls in through a window, and a lamp is on in the evening. The thermocouple sits on a
-hotplate that is switched on and off; its cold junction, on the board, is a little warmer than the
-room.
+The door opens about once a minute. The room is cool at power-on and is being heated; the sun warms
+it by day, and the open door lowers the temperature and raises the humidity. Daylight falls in
+through a window, and a lamp is on in the evening. The thermocouple is on a hotplate that is
+switched on and off; its cold junction, on the board, is a little warmer than the room.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ from typing import Final
 
 DAY: Final = 86_400.0
 
-# The door: once in each interval it opens for a while, and moves for a second either way.
+# The door: it opens once in each interval, and takes a second to open and to close.
 DOOR_INTERVAL: Final = 60.0
 DOOR_CLOSED_MM: Final = 3.0
 DOOR_OPEN_MM: Final = 400.0
 _DOOR_MOVES: Final = 1.0
 _DOOR_OPEN: Final = (8.0, 20.0)
 
-# Temperature in °C: what the heating holds, the cool start, the sun, the door.
+# Temperatures in °C: the set point of the heating, the deficit at power-on, thermostat, sun, door.
 _HEATED: Final = 21.5
 _COOL_START: Final = 2.0
 _WARM_UP: Final = 900.0  # seconds
@@ -39,7 +38,8 @@ _DOOR_RECOVERY: Final = 240.0  # seconds
 _HUMIDITY: Final = 0.45
 _BOARD_WARMTH: Final = 1.2
 
-# The hotplate: what it would reach above the board, how fast it warms and cools, and its switch.
+# The hotplate: the temperature in °C above the board that it would reach, its time constant, and
+# its switching period and on-time, in seconds.
 _PLATE: Final = 90.0
 _PLATE_TAU: Final = 75.0
 _PLATE_PERIOD: Final = 240.0
@@ -52,8 +52,11 @@ _SUNSET: Final = 20.0
 
 
 class Room:
-    """One room. It is ``start_hour`` o'clock when the board is switched on; ``t`` is in seconds
-    since then.
+    """One room. The times ``t`` of its methods are in seconds since power-on.
+
+    Args:
+        seed: The seed of the door and of phases.
+        start_hour: The time of day at power-on, in hours.
     """
 
     def __init__(self, seed: int = 0, start_hour: float = 9.0) -> None:
@@ -61,26 +64,27 @@ class Room:
         self._start = start_hour * 3600
 
     def _visit(self, interval: int) -> tuple[float, float]:
-        """When the door begins to open and when it is closed again, in one interval."""
+        """Return when the door starts to open and when it is closed again, in one interval."""
         source = random.Random(f"{self._seed}/door/{interval}")
         lasts = source.uniform(*_DOOR_OPEN) + 2 * _DOOR_MOVES
         begins = interval * DOOR_INTERVAL + source.uniform(5.0, DOOR_INTERVAL - lasts - 5.0)
         return begins, begins + lasts
 
     def door(self, t: float) -> float:
-        """How far the door is open: 0 closed, 1 open."""
+        """Return how far the door is open: 0 closed, 1 open."""
         begins, ends = self._visit(math.floor(t / DOOR_INTERVAL))
         moved = min(t - begins, ends - t) / _DOOR_MOVES
         moved = min(max(moved, 0.0), 1.0)
         return moved * moved * (3 - 2 * moved)
 
     def door_mm(self, t: float) -> float:
-        """From the proximity sensor to the door, in mm."""
+        """Return the distance from the proximity sensor to the door in mm."""
         return DOOR_CLOSED_MM + (DOOR_OPEN_MM - DOOR_CLOSED_MM) * self.door(t)
 
     def _door_loss(self, t: float) -> float:
-        """What the visits up to now have cost, in °C: lost while the door is open, regained
-        exponentially.
+        """Return the temperature loss of all door openings so far in °C.
+
+        The temperature falls while the door is open and recovers exponentially.
         """
         tau = _DOOR_RECOVERY
         now = math.floor(t / DOOR_INTERVAL)
@@ -93,12 +97,12 @@ class Room:
         return _DOOR_LOSS * tau * loss
 
     def _sun(self, t: float) -> float:
-        """0 at night, 1 at noon."""
+        """Return the height of the sun: 0 at night, 1 at noon."""
         hour = (self._start + t) % DAY / 3600
         return max(0.0, math.sin(math.pi * (hour - _SUNRISE) / (_SUNSET - _SUNRISE)))
 
     def temperature(self, t: float) -> float:
-        """Of the air, in °C: about 19 to 24."""
+        """Return the air temperature in °C: about 19 to 24."""
         return (
             _HEATED
             - _COOL_START * math.exp(-max(t, 0.0) / _WARM_UP)
@@ -108,26 +112,26 @@ class Room:
         )
 
     def humidity(self, t: float) -> float:
-        """Relative, 0 to 1: the same water in warmer air is relatively less."""
+        """Return the relative humidity, 0 to 1; it falls as the temperature rises."""
         slow = 0.03 * math.sin(2 * math.pi * t / 7000 + self._seed)
         warmer = self.temperature(t) - _HEATED
         humidity = _HUMIDITY + slow - 0.025 * warmer + 0.01 * self._door_loss(t)
         return min(max(humidity, 0.05), 0.95)
 
     def daylight(self, t: float) -> float:
-        """On the light sensor, in lux: the sun behind clouds, a lamp from 18 to 23 o'clock."""
+        """Return the illuminance in lux: sun and clouds, a lamp from 18 to 23 o'clock."""
         clouds = 0.8 + 0.15 * math.sin(2 * math.pi * t / 610 + self._seed) + 0.05 * math.sin(t / 19)
         hour = (self._start + t) % DAY / 3600
         lamp = _LAMP if 18 <= hour < 23 else 0.0
         return _DAYLIGHT * self._sun(t) * clouds + lamp + 0.5
 
     def cold(self, t: float) -> float:
-        """Of the cold junction on the board, in °C."""
+        """Return the temperature of the cold junction on the board in °C."""
         return self.temperature(t) + _BOARD_WARMTH
 
     def hot(self, t: float) -> float:
-        """Of the hot junction on the hotplate, in °C: about 30 to 90."""
-        # In the steady state of being switched on and off it ends each period where it began.
+        """Return the temperature of the hot junction on the hotplate in °C: about 30 to 90."""
+        # Periodic steady state: each period ends at the temperature at which it started.
         fall = math.exp(-(_PLATE_PERIOD - _PLATE_ON) / _PLATE_TAU)
         rise = math.exp(-_PLATE_ON / _PLATE_TAU)
         peak = _PLATE * (1 - rise) / (1 - rise * fall)
@@ -138,16 +142,16 @@ class Room:
             above = peak * math.exp(-(phase - _PLATE_ON) / _PLATE_TAU)
         return self.cold(t) + above
 
-    # What each sensor sees.
+    # What each sensor measures.
 
     def air(self, t: float) -> tuple[float, float]:
-        """Temperature in °C and relative humidity."""
+        """Return the air temperature in °C and the relative humidity (0 to 1)."""
         return self.temperature(t), self.humidity(t)
 
     def junctions(self, t: float) -> tuple[float, float]:
-        """Hot and cold junction in °C."""
+        """Return the temperatures of hot and cold junction in °C."""
         return self.hot(t), self.cold(t)
 
     def scene(self, t: float) -> tuple[float, float]:
-        """Distance of the door in mm, and light in lux."""
+        """Return the distance of the door in mm and the illuminance in lux."""
         return self.door_mm(t), self.daylight(t)

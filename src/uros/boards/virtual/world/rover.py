@@ -1,9 +1,9 @@
-"""SprTurtleBot's body: two driven wheels, a caster, a battery, in a room with walls.
+"""SprTurtleBot's body: two driven wheels, a caster and a battery, in an arena.
 
-Rigid-body dynamics of two wheels that roll without slipping, coupled by the body's mass and its
+Rigid-body dynamics of two wheels that roll without slipping, coupled by the body's mass and
 inertia, with dry friction at each wheel. Integrated in steps of 1 ms of the world's time, on whole
-milliseconds, so that the drive is the same however often it is advanced. Tell it the time before
-its inputs change: what is set after ``advance(t)`` counts from the next whole millisecond on.
+milliseconds, so that a run does not depend on how often it is advanced. Call ``advance`` before the
+inputs change: what is set after ``advance(t)`` takes effect at the next whole millisecond.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .arena import Arena
 STEP_US: Final = 1000
 RADIUS: Final = 0.0325  # of a wheel, m
 HALF_TRACK: Final = 0.134  # m
-BODY: Final = 0.15  # the radius of what collides, m
+BODY: Final = 0.15  # radius of the body for collisions, m
 
 _MASS: Final = 0.7  # kg
-_TURNING: Final = 0.0045  # kg·m², around the middle of the axle
-_ROLLING: Final = 0.0022  # N·m at each wheel, while the caster and the tyres roll
+_TURNING: Final = 0.0045  # kg·m² around the middle of the axle
+_ROLLING: Final = 0.0022  # N·m at each wheel: rolling resistance of caster and tyres
 _CAPACITY: Final = 2.0 * 3600  # A·s, two lithium cells in series
-_INSIDE: Final = 0.15  # ohm of the battery and its wires
-_SLIP: Final = 0.25
+_INSIDE: Final = 0.15  # ohm: internal resistance of the battery and its wires
+_SLIP: Final = 0.25  # share of the distance that is lost
 
 RIGHT: Final = 0
 LEFT: Final = 1
@@ -37,23 +37,48 @@ _SIDES: Final = ("right", "left")
 
 
 def open_volts(level: float) -> float:
-    """Of two lithium cells that carry no load: 6.2 V empty, 8.3 V full, 7.4 V in between."""
+    """Return the open-circuit voltage of two lithium cells in V, by their charge (0 to 1).
+
+    6.2 V empty, 7.4 V at half charge, 8.3 V full.
+    """
     level = min(max(level, 0.0), 1.0)
     return 6.2 + 1.0 * min(level / 0.1, 1.0) + 0.4 * level + 0.7 * max(level - 0.6, 0.0) / 0.4
 
 
 class Rover(Part):
-    """``x``, ``y`` (m) and ``theta`` (rad, counter-clockwise from east, not wrapped) are its true
-    pose in the arena; ``way`` is the length of the path of its middle so far, ``v`` and ``w`` how
-    fast it moves. ``encoders`` are the right wheel's and the left wheel's, ``motors`` too.
+    """A rover with differential drive. Pairs are in the order right, left.
 
-    ``spread`` is how much motors differ (see Motor), ``tolerance`` how far wheels and track are
-    from their nominal sizes: 0.002 is ±2 mm a metre. The true ones are ``radii`` and
-    ``half_track``. ``battery`` is its charge, 0 to 1.
+    Attributes:
+        x: Its true position in the arena in m, to the east.
+        y: Its true position in the arena in m, to the north.
+        theta: Its true yaw in rad, counter-clockwise from east (REP 103), not wrapped.
+        path_length: The length of the path of its middle so far, in m.
+        v: Its linear velocity in m/s.
+        w: Its angular velocity in rad/s.
+        motors: The motors of both wheels.
+        encoders: The encoders of both wheels.
+        driver: The motor driver.
+        radii: The true radii of both wheels in m.
+        half_track: Half of the true track width in m.
+        angles: The angles in rad that the wheels have turned.
+        battery: The battery's charge, 0 to 1.
+        volts: The voltage of the motors' supply in V.
+        current: The current from the battery in A.
+        blocked: Whether a wall or a box stops it.
+
+    Args:
+        name: The part's name.
+        seed: The seed of motors, encoders and dimensions.
+        arena: The arena that it drives in; by default that of the seed.
+        spread: How much motors differ; see `Motor`.
+        tolerance: How far wheels and track are from their nominal dimensions at most: 0.002 is
+            ±2 mm per m.
+        uneven: How uneven the encoders' teeth are; see `Encoder`.
+        battery: The battery's charge at power-on, 0 to 1.
     """
 
     FAULTS: ClassVar[dict[str, str]] = {
-        "slip": "both wheels lose a quarter of the way",
+        "slip": "both wheels slip: a quarter of the distance is lost",
         "low_battery": "the battery is almost empty",
         **{f"driver_{kind}": f"the driver {text}" for kind, text in Drv8835.FAULTS.items()},
         **{
@@ -68,9 +93,9 @@ class Rover(Part):
         },
     }
     ACTS: ClassVar[dict[str, str]] = {
-        "push": "shove it to its left by so many metres, its wheels skidding: push=0.05",
-        "place": "lift it, and put it to x, y in metres and an angle in degrees: place=0,0,90",
-        "battery": "charge or empty the battery to so many per cent: battery=20",
+        "push": "push it to its left by a distance in metres, its wheels skidding: push=0.05",
+        "place": "place it at x, y in metres and an angle in degrees: place=0,0,90",
+        "battery": "charge or discharge the battery to a percentage: battery=20",
     }
 
     def __init__(
@@ -97,15 +122,16 @@ class Rover(Part):
         self.current = 0.0
         self.x = self.y = self.theta = self.path_length = 0.0
         self.v = self.w = 0.0
-        self.angles = [0.0, 0.0]  # that the wheels have turned, rad
-        self.blocked = False  # by a wall or a box
+        self.angles = [0.0, 0.0]
+        self.blocked = False
         self._on_power: Callable[[bool], None] | None = None
         self._at = 0  # the end of the last step
         self._inverse = self._masses()
 
     def _masses(self) -> tuple[float, float, float]:
-        """The inverse of the matrix that turns the wheels' accelerations into torques: its two
-        diagonal elements and the other one.
+        """Return the inverse of the mass matrix, which maps accelerations of the wheels to torques.
+
+        Its two diagonal elements, and the off-diagonal one.
         """
         right_radius, left_radius = self.radii
         rolling, turning = _MASS / 4, _TURNING / (4 * self.half_track**2)
@@ -118,7 +144,10 @@ class Rover(Part):
     # Inputs.
 
     def set_duty(self, channel: int, duty: int, frequency: int = 1000) -> None:
-        """Of AIN1, AIN2 (the right wheel), BIN1, BIN2 (the left one), 0 to 65535."""
+        """Set the PWM at an input of the driver; see `Drv8835.set_duty`.
+
+        AIN1 and AIN2 drive the right wheel, BIN1 and BIN2 the left one.
+        """
         self.driver.set_duty(channel, duty, frequency)
 
     def power(self, on: bool) -> None:
@@ -138,7 +167,7 @@ class Rover(Part):
         self._spread_faults()
 
     def _spread_faults(self) -> None:
-        """To the parts that have them."""
+        """Set the faults of the parts that have them."""
         self.driver.faults = _of(self.faults, "driver_")
         for side, motor, encoder in zip(_SIDES, self.motors, self.encoders, strict=True):
             encoder.faults = _of(self.faults, f"{side}_encoder_")
@@ -147,7 +176,7 @@ class Rover(Part):
     def act(self, kind: str, value: str = "") -> None:
         """Carry out one of ACTS; raise ValueError for a value that is not allowed."""
         try:
-            numbers = [float(it) for it in value.split(",")] if value else []
+            numbers = [float(number) for number in value.split(",")] if value else []
             if not all(map(math.isfinite, numbers)):
                 numbers = []
         except ValueError:
@@ -161,20 +190,20 @@ class Rover(Part):
         elif kind in self.ACTS:
             raise ValueError(f"{kind}={value}: {self.ACTS[kind]}")
         else:
-            raise ValueError(f"{self.name} knows no {kind}; it knows {', '.join(self.ACTS)}")
+            raise ValueError(f"{self.name} has no act {kind}; it has {', '.join(self.ACTS)}")
 
     def _push(self, metres: float) -> None:
-        """As far as there is room."""
+        """Push it as far as there is room."""
         count = max(1, math.ceil(abs(metres) / 0.005))
         for _ in range(count):
             x = self.x - math.sin(self.theta) * metres / count
             y = self.y + math.cos(self.theta) * metres / count
-            if not self.arena.free(x, y, BODY):
+            if not self.arena.is_free(x, y, BODY):
                 return
             self.x, self.y = x, y
 
     def _place(self, x: float, y: float, theta: float) -> None:
-        if not self.arena.free(x, y, BODY):
+        if not self.arena.is_free(x, y, BODY):
             raise ValueError(f"there is no room for it at {x:g}, {y:g}")
         self.x, self.y, self.theta = x, y, theta
         self.v = self.w = 0.0
@@ -182,14 +211,14 @@ class Rover(Part):
             motor.speed = 0.0
 
     def reset(self) -> None:
-        """The pins are inputs again, and pulled down."""
+        """Switch off the driver: the board's pins are inputs with pull-downs."""
         self.driver.off()
 
-    # What is seen.
+    # What can be measured.
 
     @property
     def speeds(self) -> tuple[float, float]:
-        """Of the right and the left wheel where they touch the floor, in m/s."""
+        """The speeds of the right and the left wheel at the floor, in m/s."""
         return self.motors[0].speed * self.radii[0], self.motors[1].speed * self.radii[1]
 
     def shows(self) -> str:
@@ -202,7 +231,7 @@ class Rover(Part):
     # Time.
 
     def advance(self, t_us: int) -> None:
-        """Tells the encoders' edges on the way."""
+        """Integrate up to ``t_us`` in µs since power-on, and report the encoders' edges."""
         while self._at + STEP_US <= t_us:
             if self._rests():
                 self._at = t_us - t_us % STEP_US
@@ -212,7 +241,7 @@ class Rover(Part):
             self._step()
 
     def _rests(self) -> bool:
-        """Whether time alone changes nothing: what is drawn, noise, would."""
+        """Return whether time alone changes nothing: at rest, undriven, encoders without faults."""
         if self.motors[0].speed or self.motors[1].speed:
             return False
         drives = self.driver.bridge(0)[0] or self.driver.bridge(1)[0]
@@ -226,11 +255,11 @@ class Rover(Part):
         right, left = self.motors
         level = self._level()
         inside = 4 * _INSIDE if level < 0.1 else _INSIDE
-        # The current of the step before: it changes little in one.
+        # The current of the previous step: it changes little in 1 ms.
         volts = self.volts = max(open_volts(level) - inside * self.current, 0.0)
         a = right.torque(volts, *self.driver.bridge(RIGHT)) * dt
         b = left.torque(volts, *self.driver.bridge(LEFT)) * dt
-        # What a motor gives back goes to the other one, or is lost.
+        # Energy that a motor returns goes to the other motor, or is lost.
         self.current = max(right.draw + left.draw, 0.0)
         self._roll(a, b, dt)
         t_us = self._at
@@ -238,12 +267,13 @@ class Rover(Part):
         self._turn(t_us, dt)
 
     def _roll(self, a: float, b: float, dt: float) -> None:
-        """New speeds from the impulses ``a`` and ``b`` of the motors, and friction."""
+        """Set the new speeds from friction and the motors' angular impulses ``a`` and ``b``."""
         motor_a, motor_b = self.motors
         ma, mb, both = self._inverse
         right = motor_a.speed + ma * a + both * b
         left = motor_b.speed + both * a + mb * b
-        # Dry friction takes what brings a wheel to a stand, or its limit. Each changes the other.
+        # Dry friction takes the impulse that stops a wheel, up to its limit. The wheels are
+        # coupled: iterate.
         most_a = (motor_a.friction + _ROLLING) * dt
         most_b = (motor_b.friction + _ROLLING) * dt
         taken_a = taken_b = 0.0
@@ -256,7 +286,7 @@ class Rover(Part):
             change, taken_b = new - taken_b, new
             right += both * change
             left += mb * change
-        # Stands exactly, so that it can rest.
+        # Exactly 0, so that `_rests` holds.
         motor_a.speed = 0.0 if abs(right) < 1e-6 else right
         motor_b.speed = 0.0 if abs(left) < 1e-6 else left
 
@@ -273,8 +303,8 @@ class Rover(Part):
         x = self.x + self.v * dt * math.cos(middle)
         y = self.y + self.v * dt * math.sin(middle)
         if self.v:
-            self.blocked = not self.arena.free(x, y, BODY)
-            if self.blocked and self.arena.free(self.x, self.y, BODY):
+            self.blocked = not self.arena.is_free(x, y, BODY)
+            if self.blocked and self.arena.is_free(self.x, self.y, BODY):
                 self._stop_forward()
             else:
                 self.x, self.y = x, y
@@ -283,8 +313,10 @@ class Rover(Part):
         self._wheels(t_us, dt)
 
     def _stop_forward(self) -> None:
-        """It stands against something, and its wheels with it. Where they pull both ways it can
-        turn; where they press it on, it rubs too much for that.
+        """Stop the forward motion at an obstacle.
+
+        With wheels driven in opposite directions it still turns; driven against the obstacle,
+        friction with it prevents turning.
         """
         right, left = self.motors
         if right.current * left.current > 0:
@@ -295,16 +327,16 @@ class Rover(Part):
         self.v = 0.0
 
     def _wheels(self, t_us: int, dt: float) -> None:
-        told = []
+        edges = []
         for side in (RIGHT, LEFT):
             before = self.angles[side]
             after = self.angles[side] = before + self.motors[side].speed * dt
             encoder = self.encoders[side]
             for when, level in encoder.edges(t_us, STEP_US, before, after):
-                told.append((when, side, level))
-        if told:
-            told.sort()
-            for when, side, level in told:
+                edges.append((when, side, level))
+        if edges:
+            edges.sort()
+            for when, side, level in edges:
                 self.encoders[side].set_level(when, level)
         self.battery = max(self.battery - self.current * dt / _CAPACITY, 0.0)
 

@@ -41,7 +41,7 @@ def test_numbers(t, seed):
 
 @given(times, seeds)
 def test_the_walk_is_consistent(t, seed):
-    """Where it is, how fast and which way agree with each other, by differences."""
+    """Position, speed and course agree with each other, by finite differences."""
     world = Outdoors(seed)
     (x0, y0), (x1, y1) = world.offset(t - 0.01), world.offset(t + 0.01)
     assert math.hypot(x1 - x0, y1 - y0) / 0.02 == pytest.approx(SPEED, rel=1e-3)
@@ -53,10 +53,12 @@ def test_the_walk_is_consistent(t, seed):
 
 
 def test_degrees_are_metres():
-    """Of WGS 84, by the tables: at 35 and at 53 degrees."""
+    """Metres per degree of WGS 84 at 35 and at 53 degrees, from tables."""
     for latitude, north, east in ((35.43, 110_950, 90_815), (53.46, 111_275, 66_401)):
         world = next(
-            it for seed in range(99) if abs((it := Outdoors(seed)).latitude - latitude) < 0.01
+            candidate
+            for seed in range(99)
+            if abs((candidate := Outdoors(seed)).latitude - latitude) < 0.01
         )
         assert world.metres[0] == pytest.approx(north, rel=1e-3)
         assert world.metres[1] == pytest.approx(east, rel=1e-3)
