@@ -1,5 +1,5 @@
-"""What a virtual board has built in for its firmware: ``machine``, ``time``, ``select``, ``usb``.
+"""The built-in modules of a virtual board's firmware: ``machine``, ``time``, ``select``, ``usb``.
 
-These modules run on MicroPython and on CPython, inside the firmware's engine. Everything they do
-goes through ``_board`` to the virtual hardware. Hosts never import them.
+These modules run on MicroPython and on CPython, inside the firmware's engine. They reach the
+virtual hardware through ``_board`` alone. Host programs never import them.
 """

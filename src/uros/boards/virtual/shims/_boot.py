@@ -1,4 +1,4 @@
-"""Runs ``main.py`` on MicroPython as a board does, for ``engine_micropython.mjs``."""
+"""Runs ``main.py`` on MicroPython as a board does, for ``engine/micropython.mjs``."""
 
 import gc
 import io
@@ -12,9 +12,11 @@ _peak = 0
 
 
 def run(sliced: bool, measured: bool) -> bool:
-    """Run the program; with ``sliced`` only up to its first step. True: there are steps to do.
+    """Run the program; return whether there are steps to run.
 
-    ``measured``: note the heap's high water after each step, and collect then.
+    Args:
+        sliced: Whether to run the program only up to its first step.
+        measured: Whether to record the heap's high-water mark after each step, and collect then.
     """
     global _step, _measured
     _measured = measured
@@ -38,7 +40,7 @@ def run(sliced: bool, measured: bool) -> bool:
 
 
 def run_core(name: str) -> bool:
-    """Start a module of the program on the second core. True: there are steps to do."""
+    """Start a module of the program on the second core; return whether there are steps to run."""
     global _step
     try:
         from second_core import (  # type: ignore[import-not-found]
@@ -57,16 +59,16 @@ def run_core(name: str) -> bool:
 
 
 def imported(line: str) -> None:
-    """Run one import of the program, when the heap is measured: a board collects meanwhile."""
+    """Run one import of the program when the heap is measured: a board collects meanwhile."""
     try:
         exec(line, {})
-    except BaseException:  # it will be told when the program itself does it
+    except BaseException:  # reported when the program itself runs the import
         pass
     collect()
 
 
 def step() -> bool:
-    """Do one step; whether there are more."""
+    """Run one step; return whether there are more."""
     try:
         _step()  # type: ignore[misc]
         if _measured:
@@ -78,14 +80,14 @@ def step() -> bool:
 
 
 def collect() -> None:
-    """Note the heap's high water; what is garbage goes at the return to JavaScript."""
+    """Record the heap's high-water mark; garbage is freed at the return to JavaScript."""
     global _peak
     _peak = max(_peak, gc.mem_alloc())  # type: ignore[attr-defined]
     gc.collect()
 
 
 def report() -> None:
-    """Tell the heap in use, right after :func:`collect`."""
+    """Report the heap in use; call it right after :func:`collect`."""
     in_use = gc.mem_alloc()  # type: ignore[attr-defined]
     _board.call(_board.HEAP, f"{in_use} {_peak}".encode())
 
@@ -95,6 +97,6 @@ def _ended(error: BaseException) -> None:
         _board.call(_board.RESET, b"\0")  # as on a board; does not return
     text = io.StringIO()
     sys.print_exception(error, text)  # type: ignore[attr-defined]
-    # What is compiled into a real board's firmware does not show up in tracebacks.
-    lines = [it for it in text.getvalue().split("\n") if not it.startswith('  File "/shims/')]
+    # Modules that are built into a real board's firmware are not in its tracebacks.
+    lines = [line for line in text.getvalue().split("\n") if not line.startswith('  File "/shims/')]
     _board.call(_board.ENDED, "\n".join(lines).encode())

@@ -1,8 +1,8 @@
 # mypy: disable-error-code="no-any-return"
-"""The carrier on MicroPython: a device file of the engine (``engine_micropython.mjs``).
+"""System calls on MicroPython: a device file of the engine (``engine/micropython.mjs``).
 
-What is written is the operation's octet and its data; the first read carries them out. The answer
-is an error number or 0, u32 number or length, octets.
+A write is the operation's octet and its data; the first read carries it out. The response is an
+error number or 0, u32 number or length, octets.
 """
 
 _line = open("/dev/board", "r+b", 0)
@@ -22,7 +22,7 @@ def _ask(op: int, data: bytes) -> int:
 
 
 def call(op: int, data: bytes = b"") -> bytes:
-    """See ``_board``."""
+    """Carry out an operation and return its data; see ``_board``."""
     length = _ask(op, data)
     if not length:
         return b""
@@ -30,5 +30,5 @@ def call(op: int, data: bytes = b"") -> bytes:
 
 
 def number(op: int, data: bytes = b"") -> int:
-    """See ``_board``: the number stands where else the length is."""
+    """Carry out an operation and return its number, which is in the place of the length."""
     return _ask(op, data)

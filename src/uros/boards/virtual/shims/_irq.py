@@ -1,8 +1,8 @@
-"""Interrupts: what the firmware wants to be called at edges of pins.
+"""Pin interrupts: the handlers that the firmware registers for edges of pins.
 
-They are due at a moment of the board's time, and carried out when the firmware next looks at the
-time, at a pin, or waits. Until the handler returns the board's time is the moment of the edge, so
-that a handler that takes the time gets what it would in the interrupt itself.
+An interrupt is due at the time of its edge. Its handler runs when the firmware next reads the time
+or a pin, or waits. Until the handler returns, the board's time is that of the edge, so that a
+handler that reads the time gets the time of the interrupt.
 """
 
 import _board  # type: ignore[import-not-found]
@@ -12,7 +12,7 @@ _running = False
 
 
 def run() -> None:
-    """Carry out what is due. To be called only where there are handlers."""
+    """Run the handlers that are due. Call it only where there are handlers."""
     global _running
     if _running:
         return

@@ -1,4 +1,4 @@
-"""What the firmware can ask the virtual board for. Integers are little-endian."""
+"""The operations that the virtual board carries out. Integers are little-endian."""
 
 #                   data                                        answer
 CONSOLE = 1  #      text                                        nothing

@@ -1,4 +1,4 @@
-"""``camera`` as the images of micropython-camera-API have it, on a board with a camera."""
+"""The interface of micropython-camera-API's ``camera``, on a board with a camera."""
 
 import struct
 
@@ -6,16 +6,19 @@ import _board  # type: ignore[import-not-found]
 
 
 class PixelFormat:
+    """The pixel formats."""
     JPEG = 4
 
 
 class FrameSize:
+    """The frame sizes."""
     QQVGA = 1
     QVGA = 5
     VGA = 8
 
 
 class GrabMode:
+    """The modes of grabbing frames."""
     WHEN_EMPTY = 0
     LATEST = 1
 
@@ -24,7 +27,7 @@ _SIZES = {FrameSize.QQVGA: (160, 120), FrameSize.QVGA: (320, 240), FrameSize.VGA
 
 
 class Camera:
-    """Takes JPEG pictures. Pins and clock are the board's own, whatever is given."""
+    """Takes JPEG pictures. Arguments for pins and clock are ignored: the board has its own."""
 
     def __init__(
         self, *, frame_size: int = FrameSize.QVGA, pixel_format: int = PixelFormat.JPEG,
@@ -32,24 +35,24 @@ class Camera:
         init: bool = True, **pins: object,
     ) -> None:  # fmt: skip
         if pixel_format != PixelFormat.JPEG:
-            raise ValueError("this camera makes JPEG")
+            raise ValueError("this camera makes JPEG pictures only")
         if frame_size not in _SIZES:
-            raise ValueError("this camera makes no such size")
+            raise ValueError("this camera does not support the frame size")
         self._settings = struct.pack("<HHB", *_SIZES[frame_size], jpeg_quality)
         if init:
             self.init()
 
     def init(self) -> None:
-        """Raises OSError where there is no camera."""
+        """Initialise the camera; raise OSError where there is none."""
         _board.call(_board.CAMERA, struct.pack("<HHB", 0, 0, 0))
 
     def deinit(self) -> None:
-        pass
+        """Release the camera; does nothing here."""
 
     def capture(self) -> "memoryview | None":
-        """A picture, None if none could be taken."""
+        """Return a picture, None where it failed."""
         picture = _board.call(_board.CAMERA, self._settings)
         return memoryview(picture) if picture else None
 
     def free_buffer(self) -> None:
-        """The buffer of the last picture is free again."""
+        """Free the buffer of the last picture; does nothing here."""

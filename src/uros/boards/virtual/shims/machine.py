@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-any-return"
-"""MicroPython's ``machine``, as far as the virtual boards have what it drives."""
+"""MicroPython's ``machine``, for the hardware that virtual boards have."""
 
 import struct
 import time
@@ -18,25 +18,26 @@ WDT_RESET = 3
 DEEPSLEEP_RESET = 4
 SOFT_RESET = 5
 
-_IDLE_US = 1000  # a board's tick is what wakes it at the latest
+_IDLE_US = 1000  # the period of the tick, which wakes a board at the latest
 
 
 def unique_id() -> bytes:
+    """Return the board's unique identifier."""
     return _board.call(_board.UNIQUE_ID)
 
 
 def freq() -> int:
-    """The core's clock in Hz. It cannot be changed here."""
+    """Return the core's clock in Hz. It cannot be changed here."""
     return _board.number(_board.FREQUENCY)
 
 
 def reset() -> None:
-    """Start the board anew. Does not return."""
+    """Reset the board. Does not return."""
     _board.call(_board.RESET, b"\1")
 
 
 def soft_reset() -> None:
-    """Start the program anew. Does not return."""
+    """Restart the program. Does not return."""
     _board.call(_board.RESET, b"\0")
 
 
@@ -51,6 +52,7 @@ def idle() -> None:
 
 
 def lightsleep(ms: int) -> None:
+    """Sleep for ``ms`` milliseconds."""
     left = ms * 1000
     while left > 0:
         wait = min(left, 500000000)
@@ -60,24 +62,26 @@ def lightsleep(ms: int) -> None:
 
 
 def disable_irq() -> int:
-    """Nothing interrupts the firmware here."""
+    """Disable interrupts; does nothing here, where none interrupts the firmware."""
     return 1
 
 
 def enable_irq(state: int = 1) -> None:
-    pass
+    """Enable interrupts; does nothing here."""
 
 
 class RTC:
-    """The real-time clock, which ``time.time()`` tells. A reset leaves it as it is."""
+    """The real-time clock, which ``time.time()`` reads. It runs on through a reset."""
 
     def __init__(self, id: int = 0) -> None:
         if id:
             raise ValueError("RTC(" + str(id) + ") doesn't exist")
 
     def datetime(self, moment: "tuple[int, ...] | None" = None) -> "tuple[int, ...] | None":
-        """(year, month, day, weekday, hours, minutes, seconds, microseconds), as an ESP32 has it;
-        to be set, the weekday does not count.
+        """Return or set the time.
+
+        It is (year, month, day, weekday, hours, minutes, seconds, microseconds), as on an ESP32;
+        the weekday is ignored when the time is set.
         """
         if moment is None:
             ns = time.time_ns()
@@ -112,17 +116,18 @@ class Pin:
     def init(
         self, mode: int = -1, pull: "int | None" = -1, *, value: "int | None" = None
     ) -> None:
-        """-1: leave it as it is."""
+        """Set mode, pull and level; -1 leaves mode or pull unchanged."""
         try:
             if value is not None:
                 self.value(value)
-            # Also without a mode: a name that the board does not have is refused here.
+            # Called without a mode too: it checks that the board has the pin.
             how = bytes((mode & 255, (0 if pull is None else pull) & 255))
             _board.call(_board.PIN_MODE, how + self._octets)
         except OSError:
             raise ValueError("invalid pin")  # noqa: B904
 
     def value(self, level: int | None = None) -> int | None:
+        """Return the level of the pin, or set it."""
         if level is None:
             if _irq.handlers:
                 _irq.run()
@@ -131,25 +136,29 @@ class Pin:
         return None
 
     def __call__(self, level: int | None = None) -> int | None:
+        """Return the level of the pin, or set it."""
         return self.value(level)
 
     def on(self) -> None:
+        """Set the pin high."""
         self.value(1)
 
     def off(self) -> None:
+        """Set the pin low."""
         self.value(0)
 
     high = on
     low = off
 
     def toggle(self) -> None:
+        """Invert the level of the pin."""
         self.value(not self.value())
 
     def irq(
         self, handler: "Callable[[Pin], object] | None" = None, trigger: int = 3,
         *, hard: bool = False,
     ) -> "Pin":  # fmt: skip
-        """Call ``handler(pin)`` at edges. None: no more."""
+        """Call ``handler(pin)`` at edges; None removes the handler."""
         edges = bytes((trigger if handler is not None else 0,))
         number = _board.number(_board.PIN_IRQ, edges + self._octets)
         if handler is None:
@@ -159,6 +168,7 @@ class Pin:
         return self
 
     def name(self) -> str:
+        """Return the name of the pin."""
         return self._name
 
     def __repr__(self) -> str:
@@ -166,7 +176,7 @@ class Pin:
 
 
 class PWM:
-    """Pulses on a pin."""
+    """Pulse-width modulation on a pin."""
 
     def __init__(
         self, dest: "Pin | int | str", freq: int = 5000, *, duty_u16: int = -1, duty: int = -1,
@@ -180,6 +190,7 @@ class PWM:
     def init(
         self, *, freq: int = -1, duty_u16: int = -1, duty: int = -1, duty_ns: int = -1
     ) -> None:
+        """Set frequency and duty cycle, those that are given."""
         if freq != -1:
             self._freq = freq
         if duty_u16 != -1:
@@ -196,28 +207,32 @@ class PWM:
             raise ValueError("freq must be from 1Hz to 40MHz")  # noqa: B904
 
     def deinit(self) -> None:
+        """Switch the PWM off."""
         _board.call(_board.PWM_OFF, self._octets)
 
     def freq(self, value: int | None = None) -> int | None:
+        """Return the frequency in Hz, or set it."""
         if value is None:
             return self._freq
         self.init(freq=value)
         return None
 
     def duty_u16(self, value: int | None = None) -> int | None:
+        """Return the duty cycle, 0 to 65535, or set it."""
         if value is None:
             return self._duty
         self.init(duty_u16=value)
         return None
 
     def duty(self, value: int | None = None) -> int | None:
-        """0 to 1023, as older programs for the ESP32 have it."""
+        """Return the duty cycle, 0 to 1023, or set it, as in older programs for the ESP32."""
         if value is None:
             return self._duty // 64
         self.init(duty=value)
         return None
 
     def duty_ns(self, value: int | None = None) -> int | None:
+        """Return the pulse width in ns, or set it."""
         if value is None:
             return self._duty * 1000000000 // 65536 // self._freq
         self.init(duty_ns=value)
@@ -225,7 +240,7 @@ class PWM:
 
 
 class ADC:
-    """What there is on a pin that has a converter."""
+    """The analog-to-digital converter of a pin."""
 
     ATTN_0DB = 0
     ATTN_2_5DB = 1
@@ -240,21 +255,22 @@ class ADC:
             raise ValueError("Pin doesn't have ADC capabilities")  # noqa: B904
 
     def atten(self, value: int) -> None:
-        pass
+        """Set the attenuation; does nothing here."""
 
     def read_u16(self) -> int:
+        """Return the measurement, 0 to 65535."""
         return _board.number(_board.ADC_READ, self._octets)
 
     def read_uv(self) -> int:
-        """Microvolts, of 3.3 V."""
+        """Return the voltage in microvolts; full scale is 3.3 V."""
         return self.read_u16() * 3300000 // 65535
 
 
 class I2C:
-    """A controller of the chip by its channel. Its pins are fixed; ``scl`` and ``sda`` say which.
+    """An I2C controller by its channel. Its pins are fixed: ``scl`` and ``sda`` are ignored.
 
-    Raises OSError: ENODEV nobody acknowledges the address, EIO data is not acknowledged,
-    ETIMEDOUT the bus is held longer than ``timeout`` microseconds.
+    Transfers raise OSError: ENODEV where the address is not acknowledged, EIO where data is not
+    acknowledged, ETIMEDOUT where the bus is held longer than ``timeout`` microseconds.
     """
 
     def __init__(
@@ -277,6 +293,7 @@ class I2C:
         freq: int = 400000,
         timeout: int = 50000,
     ) -> None:
+        """Configure the bus: frequency in Hz, timeout in microseconds."""
         try:
             _board.call(_board.I2C_INIT, struct.pack("<BII", self._id, freq, timeout))
         except OSError:
@@ -288,49 +305,57 @@ class I2C:
 
     def _transfer(self, addr: int, write: bytes, read: int, stop: bool) -> bytes:
         if not 0 <= addr < 128:
-            addr = 255  # refused as any that does not exist; MicroPython would pack others, cut
+            addr = 255  # no device has it; MicroPython's pack would truncate other values
         head = struct.pack("<BBBH", self._id, addr, 1 if stop else 0, read)
         return _board.call(_board.I2C_TRANSFER, head + write)
 
     def scan(self) -> "list[int]":
+        """Return the addresses that are acknowledged."""
         return list(_board.call(_board.I2C_SCAN, bytes((self._id,))))
 
     def readfrom(self, addr: int, nbytes: int, stop: bool = True) -> bytes:
+        """Return ``nbytes`` octets read from a device."""
         return self._transfer(addr, b"", nbytes, stop)
 
     def readfrom_into(self, addr: int, buf: bytearray, stop: bool = True) -> None:
+        """Fill a buffer with octets read from a device."""
         buf[:] = self._transfer(addr, b"", len(buf), stop)
 
     def writeto(self, addr: int, buf: bytes, stop: bool = True) -> int:
-        """How many octets were acknowledged."""
+        """Write octets to a device; return how many were acknowledged."""
         self._transfer(addr, bytes(buf), 0, stop)
         return len(buf)
 
     def writevto(self, addr: int, vector: "list[bytes]", stop: bool = True) -> int:
+        """Write the buffers in one transfer; return how many octets were acknowledged."""
         octets = b"".join([bytes(buf) for buf in vector])
         self._transfer(addr, octets, 0, stop)
         return len(octets)
 
     def readfrom_mem(self, addr: int, memaddr: int, nbytes: int, *, addrsize: int = 8) -> bytes:
+        """Return ``nbytes`` octets read from a register."""
         return self._transfer(addr, _register(memaddr, addrsize), nbytes, True)
 
     def readfrom_mem_into(
         self, addr: int, memaddr: int, buf: bytearray, *, addrsize: int = 8
     ) -> None:
+        """Fill a buffer with octets read from a register."""
         buf[:] = self._transfer(addr, _register(memaddr, addrsize), len(buf), True)
 
     def writeto_mem(self, addr: int, memaddr: int, buf: bytes, *, addrsize: int = 8) -> None:
+        """Write octets to a register."""
         self._transfer(addr, _register(memaddr, addrsize) + bytes(buf), 0, True)
 
 
 def _register(memaddr: int, addrsize: int) -> bytes:
-    """A register's number as it goes over the bus: big-endian, whole octets."""
+    """Return a register's number as it is sent on the bus: big-endian, whole octets."""
     return memaddr.to_bytes((addrsize + 7) // 8, "big")
 
 
 class UART:
-    """A UART by its number; only numbers that something is plugged into exist. No call waits:
-    ``timeout`` is 0. It has room for ``rxbuf`` octets that come while the program does not read.
+    """A UART by its number; only those with a device connected exist.
+
+    No call waits: ``timeout`` is 0. It buffers ``rxbuf`` received octets.
     """
 
     def __init__(
@@ -345,23 +370,26 @@ class UART:
             raise ValueError("UART(" + str(self._id) + ") doesn't exist")  # noqa: B904
 
     def deinit(self) -> None:
-        pass
+        """Switch the UART off; does nothing here."""
 
     def any(self) -> int:
+        """Return how many octets there are to read."""
         return _board.number(_board.UART_ANY, bytes((self._id,)))
 
     def read(self, nbytes: int = 65535) -> bytes | None:
+        """Return at most ``nbytes`` octets received, None when there are none."""
         if _irq.handlers:
             _irq.run()
         data = _board.call(_board.UART_READ, struct.pack("<BH", self._id, nbytes))
         return data if data else None
 
     def write(self, buf: bytes) -> int:
+        """Send octets; return how many were taken."""
         return _board.number(_board.UART_WRITE, bytes((self._id,)) + bytes(buf))
 
 
 class SPI:
-    """A bus by its number; only numbers that something is plugged into exist."""
+    """An SPI bus by its number; only those with a device connected exist."""
 
     MSB = 0
     LSB = 1
@@ -378,13 +406,16 @@ class SPI:
             raise ValueError("SPI(" + str(id) + ") doesn't exist")  # noqa: B904
 
     def deinit(self) -> None:
-        pass
+        """Switch the bus off; does nothing here."""
 
     def write(self, buf: bytes) -> None:
+        """Write octets."""
         _board.call(_board.SPI_WRITE, bytes((self._id,)) + bytes(buf))
 
     def readinto(self, buf: bytearray, write: int = 0) -> None:
+        """Fill a buffer with octets read, writing ``write`` meanwhile."""
         buf[:] = self.read(len(buf), write)
 
     def read(self, nbytes: int, write: int = 0) -> bytes:
+        """Return ``nbytes`` octets read, writing ``write`` meanwhile."""
         return _board.call(_board.SPI_READ, struct.pack("<BBH", self._id, write, nbytes))

@@ -17,13 +17,14 @@ _STATUS = (STAT_IDLE, STAT_CONNECTING, STAT_WRONG_PASSWORD, STAT_NO_AP_FOUND, ST
 
 try:
     _board.number(_board.WLAN_STATUS)
-except OSError:  # such boards are built without it
+except OSError:  # firmware for boards without a radio lacks this module
     raise ImportError("no module named 'network'")  # noqa: B904
 
 _hostname = "mpy-virtual"
 
 
 def hostname(name: str | None = None) -> str:
+    """Return the board's host name, or set it."""
     global _hostname
     if name is not None:
         _hostname = name
@@ -31,6 +32,7 @@ def hostname(name: str | None = None) -> str:
 
 
 class WLAN:
+    """The WLAN radio, as a station or as an access point."""
     IF_STA = STA_IF
     IF_AP = AP_IF
     SEC_OPEN = 0
@@ -38,13 +40,14 @@ class WLAN:
 
     def __init__(self, interface: int = STA_IF) -> None:
         if interface not in (STA_IF, AP_IF):
-            raise ValueError("there is no such interface")
+            raise ValueError("interface is STA_IF or AP_IF")
         self._ap = interface == AP_IF
         self._active = False
         self._settings: dict[str, object] = {}
         self._address = "192.168.4.1" if self._ap else "0.0.0.0"
 
     def active(self, is_active: bool | None = None) -> bool:
+        """Return whether the interface is active, or switch it."""
         if is_active is not None:
             self._active = bool(is_active)
             if self._ap:
@@ -52,7 +55,7 @@ class WLAN:
         return self._active
 
     def _serve(self) -> None:
-        """Start or stop the access point, as it is to be now."""
+        """Start or stop the access point with the current settings."""
         if not self._active:
             _board.call(_board.WLAN_STOP)
             return
@@ -64,10 +67,11 @@ class WLAN:
         _board.call(_board.WLAN_START, octets)
 
     def config(self, name: str = "", **settings: object) -> object:
+        """Return a setting by its name, or change settings."""
         if name:
             return self._settings[name]
         known = ("reconnects", "pm", "txpower", "ssid", "key", "security", "channel", "hidden")
-        if any([it not in known for it in settings]):
+        if any([key not in known for key in settings]):
             raise ValueError("unknown config param")
         self._settings.update(settings)
         if self._ap and self._active:
@@ -75,6 +79,7 @@ class WLAN:
         return None
 
     def ifconfig(self, addresses: "tuple[str, str, str, str] | None" = None) -> object:
+        """Return (address, netmask, gateway, DNS), or set the address."""
         if addresses is None:
             return (self._address, "255.255.255.0", self._address, "0.0.0.0")
         self._address = addresses[0]
@@ -83,15 +88,20 @@ class WLAN:
         return None
 
     def connect(self, ssid: str, key: str = "") -> None:
+        """Start to join an access point."""
         if not self._active:
             raise OSError("Wifi Not Started")
         _board.call(_board.WLAN_CONNECT, ssid.encode() + b"\0" + key.encode())
 
     def disconnect(self) -> None:
+        """Leave the access point."""
         _board.call(_board.WLAN_LEAVE)
 
     def status(self, what: str = "") -> "int | list[tuple[bytes]]":
-        """What keeps it from joining is told only where ``reconnects`` has an end."""
+        """Return the status, or the stations of an access point.
+
+        The reason of a failed join is reported only where ``reconnects`` is limited.
+        """
         if what == "stations":
             return [(b"\2\0\0\0\0\1",)] * _board.number(_board.WLAN_GUESTS)
         status = _STATUS[_board.number(_board.WLAN_STATUS)]
@@ -100,7 +110,7 @@ class WLAN:
         return status
 
     def isconnected(self) -> bool:
-        """Of an access point: whether somebody has joined it."""
+        """Return whether it has joined an access point; as one, whether a station has joined."""
         if self._ap:
             return bool(_board.number(_board.WLAN_GUESTS))
         return self.status() == STAT_GOT_IP

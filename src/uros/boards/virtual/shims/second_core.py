@@ -1,8 +1,8 @@
 # mypy: disable-error-code="no-any-return"
-"""The board's second core, which has an interpreter of its own.
+"""The board's second core, which runs an interpreter of its own.
 
 ``start("sub")`` imports that module there, calls its ``start(inbox, outbox)`` once and its
-``step()`` for ever. The cores share nothing but two mailboxes: `TO_SECOND` and `TO_FIRST`.
+``step()`` forever. The cores share two mailboxes only: `TO_SECOND` and `TO_FIRST`.
 """
 
 import _board  # type: ignore[import-not-found]
@@ -18,8 +18,10 @@ _NUMBERS = {"nan": float("nan"), "inf": float("inf")}
 
 
 class Mailbox:
-    """One way, from one core to the other. The newest message of each number (1 to 255) waits, so
-    a flood of them fills nothing; they are taken in the order of their numbers.
+    """A mailbox from one core to the other.
+
+    It keeps the newest message of each number (1 to 255), so that its size is bounded; messages
+    are received in the order of their numbers.
     """
 
     def __init__(self, box: int) -> None:
@@ -27,12 +29,12 @@ class Mailbox:
         self._box = box
 
     def send(self, number: int, value: "Any" = None) -> None:
-        """Leave a message: None, numbers, text, and tuples and lists of these."""
+        """Send a message: None, numbers, text, and tuples and lists of these."""
         text = repr(value).encode()
         _board.call(_board.MAIL_SEND, bytes((self._box, number)) + text)
 
     def receive(self) -> int:
-        """The number of the next message, whose value is in ``value``; 0: there is none."""
+        """Return the number of the next message and put it in ``value``; 0: there is none."""
         data = _board.call(_board.MAIL_RECEIVE, bytes((self._box,)))
         if not data:
             return 0
@@ -41,5 +43,5 @@ class Mailbox:
 
 
 def start(module: str) -> None:
-    """Start the second core. Raises OSError where it runs already."""
+    """Start the second core; raise OSError where it runs already."""
     _board.call(_board.CORE_START, module.encode())

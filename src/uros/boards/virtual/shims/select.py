@@ -1,8 +1,8 @@
 # mypy: disable-error-code="no-any-return"
-"""MicroPython's ``select`` for streams that answer ``ioctl``, such as a CDCInterface or a socket.
+"""MicroPython's ``select`` for streams with ``ioctl``, such as a CDCInterface or a socket.
 
-It waits in the virtual board, which wakes it when the USB line, or the socket that was registered
-first, has something to say. MicroPython asks each stream in a loop instead, to the same effect.
+It waits in the virtual board until the USB line, or the socket that was registered first, has an
+event. MicroPython polls each stream in a loop instead, to the same effect.
 """
 
 import struct
@@ -30,10 +30,13 @@ _STATES = (
 
 
 class poll:
+    """Waits for events of streams."""
+
     def __init__(self) -> None:
         self._streams: list[list[Any]] = []  # [stream, events]
 
     def register(self, stream: object, events: int = POLLIN | POLLOUT) -> None:
+        """Add a stream, or change its events."""
         for entry in self._streams:
             if entry[0] is stream:
                 entry[1] = events
@@ -41,6 +44,7 @@ class poll:
         self._streams.append([stream, events])
 
     def modify(self, stream: object, events: int) -> None:
+        """Change the events of a stream; raise OSError where it is not registered."""
         for entry in self._streams:
             if entry[0] is stream:
                 entry[1] = events
@@ -48,10 +52,11 @@ class poll:
         raise OSError(2)
 
     def unregister(self, stream: object) -> None:
+        """Remove a stream."""
         self._streams = [entry for entry in self._streams if entry[0] is not stream]
 
     def poll(self, timeout: int = -1) -> "list[tuple[Any, int]]":
-        """(stream, events) of each that is ready, after ``timeout`` milliseconds at the latest."""
+        """Return (stream, events) of each ready stream, after ``timeout`` ms at the latest."""
         wanted = 0
         for _, events in self._streams:
             for event, state in _STATES:
@@ -85,4 +90,5 @@ class poll:
                 _board.number(_board.USB_WAIT, struct.pack("<IB", left, wanted))
 
     def ipoll(self, timeout: int = -1, flags: int = 0) -> "Iterator[tuple[Any, int]]":
+        """Return an iterator over the result of :meth:`poll`."""
         return iter(self.poll(timeout))

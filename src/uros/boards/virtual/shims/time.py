@@ -13,12 +13,14 @@ _DAYS_BEFORE = (0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334)
 
 
 def ticks_ms() -> int:
+    """Return the tick counter in milliseconds, modulo 2^30."""
     if _irq.handlers:
         _irq.run()
     return _board.number(_board.TICKS_MS)
 
 
 def ticks_us() -> int:
+    """Return the tick counter in microseconds, modulo 2^30."""
     if _irq.handlers:
         _irq.run()
     return _board.number(_board.TICKS_US)
@@ -28,25 +30,29 @@ ticks_cpu = ticks_us
 
 
 def ticks_add(ticks: int, delta: int) -> int:
+    """Return a tick value offset by ``delta``."""
     if not -_HALF <= delta < _HALF:
         raise OverflowError("ticks interval overflow")
     return (ticks + delta) & (_PERIOD - 1)
 
 
 def ticks_diff(end: int, start: int) -> int:
-    """In -2^29 .. 2^29 - 1."""
+    """Return the difference of two tick values, in -2^29 .. 2^29 - 1."""
     return ((end - start + _HALF) & (_PERIOD - 1)) - _HALF
 
 
 def sleep(seconds: float) -> None:
+    """Sleep for seconds."""
     sleep_us(int(seconds * 1000000))
 
 
 def sleep_ms(ms: int) -> None:
+    """Sleep for milliseconds."""
     sleep_us(int(ms) * 1000)
 
 
 def sleep_us(us: int) -> None:
+    """Sleep for microseconds."""
     us = int(us)
     while us > 0:
         wait = min(us, _LONGEST_US)
@@ -56,15 +62,20 @@ def sleep_us(us: int) -> None:
 
 
 def time_ns() -> int:
+    """Return the time in nanoseconds since 2000."""
     return struct.unpack("<q", _board.call(_board.EPOCH))[0]
 
 
 def time() -> int:
+    """Return the time in seconds since 2000."""
     return time_ns() // 1000000000
 
 
 def gmtime(seconds: int | None = None) -> "tuple[int, ...]":
-    """(year, month, day, hour, minute, second, weekday from Monday 0, day of the year from 1)."""
+    """Return a time in seconds since 2000, by default the current one, as a tuple.
+
+    It is (year, month, day, hour, minute, second, weekday from Monday 0, day of the year from 1).
+    """
     at = time() if seconds is None else int(seconds)
     days, rest = at // 86400, at % 86400
     weekday = (days + 5) % 7  # 2000-01-01 was a Saturday
@@ -83,7 +94,7 @@ localtime = gmtime
 
 
 def mktime(moment: "tuple[int, ...]") -> int:
-    """Seconds since 2000 of what ``gmtime`` gives; months and below may be out of range."""
+    """Return the seconds since 2000 of a ``gmtime`` tuple; fields after the year may overflow."""
     year, month, day, hour, minute, second = moment[:6]
     year += (month - 1) // 12
     month = (month - 1) % 12 + 1
@@ -92,13 +103,13 @@ def mktime(moment: "tuple[int, ...]") -> int:
 
 
 def _days_to(year: int) -> int:
-    """Days from 2000 to the first of January."""
+    """Return the days from 2000 to the first of January of a year."""
     before = year - 1
     leap = before // 4 - before // 100 + before // 400 - 484  # the leap years below 2000
     return (year - 2000) * 365 + leap
 
 
 def _day_of_year(year: int, month: int) -> int:
-    """Days from the first of January to the first of a month."""
+    """Return the days from the first of January to the first of a month."""
     leap = month > 2 and (year % 4 == 0 and year % 100 != 0 or year % 400 == 0)
     return _DAYS_BEFORE[month - 1] + leap

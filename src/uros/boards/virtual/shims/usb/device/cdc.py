@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-any-return"
-"""A serial port over USB (CDC 1.20, PSTN 1.20), with ``machine.UART``'s way of reading."""
+"""A serial port over USB (CDC 1.20, PSTN 1.20), read and written like a ``machine.UART``."""
 
 import io
 import struct
@@ -25,10 +25,10 @@ _STOPS = ("1", "1.5", "2")
 
 
 class CDCInterface(io.IOBase, Interface):
-    """Reads and writes wait up to ``timeout`` milliseconds for all that was asked for.
+    """A CDC ACM interface. Reads and writes wait up to ``timeout`` ms for the requested octets.
 
-    ``read`` and ``readinto`` give None when nothing has come, ``write`` the number of octets that
-    were taken. The attributes ``ep_c_in``, ``ep_d_in`` and ``ep_d_out`` are the endpoints; a
+    ``read`` and ``readinto`` return None when nothing was received, ``write`` the number of octets
+    that were taken. The attributes ``ep_c_in``, ``ep_d_in`` and ``ep_d_out`` are the endpoints; a
     subclass may write other descriptors in ``desc_cfg``.
     """
 
@@ -55,7 +55,7 @@ class CDCInterface(io.IOBase, Interface):
         rxbuf: int = 256,
         flow: int = 0,
     ) -> None:
-        """What concerns the line is only told to the host: USB has its own pace."""
+        """Set the line coding, which is only reported to the host, and the timeout in ms."""
         struct.pack_into(
             "<LBBB",
             self._line_coding,
@@ -73,6 +73,7 @@ class CDCInterface(io.IOBase, Interface):
 
     @property
     def rts(self) -> bool:
+        """The same as ``dtr``."""
         return self.dtr
 
     @property
@@ -82,32 +83,40 @@ class CDCInterface(io.IOBase, Interface):
 
     @property
     def baudrate(self) -> int:
+        """The baud rate of the line coding."""
         return struct.unpack("<LBBB", self._line_coding)[0]
 
     @property
     def stop_bits(self) -> str:
+        """The stop bits of the line coding: 1, 1.5 or 2."""
         return _STOPS[self._line_coding[4]]
 
     @property
     def parity(self) -> str:
+        """The parity of the line coding: N, O, E, M or S."""
         return _PARITIES[self._line_coding[5]]
 
     @property
     def data_bits(self) -> int:
+        """The data bits of the line coding."""
         return self._line_coding[6]
 
     def set_break_cb(self, cb: "Any") -> None:
+        """Set the callback for a break."""
         self.break_cb = cb
 
     def set_line_state_cb(self, cb: "Any") -> None:
+        """Set the callback for the control line state."""
         self.line_state_cb = cb
 
     def set_line_coding_cb(self, cb: "Any") -> None:
+        """Set the callback for the line coding."""
         self.line_coding_cb = cb
 
     # --- descriptors -------------------------------------------------------------------
 
     def desc_cfg(self, desc: "Any", itf_num: int, ep_num: int, strs: "Any") -> None:
+        """Write the descriptors of both interfaces and their endpoints."""
         desc.interface_assoc(itf_num, 2, 2, 2)
         self._c_itf = itf_num
         desc.interface(itf_num, 1, 2, 2)
@@ -127,14 +136,17 @@ class CDCInterface(io.IOBase, Interface):
         desc.endpoint(self.ep_d_in, "bulk", 64, 0)
 
     def num_itfs(self) -> int:
+        """Return the number of interfaces."""
         return 2
 
     def num_eps(self) -> int:
+        """Return the number of endpoint numbers."""
         return 2
 
     # --- the stream --------------------------------------------------------------------
 
     def write(self, buf: bytes) -> int:
+        """Write octets; return how many were taken within the timeout."""
         done: int = _board.number(_board.USB_WRITE, buf)
         if done < len(buf) and self._timeout > 0:
             view = memoryview(buf)
@@ -143,12 +155,13 @@ class CDCInterface(io.IOBase, Interface):
                 past = (_board.number(_board.TICKS_US) - start) & 0x3FFFFFFF
                 if past >= self._timeout * 1000:
                     break
-                # The board is not told when the host has fetched something: try again.
+                # There is no event for the host's reads: try again.
                 _board.call(_board.SLEEP, struct.pack("<Q", 1000))
                 done += _board.number(_board.USB_WRITE, view[done:])
         return done
 
     def read(self, size: int = -1) -> "bytes | None":
+        """Return octets received within the timeout, None when there are none."""
         if size < 0:
             size = _board.number(_board.USB_ANY)
         data: bytes = _board.call(_board.USB_READ, struct.pack("<H", min(size, 65535)))
@@ -166,6 +179,7 @@ class CDCInterface(io.IOBase, Interface):
         return data or None
 
     def readinto(self, b: bytearray) -> "int | None":
+        """Fill a buffer with octets received; return their number, None when there are none."""
         data = self.read(len(b))
         if data is None:
             return None if len(b) else 0
@@ -173,6 +187,7 @@ class CDCInterface(io.IOBase, Interface):
         return len(data)
 
     def ioctl(self, req: int, arg: int) -> int:
+        """Answer MicroPython's stream requests: poll and flush."""
         if req == _STREAM_POLL:
             state = _board.number(_board.USB_STATE)
             found = 0
@@ -184,8 +199,8 @@ class CDCInterface(io.IOBase, Interface):
                 found |= _POLLHUP
             return found & arg
         if req == _STREAM_FLUSH:
-            return 0  # what was taken is on the line
+            return 0  # octets that were taken are on the line
         return _EINVAL
 
     def flush(self) -> None:
-        """Nothing waits: what was taken is on the line."""
+        """Wait until all octets are sent; does nothing here: those taken are on the line."""

@@ -12,7 +12,7 @@ _ENDPOINT = 5
 _ASSOCIATION = 11
 _KINDS = {"control": 0, "bulk": 2, "interrupt": 3}
 
-# What a board says of itself where the firmware leaves it open: MicroPython's own.
+# The defaults are those of MicroPython.
 _VENDOR = 0xF055
 _PRODUCT = 0x9802
 _STRINGS = ("MicroPython", "Board in FS mode", "")
@@ -22,7 +22,7 @@ _device = None
 
 
 def get() -> "Device":
-    """The board's only USB device."""
+    """Return the board's only USB device."""
     global _device
     if _device is None:
         _device = Device()
@@ -30,7 +30,7 @@ def get() -> "Device":
 
 
 class Device:
-    """Use ``get()``."""
+    """The USB device; use ``get()``."""
 
     def __init__(self) -> None:
         self._interfaces: tuple[Interface, ...] = ()
@@ -38,14 +38,15 @@ class Device:
         self._active = False
 
     def init(self, *itfs: "Interface", **kwargs: object) -> None:
-        """Configure and switch on, in one call."""
+        """Configure the device and switch it on."""
         self.active(False)
         self.config(*itfs, **kwargs)  # type: ignore[arg-type]
         self.active(True)
 
     def active(self, *value: bool) -> bool:
-        """Whether the device is switched on; with a value, switch it. The host may still not have
-        configured it, which an interface's ``is_open()`` tells.
+        """Return whether the device is switched on; with a value, switch it.
+
+        An interface's ``is_open()`` returns whether the host has configured it.
         """
         if value and bool(value[0]) != self._active:
             self._active = bool(value[0])
@@ -83,7 +84,7 @@ class Device:
         max_power_ma: int | None = None,
         remote_wakeup: bool = False,
     ) -> None:
-        """Make the descriptors. The virtual board has no built-in driver to go beside them."""
+        """Make the descriptors. The virtual board has no built-in driver to combine them with."""
         if self._active:
             raise OSError(_EINVAL)
         strings = [None, manufacturer_str, product_str, serial_str]
@@ -138,13 +139,13 @@ class Device:
         for i in (0, 1, 2):
             if strings[i + 1] is None:
                 texts[i] = _STRINGS[i]
-        # Packed when they are needed: interfaces may still change what they wrote.
+        # Packed when they are needed: interfaces may still change their descriptors.
         self._descriptors = (device, configuration, texts)
         self._interfaces = itfs
 
 
 class Interface:
-    """One interface, or several that belong together. Overridden by drivers."""
+    """One interface, or several that belong together. Drivers override its methods."""
 
     def __init__(self) -> None:
         self._open = False
@@ -152,28 +153,36 @@ class Interface:
     def desc_cfg(
         self, desc: "Descriptor", itf_num: int, ep_num: int, strs: "list[str | None]"
     ) -> None:
-        """Write the descriptors, with interfaces from ``itf_num`` and endpoints from ``ep_num``
-        on. It is called twice, at first only for the length.
+        """Write the descriptors; called twice, at first only for the length.
+
+        Args:
+            desc: Where to write them.
+            itf_num: The first interface number.
+            ep_num: The first endpoint number.
+            strs: The strings, to which it may append.
         """
         raise NotImplementedError
 
     def num_itfs(self) -> int:
+        """Return the number of interfaces."""
         return 1
 
     def num_eps(self) -> int:
+        """Return the number of endpoint numbers."""
         return 0
 
     def on_open(self) -> None:
-        """The host has configured the device."""
+        """Handle the configuration of the device by the host."""
         self._open = True
 
     def on_reset(self) -> None:
-        """The host has reset the device, or it was unplugged."""
+        """Handle a reset by the host, or the removal of the cable."""
         self._open = False
 
     def is_open(self) -> bool:
-        """Whether the host has configured the device. Callbacks run from here: a virtual board
-        interrupts nobody.
+        """Return whether the host has configured the device.
+
+        ``on_open`` and ``on_reset`` run from here: a virtual board has no USB interrupts.
         """
         now = bool(_board.number(_board.USB_STATE) & _board.USB_OPEN)
         if now != self._open:
@@ -185,21 +194,24 @@ class Interface:
 
 
 class Descriptor:
-    """Descriptors written one after the other into ``b``; with None only their length, ``o``."""
+    """Descriptors, appended to ``b``; with None only their length ``o`` is counted."""
 
     def __init__(self, b: "bytearray | None") -> None:
         self.b = b
         self.o = 0
 
     def pack(self, fmt: str, *args: int) -> None:
+        """Append packed values."""
         self.pack_into(fmt, self.o, *args)
 
     def pack_into(self, fmt: str, offs: int, *args: int) -> None:
+        """Write packed values at an offset."""
         if self.b is not None:
             struct.pack_into(fmt, self.b, offs, *args)
         self.o = max(self.o, offs + struct.calcsize(fmt))
 
     def extend(self, a: bytes) -> None:
+        """Append octets."""
         if self.b is not None:
             self.b[self.o : self.o + len(a)] = a
         self.o += len(a)
@@ -213,6 +225,7 @@ class Descriptor:
         bInterfaceProtocol: int = 0,
         iInterface: int = 0,
     ) -> None:
+        """Append an interface descriptor (USB 2.0, 9.6.5)."""
         self.pack(
             "BBBBBBBBB",
             9,
@@ -233,7 +246,10 @@ class Descriptor:
         wMaxPacketSize: int,
         bInterval: int = 1,
     ) -> None:
-        """``bmAttributes`` may be "control", "bulk" or "interrupt"."""
+        """Append an endpoint descriptor (USB 2.0, 9.6.6).
+
+        ``bmAttributes`` is a number, "control", "bulk" or "interrupt".
+        """
         kind = _KINDS[bmAttributes] if isinstance(bmAttributes, str) else bmAttributes
         self.pack("<BBBBHB", 7, _ENDPOINT, bEndpointAddress, kind, wMaxPacketSize, bInterval)
 
@@ -246,6 +262,7 @@ class Descriptor:
         bFunctionProtocol: int = 0,
         iFunction: int = 0,
     ) -> None:
+        """Append an interface association descriptor (IAD)."""
         self.pack(
             "<BBBBBBBB",
             8,
