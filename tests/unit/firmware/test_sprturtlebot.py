@@ -101,7 +101,7 @@ def test_it_drives_a_square_of_a_metre_and_knows_where_it_is(seed):
         sub.turn()
         sub.until_it_stands()
         x, y, theta, _, _ = sub.odometry()
-        path = rover.way
+        path = rover.path_length
         assert 3.8 < path < 4.4
         assert math.dist(corners[0], corners[2]) > 1.3
         true_x, true_y = rover.x - begin[0], rover.y - begin[1]
@@ -114,15 +114,15 @@ def test_it_drives_a_square_of_a_metre_and_knows_where_it_is(seed):
 def test_nothing_moves_before_the_motors_are_switched_on(sub):
     sub.command(0.3, 0.0)
     sub.run(0.5)
-    assert sub.rover.way == 0
+    assert sub.rover.path_length == 0
     assert sub.notes == ["cmd_vel is ignored, the motors are off: see motor_power"]
     # What was said before does not count afterwards.
     sub.power(True)
     sub.run(0.5)
-    assert sub.rover.way == 0
+    assert sub.rover.path_length == 0
     sub.command(0.3, 0.0)
     sub.run(0.5)
-    assert sub.rover.way > 0.05
+    assert sub.rover.path_length > 0.05
 
 
 def test_it_stops_within_a_second_of_the_last_command(sub):
@@ -165,7 +165,7 @@ def test_what_is_no_number_is_left_out_and_told(sub, v):
     sub.run(0.2)
     sub.command(0.1, v)
     sub.run(0.2)
-    assert sub.rover.way == 0
+    assert sub.rover.path_length == 0
     assert sub.notes == ["cmd_vel is ignored: it is no number"] * 2
 
 
@@ -247,7 +247,7 @@ def test_a_command_that_does_not_count_any_more_is_not_told_as_ignored(sub):
     sub.command(0.3, 0.0)
     sub.inbox.send(sub.mail.COMMAND, None)
     sub.run(0.1)
-    assert sub.notes == [] and sub.rover.way == 0
+    assert sub.notes == [] and sub.rover.path_length == 0
 
 
 def test_where_there_are_threads_it_runs_in_one_and_stops_the_wheels_by_itself(monkeypatch):
@@ -270,7 +270,7 @@ def test_where_there_are_threads_it_runs_in_one_and_stops_the_wheels_by_itself(m
         to_sub.send(it.mail.COMMAND, (0.25, 0.0))
         begin.set()
         assert over.wait(30)
-        assert 0.15 < it.rover.way < 0.3 and it.rover.speeds == (0.0, 0.0)
+        assert 0.15 < it.rover.path_length < 0.3 and it.rover.speeds == (0.0, 0.0)
 
 
 def test_what_goes_wrong_there_switches_the_motors_off():

@@ -117,7 +117,7 @@ def test_it_stops_two_seconds_after_a_line(person):
     assert person.rover.v > 0.25
     person.run(0.6)
     assert person.rover.v == 0
-    assert 0.5 < person.rover.way < 0.7
+    assert 0.5 < person.rover.path_length < 0.7
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_a_line_without_an_end_is_whole_after_a_pause(person):
 def test_what_is_no_line_moves_nothing_and_is_told(person):
     person.send(b"200,30,5,200,30,5,inf,0\n", b"hello\n", b"200,30,5,-200,30,5,1.0,0\n")
     person.run(0.5)
-    assert person.rover.way == 0
+    assert person.rover.path_length == 0
     remarks = person.remarks()
     assert "speed is inf" in remarks[0] and "8" in remarks[1] and "L_Kp" in remarks[2]
 
