@@ -190,7 +190,7 @@ def test_noise_is_small_and_comes_from_the_seed():
     first = series()
     assert first == series()
     assert len({it for it, _ in first}) > 2 and len({it for _, it in first}) > 10
-    assert all(abs(it - 312) < 10 and it_ > 13_000 for it, it_ in first)
+    assert all(abs(light - 312) < 10 and near > 13_000 for light, near in first)
 
 
 @given(

@@ -1,4 +1,4 @@
-"""The place outdoors: plausible, continuous, the same for the same seed."""
+"""The place outdoors: plausible and continuous quantities, reproducible from the seed."""
 
 import math
 
@@ -22,7 +22,7 @@ seeds = st.integers(-1000, 1000)
 
 
 @given(times, seeds)
-def test_numbers(t, seed):
+def test_quantities_are_plausible(t, seed):
     world = Outdoors(seed)
     place = world.place(t)
     assert -35 < place.latitude < 65 and -180 <= place.longitude < 180

@@ -1,4 +1,4 @@
-"""The room: plausible, continuous, the same for the same seed."""
+"""The room: plausible and continuous quantities, reproducible from the seed."""
 
 import pytest
 from hypothesis import given
@@ -10,7 +10,7 @@ times = st.floats(0, 100 * DAY)
 
 
 @given(times, st.integers(-5, 5), st.floats(0, 24))
-def test_numbers_of_a_room(t, seed, hour):
+def test_quantities_are_plausible(t, seed, hour):
     room = Room(seed, hour)
     assert 18 < room.temperature(t) < 25
     assert 0.3 < room.humidity(t) < 0.6
@@ -25,7 +25,7 @@ def test_numbers_of_a_room(t, seed, hour):
 
 
 @given(times)
-def test_nothing_jumps(t):
+def test_quantities_are_continuous(t):
     room = Room(1)
     later = t + 0.01
     # The lamp is switched, and the door is fast.
@@ -48,9 +48,9 @@ def test_the_door_opens_once_in_each_interval_and_closes():
     for interval in range(50):
         levels = [room.door(interval * DOOR_INTERVAL + s / 4) for s in range(4 * 60)]
         assert levels[0] == levels[-1] == 0
-        wide_open = sum(it == 1 for it in levels) / 4
+        wide_open = sum(level == 1 for level in levels) / 4
         assert 7 < wide_open < 21
-        moving = sum(0 < it < 1 for it in levels) / 4
+        moving = sum(0 < level < 1 for level in levels) / 4
         assert 1 < moving <= 2
 
 
@@ -68,7 +68,7 @@ def test_the_open_door_cools():
         assert room._door_loss(ends + 20) < after or room._visit(n + 1)[0] < ends + 20
 
 
-def test_so_it_is_cooler_after_a_visit_on_average():
+def test_it_is_cooler_after_an_opening_on_average():
     room = Room(start_hour=0)
     visits = [room._visit(n) for n in range(60, 160)]  # whole periods of the thermostat
     changes = [room.temperature(ends) - room.temperature(begins) for begins, ends in visits]

@@ -87,7 +87,7 @@ def test_a_run_is_the_same_in_whatever_rhythm_it_is_advanced() -> None:
     assert len(once[-1]) > 50  # type: ignore[arg-type]
 
 
-def test_what_is_set_counts_from_the_next_whole_millisecond_on() -> None:
+def test_inputs_take_effect_at_the_next_whole_millisecond() -> None:
     rover, other = make_rover(), make_rover()
     rover.advance(1500)
     drive(rover, FULL, FULL)
@@ -141,7 +141,7 @@ def test_pressed_against_a_wall_it_does_not_turn() -> None:
     assert rover.theta == theta
 
 
-def test_one_wheel_alone_moves_the_other_one_too_little_to_matter() -> None:
+def test_driving_one_wheel_hardly_moves_the_other() -> None:
     # The body's mass is between them: a push at one side is one on the other side's wheel.
     rover = make_rover(spread=0.0, tolerance=0.0)
     rover.driver.faults.add("dead_b")
@@ -182,7 +182,7 @@ def test_the_voltage_rises_with_the_charge() -> None:
     assert open_volts(0.5) == pytest.approx(7.4)
 
 
-def test_a_stuck_wheel_is_what_it_turns_around() -> None:
+def test_it_turns_around_a_stuck_wheel() -> None:
     rover = make_rover()
     rover.fault("left_stuck")
     drive(rover, HALF, HALF, 1.0)
@@ -194,7 +194,7 @@ def test_a_stuck_wheel_is_what_it_turns_around() -> None:
     assert rover.angles[1] > 1
 
 
-def test_a_slip_loses_way_and_the_encoders_do_not_see_it() -> None:
+def test_slip_loses_distance_that_the_encoders_do_not_measure() -> None:
     sound, slips = make_rover(), make_rover()
     slips.fault("slip")
     for rover in (sound, slips):
@@ -221,7 +221,7 @@ def test_each_fault_makes_a_difference_and_is_healed(fault: str) -> None:
     assert seen(rover) == seen(make_rover(seed=2))
 
 
-def test_a_fault_that_it_does_not_have() -> None:
+def test_an_unknown_fault_is_refused() -> None:
     with pytest.raises(ValueError, match="left_stuck"):
         make_rover().fault("rust")
 
@@ -267,7 +267,7 @@ def test_it_is_twenty_times_faster_than_the_world() -> None:
     assert best < 1 / 20
 
 
-def test_standing_still_costs_nothing() -> None:
+def test_time_at_rest_is_not_integrated() -> None:
     rover = make_rover()
     began = time.process_time()
     rover.advance(10**12)
