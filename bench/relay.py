@@ -16,7 +16,7 @@ import sys
 import threading
 
 from uros.middleware.dds import cyclone
-from uros.middleware.wakeup_fd import Wake
+from uros.middleware.wakeup_fd import WakeupFd
 from uros.qos import QoSProfile, ReliabilityPolicy
 
 TOPIC, TYPE = "rt/bench", "std_msgs::msg::dds_::String_"
@@ -41,7 +41,7 @@ def main() -> None:
         cyclone.create_group("publisher", participant), topic, qos(), b""
     )
     echo = len(sys.argv) > 3
-    wake, resume = Wake(), threading.Lock()
+    wake, resume = WakeupFd(), threading.Lock()
     resume.acquire()
     reader = 0
     if echo:

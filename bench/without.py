@@ -15,7 +15,7 @@ from typing import Any
 
 from uros.agent import server
 from uros.agent.transports import udp
-from uros.middleware.dds import cyclone, middleware
+from uros.middleware.dds import cyclone, dispatcher, domain
 from uros.tools import cli
 
 _MS = 1_000_000
@@ -31,11 +31,11 @@ def batching() -> None:
 
 
 def sharing() -> None:
-    middleware.MAX_NODES = 1
+    domain.MAX_NODES = 1
 
 
 def local() -> None:
-    middleware.DdsMiddleware.watch_local = lambda self, reader: None  # type: ignore[method-assign]
+    dispatcher.Dispatcher.watch_local = lambda self, reader: None  # type: ignore[method-assign]
 
 
 def turns() -> None:

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uros.middleware import open_middleware
+from uros.middleware import ros_names as names
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds.middleware import DdsMiddleware
-from uros.middleware.pending_endpoints import Late
-from uros.middleware.ros2 import endpoints, names, rcl, types
+from uros.middleware.ros2 import endpoints, rcl, types
+from uros.middleware.services.pending_endpoints import PendingEndpoint
 from uros.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -407,7 +408,7 @@ def test_a_context_that_somebody_shuts_down_is_told(ros2, own_domain_id):
     node = ros2.create_node(own_domain_id, "/", "node")
     server = Taker(node.create_replier, TRIGGER)
     node.domain.context.shutdown()
-    node.domain.resume(server.end._watched)  # whatever makes the thread look again
+    node.domain.resume(server.end._listener)  # whatever makes the thread look again
     with pytest.raises(MiddlewareError, match="delivers nothing more .*start the agent again"):
         until(ros2, lambda: False, 2)
 
@@ -495,7 +496,7 @@ def test_ends_that_come_late_carry_requests_and_replies(serving, own_domain_id):
     node = serving.create_node(own_domain_id, "/", "node")
     server = Taker(node.create_replier, TRIGGER)
     caller = Taker(node.create_requester, TRIGGER)
-    assert isinstance(server.end, Late) and caller.end.request(REQUEST) is None
+    assert isinstance(server.end, PendingEndpoint) and caller.end.request(REQUEST) is None
     until(serving, lambda: caller.end.request(REQUEST))
     until(serving, lambda: server.got)
     for guid, sequence, _ in server.got:
@@ -504,8 +505,8 @@ def test_ends_that_come_late_carry_requests_and_replies(serving, own_domain_id):
     ((number, answer),) = caller.got
     assert (number, answer[4], answer[8:]) == (1, 1, REPLY[8:])  # between them is padding
     other = Taker(node.create_replier, SET)  # another type: it is looked for anew
-    assert isinstance(other.end, Late)
-    assert not isinstance(Taker(node.create_replier, TRIGGER).end, Late)
+    assert isinstance(other.end, PendingEndpoint)
+    assert not isinstance(Taker(node.create_replier, TRIGGER).end, PendingEndpoint)
 
 
 def test_late_ends_are_announced_when_they_are_there(serving, own_domain_id):

@@ -15,6 +15,7 @@ from uros.agent.objects.ros_graph import TOPIC, TYPE
 from uros.agent.policy.liveliness import Liveliness
 from uros.interfaces import load as load_type
 from uros.interfaces.codec import to_cdr
+from uros.middleware.dds.paced_discovery import PacedDiscovery
 from uros.wire import ids
 
 INT32 = "std_msgs/msg/Int32"
@@ -28,6 +29,10 @@ def opened(agent, key, **more):
     client = XrceClient(agent.line(), key=key, **more)
     client.open()
     return client
+
+
+def watched_graphs(agent):
+    return [it for it in agent.middleware.context.schedule._jobs if isinstance(it, PacedDiscovery)]
 
 
 # --- what boards are told --------------------------------------------------------------------
@@ -113,11 +118,11 @@ def test_boards_are_told_of_each_other_until_they_leave(agent, reads):
     other.close()
     told(client, reader, reads, lambda it: known not in it)
     told(second, second_reader, reads, lambda it: known not in it)
-    assert agent.middleware.graphs
+    assert watched_graphs(agent)
     client.close()
     second.close()
-    # The farewell is answered when everything is closed.
-    assert not agent.middleware.graphs
+    # The DELETE is answered when everything is closed.
+    assert not watched_graphs(agent)
     assert "graph stopped" in agent.said.getvalue()
 
 

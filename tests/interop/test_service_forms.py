@@ -18,7 +18,7 @@ import uros
 from uros.client.action_client import ActionClient
 from uros.interfaces import load
 from uros.middleware.base import MiddlewareError, Service
-from uros.middleware.dds import cyclone, service_forms
+from uros.middleware.dds import cyclone, service_peers
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.qos import services_profile
 from uros.wire import ids
@@ -85,7 +85,7 @@ def test_a_request_that_discovery_was_too_late_for_is_not_executed(peer, node, m
         monkeypatch.setattr(cyclone, "write_disposed", cyclone.write)
     requester = node.create_requester(service(name, BASIC), services_profile(), print)
     until(node.middleware, requester.refusal)
-    monkeypatch.setattr(service_forms.Servers, "foreign", lambda self: False)
+    monkeypatch.setattr(service_peers.MatchedServers, "has_incompatible", lambda self: False)
     for _ in range(5):
         requester.request(REQUEST)
     got = peer.do("counted", name=name, seconds=SECONDS if write == "plain" else QUIET)["requests"]

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from uros.middleware.wakeup_fd import Wake
+from uros.middleware.wakeup_fd import WakeupFd
 from uros.ticks import TIME_MASK, ticks_add, ticks_diff
 from uros.wire import ids
 from uros.wire.cdr import Reader
@@ -348,7 +348,7 @@ class UdpBoard:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect(address)
         self._socket.setblocking(False)
-        self._wake = Wake()
+        self._wake = WakeupFd()
         self._leave = False
         self._thread = threading.Thread(target=self._run, name="recorded-board", daemon=True)
 

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 from ..middleware.base import MiddlewareError
-from ..middleware.wakeup_fd import Wake
+from ..middleware.wakeup_fd import WakeupFd
 from ..ticks import ticks_diff
 from .agent import Agent
 from .objects.client import ProxyClient
@@ -55,7 +55,7 @@ class Server:
         self.started = self._monotonic()
         agent.middleware.batching = True
         self._selector = selectors.DefaultSelector()
-        self._wake = Wake()
+        self._wake = WakeupFd()
         self._stopping = False
         self._calls: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()

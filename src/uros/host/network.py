@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from .. import names
 from ..middleware import open_middleware
 from ..qos import QoSProfile
-from .graph import Graph
+from .graph_queries import Graph
 from .interrupt import Interrupt
 
 DISCOVERY_SECONDS: Final = 4.0
@@ -47,7 +47,7 @@ class Network:
         from ..middleware.base import MiddlewareError
 
         opened = open_middleware("dds")
-        from ..middleware.dds.discovery import Discovery
+        from ..middleware.dds.discovery import GraphDiscovery
         from ..middleware.dds.middleware import DdsMiddleware
 
         if not isinstance(opened, DdsMiddleware):
@@ -58,15 +58,17 @@ class Network:
         self._taken: deque[tuple[Callable[[Received], None], Received]] = deque()
         try:
             self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
-            self._news = time.monotonic()
-            self._discovery = Discovery(opened, self.node.participant, self._on_news)
+            self._changed_at = time.monotonic()
+            self._discovery = GraphDiscovery(
+                opened.context, self.node.participant, self._on_change
+            )
         except BaseException:
             opened.close()
             raise
         self.graph = Graph(self._discovery)
 
-    def _on_news(self) -> None:
-        self._news = time.monotonic()
+    def _on_change(self) -> None:
+        self._changed_at = time.monotonic()
 
     @property
     def alone(self) -> bool:
@@ -92,7 +94,7 @@ class Network:
                 received = Received(cdr, info.source_timestamp, time.time_ns())
                 self._taken.append((tell, received))
             if len(samples) == _BATCH:  # what has come has its turn first
-                self._middleware.again(reader)
+                self._middleware.context.dispatcher.requeue(reader)
 
         def tell(received: Received) -> None:
             if not ended:
@@ -146,23 +148,26 @@ class Network:
         asked: set[bytes] = set()
         while (now := time.monotonic()) < end:
             look_at = end
-            unheard = self._discovery.unheard() - asked
+            unheard = self._discovery.with_missed_discovery_info() - asked
             if unheard:
-                look_at = self._news + _ASK_AGAIN
+                look_at = self._changed_at + _ASK_AGAIN
                 if now >= look_at:
                     asked |= unheard
-                    self._discovery.ask_again()
+                    self._discovery.reread_discovery_info()
                     continue
-            elif not self._discovery.silent() and not self._discovery.missing():
-                slow = self.alone or self._discovery.empty()
-                look_at = self._news + (_SLOW if slow else _QUIET)
+            elif not (
+                self._discovery.without_discovery_info()
+                or self._discovery.undiscovered_endpoints()
+            ):
+                slow = self.alone or self._discovery.without_endpoints()
+                look_at = self._changed_at + (_SLOW if slow else _QUIET)
                 if now >= look_at:
                     return
             self._wait_for_news(min(look_at, end) - now)
 
     def _wait_for_news(self, seconds: float) -> None:
-        before = self._news
-        self.spin(lambda: self._news != before, seconds)
+        before = self._changed_at
+        self.spin(lambda: self._changed_at != before, seconds)
 
     def close(self) -> None:
         """Leave the domain. Twice is once."""

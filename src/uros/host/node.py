@@ -10,7 +10,7 @@ from typing import Any
 from ..client import node
 from ..client.connection import Connection
 from ..middleware import open_middleware
-from ..middleware.base import environment_domain
+from ..middleware.environment import environment_domain
 from .direct import Direct
 
 

@@ -3,18 +3,25 @@
 ``open_middleware(name)`` returns a :class:`~uros.middleware.base.Middleware`;
 each lives in a module or package of its own that is imported only when asked for.
 
-============  ==================================================================
-``base``      the contract
-``graph``     what a middleware can tell of the ROS graph
-``memory``    a network inside this process
-``ced``       the same, with names that are any text
-``dds``       Cyclone DDS, in the ROS 2 network
-``ros2``      rclpy, on whatever RMW it uses
-``auto``      topics over ``dds``, services over ``ros2``
-``late``      ends of services that are asked for before they can be made
-``security``  that there is none of ROS 2's
-``wake``      waking a selector from another thread
-============  ==================================================================
+==================  ============================================================
+``base``            the contract
+``graph``           what a middleware knows of the ROS graph
+``memory``          a network inside this process
+``ced``             the same, with any text as a name
+``dds``             Cyclone DDS, in the ROS 2 network
+``ros2``            rclpy, on whatever RMW it uses
+``auto``            topics over ``dds``, services over ``ros2``
+``services``        what they share for services: names, request identity, pending endpoints
+``discovery_info``  the ``ros_discovery_info`` topic: format, limits, Gid size
+``type_conflicts``  topics that have several types
+``environment``     ROS 2's variables for domain and discovery range
+``ros_names``       DDS names as ROS names and types
+``user_data``       keys in the USER_DATA QoS
+``guid``            the parts of a GUID
+``ref_counted``     values shared by several users
+``security``        ROS 2's security variables, which are refused or warned of
+``wakeup_fd``       a descriptor that wakes a selector from another thread
+==================  ============================================================
 """
 
 from __future__ import annotations
@@ -25,7 +32,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .base import Middleware
 
-# name → (module, what to say when it cannot be imported)
+# name → (module, the remedy when it cannot be imported)
 NAMES = {
     "memory": ("uros.middleware.memory", ""),
     "ced": ("uros.middleware.ced", ""),
@@ -40,11 +47,12 @@ NAMES = {
 
 
 def open_middleware(name: str) -> Middleware:
-    """A middleware by name, not opened to the network until its first node.
+    """Return a middleware by name; it joins the network with its first node.
 
-    Raises ValueError for an unknown name, and
-    :class:`~uros.middleware.base.MiddlewareError` where it cannot run here, or where the
-    environment demands a security that it has not (see :mod:`.security`).
+    Raises:
+        ValueError: There is no such middleware.
+        MiddlewareError: It cannot run here, or the environment demands security, which no
+            middleware has (see :mod:`.security`).
     """
     from . import security
     from .base import MiddlewareError

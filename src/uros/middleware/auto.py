@@ -1,20 +1,21 @@
-"""The middleware that boards meet by default: topics over dds, services over ros2.
+"""The agent's default middleware: topics over dds, services over ros2.
 
-Cyclone needs no type and no installation for topics, and is the faster one. Services of
-rmw_fastrtps it cannot speak, so they go over rclpy, where that can be imported: at the first
-service, as an agent whose boards have none should not pay for it. Without rclpy, and for types that
-it does not have, services have dds's form, which rmw_cyclonedds understands, and
-:attr:`~uros.middleware.base.Middleware.on_notice` tells so. Where RMW_IMPLEMENTATION says
-rmw_cyclonedds, that is just the form which is wanted.
+Cyclone needs no types and no ROS installation for topics, and is the faster one. It cannot speak
+services of rmw_fastrtps, so services go over rclpy, where that can be imported: at the first
+service, so that an agent whose boards have none does not pay for it. Without rclpy, and for types
+that it does not have, services have dds's form, which rmw_cyclonedds understands, and
+:attr:`~uros.middleware.base.Middleware.on_notice` says so. Where RMW_IMPLEMENTATION is
+rmw_cyclonedds_cpp, that form is the one wanted.
 
 Importing rclpy takes long, and other boards are to be served meanwhile. Where a data plane runs
-this (it sets ``batching``), the ends of a service whose type is not imported yet are
-:mod:`~uros.middleware.pending_endpoints` ones. A host program waits for the import: it has nobody
-else to serve.
+this (it sets ``batching``), endpoints of a service whose type is not loaded yet are
+:mod:`~uros.middleware.services.pending_endpoints`. A host program waits for the import: it serves
+nobody else.
 
 In the ROS graph a board is one node. The rclpy node behind its services has a hidden name, and the
-board's node lists their endpoints as its own: who looks up a node's services finds them by GUID,
-whichever participant they are of. The hidden node is taken out of the graph: :mod:`.dds.hidden`.
+board's node lists their endpoints as its own: readers of the graph find them by GUID, whichever
+participant they belong to. The hidden node is taken out of the graph, see
+:mod:`.dds.suppressed_nodes`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import os
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 from ..qos import QoSProfile
 from .base import (
@@ -38,18 +39,19 @@ from .base import (
     Writer,
 )
 from .dds.middleware import DdsMiddleware
-from .pending_endpoints import Late, LateReplier, LateRequester
+from .services.pending_endpoints import (
+    PendingEndpoint,
+    PendingReplier,
+    PendingRequester,
+    ServiceEndpoint,
+)
 
 if TYPE_CHECKING:
     from .graph import LiveSource
     from .ros2.middleware import Ros2Middleware, Ros2Node
-    from .ros2.names import TypeName
-    from .ros2.type_loader import Preparation
+    from .ros2.type_loader import TypeLoader
+    from .ros_names import TypeName
 
-_End = TypeVar("_End", Requester, Replier)
-
-# Attack: a board that makes one service after the other, each of another type.
-_MAX_NOTICES: Final = 1000
 _CYCLONE: Final = "rmw_cyclonedds_cpp"
 
 
@@ -60,71 +62,85 @@ class AutoNode(Node):
         self, middleware: AutoMiddleware, domain: int, namespace: str, name: str, here: bool
     ) -> None:
         self._middleware = middleware
-        self._place = domain, namespace, "_" + name, here
+        self._ros_arguments = domain, namespace, "_" + name, here
         self._dds = middleware.dds.create_node(domain, namespace, name, here)
         self._ros: Ros2Node | None = None
-        self._late: dict[Late[Any], None] = {}
+        self._pending: dict[PendingEndpoint[Any], None] = {}
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> Writer:
+        """Create a publisher's writer on dds."""
         return self._dds.create_writer(topic, type_name, qos)
 
     def create_reader(
         self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
     ) -> Reader:
+        """Create a subscription's reader on dds."""
         return self._dds.create_reader(topic, type_name, qos, on_ready)
 
     def create_requester(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Requester:
-        late = LateRequester(self, service, qos, on_ready)
-        return self._create(late) or late
+        """Create a service client, which may be pending."""
+        pending = PendingRequester(self, service, qos, on_ready)
+        return self._create(pending) or pending
 
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Replier:
-        late = LateReplier(self, service, qos, on_ready)
-        return self._create(late) or late
+        """Create a service's server, which may be pending."""
+        pending = PendingReplier(self, service, qos, on_ready)
+        return self._create(pending) or pending
 
-    def _create(self, late: Late[_End]) -> _End | None:
-        """The end itself; None where it must wait."""
+    def _create(self, pending: PendingEndpoint[ServiceEndpoint]) -> ServiceEndpoint | None:
+        """The endpoint itself; None where its type must be loaded first."""
         try:
-            waits = self._middleware.hold(late)
+            is_held = self._middleware.hold(pending)
         except MiddlewareError as error:
-            return self.end_of(late, error)
-        if not waits:
-            return self.end_of(late)
-        self._late[late] = None
+            return self.create_pending(pending, error)
+        if not is_held:
+            return self.create_pending(pending)
+        self._pending[pending] = None
         return None
 
-    def end_of(self, late: Late[_End], error: MiddlewareError | None = None) -> _End:
-        """The end itself, listed as this node's: on ros2, or on dds where it cannot be there;
-        ``error`` says that it cannot.
+    def create_pending(
+        self, pending: PendingEndpoint[ServiceEndpoint], error: MiddlewareError | None = None
+    ) -> ServiceEndpoint:
+        """Create the endpoint on ros2, listed as this node's, or on dds where ros2 cannot have it.
+
+        Args:
+            pending: Stands for the endpoint.
+            error: Why ros2 cannot have it, where that is known already.
+
+        Raises:
+            MiddlewareError: dds refuses it too.
         """
-        self._late.pop(late, None)
+        self._pending.pop(pending, None)
         try:
             if error is not None:
                 raise error
             ros = self._middleware.services()
             if ros is not None and self._ros is None:
-                self._ros = ros.create_node(*self._place)
-            end = None if ros is None or self._ros is None else late.made_by(self._ros)
+                self._ros = ros.create_node(*self._ros_arguments)
+            created = None if ros is None or self._ros is None else pending.create_on(self._ros)
         except MiddlewareError as refusal:
             self._middleware.notice(
-                f"service {late.service.request_topic} is there for rmw_cyclonedds only: {refusal}"
+                f"service {pending.service.request_topic} is there for rmw_cyclonedds only:"
+                f" {refusal}"
             )
-            end = None
-        if end is None:
-            return late.made_by(self._dds)
-        ours: Any = end  # Ros2Requester or Ros2Replier
-        self._dds.adopt(ours.readers, ours.writers)
-        ours.on_close = partial(self._dds.disown, ours.readers, ours.writers)
-        return end
+            created = None
+        if created is None:
+            return pending.create_on(self._dds)
+        on_ros: Any = created  # Ros2Requester or Ros2Replier
+        self._dds.adopt(on_ros.readers, on_ros.writers)
+        on_ros.on_close = partial(self._dds.disown, on_ros.readers, on_ros.writers)
+        return created
 
-    def dropped(self, late: Late[Any]) -> None:
-        """One that waited has been closed."""
-        if late in self._late:
-            del self._late[late]
-            self._middleware.drop(late)
+    def cancel_pending(self, pending: PendingEndpoint[Any]) -> None:
+        """Forget a pending endpoint, which was closed."""
+        if pending in self._pending:
+            del self._pending[pending]
+            self._middleware.drop(pending)
 
     def close(self) -> None:
-        for late in list(self._late):
-            late.close()
+        """Leave the graph with all endpoints; idempotent."""
+        for pending in list(self._pending):
+            pending.close()
         if self._ros is not None:
             self._ros.close()
             self._ros = None
@@ -132,160 +148,174 @@ class AutoNode(Node):
 
 
 class AutoMiddleware(Middleware):
-    """See the module."""
+    """Topics over dds, services over ros2 where rclpy can be imported.
+
+    Attributes:
+        dds: What carries the topics.
+    """
 
     name = "auto"
 
     def __init__(self) -> None:
+        super().__init__()
         self.dds = DdsMiddleware()
         self._ros: Ros2Middleware | None = None
-        self._tried = False
-        self._noticed: set[str] = set()
-        self._preparation: Preparation | None = None
-        # Ends that wait, and what is told to those of a type whose waiting is over.
-        self._held: dict[TypeName, dict[Late[Any], None]] = {}
-        self._over: dict[TypeName, MiddlewareError | None] = {}
+        self._ros_was_tried = False
+        self._type_loader: TypeLoader | None = None
+        # Pending endpoints by type, and the types whose loading has ended, with what failed.
+        self._held: dict[TypeName, dict[PendingEndpoint[Any], None]] = {}
+        self._loaded: dict[TypeName, MiddlewareError | None] = {}
 
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
     ) -> AutoNode:
+        """Create a node on dds; see :class:`AutoNode`."""
         self._configure()
         return AutoNode(self, domain, namespace, name, localhost_only)
 
     def _configure(self) -> None:
-        """What this was told before the first node is for dds too."""
+        """Pass what was set before the first node on to dds."""
         self.dds.on_type_conflict = self.on_type_conflict
         self.dds.on_notice = self.on_notice
         self.dds.batching = self.batching
 
     def services(self) -> Ros2Middleware | None:
-        """What carries services, or None where that is dds: rclpy is not to be had, or would
-        bring a second Cyclone into this process to speak what dds speaks already.
+        """Return what carries services; None where that is dds.
+
+        It is dds where rclpy cannot be used, or would load a second Cyclone into this process to
+        speak what dds speaks already.
         """
         if os.environ.get("RMW_IMPLEMENTATION") == _CYCLONE:
             return None
-        if not self._tried:
-            self._tried = True
+        if not self._ros_was_tried:
+            self._ros_was_tried = True
             try:
-                if self._preparation is not None and self._preparation.failure is not None:
-                    raise self._preparation.failure
+                if self._type_loader is not None and self._type_loader.failure is not None:
+                    raise self._type_loader.failure
                 from .ros2.middleware import Ros2Middleware
 
-                self._ros = Ros2Middleware(self.dds.wake)
+                self._ros = Ros2Middleware(self.dds.wakeup)
             except (ImportError, MiddlewareError) as error:
                 self.notice(_without_rclpy(error))
         return self._ros
 
-    # --- ends of services that wait for their type -------------------------------
+    # --- pending endpoints -------------------------------------------------------
 
-    def hold(self, late: Late[Any]) -> bool:
-        """Whether this end must wait; then :meth:`dispatch` makes it when its time has come.
-        Raises MiddlewareError where waiting is in vain.
+    def hold(self, pending: PendingEndpoint[Any]) -> bool:
+        """Hold an endpoint until its type is loaded; :meth:`dispatch` creates it then.
+
+        Returns:
+            False where it can be created at once.
+
+        Raises:
+            MiddlewareError: ros2 cannot have it.
         """
         if (
             not self.batching
             or os.environ.get("RMW_IMPLEMENTATION") == _CYCLONE
-            or (self._tried and self._ros is None)
+            or (self._ros_was_tried and self._ros is None)
             or find_spec("rclpy") is None
         ):
             return False
-        from .ros2 import names, types
-        from .ros2.type_loader import Preparation
+        from .ros2 import types
+        from .ros2.type_loader import TypeLoader
+        from .services import names
 
-        names.service_name(late.service)
-        name = names.service_type(late.service)
+        names.service_name(pending.service)
+        name = names.service_type(pending.service)
         types.check_package(name)
-        if self._preparation is None:
-            self._preparation = Preparation(self.dds.wake)
-        if self._preparation.has(name):
+        if self._type_loader is None:
+            self._type_loader = TypeLoader(self.dds.wakeup)
+        if self._type_loader.is_loaded(name):
             return False
-        self._held.setdefault(name, {})[late] = None
-        if name not in self._over:
-            self._preparation.want(name)
+        self._held.setdefault(name, {})[pending] = None
+        if name not in self._loaded:
+            self._type_loader.request(name)
         return True
 
-    def drop(self, late: Late[Any]) -> None:
-        """It waits no more."""
+    def drop(self, pending: PendingEndpoint[Any]) -> None:
+        """Hold an endpoint no more, and cancel the loading of its type if it was the last."""
         for name, held in list(self._held.items()):
-            if late in held:
-                del held[late]
-                if not held and self._preparation is not None:
+            if pending in held:
+                del held[pending]
+                if not held and self._type_loader is not None:
                     del self._held[name]
-                    self._over.pop(name, None)
-                    self._preparation.forget(name)
+                    self._loaded.pop(name, None)
+                    self._type_loader.cancel(name)
 
-    def _make_one(self) -> None:
-        """Make one end that waited: each takes a ms or more, and others have their turn between."""
-        if self._preparation is None:
+    def _resolve_one(self) -> None:
+        """Create one pending endpoint: each takes a ms or more, and others must have a turn."""
+        if self._type_loader is None:
             return
-        if self._preparation.has_news():
-            self._over.update(self._preparation.news())
-        while self._over:
-            name, error = next(iter(self._over.items()))
+        if self._type_loader.has_results():
+            self._loaded.update(self._type_loader.take_results())
+        while self._loaded:
+            name, error = next(iter(self._loaded.items()))
             held = self._held.get(name)
             if held:
-                late = next(iter(held))
-                del held[late]
+                pending = next(iter(held))
+                del held[pending]
                 try:
-                    late.arrive(error)
+                    pending.resolve(error)
                 except MiddlewareError as failure:
-                    self.notice(f"service {late.service.request_topic} is not there: {failure}")
+                    self.notice(f"service {pending.service.request_topic} is not there: {failure}")
                 break
             self._held.pop(name, None)
-            del self._over[name]
+            del self._loaded[name]
 
-    def _has_news(self) -> bool:
-        """Whether ros2 or :meth:`_make_one` has work."""
-        if self._preparation is not None and (self._over or self._preparation.has_news()):
+    def _has_work(self) -> bool:
+        """Whether ros2 or :meth:`_resolve_one` has work."""
+        if self._type_loader is not None and (self._loaded or self._type_loader.has_results()):
             return True
-        return self._ros is not None and self._ros.has_news()
-
-    def notice(self, text: str) -> None:
-        """Tell this once."""
-        if self.on_notice is not None and text not in self._noticed:
-            if len(self._noticed) < _MAX_NOTICES:
-                self._noticed.add(text)
-                self.on_notice(text)
+        return self._ros is not None and self._ros.has_work()
 
     def fileno(self) -> int:
+        """Return the descriptor that is readable when :meth:`dispatch` has work."""
         return self.dds.fileno()
 
     def dispatch(self) -> None:
+        """Dispatch dds and ros2, and create one pending endpoint."""
         try:
             self.dds.dispatch()
         finally:
-            # After it: it makes the descriptor unreadable, whoever has made it readable.
+            # After dds, which clears the descriptor, whatever has set it.
             try:
                 if self._ros is not None:
                     self._ros.dispatch()
             finally:
-                self._make_one()
-                if self._over:
-                    self.dds.wake.set()
+                self._resolve_one()
+                if self._loaded:
+                    self.dds.wakeup.set()
 
     def dispatch_local(self) -> None:
+        """Dispatch what this process has written; ros2 has to wait for :meth:`dispatch`."""
         try:
             self.dds.dispatch_local()
         finally:
-            if self._has_news():
-                self.dds.wake.set()
+            if self._has_work():
+                self.dds.wakeup.set()
 
     def flush(self) -> None:
+        """Send the samples that dds holds back."""
         self.dds.flush()
 
     def graph(self, domain: int, on_change: Callable[[], None]) -> LiveSource | None:
+        """Watch the graph of a domain by dds."""
         self._configure()
         return self.dds.graph(domain, on_change)
 
     def next_deadline(self) -> float | None:
+        """Return when :meth:`tick` has work (``time.monotonic``), or None."""
         return self.dds.next_deadline()
 
     def tick(self) -> None:
+        """Do what is due by time."""
         self.dds.tick()
 
     def close(self) -> None:
-        if self._preparation is not None:
-            self._preparation.close()
+        """Leave the network; idempotent."""
+        if self._type_loader is not None:
+            self._type_loader.close()
         self._held.clear()
         if self._ros is not None:
             self._ros.close()
@@ -303,5 +333,5 @@ def _without_rclpy(error: Exception) -> str:
 
 
 def create() -> AutoMiddleware:
-    """A middleware configured by this process's environment."""
+    """Return a middleware configured by this process's environment."""
     return AutoMiddleware()

@@ -6,48 +6,48 @@ only names: nothing here needs to know what a message looks like.
 Everything is called from one thread, the data plane's. The middleware wakes it
 through :meth:`Middleware.fileno`; :meth:`Middleware.dispatch` then calls the
 ``on_ready`` of each reader that has something to :meth:`Reader.take`. ``on_ready``
-says "since you last took"; what was left in the reader is not announced again.
+means "something has arrived since you last took"; samples that were left in the reader
+do not cause another call.
 """
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Final
 
 from ..qos import QoSProfile
 from .graph import LiveSource
 
 Bytes = bytes | bytearray | memoryview
 OnReady = Callable[[], None]
-# (topic, its type here, its type elsewhere): their samples do not reach each other.
+# (topic, its type here, its type elsewhere): endpoints of the two types do not match.
 OnTypeConflict = Callable[[str, str, str], None]
-# One line for the user: what does not work as it might, and the remedy.
+# One line for the user: what does not work as expected, and the remedy.
 OnNotice = Callable[[str], None]
+
+
+# Attack: a client that creates one service after the other, each with a notice. Notices remembered.
+_MAX_NOTICES: Final = 1000
 
 
 class MiddlewareError(RuntimeError):
     """The middleware refuses, or cannot do, what was asked; the text says why."""
 
 
-MAX_DOMAIN = 232  # RTPS port numbers end there
-# What a transient-local writer that keeps all has for readers that come late, as with Fast DDS.
+MAX_DOMAIN = 232  # the last one with valid RTPS port numbers
+# Samples that a transient-local writer that keeps all has for late readers, as with Fast DDS.
 MAX_PAST = 5000
 
 
 def check_domain(domain: int) -> None:
-    """Raises MiddlewareError for a domain that RTPS has no ports for."""
+    """Check that RTPS has ports for a domain.
+
+    Raises:
+        MiddlewareError: It has none.
+    """
     if not 0 <= domain <= MAX_DOMAIN:
         raise MiddlewareError(f"domain {domain} is not within 0 to {MAX_DOMAIN}")
-
-
-def environment_domain() -> int:
-    """The domain that ROS_DOMAIN_ID names, or 0. Raises MiddlewareError for what is no domain."""
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip()
-    if text and not (text.isdecimal() and int(text) <= MAX_DOMAIN):
-        raise MiddlewareError(f"ROS_DOMAIN_ID: {text!r} is no domain; give 0 to {MAX_DOMAIN}")
-    return int(text or 0)
-
 
 
 class Writer(ABC):
@@ -57,15 +57,22 @@ class Writer(ABC):
 
     @abstractmethod
     def write(self, cdr: Bytes) -> bool:
-        """Hand over one sample. False: no room now, try again; nothing was sent."""
+        """Write one sample, with its encapsulation header.
+
+        Returns:
+            False where there is no room now: nothing was sent, try again.
+
+        Raises:
+            MiddlewareError: The sample can never be written.
+        """
 
     def matched(self) -> int:
-        """How many readers it has, as far as that is known, those of this process included."""
+        """Return how many readers match it, those of this process included; 0 if unknown."""
         return 0
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the topic. Twice is once."""
+        """Leave the topic; idempotent."""
 
 
 class Reader(ABC):
@@ -75,59 +82,65 @@ class Reader(ABC):
 
     @abstractmethod
     def take(self, limit: int) -> list[bytes]:
-        """At most ``limit`` samples, oldest first; they are gone from here then."""
+        """Take at most ``limit`` samples out of the reader, oldest first."""
 
     def arrived(self, limit: int) -> list[int]:
-        """The octets of samples that have come and wait here, at most ``limit`` of them, each told
-        once; what comes next is announced as after :meth:`take`. An end that cannot tell says
-        nothing.
+        """Return the octets of the samples that have arrived since the last call and wait here.
+
+        Each sample is reported once, and at most ``limit`` of them. As after :meth:`take`, the next
+        sample causes a call of ``on_ready``. An endpoint that does not know returns nothing.
         """
         return []
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the topic. Twice is once."""
+        """Leave the topic; idempotent."""
 
 
 class Requester(ABC):
     """Sends requests of one service and receives the replies to them.
 
-    ``on_ready`` comes as well when :meth:`refusal` may have become another.
+    ``on_ready`` is also called when :meth:`refusal` may have changed.
     """
 
     __slots__ = ()
 
     def refusal(self) -> str:
-        """Why no call is made, and none that waits will be answered: a server is there that would
-        read its arguments wrongly. Empty where calls can be made.
+        """Return why no request is sent and no pending one will be answered; empty if none.
+
+        The reason is a server that would read the arguments wrongly.
         """
         return ""
 
-    def again(self) -> None:  # noqa: B027  where what is left is announced anyway
-        """Have ``on_ready`` called again, after others: not all was taken."""
+    def again(self) -> None:  # noqa: B027  some middlewares call on_ready anyway
+        """Have ``on_ready`` called again, after others: not everything was taken."""
 
     @abstractmethod
     def request(self, cdr: Bytes) -> int | None:
-        """Send; the sequence number its reply will bear. None: no room now.
+        """Send a request.
 
-        Raises MiddlewareError where there is a :meth:`refusal`.
+        Returns:
+            The sequence number of its reply; None where there is no room now.
+
+        Raises:
+            MiddlewareError: There is a :meth:`refusal`.
         """
 
     @abstractmethod
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        """At most ``limit`` replies to own requests: (sequence number, sample).
+        """Take at most ``limit`` replies to own requests: (sequence number, sample).
 
-        Others' replies are passed over. None: there are none, or so many of others that
-        ``on_ready`` comes again for the rest.
+        Replies to others are dropped. An empty list means that there are none, or so many to others
+        that ``on_ready`` is called again for the rest.
         """
 
     def arrived(self, limit: int) -> list[int]:
-        """See :meth:`Reader.arrived`."""
+        """Return sizes as :meth:`Reader.arrived` does."""
         return []
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the service. Twice is once."""
+        """Leave the service; idempotent."""
 
 
 class Replier(ABC):
@@ -137,52 +150,60 @@ class Replier(ABC):
 
     @abstractmethod
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
-        """At most ``limit`` requests: (16-byte GUID of the asker, number, sample).
+        """Take at most ``limit`` requests: (16-byte GUID of the client, sequence number, sample).
 
-        None: there are none, or ``on_ready`` comes again for the rest.
+        An empty list means that there are none, or that ``on_ready`` is called again for the rest.
         """
 
     @abstractmethod
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
-        """Answer the request of that identity. False: no room now."""
+        """Reply to the request with that GUID and sequence number; False: no room now."""
 
     def arrived(self, limit: int) -> list[int]:
-        """See :meth:`Reader.arrived`."""
+        """Return sizes as :meth:`Reader.arrived` does."""
         return []
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the service. Twice is once."""
+        """Leave the service; idempotent."""
 
 
 class Node(ABC):
-    """A node of the ROS graph, in which endpoints stand."""
+    """A node of the ROS graph, with its endpoints."""
 
     @abstractmethod
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> Writer:
-        """Join ``topic`` (DDS name, ``rt/chatter``) as a publisher of
-        ``type_name`` (DDS name, ``std_msgs::msg::dds_::String_``).
+        """Create the writer of a publisher.
 
-        Raises MiddlewareError, here and below, where it cannot be done.
+        Args:
+            topic: The DDS name, ``rt/chatter``.
+            type_name: The DDS name, ``std_msgs::msg::dds_::String_``.
+            qos: The profile.
+
+        Raises:
+            MiddlewareError: It cannot be created.
         """
 
     @abstractmethod
     def create_reader(
         self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
     ) -> Reader:
-        """Join ``topic`` as a subscriber."""
+        """Create the reader of a subscription; see :meth:`create_writer`.
+
+        ``on_ready`` is called from :meth:`Middleware.dispatch`.
+        """
 
     @abstractmethod
     def create_requester(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Requester:
-        """Join a service as a client."""
+        """Create a service client; see :meth:`create_reader`."""
 
     @abstractmethod
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Replier:
-        """Join a service as its server."""
+        """Create the server of a service; see :meth:`create_reader`."""
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the graph, and with it all endpoints. Twice is once."""
+        """Leave the graph with all endpoints; idempotent."""
 
 
 class Service:
@@ -200,49 +221,73 @@ class Service:
 
 
 class Middleware(ABC):
-    """One network to join."""
+    """A network to join.
+
+    Attributes:
+        name: What ``open_middleware`` calls it.
+        any_name: Whether any text may name a topic or a node, as no ROS node sees them.
+        on_type_conflict: Called when a topic has another type elsewhere. Set before the first node.
+        on_notice: Called with each notice for the user, once. Set before the first node.
+        batching: Whether the caller calls :meth:`flush` after each burst, so that samples may be
+            held back until then. Set before the first node.
+    """
 
     name = ""
-    # Whether any text may name a topic or a node, as nobody of ROS sees it.
     any_name = False
     on_type_conflict: OnTypeConflict | None = None
     on_notice: OnNotice | None = None
-    # Set before the first node: what is written may then stay here until :meth:`flush`.
     batching = False
+
+    def __init__(self) -> None:
+        self._noticed: set[str] = set()
+
+    def notice(self, text: str) -> None:
+        """Give the user a line, once for each text."""
+        if self.on_notice is not None and text not in self._noticed:
+            if len(self._noticed) < _MAX_NOTICES:
+                self._noticed.add(text)
+                self.on_notice(text)
 
     @abstractmethod
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
     ) -> Node:
-        """Enter the graph of ``domain`` (0–232) as the node ``namespace/name``."""
+        """Enter the graph of ``domain`` (0–232) as the node ``namespace/name``.
+
+        Raises:
+            MiddlewareError: The domain cannot be joined, or not on loopback alone.
+        """
 
     @abstractmethod
     def fileno(self) -> int:
-        """A descriptor that is readable when :meth:`dispatch` has work."""
+        """Return a descriptor that is readable when :meth:`dispatch` has work."""
 
     @abstractmethod
     def dispatch(self) -> None:
         """Call ``on_ready`` of every reader that received something."""
 
-    def flush(self) -> None:  # noqa: B027  most keep nothing back
-        """Send what :attr:`batching` has kept back. The data plane calls it after each burst."""
+    def flush(self) -> None:  # noqa: B027  most hold nothing back
+        """Send what :attr:`batching` has held back. The data plane calls it after each burst."""
 
-    def dispatch_local(self) -> None:  # noqa: B027  a short cut that most do not have
-        """The same for what this process itself wrote, sooner than by :meth:`fileno`.
+    def dispatch_local(self) -> None:  # noqa: B027  optional
+        """Do the same for what this process itself wrote, sooner than by :meth:`fileno`.
 
         The data plane calls it after each burst of writes.
         """
 
     def graph(self, domain: int, on_change: Callable[[], None]) -> LiveSource | None:
-        """Watch who is in a domain, until the result is closed; None where that is not known.
+        """Watch the graph of a domain until the result is closed.
 
-        ``on_change`` is called from :meth:`tick` or :meth:`dispatch` after news, with a pause
-        between that leaves room for other traffic.
+        ``on_change`` is called from :meth:`tick` or :meth:`dispatch` after changes, with pauses
+        that leave room for other traffic.
+
+        Returns:
+            None where this middleware does not know the graph.
         """
         return None
 
     def next_deadline(self) -> float | None:
-        """When :meth:`tick` wants to be called (``time.monotonic``), or None."""
+        """Return when :meth:`tick` is to be called (``time.monotonic``), or None."""
         return None
 
     def tick(self) -> None:  # noqa: B027  most have nothing to do
@@ -250,4 +295,4 @@ class Middleware(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the network. Twice is once."""
+        """Leave the network; idempotent."""

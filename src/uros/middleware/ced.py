@@ -1,7 +1,7 @@
-"""What the C++ agent calls CED: :mod:`.memory`, where every text is a name.
+"""What the C++ agent calls CED: :mod:`.memory` with any text as a name.
 
-Its CED parses neither XML nor references. A participant's text means nothing, and a topic's is the
-topic's name, by which datawriters and datareaders call it.
+Its CED parses neither XML nor references. A participant's representation has no meaning, and a
+topic's is the name of the topic, to which datawriters and datareaders refer.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from .memory import MemoryMiddleware
 
 
 class CedMiddleware(MemoryMiddleware):
-    """See the module."""
+    """The memory middleware with any text as a name."""
 
     name = "ced"
     any_name = True
 
 
 def create() -> CedMiddleware:
-    """A middleware on a bus of its own."""
+    """Return a middleware on a bus of its own."""
     return CedMiddleware()

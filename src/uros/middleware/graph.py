@@ -1,7 +1,7 @@
-"""What a middleware can tell of the ROS graph, by its DDS names.
+"""What a middleware knows of the ROS graph, by DDS names.
 
-:mod:`uros.host.graph` makes ROS names of it for people, :mod:`uros.agent.objects.ros_graph` for
-boards.
+:mod:`uros.host.graph_queries` makes ROS names of it for users,
+:mod:`uros.agent.objects.ros_graph` for boards.
 """
 
 from __future__ import annotations
@@ -13,20 +13,31 @@ from ..qos import QoSProfile
 
 
 class EndpointSource(Protocol):
-    """A writer or a reader; ``qos.user_data`` is what it announces itself."""
+    """A writer or a reader; ``qos.user_data`` is the USER_DATA it announces."""
 
     @property
-    def guid(self) -> bytes: ...
+    def guid(self) -> bytes:
+        """Its GUID."""
+
     @property
-    def participant(self) -> bytes: ...
+    def participant(self) -> bytes:
+        """The GUID of its participant."""
+
     @property
-    def is_writer(self) -> bool: ...
+    def is_writer(self) -> bool:
+        """Whether it is a writer."""
+
     @property
-    def topic(self) -> str: ...
+    def topic(self) -> str:
+        """The DDS name of its topic."""
+
     @property
-    def type_name(self) -> str: ...
+    def type_name(self) -> str:
+        """The DDS name of its type."""
+
     @property
-    def qos(self) -> QoSProfile: ...
+    def qos(self) -> QoSProfile:
+        """Its profile."""
 
 
 class NodeSource(Protocol):
@@ -39,30 +50,34 @@ class NodeSource(Protocol):
 
 
 class Source(Protocol):
-    """``participants`` maps a GUID to its USER_DATA, ``endpoints`` a GUID to the endpoint,
-    ``announced`` a participant's GUID to its nodes, which may come before the participant.
-    """
+    """A graph as it is known now."""
 
     @property
-    def participants(self) -> Mapping[bytes, bytes]: ...
+    def participants(self) -> Mapping[bytes, bytes]:
+        """USER_DATA of each participant, by its GUID."""
+
     @property
-    def endpoints(self) -> Mapping[bytes, EndpointSource]: ...
+    def endpoints(self) -> Mapping[bytes, EndpointSource]:
+        """The endpoints by their GUIDs."""
+
     @property
-    def announced(self) -> Mapping[bytes, Iterable[NodeSource]]: ...
+    def announced(self) -> Mapping[bytes, Iterable[NodeSource]]:
+        """The nodes of each participant, by its GUID; it may not be discovered yet."""
 
 
 class LiveSource(Source, Protocol):
     """A source that keeps itself up to date until it is closed."""
 
     def close(self) -> None:
-        """Stop watching. Twice is once."""
+        """Stop watching; idempotent."""
 
 
 def living_nodes(source: Source) -> list[NodeSource]:
-    """The nodes of the participants that are there.
+    """Return the nodes of the participants that are there.
 
-    A board's services may stand under a hidden node too, rclpy's in its agent
-    (:mod:`.dds.hidden`): that one is left out, where all it has stands under the board's.
+    A board's services may belong to a hidden node too, rclpy's in its agent
+    (:mod:`.dds.suppressed_nodes`). That one is left out where the board's node lists all of its
+    endpoints.
     """
     alive = source.participants
     nodes = [
@@ -71,17 +86,19 @@ def living_nodes(source: Source) -> list[NodeSource]:
         if participant in alive
         for node in announced
     ]
-    hidden = {(it.namespace, it.name[1:]) for it in nodes if it.name.startswith("_")}
-    if not hidden:
+    doubles = {(node.namespace, node.name[1:]) for node in nodes if node.name.startswith("_")}
+    if not doubles:
         return nodes
     gids: dict[tuple[str, str], set[bytes]] = {}
     for node in nodes:
         name = node.namespace, node.name
-        if name in hidden:
+        if name in doubles:
             gids.setdefault(name, set()).update(node.readers, node.writers)
 
-    def stands_twice(node: NodeSource) -> bool:
-        whole = gids.get((node.namespace, node.name[1:])) if node.name.startswith("_") else None
-        return whole is not None and whole.issuperset([*node.readers, *node.writers])
+    def is_double(node: NodeSource) -> bool:
+        if not node.name.startswith("_"):
+            return False
+        listed = gids.get((node.namespace, node.name[1:]))
+        return listed is not None and listed.issuperset([*node.readers, *node.writers])
 
-    return [node for node in nodes if not stands_twice(node)]
+    return [node for node in nodes if not is_double(node)]

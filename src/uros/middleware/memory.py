@@ -1,8 +1,8 @@
-"""A network inside this process: for unit tests and for seeing how little is needed.
+"""A network inside this process: for unit tests, and as the smallest example of a middleware.
 
-All :class:`MemoryMiddleware` objects of one :class:`Bus` share it. QoS is
-honoured as far as it shows inside a process: keep-last depth, transient-local
-history, and that a best-effort writer does not reach a reliable reader.
+All :class:`MemoryMiddleware` objects of one :class:`Bus` share it, each in a thread of its own if
+wanted. QoS is honoured as far as it matters inside a process: keep-last depth, transient-local
+history, and that a best-effort writer does not match a reliable reader.
 """
 
 from __future__ import annotations
@@ -28,23 +28,39 @@ from .base import (
     Writer,
     check_domain,
 )
-from .wakeup_fd import Wake
+from .wakeup_fd import WakeupFd
 
-_End = TypeVar("_End")
+_Endpoint = TypeVar("_Endpoint")
 
 
 class Bus:
-    """Writers and readers by (domain, topic)."""
+    """What the middlewares of one network share.
+
+    Attributes:
+        lock: Guards everything here, and the samples of the readers.
+        readers: The readers by (domain, topic).
+        writers: The writers by (domain, topic).
+        nodes: The nodes, in order of creation.
+        client_ids: Numbers for service clients.
+    """
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
         self.readers: dict[tuple[int, str], list[MemoryReader]] = {}
         self.writers: dict[tuple[int, str], list[MemoryWriter]] = {}
         self.nodes: list[MemoryNode] = []
-        self.askers = itertools.count(1)
+        self.client_ids = itertools.count(1)
 
 
 class MemoryWriter(Writer):
+    """A publisher's writer.
+
+    Attributes:
+        type_name: The DDS name of its type.
+        qos: Its profile.
+        past: Its history for late transient-local readers.
+    """
+
     def __init__(
         self, node: MemoryNode, key: tuple[int, str], type_name: str, qos: QoSProfile
     ) -> None:
@@ -59,6 +75,7 @@ class MemoryWriter(Writer):
             bus.writers.setdefault(key, []).append(self)
 
     def write(self, cdr: Bytes) -> bool:
+        """Put a sample into all matching readers; always True."""
         sample = bytes(cdr)
         with self._bus.lock:
             for reader in self._bus.readers.get(self._key, ()):
@@ -68,18 +85,31 @@ class MemoryWriter(Writer):
         return True
 
     def matched(self) -> int:
+        """Return how many readers match it."""
         with self._bus.lock:
             if self not in self._bus.writers.get(self._key, ()):
                 return 0
-            return sum(it.matches(self) for it in self._bus.readers.get(self._key, ()))
+            return sum(
+                reader.matches(self) for reader in self._bus.readers.get(self._key, ())
+            )
 
     def close(self) -> None:
+        """Leave the topic; idempotent."""
         with self._bus.lock:
             _leave(self._bus.writers, self._key, self)
         self._node.left(self)
 
 
 class MemoryReader(Reader):
+    """A subscription's reader.
+
+    Attributes:
+        type_name: The DDS name of its type.
+        qos: Its profile.
+        on_ready: Called when samples have arrived.
+        announced: Whether it was called and nothing was taken since.
+    """
+
     def __init__(
         self,
         node: MemoryNode,
@@ -91,13 +121,13 @@ class MemoryReader(Reader):
         self.type_name = type_name
         self.qos = qos
         self.on_ready = on_ready
-        self.announced = False  # nobody took since
+        self.announced = False
         self._node = node
         self._middleware = node.middleware
         self._key = key
         depth = None if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
         self._samples: deque[bytes] = deque(maxlen=depth)
-        self._untold = 0  # the last of them, whose sizes nobody has asked for
+        self._unreported = 0  # the newest of them, whose sizes were not asked for
         bus = self._middleware.bus
         with bus.lock:
             bus.readers.setdefault(key, []).append(self)
@@ -108,6 +138,7 @@ class MemoryReader(Reader):
                             self.put(sample)
 
     def matches(self, writer: MemoryWriter) -> bool:
+        """Return whether a writer of the topic has the type and offers the QoS."""
         return (
             writer.type_name == self.type_name
             and (writer.qos.reliable or not self.qos.reliable)
@@ -115,34 +146,38 @@ class MemoryReader(Reader):
         )
 
     def put(self, sample: bytes) -> None:
+        """Store a sample; called with the bus locked, from any thread."""
         self._samples.append(sample)
-        self._untold += 1
+        self._unreported += 1
         if not self.announced:
             self._middleware.mark(self)
 
     def take(self, limit: int) -> list[bytes]:
+        """Take samples, oldest first."""
         with self._middleware.bus.lock:
             self.announced = False
             taken = [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
-            self._untold = min(self._untold, len(self._samples))
+            self._unreported = min(self._unreported, len(self._samples))
             return taken
 
     def arrived(self, limit: int) -> list[int]:
+        """Return the octets of samples that have arrived and were not asked for before."""
         with self._middleware.bus.lock:
             self.announced = False
             there = len(self._samples)
-            untold = min(self._untold, there)
-            told = min(untold, limit)
-            self._untold = untold - told
-            first = there - untold
-            return [len(it) for it in islice(self._samples, first, first + told)]
+            unreported = min(self._unreported, there)
+            reported = min(unreported, limit)
+            self._unreported = unreported - reported
+            first = there - unreported
+            return [len(sample) for sample in islice(self._samples, first, first + reported)]
 
     def again(self) -> None:
-        """Call ``on_ready`` once more."""
+        """Have ``on_ready`` called once more."""
         with self._middleware.bus.lock:
             self._middleware.mark(self)
 
     def close(self) -> None:
+        """Leave the topic; idempotent."""
         bus = self._middleware.bus
         with bus.lock:
             _leave(bus.readers, self._key, self)
@@ -151,17 +186,19 @@ class MemoryReader(Reader):
         self._node.left(self)
 
 
-def _leave(ends: dict[tuple[int, str], list[_End]], key: tuple[int, str], end: _End) -> None:
-    """Take an end off its topic, and the topic away with its last one."""
-    there = ends.get(key, [])
-    if end in there:
-        there.remove(end)
+def _leave(
+    endpoints: dict[tuple[int, str], list[_Endpoint]], key: tuple[int, str], endpoint: _Endpoint
+) -> None:
+    """Remove an endpoint from its topic, and the topic with its last one."""
+    there = endpoints.get(key, [])
+    if endpoint in there:
+        there.remove(endpoint)
         if not there:
-            del ends[key]
+            del endpoints[key]
 
 
 class MemoryRequester(Requester):
-    """Requests travel as samples with 16 bytes of identity in front, replies likewise."""
+    """A service client: requests and replies are samples with 16 octets of identity in front."""
 
     def __init__(self, guid: int, writer: Writer, reader: MemoryReader) -> None:
         self._guid = guid.to_bytes(8, "little")
@@ -170,14 +207,17 @@ class MemoryRequester(Requester):
         self._reader = reader
 
     def request(self, cdr: Bytes) -> int | None:
+        """Send a request; its sequence number."""
         self._sequence += 1
         self._writer.write(self._guid + self._sequence.to_bytes(8, "little") + bytes(cdr))
         return self._sequence
 
     def again(self) -> None:
+        """Have ``on_ready`` called once more."""
         self._reader.again()
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
+        """Take replies to own requests."""
         while True:
             replies = self._reader.take(limit)
             own = [
@@ -189,19 +229,24 @@ class MemoryRequester(Requester):
                 return own
 
     def arrived(self, limit: int) -> list[int]:
+        """Return the octets of samples that have arrived and were not asked for before."""
         return self._reader.arrived(limit)
 
     def close(self) -> None:
+        """Leave the service; idempotent."""
         self._writer.close()
         self._reader.close()
 
 
 class MemoryReplier(Replier):
+    """A service's server."""
+
     def __init__(self, writer: Writer, reader: Reader) -> None:
         self._writer = writer
         self._reader = reader
 
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
+        """Take requests."""
         return [
             (sample[:8] + bytes(8), int.from_bytes(sample[8:16], "little"), sample[16:])
             for sample in self._reader.take(limit)
@@ -209,17 +254,28 @@ class MemoryReplier(Replier):
         ]
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
+        """Send a reply; always True."""
         return self._writer.write(guid[:8] + sequence.to_bytes(8, "little") + bytes(cdr))
 
     def arrived(self, limit: int) -> list[int]:
+        """Return the octets of samples that have arrived and were not asked for before."""
         return self._reader.arrived(limit)
 
     def close(self) -> None:
+        """Leave the service; idempotent."""
         self._writer.close()
         self._reader.close()
 
 
 class MemoryNode(Node):
+    """A node.
+
+    Attributes:
+        domain: Its domain.
+        full_name: Its namespace and name.
+        middleware: What has created it.
+    """
+
     def __init__(self, middleware: MemoryMiddleware, domain: int, full_name: str) -> None:
         self.domain = domain
         self.full_name = full_name
@@ -229,6 +285,7 @@ class MemoryNode(Node):
         middleware.bus.nodes.append(self)
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> MemoryWriter:
+        """Create a publisher's writer."""
         writer = MemoryWriter(self, (self.domain, topic), type_name, qos)
         self._endpoints[writer] = None
         self.middleware.compare_types(writer, (self.domain, topic))
@@ -237,6 +294,7 @@ class MemoryNode(Node):
     def create_reader(
         self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
     ) -> MemoryReader:
+        """Create a subscription's reader."""
         key = (self.domain, topic)
         reader = MemoryReader(self, key, type_name, qos, on_ready)
         self._endpoints[reader] = None
@@ -244,16 +302,19 @@ class MemoryNode(Node):
         return reader
 
     def create_requester(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Requester:
+        """Create a service client."""
         writer = self.create_writer(service.request_topic, service.request_type, qos)
         reader = self.create_reader(service.reply_topic, service.reply_type, qos, on_ready)
-        return MemoryRequester(next(self.middleware.bus.askers), writer, reader)
+        return MemoryRequester(next(self.middleware.bus.client_ids), writer, reader)
 
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Replier:
+        """Create a service's server."""
         writer = self.create_writer(service.reply_topic, service.reply_type, qos)
         reader = self.create_reader(service.request_topic, service.request_type, qos, on_ready)
         return MemoryReplier(writer, reader)
 
     def close(self) -> None:
+        """Leave the graph with all endpoints; idempotent."""
         for endpoint in list(self._endpoints):
             endpoint.close()
         if self in self.middleware.bus.nodes:
@@ -261,51 +322,63 @@ class MemoryNode(Node):
         self.middleware.nodes.pop(self, None)
 
     def left(self, endpoint: MemoryWriter | MemoryReader) -> None:
-        """The endpoint is closed."""
+        """Forget an endpoint, which was closed."""
         self._endpoints.pop(endpoint, None)
 
 
 class MemoryMiddleware(Middleware):
-    """See the module."""
+    """A place on a bus.
+
+    Attributes:
+        bus: The network.
+        nodes: The nodes that it has created.
+
+    Args:
+        bus: The network; a new one by default.
+    """
 
     name = "memory"
 
     def __init__(self, bus: Bus | None = None) -> None:
+        super().__init__()
         self.bus = bus or Bus()
         self._ready: dict[MemoryReader, Callable[[], None]] = {}
-        self._wake = Wake()
+        self._wakeup = WakeupFd()
         self.nodes: dict[MemoryNode, None] = {}
 
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
     ) -> MemoryNode:
+        """Create a node; nothing ever leaves this process."""
         check_domain(domain)
         node = MemoryNode(self, domain, f"{namespace.rstrip('/')}/{name}")
         self.nodes[node] = None
         return node
 
     def mark(self, reader: MemoryReader) -> None:
-        """Called with the bus locked."""
+        """Have a reader's ``on_ready`` called; called with the bus locked, from any thread."""
         self._ready[reader] = reader.on_ready
-        self._wake.set()
+        self._wakeup.set()
 
     def unmark(self, reader: MemoryReader) -> None:
-        """Likewise: the reader is closed."""
+        """Undo :meth:`mark` for a reader that is closed; called with the bus locked."""
         self._ready.pop(reader, None)
 
     def compare_types(self, one: MemoryWriter | MemoryReader, key: tuple[int, str]) -> None:
-        """Report the types, other than that of ``one``, that its topic has."""
+        """Report the types, other than that of ``one``, that its topic ``key`` has."""
         if self.on_type_conflict is not None:
             with self.bus.lock:
                 there = [*self.bus.writers.get(key, ()), *self.bus.readers.get(key, ())]
-            for other in sorted({it.type_name for it in there} - {one.type_name}):
+            for other in sorted({endpoint.type_name for endpoint in there} - {one.type_name}):
                 self.on_type_conflict(key[1], one.type_name, other)
 
     def fileno(self) -> int:
-        return self._wake.fileno()
+        """Return the descriptor that is readable when :meth:`dispatch` has work."""
+        return self._wakeup.fileno()
 
     def dispatch(self) -> None:
-        self._wake.clear()
+        """Call ``on_ready`` of each reader that received something."""
+        self._wakeup.clear()
         for reader in list(self._ready):
             with self.bus.lock:
                 on_ready = self._ready.pop(reader, None)
@@ -315,19 +388,21 @@ class MemoryMiddleware(Middleware):
             try:
                 on_ready()
             except BaseException:
-                self._wake.set()  # for the others
+                self._wakeup.set()  # for the others
                 raise
 
     def dispatch_local(self) -> None:
+        """Do the same, if a reader received something."""
         if self._ready:
             self.dispatch()
 
     def close(self) -> None:
+        """Leave the bus with all nodes; idempotent."""
         for node in list(self.nodes):
             node.close()
-        self._wake.close()
+        self._wakeup.close()
 
 
 def create() -> MemoryMiddleware:
-    """A middleware on a bus of its own."""
+    """Return a middleware on a bus of its own."""
     return MemoryMiddleware()

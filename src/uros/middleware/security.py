@@ -1,7 +1,7 @@
-"""What the variables of ROS 2's security (SROS 2) do here: nothing, and that is said aloud.
+"""ROS 2's security variables (SROS 2): they have no effect here, and the user is told so.
 
-Neither boards nor this agent have DDS Security. Who asks ROS 2 for it must not find out later that
-everything went in the clear.
+Neither boards nor this agent have DDS Security. A user who enables it for ROS 2 must not find out
+later that everything was sent in the clear.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ _REMEDY = (
 
 
 def check(middleware: str) -> None:
-    """Whether a middleware may be joined as the environment wants security.
+    """Check that a middleware may be used where the environment enables security.
 
-    Raises MiddlewareError where ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce;
-    warns where only the first is. ``memory`` and ``ced`` send nothing to
-    anybody.
+    Warns where ROS_SECURITY_ENABLE is true. ``memory`` and ``ced`` send nothing out of the process.
+
+    Raises:
+        MiddlewareError: ROS_SECURITY_STRATEGY is Enforce as well.
     """
-    # ROS 2 wants "true" and "Enforce" to the letter; who has written TRUE meant no less.
+    # ROS 2 accepts "true" and "Enforce" to the letter; a user who wrote TRUE meant the same.
     enabled = os.environ.get("ROS_SECURITY_ENABLE", "").strip().lower()
     if enabled not in ("true", "1", "yes", "on") or middleware in ("memory", "ced"):
         return
@@ -32,6 +33,6 @@ def check(middleware: str) -> None:
             f"ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but {_REMEDY}, and"
             " unset ROS_SECURITY_ENABLE for it"
         )
-    import logging  # seldom needed
+    import logging  # rarely needed
 
     logging.getLogger("uros").warning("uros: ROS_SECURITY_ENABLE is true, but %s", _REMEDY)

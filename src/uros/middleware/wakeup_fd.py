@@ -1,4 +1,4 @@
-"""Waking a selector from another thread."""
+"""A file descriptor that wakes a selector from another thread."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import os
 import socket
 
 
-class Wake:
-    """A descriptor that :meth:`set` makes readable and :meth:`clear` unreadable."""
+class WakeupFd:
+    """A descriptor that :meth:`set` makes readable and :meth:`clear` unreadable.
+
+    It is an eventfd where the platform has one, else a socket pair. :meth:`set` may be called
+    from any thread, everything else from the thread that selects.
+    """
 
     __slots__ = ("_fd", "_pair")
 
@@ -22,10 +26,11 @@ class Wake:
             self._fd = self._pair[0].fileno()
 
     def fileno(self) -> int:
+        """Return the descriptor; -1 once it is closed."""
         return self._fd
 
     def set(self) -> None:
-        """Make the descriptor readable; from any thread."""
+        """Make the descriptor readable; thread-safe."""
         try:
             if self._pair is None:
                 os.eventfd_write(self._fd, 1)
@@ -35,6 +40,7 @@ class Wake:
             pass  # readable already, or closed
 
     def clear(self) -> None:
+        """Make the descriptor unreadable until the next :meth:`set`."""
         try:
             if self._pair is None:
                 os.eventfd_read(self._fd)
@@ -44,6 +50,7 @@ class Wake:
             pass
 
     def close(self) -> None:
+        """Close the descriptor; idempotent."""
         if self._pair is None:
             if self._fd >= 0:
                 os.close(self._fd)

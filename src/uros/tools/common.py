@@ -206,7 +206,7 @@ def service_name(text: str) -> str:
 def join(args: argparse.Namespace) -> Network:
     """Apply ``--interfaces`` and join the domain. Nothing is discovered yet."""
     from ..host.network import Network
-    from ..middleware.base import environment_domain
+    from ..middleware.environment import environment_domain
 
     number = args.domain if args.domain is not None else environment_domain()
     know_interfaces(args)

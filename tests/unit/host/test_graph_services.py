@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from uros.host.graph import Graph
+from uros.host.graph_queries import Graph
 from uros.qos import QoSProfile
 
 TRIGGER = "std_srvs::srv::dds_::Trigger_"

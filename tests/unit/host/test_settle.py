@@ -1,9 +1,10 @@
-"""When a graph counts as settled, with news that come from a second participant here."""
+"""When a graph counts as settled, with changes caused by a second participant here."""
 
 import pytest
 
 from uros.host.network import Network
-from uros.middleware.dds import announce, cyclone
+from uros.middleware.dds import cyclone
+from uros.middleware.discovery_info import codec
 from uros.qos import QoSProfile
 
 
@@ -15,40 +16,40 @@ def network(own_domain_id):
 
 @pytest.fixture
 def other(network):
-    """A participant as a ROS process makes it, before it has told anything."""
+    """A participant as a ROS process creates it, before it announces its nodes."""
     entity = cyclone.create_participant(network.domain, b"enclave=/;")
     yield entity
     cyclone.delete(entity)
 
 
-def announcer(entity):
-    topic = cyclone.create_topic(entity, announce.TOPIC, announce.TYPE)
+def info_writer(entity):
+    topic = cyclone.create_topic(entity, codec.TOPIC, codec.TYPE)
     return cyclone.create_writer(
-        cyclone.create_group("publisher", entity), topic, announce.qos(), b""
+        cyclone.create_group("publisher", entity), topic, codec.qos(), b""
     )
 
 
-def tell(entity, writer, writers):
-    node = announce.NodeEntities("/", "other", [], writers)
-    cyclone.write(writer, announce.encode(cyclone.guid(entity), [node], 16))
+def announce(entity, writer, writers):
+    node = codec.NodeEntities("/", "other", [], writers)
+    cyclone.write(writer, codec.encode(cyclone.guid(entity), [node], 16))
 
 
-def test_a_silent_ros_participant_is_waited_for(network, other):
+def test_a_ros_participant_without_discovery_info_is_waited_for(network, other):
     network.settle(0.3)
-    assert network._discovery.silent() == {cyclone.guid(other)}
-    writer = announcer(other)
-    assert network.spin(network._discovery.unheard, 10)
-    tell(other, writer, [])
+    assert network._discovery.without_discovery_info() == {cyclone.guid(other)}
+    writer = info_writer(other)
+    assert network.spin(network._discovery.with_missed_discovery_info, 10)
+    announce(other, writer, [])
     network.settle()
-    assert not network._discovery.silent()
+    assert not network._discovery.without_discovery_info()
     assert "/other" in network.graph.nodes()
 
 
-def test_asking_again_brings_what_was_told_before(network, other):
-    tell(other, announcer(other), [])
+def test_a_new_reader_gets_earlier_discovery_info(network, other):
+    announce(other, info_writer(other), [])
     assert network.spin(lambda: "/other" in network.graph.nodes(), 10)
-    network._discovery.announcements.forget(cyclone.guid(other))
-    network._discovery.ask_again()
+    network._discovery._info_reader.intake.forget(cyclone.guid(other))
+    network._discovery.reread_discovery_info()
     assert network.spin(lambda: "/other" in network.graph.nodes(), 10)
 
 
@@ -57,18 +58,18 @@ def test_endpoints_that_are_announced_are_waited_for(network, other):
     group = cyclone.create_group("publisher", other)
     gid = cyclone.guid(cyclone.create_writer(group, topic, QoSProfile(), b""))
     ghost = gid[:12] + b"\xff\xff\xff\x03"
-    writer = announcer(other)
-    tell(other, writer, [gid, ghost])
+    writer = info_writer(other)
+    announce(other, writer, [gid, ghost])
     network.settle(1.0)
-    assert network._discovery.missing() == {ghost}
-    tell(other, writer, [gid])
+    assert network._discovery.undiscovered_endpoints() == {ghost}
+    announce(other, writer, [gid])
     network.settle()
-    assert not network._discovery.missing()
+    assert not network._discovery.undiscovered_endpoints()
     assert network.graph.node("/other").publishers == {"/x": ["std_msgs/msg/String"]}
 
 
-def test_a_participant_that_leaves_takes_all_along(network, other):
-    tell(other, announcer(other), [])
+def test_the_nodes_of_a_participant_leave_with_it(network, other):
+    announce(other, info_writer(other), [])
     assert network.spin(lambda: "/other" in network.graph.nodes(), 10)
     cyclone.delete(other)
     assert network.spin(lambda: network.alone, 10)

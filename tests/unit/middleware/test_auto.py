@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from uros.middleware import auto, open_middleware
+from uros.middleware import base, open_middleware
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.qos import QoSProfile
@@ -74,7 +74,7 @@ def test_nobody_need_listen_to_notices(middleware, own_domain_id):
 
 
 def test_the_same_is_told_once_and_not_without_end(middleware, monkeypatch):
-    monkeypatch.setattr(auto, "_MAX_NOTICES", 3)
+    monkeypatch.setattr(base, "_MAX_NOTICES", 3)
     told = []
     middleware.on_notice = told.append
     for text in "aabcbdea":
@@ -122,11 +122,11 @@ def test_a_failing_dds_does_not_keep_ros2_from_its_turn(middleware, monkeypatch)
     assert middleware._ros.turns == 1
 
 
-def test_news_of_ros2_outlive_what_dds_clears(middleware):
+def test_work_of_ros2_sets_the_descriptor_that_dds_clears(middleware):
     """dispatch_local makes the shared descriptor unreadable."""
 
     class Ros2:
-        def has_news(self):
+        def has_work(self):
             return True
 
         def close(self):

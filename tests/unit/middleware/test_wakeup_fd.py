@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from uros.middleware.wakeup_fd import Wake
+from uros.middleware.wakeup_fd import WakeupFd
 
 
 @pytest.fixture(params=["eventfd", "socketpair"])
@@ -13,7 +13,7 @@ def wake(request, monkeypatch):
         monkeypatch.delattr(os, "eventfd", raising=False)
     elif not hasattr(os, "eventfd"):
         pytest.skip("not on this platform: eventfd")
-    one = Wake()
+    one = WakeupFd()
     yield one
     one.close()
 

@@ -5,7 +5,7 @@ import argparse
 import pytest
 
 from uros.interfaces import distro
-from uros.middleware.dds.endpoints import type_data
+from uros.middleware.user_data import type_hash
 from uros.tools import cli
 from uros.tools.agent import command as agent
 from uros.tools.common import use_distro
@@ -62,14 +62,14 @@ def test_a_name_that_is_none_is_refused_with_those_that_there_are(capsys, monkey
 
 
 def test_an_agent_of_humble_announces_no_hashes(monkeypatch):
-    assert type_data(RANGE).startswith(b"typehash=RIHS01_")
+    assert type_hash(RANGE).startswith(b"typehash=RIHS01_")
     parser = argparse.ArgumentParser()
     agent.add_arguments(parser)
     line = "udp4 -p 8888 --distro humble tcp4 -p 8888".split()
     options = agent._common(agent._parts(parser.parse_args(line)))
     assert options.distro == "humble"
     use_distro(options.distro)
-    assert type_data(RANGE) == b""
+    assert type_hash(RANGE) == b""
     distro.use("")
     monkeypatch.setenv("ROS_DISTRO", "foxy")  # an agent needs no definitions
-    assert type_data(RANGE) == b""
+    assert type_hash(RANGE) == b""

@@ -19,7 +19,7 @@ from unit.tools.agent.test_status import client, snapshot
 
 from uros.agent.log import Log
 from uros.host import network as network_module
-from uros.host.graph import Graph
+from uros.host.graph_queries import Graph
 from uros.host.network import Network, Received
 from uros.interfaces import load
 from uros.interfaces.codec import to_cdr

@@ -1,36 +1,36 @@
 """The DDS middleware, on Eclipse Cyclone DDS: real ROS 2 nodes on the other side.
 
-==================  ============================================================
-``cyclone``         the C interface: entities as integers, samples as bytes
-``builtin``         what Cyclone discovers, read from its builtin topics
-``config``          what the ROS 2 environment variables ask of the network
-``participant``     DDS participants shared by many nodes
-``shared``          things made for their first user, unmade after their last
-``announce``        ``ros_discovery_info``: which endpoint belongs to which node
-``announced``       the same of others, within limits
-``hidden``          that rclpy's participant in this process has no nodes of its own
-``gids``            how long the Gids in it are
-``endpoints``       writers, readers, and services in rmw_cyclonedds's format
-``forms``           who else has that format, and keeping requests from all others
-``watched``         a reader in the waitset, whatever it reads
-``discovery``       reading the graph, for tools
-``graph``           the same for boards, told at a pace
-``offers``          Fast DDS writers whose first heartbeat was missed
-``conflicts``       topics that somebody else has with another type
-``middleware``      the contract, and the thread that waits for samples
-==================  ============================================================
+==========================  ======================================================
+``cyclone``                 the C interface: entities as integers, samples as bytes
+``builtin``                 what Cyclone discovers, read from its builtin topics
+``config``                  Cyclone's configuration from ROS 2's environment variables
+``schedule``                what is done by time
+``dispatcher``              the waitset, its thread, and the readers that are told of samples
+``participant``             DDS participants shared by many nodes, and their discovery info
+``context``                 what all parts below share
+``endpoints``               writers, readers, service clients and servers
+``service_peers``           which matched endpoints of a service are compatible
+``discovery_info_reader``   reads ``ros_discovery_info`` of others, within limits
+``discovery``               the participants, nodes and endpoints of a domain
+``paced_discovery``         the same, with at most one change a second
+``late_writer_heartbeat``   probe readers for Fast DDS writers that Cyclone discovers late
+``suppressed_nodes``        empty discovery info for rclpy's participant in this process
+``type_conflict_detector``  feeds the table of types from the builtin topics
+``domain``                  one domain: its participants, and what watches it for all
+``node``                    a node
+``middleware``              the contract
+==========================  ======================================================
+
+Each module imports only modules listed above it.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .middleware import DdsMiddleware
+from ..base import Middleware
 
 
-def create() -> DdsMiddleware:
-    """A DDS middleware configured by this process's environment."""
+def create() -> Middleware:
+    """Return a DDS middleware configured by this process's environment."""
     from .middleware import DdsMiddleware
 
     return DdsMiddleware()

@@ -1,4 +1,4 @@
-"""What Cyclone discovers, by its builtin topics: participants and endpoints with their QoS."""
+"""Cyclone's builtin topics: discovered participants and endpoints with their QoS."""
 
 from __future__ import annotations
 
@@ -71,14 +71,14 @@ _qget_partition = function(
 
 
 def create_reader(participant: int, topic: int) -> int:
-    """A reader of one of the ``TOPIC_…``: what its participant discovers."""
-    reader: int = check(_create_reader(participant, topic, None, None), "read what is discovered")
+    """Create a reader of one of the ``TOPIC_…``: what its participant discovers."""
+    reader: int = check(_create_reader(participant, topic, None, None), "read a builtin topic")
     wake_on(reader, STATUS_DATA_AVAILABLE)
     return reader
 
 
 def take_participants(reader: int, limit: int) -> list[tuple[bytes, QoSProfile | None]]:
-    """(GUID, QoS) of participants that came or changed; None: it left."""
+    """Take (GUID, QoS) of participants that were discovered or changed; QoS None: it left."""
     got = _clayer.ddspy_take_participant(
         reader, limit, lambda key, qos, info: (key, qos if _alive(info) else None), read_qos
     )
@@ -88,21 +88,21 @@ def take_participants(reader: int, limit: int) -> list[tuple[bytes, QoSProfile |
 def take_endpoints(
     reader: int, limit: int
 ) -> list[tuple[bytes, tuple[bytes, str, str, QoSProfile] | None]]:
-    """(GUID, (participant's GUID, topic, type, QoS)) of endpoints; None: it left."""
+    """Take (GUID, (participant's GUID, topic, type, QoS)) of endpoints; None: it left."""
     return _take_endpoints(reader, limit, read_qos)
 
 
 def take_types(
     reader: int, limit: int
 ) -> list[tuple[bytes, tuple[bytes, str, str, None] | None]]:
-    """:func:`take_endpoints` without the QoS, which costs most of it."""
+    """Take endpoints as :func:`take_endpoints` does, without the QoS, which is the costly part."""
     return _take_endpoints(reader, limit, lambda _pointer: None)
 
 
 def _take_endpoints(
     reader: int, limit: int, read: Callable[[int], Qos]
 ) -> list[tuple[bytes, tuple[bytes, str, str, Qos] | None]]:
-    def made(
+    def convert(
         key: bytes,
         participant: bytes,
         _handle: int,
@@ -116,25 +116,23 @@ def _take_endpoints(
             return key, None
         return key, (participant, topic, type_name, qos)
 
-    got = _clayer.ddspy_take_endpoint(reader, limit, made, read)
+    got = _clayer.ddspy_take_endpoint(reader, limit, convert, read)
     return [] if isinstance(got, int) else got
 
 
 def matched_reader(writer: int, handle: int) -> tuple[bytes, bytes] | None:
-    """(GUID, USER_DATA) of a reader that a writer is matched with; None where it is not (any
-    more).
-    """
+    """Return (GUID, USER_DATA) of a reader by its instance handle; None unless it matches."""
     return _matched(_clayer.ddspy_get_matched_subscription_data, writer, handle)
 
 
 def matched_writer(reader: int, handle: int) -> tuple[bytes, bytes] | None:
-    """The same of a writer that a reader is matched with."""
+    """Return (GUID, USER_DATA) of a writer by its instance handle; None unless it matches."""
     return _matched(_clayer.ddspy_get_matched_publication_data, reader, handle)
 
 
 def _matched(get: Any, endpoint: int, handle: int) -> tuple[bytes, bytes] | None:
     found: tuple[bytes, bytes] | None = get(
-        endpoint, handle, lambda key, *about: (key, about[4]), _user_data
+        endpoint, handle, lambda key, *rest: (key, rest[4]), _user_data
     )
     return found
 
@@ -147,7 +145,7 @@ def _alive(info: Any) -> bool:
 
 
 def read_qos(pointer: int) -> QoSProfile:
-    """A ``dds_qos_t`` as a profile; a policy that is not in it keeps its default."""
+    """Return a ``dds_qos_t`` as a profile; a policy that is not in it keeps its default."""
     qos = QoSProfile()
     kind, number, time = ctypes.c_int(), _int32(), _int64()
     if _qget_reliability(pointer, ctypes.byref(kind), ctypes.byref(time)):

@@ -4,13 +4,13 @@ The ``cyclonedds`` wheel brings the C library and a binding that writes and
 takes CDR as bytes (``_clayer``). The rest is called through ctypes, because
 the binding's entity objects cost memory and cannot wait without the GIL.
 
-A topic made by the binding announces XTypes type information derived from its
-Python class. Here the class is only a name, so that must not go out: peers
-would compare it with theirs and refuse. rmw_cyclonedds announces none, and
+A topic created by the binding announces XTypes type information derived from its
+Python class. Here the class is only a name, so that must not be announced: peers
+would compare it with theirs and not match. rmw_cyclonedds announces none, and
 types then match by name. A sertype's first word points at its operations
-table; :func:`_silence` points it at a copy without ``type_id``, ``type_map``
-and ``type_info``. What that rests on is checked at run time, and the
-dependency is pinned.
+table; :func:`_disable_type_information` points it at a copy without ``type_id``,
+``type_map`` and ``type_info``. The layout that this relies on is checked at run time,
+and the dependency is pinned.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _int32, _void_p, _int64, _size = ctypes.c_int32, ctypes.c_void_p, ctypes.c_int64
 
 
 def function(name: str, result: Any, *arguments: Any) -> Any:
-    """A function of the C library with its types declared."""
+    """Return a function of the C library with its types declared."""
     function = getattr(_lib, name)
     function.restype = result
     function.argtypes = arguments
@@ -136,7 +136,11 @@ _ROOT_ENTITY: Final = 0x7FFF0100  # DDS_CYCLONEDDS_HANDLE: parent of what spans 
 
 
 def check(code: int, what: str) -> int:
-    """A return code or entity that is no error. Raises MiddlewareError naming ``what``."""
+    """Return a code or entity that is no error.
+
+    Raises:
+        MiddlewareError: It is an error; the text says that DDS cannot do ``what``.
+    """
     if code < 0:
         raise MiddlewareError(f"DDS cannot {what}: {_strretcode(code).decode()}")
     return code
@@ -151,8 +155,8 @@ _domains: dict[int, tuple[int, int]] = {}  # entity, users
 def open_domain(domain: int, config: str) -> None:
     """Join a domain with a configuration (XML, or what CYCLONEDDS_URI takes).
 
-    A process has one of each: who comes later shares it as it is. Every open
-    has its :func:`close_domain`.
+    A process has each domain once: later users share it as the first has configured it. Each call
+    needs one :func:`close_domain`.
     """
     entity, users = _domains.get(domain, (0, 0))
     if not users:
@@ -161,7 +165,7 @@ def open_domain(domain: int, config: str) -> None:
 
 
 def close_domain(domain: int) -> None:
-    """Leave a domain; with its last user go all its entities."""
+    """Leave a domain; the last user deletes all its entities."""
     entity, users = _domains.pop(domain)
     if users > 1:
         _domains[domain] = entity, users - 1
@@ -172,7 +176,7 @@ def close_domain(domain: int) -> None:
 
 
 def create_participant(domain: int, user_data: bytes) -> int:
-    """A participant in a domain that is open; ``user_data`` is what peers read of it."""
+    """Create a participant with this USER_DATA in a domain that is open."""
     if domain not in _domains:
         raise MiddlewareError(f"domain {domain} is not open")
     qos = _create_qos()
@@ -186,7 +190,7 @@ def create_participant(domain: int, user_data: bytes) -> int:
 
 
 def create_group(kind: str, participant: int, partitions: tuple[str, ...] = ()) -> int:
-    """A publisher or a subscriber."""
+    """Create a ``publisher`` or a ``subscriber`` in these partitions."""
     qos = _create_qos()
     if partitions:
         names = (ctypes.c_char_p * len(partitions))(*[name.encode() for name in partitions])
@@ -200,11 +204,15 @@ def create_group(kind: str, participant: int, partitions: tuple[str, ...] = ()) 
 def create_writer(
     publisher: int, topic: int, qos: QoSProfile, user_data: bytes, batching: bool = False
 ) -> int:
-    """A writer. With ``batching``, what is written waits for :func:`flush`, or for more."""
+    """Create a writer.
+
+    With ``batching``, samples are held back until :func:`flush`, or until a packet is full.
+    """
     return _endpoint("writer", publisher, topic, qos, user_data, batching)
 
 
 def create_reader(subscriber: int, topic: int, qos: QoSProfile, user_data: bytes = b"") -> int:
+    """Create a reader that wakes its waitset when samples arrive."""
     reader = _endpoint("reader", subscriber, topic, qos, user_data)
     wake_on(reader, STATUS_DATA_AVAILABLE)
     return reader
@@ -224,11 +232,11 @@ def _endpoint(
 
 def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
     c_qos = _create_qos()
-    # A writer never waits: the data plane must not stand still in dds_write.
+    # A writer never blocks: the data plane must not wait in dds_write.
     _qset_reliability(c_qos, 1 if qos.reliable else 0, 0)
     durability = {
         DurabilityPolicy.TRANSIENT_LOCAL: 1,
-        DurabilityPolicy.TRANSIENT: 1,  # no durability service here: the nearest to it
+        DurabilityPolicy.TRANSIENT: 1,  # without a durability service the nearest to it
         DurabilityPolicy.PERSISTENT: 1,
     }.get(qos.durability, 0)
     _qset_durability(c_qos, durability)
@@ -236,8 +244,8 @@ def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
     depth = 0 if keep_all else max(1, qos.depth)
     _qset_history(c_qos, 1 if keep_all else 0, depth)
     if durability and kind == "writer":
-        # What is kept for late readers; without it Cyclone keeps one sample, and of a writer
-        # that keeps all it would keep all for ever.
+        # The history for late readers: by default Cyclone keeps one sample, and all samples of a
+        # writer that keeps all, without end.
         _qset_durability_service(c_qos, 0, 0, depth or MAX_PAST, -1, -1, -1)
     if qos.deadline_ms:
         _qset_deadline(c_qos, qos.deadline_ms * 1_000_000)
@@ -263,7 +271,7 @@ def _c_qos(qos: QoSProfile, user_data: bytes, kind: str) -> Any:
 
 
 def wake_on(endpoint: int, status: int) -> None:
-    """Which status of a reader or writer wakes the waitset it is in."""
+    """Set which status of a reader or writer wakes the waitset it is in."""
     check(_set_status_mask(endpoint, status), "watch an endpoint")
 
 
@@ -273,21 +281,21 @@ def reset(endpoint: int, status: int) -> None:
 
 
 def matched_writers(reader: int) -> set[int]:
-    """The instance handles of the writers a reader hears, local ones included.
+    """Return the instance handles of the writers that match a reader, local ones included.
 
     Resets the status SUBSCRIPTION_MATCHED first, so that a change is not missed.
     """
     reset(reader, STATUS_SUBSCRIPTION_MATCHED)
-    return heard_writers(reader)
+    return peek_matched_writers(reader)
 
 
-def heard_writers(reader: int) -> set[int]:
-    """:func:`matched_writers` without resetting that status, for who does not wait for it."""
+def peek_matched_writers(reader: int) -> set[int]:
+    """Return the same without resetting that status, on which another caller may wait."""
     return _matched(_get_matched_publications, reader)
 
 
 def matched_readers(writer: int) -> set[int]:
-    """The instance handles of the readers a writer reaches, local ones included."""
+    """Return the instance handles of the readers that match a writer, local ones included."""
     return _matched(_get_matched_subscriptions, writer)
 
 
@@ -302,27 +310,27 @@ def _matched(get: Any, endpoint: int) -> set[int]:
 
 
 def count_readers(writer: int) -> int:
-    """How many readers a writer reaches, local ones included."""
+    """Return how many readers match a writer, local ones included."""
     count: int = _get_matched_subscriptions(writer, None, 0)
     return max(0, count)
 
 
 def delete(entity: int) -> None:
-    """Delete an entity and what it contains. Twice is once."""
+    """Delete an entity and what it contains; idempotent."""
     _delete(entity)
 
 
 def guid(entity: int) -> bytes:
-    """The 16 bytes of an entity's GUID, as they go over the network."""
+    """Return the 16 octets of an entity's GUID, in the order of the network."""
     out = (ctypes.c_ubyte * 16)()
-    check(_get_guid(entity, out), "tell a GUID")
+    check(_get_guid(entity, out), "get a GUID")
     return bytes(out)
 
 
 def instance_handle(entity: int) -> int:
-    """The 64-bit local instance handle of an entity."""
+    """Return the 64-bit local instance handle of an entity."""
     out = ctypes.c_uint64()
-    check(_get_instance_handle(entity, ctypes.byref(out)), "tell an instance handle")
+    check(_get_instance_handle(entity, ctypes.byref(out)), "get an instance handle")
     return out.value
 
 
@@ -330,16 +338,16 @@ def instance_handle(entity: int) -> int:
 
 
 class _Any(IdlStruct, typename="uros::Any"):
-    """Stands for every type: the binding wants a class, we only want its name."""
+    """Stands for every type: the binding needs a class, and only its name is used."""
 
-    # One octet: Cyclone checks and byte-swaps a sample as far as its type goes,
-    # and an octet leaves every sample as it is. Not as text: the binding
-    # resolves annotations itself.
+    # One octet: Cyclone checks and byte-swaps a sample as far as its type reaches,
+    # so every sample stays as it is. Not as text: the binding resolves annotations
+    # itself.
     __annotations__ = {"octet": uint8}
 
 
 class _Named:
-    """What the binding asks of a type, with a name of our own."""
+    """The attributes that the binding reads of a type, with another name."""
 
     def __init__(self, name: str, idl: Any) -> None:
         self.idl_transformed_typename = name
@@ -357,28 +365,31 @@ class _Type:
 
 
 _types: dict[str, _Type] = {}
-_quiet_ops: dict[int, Any] = {}
+_patched_ops: dict[int, Any] = {}
 
 
-# By domain and type name; each holds a reference of its own. A second sertype
-# of a name would not be found equal to a silenced one, and Cyclone's table of
-# them does not bear many of one name.
+# By domain and type name; each holds a reference of its own. A second sertype of a name would not
+# compare equal to a patched one, and Cyclone's table cannot hold many of one name.
 _sertypes: dict[tuple[int, str], int] = {}
-# Attack: one type after the other; what a name takes is only given back with its domain.
+# Attack: one type after the other; the memory of a name is only freed with its domain.
 MAX_TYPES: Final = 4096
 
 
 def _is_known(type_name: str) -> bool:
-    """Whether uros has the type itself: there are not many."""
+    """Whether uros has the type itself: these are few."""
     from ...interfaces.typehash import is_known
 
     return is_known(type_name)
 
 
 def create_topic(participant: int, name: str, type_name: str) -> int:
-    """A topic whose type is nothing but its name."""
+    """Create a topic whose type is nothing but its name.
+
+    Raises:
+        MiddlewareError: DDS refuses it, or there are too many types.
+    """
     domain = ctypes.c_uint32()
-    check(_get_domainid(participant, ctypes.byref(domain)), "tell a domain")
+    check(_get_domainid(participant, ctypes.byref(domain)), "get a domain")
     key = domain.value, type_name
     known = _sertypes.get(key)
     topic: int
@@ -406,15 +417,15 @@ def create_topic(participant: int, name: str, type_name: str) -> int:
         )
     if known is None:
         try:
-            _sertypes[key] = _sertype_ref(_silence(topic))
+            _sertypes[key] = _sertype_ref(_disable_type_information(topic))
         except MiddlewareError:
             delete(topic)
             raise
     return topic
 
 
-def _silence(topic: int) -> int:
-    """Keep a topic from announcing type information, see the module; its sertype."""
+def _disable_type_information(topic: int) -> int:
+    """Keep a topic from announcing type information, see the module; return its sertype."""
     sertype = _void_p()
     check(_get_entity_sertype(topic, ctypes.byref(sertype)), "find a topic's sertype")
     assert sertype.value is not None
@@ -422,16 +433,16 @@ def _silence(topic: int) -> int:
     address = word[0]
     if address is None:
         raise MiddlewareError(_CHANGED)
-    quiet = _quiet_ops.get(address)
-    if quiet is None:
-        if _quiet_ops or not _is_ops_table(address):
+    patched = _patched_ops.get(address)
+    if patched is None:
+        if _patched_ops or not _is_ops_table(address):
             raise MiddlewareError(_CHANGED)
-        quiet = (_void_p * _SERTYPE_OPS_SIZE)()
-        ctypes.memmove(quiet, address, ctypes.sizeof(quiet))
+        patched = (_void_p * _SERTYPE_OPS_SIZE)()
+        ctypes.memmove(patched, address, ctypes.sizeof(patched))
         for index in _SERTYPE_OPS_TYPES:
-            quiet[index] = None
-        _quiet_ops[address] = quiet
-    word[0] = ctypes.addressof(quiet)
+            patched[index] = None
+        _patched_ops[address] = patched
+    word[0] = ctypes.addressof(patched)
     return sertype.value
 
 
@@ -444,8 +455,8 @@ _CHANGED = (
 def _is_ops_table(address: int) -> bool:
     """Whether ``address`` is the binding's operations table.
 
-    Where the platform exports it (Linux), by its symbol; elsewhere by what
-    must hold of it: which of its entries point somewhere.
+    Where the platform exports it (Linux), by its symbol; elsewhere by which of
+    its entries are null.
     """
     try:
         exported = ctypes.addressof(
@@ -470,52 +481,54 @@ _LARGE: Final = 64 * 1024
 
 
 def write(writer: int, cdr: Bytes) -> bool:
-    """Write one sample; False where the writer has no room and would wait."""
-    code: int = _ddspy_write(writer, _filled(cdr) if len(cdr) & 3 else cdr)
-    return code == 0 or _refused(code)
+    """Write one sample; False where the writer has no room and would block."""
+    code: int = _ddspy_write(writer, _padded(cdr) if len(cdr) & 3 else cdr)
+    return code == 0 or _has_no_room(code)
 
 
 def write_disposed(writer: int, cdr: Bytes) -> bool:
-    """:func:`write` with the status "disposed": Cyclone's readers take it as data, others as no
-    valid sample; see :mod:`~uros.middleware.dds.service_forms`.
+    """Write one sample with the status "disposed".
+
+    Cyclone's readers take it as data, others as no valid sample; see
+    :mod:`~uros.middleware.dds.service_peers`.
     """
-    code: int = _ddspy_writedispose(writer, _filled(cdr) if len(cdr) & 3 else cdr)
-    return code == 0 or _refused(code)
+    code: int = _ddspy_writedispose(writer, _padded(cdr) if len(cdr) & 3 else cdr)
+    return code == 0 or _has_no_room(code)
 
 
-def _filled(cdr: Bytes) -> bytes:
-    """The sample with zeros to a multiple of 4: Cyclone would fill it up with what its memory last
-    held.
-    """
+def _padded(cdr: Bytes) -> bytes:
+    """The sample with zeros to a multiple of 4: Cyclone would send what its memory last held."""
     fill = -len(cdr) & 3
     return bytes(cdr[:3]) + bytes((fill,)) + bytes(cdr[4:]) + bytes(fill)
 
 
-def _refused(code: int) -> bool:
+def _has_no_room(code: int) -> bool:
+    """False where the writer has no room; raises MiddlewareError for any other error."""
     if code in (RETCODE_TIMEOUT, RETCODE_OUT_OF_RESOURCES):
         return False
     raise MiddlewareError(f"DDS cannot write: {_strretcode(code).decode()}")
 
 
-# Sends what a writer with batching holds: one packet for many small samples.
+# Sends what a writer with batching holds back: one packet for many small samples.
 flush = function("dds_write_flush", _int32, _int32)
 
 
 def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:
-    """At most ``limit`` samples with their SampleInfo, invalid ones left out."""
+    """Take at most ``limit`` samples with their SampleInfo, invalid ones left out."""
     got = _ddspy_take(reader, ANY_STATE, limit)
     if isinstance(got, int):
         return []
     return [
-        item if not item[0][3] & 3 else (_unfilled(item[0]), item[1])
+        item if not item[0][3] & 3 else (_unpadded(item[0]), item[1])
         for item in got
         if item[1].valid_data
     ]
 
 
 def unread(reader: int, limit: int) -> list[int]:
-    """The octets of samples that were not read yet, at most ``limit`` of them; they stay, and count
-    as read from now on.
+    """Return the octets of samples that were not read yet, at most ``limit`` of them.
+
+    The samples stay in the reader and count as read from now on.
     """
     sizes: list[int] = []
     while len(sizes) < limit:
@@ -527,9 +540,10 @@ def unread(reader: int, limit: int) -> list[int]:
     return sizes
 
 
-def _unfilled(cdr: bytes) -> bytes:
-    """A sample without the octets at its end that only make its length a multiple of 4: the last
-    two bits of the encapsulation options count them (XTypes 1.3, 7.6.3.1.2).
+def _unpadded(cdr: bytes) -> bytes:
+    """A sample without the padding at its end.
+
+    The last two bits of the encapsulation options count its octets (XTypes 1.3, 7.6.3.1.2).
     """
     return cdr[:3] + b"\0" + cdr[4 : -(cdr[3] & 3)]
 
@@ -538,10 +552,7 @@ def _unfilled(cdr: bytes) -> bytes:
 
 
 class Waitset:
-    """Readers that are waited for together, from a thread of its own.
-
-    ``key`` is a positive number of the caller's that :meth:`wait` returns.
-    """
+    """The readers that one thread waits for; :meth:`wait` returns their keys."""
 
     def __init__(self) -> None:
         self._entity = check(_create_waitset(_ROOT_ENTITY), "create a waitset")
@@ -550,21 +561,24 @@ class Waitset:
         self._keys = (ctypes.c_ssize_t * 256)()
 
     def attach(self, reader: int, key: int) -> None:
+        """Wait for a reader; ``key`` is a positive number of the caller's."""
         check(_waitset_attach(self._entity, reader, key), "wait for a reader")
 
     def detach(self, reader: int) -> None:
+        """Wait for a reader no more."""
         _waitset_detach(self._entity, reader)
 
     def wait(self) -> list[int]:
-        """Sleep, without the GIL, until something arrives or :meth:`wake`."""
+        """Sleep without the GIL until something arrives or :meth:`wake`; return the keys."""
         count = _waitset_wait(self._entity, self._keys, len(self._keys), INFINITE)
         _set_guard(self._guard, False)
         return [key for key in self._keys[: max(0, min(count, len(self._keys)))] if key]
 
     def wake(self) -> None:
-        """Make the current or next :meth:`wait` return."""
+        """Make the current or next :meth:`wait` return; thread-safe."""
         _set_guard(self._guard, True)
 
     def close(self) -> None:
+        """Delete the waitset, which no thread may be waiting in."""
         delete(self._guard)
         delete(self._entity)

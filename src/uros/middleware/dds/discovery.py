@@ -1,8 +1,7 @@
-"""Reading the graph: who is in a domain, by Cyclone's builtin topics and ``ros_discovery_info``.
+"""Reading the graph of a domain: Cyclone's builtin topics and ``ros_discovery_info``.
 
-Everything is kept under its DDS names; :mod:`uros.host.graph` makes ROS names of them. The
-readers are served by the middleware like all others, so :attr:`Discovery.on_change` comes from
-its ``dispatch``, in the data plane's thread.
+Everything is kept under its DDS names; :mod:`uros.host.graph_queries` makes ROS names of them. The
+readers are dispatched like all others, so ``on_change`` is called in the data plane's thread.
 """
 
 from __future__ import annotations
@@ -10,26 +9,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from ...qos import QoSProfile
-from . import announce, builtin, cyclone
-from .announced import Announced
-from .reader_listener import Watched
-from .service_forms import OFFER
-
-if TYPE_CHECKING:
-    from .middleware import DdsMiddleware
-    from .participant import SharedParticipant
+from .. import user_data
+from ..discovery_info import codec
+from . import builtin, cyclone
+from .context import DdsContext
+from .discovery_info_reader import DiscoveryInfoReader
+from .dispatcher import ReaderListener
+from .participant import SharedParticipant
 
 _BATCH: Final = 256
-# Attack: endpoints that come and go without end. Batches in one turn; others come between.
+# Attack: endpoints that come and go without end. Batches in one turn; the rest has to wait.
 _BATCHES: Final = 4
 
 
 @dataclass(frozen=True)
 class Endpoint:
-    """A writer or a reader on the network; ``qos.user_data`` is what it announces itself."""
+    """A discovered writer or reader; ``qos.user_data`` is the USER_DATA it announces."""
 
     guid: bytes
     participant: bytes
@@ -39,101 +37,112 @@ class Endpoint:
     qos: QoSProfile
 
 
-class Peers:
+class ParticipantDiscovery:
     """The participants that one of ours has discovered, itself included, and their nodes.
 
-    ``participants`` maps a GUID to its USER_DATA, ``announced`` and ``gid_sizes`` are what
-    :class:`.announced.Announced` has; these may come before the participant itself is known.
-    ``on_change`` is called after each batch of news.
+    Attributes:
+        participants: USER_DATA of each participant, by its GUID.
+
+    Args:
+        context: What the parts of the middleware share.
+        participant: The participant whose discovery is read.
+        on_change: Called after each batch of changes.
     """
 
     def __init__(
         self,
-        middleware: DdsMiddleware,
+        context: DdsContext,
         participant: SharedParticipant,
         on_change: Callable[[], None],
     ) -> None:
         self.participants: dict[bytes, bytes] = {}
         self._on_change = on_change
-        self._middleware = middleware
-        self._participant = participant
+        self._context = context
         self._closers: list[Callable[[], None]] = []
         try:
             for topic, take in self._builtin_topics():
                 reader = builtin.create_reader(participant.entity, topic)
-                self._watch(reader, take, partial(cyclone.delete, reader))
-            self.announcements = Announced(middleware, participant, on_change)
-            self._closers.append(self.announcements.close)
+                self._listen(reader, take, partial(cyclone.delete, reader))
+            self._info_reader = DiscoveryInfoReader(context, participant, on_change)
+            self._closers.append(self._info_reader.close)
         except BaseException:
             self.close()
             raise
 
     @property
-    def announced(self) -> dict[bytes, list[announce.NodeEntities]]:
-        return self.announcements.nodes
+    def announced(self) -> dict[bytes, list[codec.NodeEntities]]:
+        """The nodes of each participant, by its GUID, which may not be discovered yet."""
+        return self._info_reader.intake.nodes
 
     @property
     def gid_sizes(self) -> dict[bytes, int]:
-        return self.announcements.gid_sizes
+        """Octets of a Gid in each participant's discovery info, by its GUID."""
+        return self._info_reader.intake.gid_sizes
 
-    def ask_again(self) -> None:
-        """Read ``ros_discovery_info`` anew."""
-        self.announcements.ask_again()
+    def reread_discovery_info(self) -> None:
+        """Read ``ros_discovery_info`` again with a new reader."""
+        self._info_reader.recreate()
 
     def _builtin_topics(self) -> list[tuple[int, Callable[[int], int]]]:
         return [(builtin.TOPIC_PARTICIPANT, self._take_participants)]
 
-    def _watch(
+    def _listen(
         self,
         entity: int,
         take: Callable[[int], int],
         delete: Callable[[], None],
     ) -> None:
+        dispatcher = self._context.dispatcher
+
         def on_ready() -> None:
-            reader.taken = True
+            listener.taken = True
             for _ in range(_BATCHES):
                 if take(entity) < _BATCH:
                     break
             else:
-                self._middleware.again(reader)
+                dispatcher.requeue(listener)
             self._on_change()
 
-        reader = Watched(self._middleware, entity, on_ready)
+        listener = ReaderListener(dispatcher, entity, on_ready)
 
         def close() -> None:
-            self._middleware.unwatch(reader)
+            dispatcher.unwatch(listener)
             delete()
 
         self._closers.append(close)
 
     def _take_participants(self, entity: int) -> int:
-        news = builtin.take_participants(entity, _BATCH)
-        for guid, qos in news:
+        changes = builtin.take_participants(entity, _BATCH)
+        for guid, qos in changes:
             if qos is None:
                 self.participants.pop(guid, None)
-                self.announcements.forget(guid)
+                self._info_reader.intake.forget(guid)
             else:
                 self.participants[guid] = qos.user_data
-        return len(news)
+        return len(changes)
 
     def close(self) -> None:
-        """Stop reading. Twice is once."""
+        """Stop reading; idempotent."""
         for close in self._closers:
             close()
         self._closers.clear()
 
 
-class Discovery(Peers):
-    """These, and what they write and read: ``endpoints`` maps a GUID to the endpoint."""
+class GraphDiscovery(ParticipantDiscovery):
+    """The participants, their nodes, and what they write and read.
+
+    Attributes:
+        endpoints: The endpoints by their GUIDs.
+    """
 
     def __init__(
         self,
-        middleware: DdsMiddleware,
+        context: DdsContext,
         participant: SharedParticipant,
         on_change: Callable[[], None],
     ) -> None:
         self.endpoints: dict[bytes, Endpoint] = {}
-        super().__init__(middleware, participant, on_change)
+        super().__init__(context, participant, on_change)
 
     def _builtin_topics(self) -> list[tuple[int, Callable[[int], int]]]:
         return [
@@ -142,25 +151,28 @@ class Discovery(Peers):
             (builtin.TOPIC_SUBSCRIPTION, self._take_readers),
         ]
 
-    def silent(self) -> set[bytes]:
-        """The ROS participants (they have an enclave) that did not tell their nodes yet."""
+    def without_discovery_info(self) -> set[bytes]:
+        """Return the ROS participants (they have an enclave) whose nodes are not known yet."""
         return {
             guid
             for guid, data in self.participants.items()
-            if b"enclave=" in data and guid not in self.announced
+            if user_data.ENCLAVE in data and guid not in self.announced
         }
 
-    def unheard(self) -> set[bytes]:
-        """The silent ones that have a writer to tell them by; see :meth:`ask_again`."""
-        tellers = {
-            end.participant
-            for end in self.endpoints.values()
-            if end.is_writer and end.topic == announce.TOPIC
-        }
-        return self.silent() & tellers
+    def with_missed_discovery_info(self) -> set[bytes]:
+        """Return those of them that have a writer of ``ros_discovery_info`` already.
 
-    def missing(self) -> set[bytes]:
-        """The endpoints that nodes are said to have and that were not discovered yet."""
+        Where the sample does not come, :meth:`reread_discovery_info` gets it.
+        """
+        writing = {
+            endpoint.participant
+            for endpoint in self.endpoints.values()
+            if endpoint.is_writer and endpoint.topic == codec.TOPIC
+        }
+        return self.without_discovery_info() & writing
+
+    def undiscovered_endpoints(self) -> set[bytes]:
+        """Return the endpoints that nodes list and that were not discovered yet."""
         return {
             gid
             for participant, nodes in self.announced.items()
@@ -170,9 +182,11 @@ class Discovery(Peers):
             if gid not in self.endpoints
         }
 
-    def empty(self) -> set[bytes]:
-        """The participants without any endpoint, so far."""
-        return self.participants.keys() - {end.participant for end in self.endpoints.values()}
+    def without_endpoints(self) -> set[bytes]:
+        """Return the participants without any discovered endpoint."""
+        return self.participants.keys() - {
+            endpoint.participant for endpoint in self.endpoints.values()
+        }
 
     def _take_writers(self, entity: int) -> int:
         return self._take_endpoints(entity, True)
@@ -181,13 +195,13 @@ class Discovery(Peers):
         return self._take_endpoints(entity, False)
 
     def _take_endpoints(self, entity: int, is_writer: bool) -> int:
-        news = builtin.take_endpoints(entity, _BATCH)
-        for guid, about in news:
-            if about is None:
+        changes = builtin.take_endpoints(entity, _BATCH)
+        for guid, endpoint in changes:
+            if endpoint is None:
                 self.endpoints.pop(guid, None)
             else:
-                participant, topic, type_name, qos = about
-                if OFFER in qos.user_data:
-                    continue  # there for a moment, and nobody's
+                participant, topic, type_name, qos = endpoint
+                if user_data.PROBE_READER in qos.user_data:
+                    continue  # temporary, and no node has it
                 self.endpoints[guid] = Endpoint(guid, participant, is_writer, topic, type_name, qos)
-        return len(news)
+        return len(changes)

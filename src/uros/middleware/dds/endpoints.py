@@ -1,93 +1,122 @@
-"""Writers, readers and services of one node.
+"""Writers, readers, service clients and servers of one node.
 
-Services speak rmw_cyclonedds's format: request and reply carry, between the
-encapsulation header and the body, the client's 64-bit id and a 64-bit sequence
-number in the sample's byte order. What tells a client's two endpoints from
-another's is ``clientid=…`` (``serviceid=…``) in their USER_DATA. With endpoints
-of another form nothing is exchanged: see :mod:`~uros.middleware.dds.service_forms`.
+Services have the form of rmw_cyclonedds: the header of
+:mod:`uros.middleware.services.request_header`, and ``clientid=…`` or ``serviceid=…`` in the
+USER_DATA of both endpoints. With endpoints of another form nothing is exchanged, see
+:mod:`~uros.middleware.dds.service_peers`.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
-from ... import names
 from ...qos import QoSProfile
+from .. import user_data
 from ..base import Bytes, MiddlewareError, OnReady, Reader, Replier, Requester, Service, Writer
-from . import cyclone, service_forms
-from .reader_listener import Watched
+from ..services import request_header
+from ..services.form import CLIENT_ID, SERVICE_ID
+from ..services.names import display_name
+from . import cyclone
+from .context import DdsContext, TopicReader
+from .dispatcher import ReaderListener
+from .participant import SharedParticipant
+from .service_peers import MatchedServers, MatchedWriters
 
-if TYPE_CHECKING:
-    from .middleware import DdsNode
-
-_HEADER: Final = 16
-# Attack: replies to other clients, or forged ones, as fast as they can be sent. Takes that may
-# bring nothing for us in a row; the rest has its turn after others.
+# Attack: replies to other clients, or forged ones, as fast as they can be sent. Takes in a row that
+# may bring nothing for us; the rest is taken in a later turn.
 _MAX_MISSES: Final = 4
 _write = cyclone.write
 
 
-def type_data(type_name: str) -> bytes:
-    """USER_DATA that tells the hash of a type uros knows: ``typehash=RIHS01_…;``"""
-    from ...interfaces.typehash import known_hash
+class OwningNode(Protocol):
+    """What endpoints need of the node that they are created for."""
 
-    package, _, rest = type_name.partition("::")
-    kind, _, name = rest.partition("::dds_::")
-    if not name.endswith("_"):
-        return b""
-    known = known_hash(f"{package}/{kind}/{name[:-1]}")
-    return f"typehash={known};".encode() if known else b""
+    context: DdsContext
+    participant: SharedParticipant
+
+    def service_endpoint_id(self) -> str:
+        """Return a new id for a service client or server, as rmw_cyclonedds writes it."""
+
+    def expect_late_writers(self) -> None:
+        """Prepare for a reliable reader; see :mod:`~uros.middleware.dds.late_writer_heartbeat`."""
+
+    def register(self, endpoint: DdsWriter | DdsReader) -> None:
+        """List an endpoint in the node's discovery info."""
+
+    def unregister(self, endpoint: DdsWriter | DdsReader) -> None:
+        """List it no more."""
 
 
 class DdsWriter(Writer):
-    __slots__ = ("_batching", "_close", "_local", "_middleware", "entity", "guid", "type_name")
+    """A publisher's writer.
 
-    def __init__(self, node: DdsNode, topic: str, type_name: str, qos: QoSProfile, data: bytes):
-        participant = node.participant
+    Attributes:
+        entity: The DDS entity.
+        guid: Its GUID.
+        type_name: The DDS name of its type.
+    """
+
+    __slots__ = (
+        "_batching", "_close", "_dispatcher", "_local_readers", "_unsent", "entity", "guid",
+        "type_name",
+    )  # fmt: skip
+
+    def __init__(
+        self, node: OwningNode, topic: str, type_name: str, qos: QoSProfile, data: bytes
+    ) -> None:
+        context, participant = node.context, node.participant
         self.type_name = type_name
-        self._batching = node.middleware.batching
+        self._batching = context.middleware.batching
+        self._unsent = context.unsent
         self.entity = participant.create_writer(
-            topic, type_name, qos, data + type_data(type_name), self._batching
+            topic, type_name, qos, data + user_data.type_hash(type_name), self._batching
         )
         self.guid = cyclone.guid(self.entity)
-        node.add_writer(self)
-        self._middleware = node.middleware
-        self._local = node.middleware.local.get((participant.domain, topic))
+        node.register(self)
+        self._dispatcher = context.dispatcher
+        self._local_readers = context.readers.acquire((participant.domain, topic))
         handle = cyclone.instance_handle(self.entity)
-        node.middleware.own_writers.add(handle)
+        self._dispatcher.own_writers.add(handle)
 
         def close() -> None:
-            node.middleware.own_writers.discard(handle)
+            self._dispatcher.own_writers.discard(handle)
             if self._batching:
                 cyclone.flush(self.entity)
-            node.remove_writer(self)
+            node.unregister(self)
             participant.delete_writer(self.entity, topic, type_name, qos)
-            node.middleware.local.release((participant.domain, topic))
+            context.readers.release((participant.domain, topic))
 
         self._close: Callable[[], None] | None = close
 
     def write(self, cdr: Bytes) -> bool:
-        if self._local:
-            self._middleware.written(self._local)
+        """Write a sample; False where the writer has no room.
+
+        Raises:
+            MiddlewareError: DDS refuses it, or it is big endian and its type unknown.
+        """
+        if self._local_readers:
+            self._dispatcher.written(self._local_readers)
         if self._batching:
-            self._middleware.unsent.add(self.entity)
+            self._unsent.add(self.entity)
         if cdr[1] & 1:
             return _write(self.entity, cdr)
         return _write(self.entity, _little_endian(self.type_name, cdr))
 
     def matched(self) -> int:
+        """Return how many readers match it, those of this process included."""
         return cyclone.count_readers(self.entity) if self._close else 0
 
     def close(self) -> None:
+        """Send what is held back and delete the writer; idempotent."""
         if self._close:
             self._close()
             self._close = None
 
 
 def _little_endian(type_name: str, cdr: Bytes) -> bytes:
-    """A big-endian sample turned round: the binding would mislabel it as it is.
+    """A big-endian sample converted: the binding would label it little endian as it is.
 
     Raises MiddlewareError for a type that uros does not know.
     """
@@ -102,56 +131,65 @@ def _little_endian(type_name: str, cdr: Bytes) -> bytes:
 
 
 class _ServiceWriter(DdsWriter):
-    """Writes requests or replies, for readers of Cyclone's alone; see :mod:`.forms`."""
+    """Writes requests or replies such that Cyclone's readers alone read them."""
 
     __slots__ = ()
 
     def write(self, cdr: Bytes) -> bool:
-        if self._local:
-            self._middleware.written(self._local)
+        if self._local_readers:
+            self._dispatcher.written(self._local_readers)
         if self._batching:
-            self._middleware.unsent.add(self.entity)
+            self._unsent.add(self.entity)
         return cyclone.write_disposed(self.entity, cdr)
 
 
-class DdsReader(Watched, Reader):
-    """``waits_for_offers``: see :mod:`~uros.middleware.dds.late_writer_heartbeat`."""
+class DdsReader(TopicReader, Reader):
+    """A subscription's reader.
 
-    __slots__ = ("_close", "guid", "participant", "qos", "type_name", "waits_for_offers")
-    _may_wait = True
+    Attributes:
+        guid: Its GUID.
+    """
+
+    __slots__ = ("_close", "guid")
+    _may_need_heartbeat = True
 
     def __init__(
         self,
-        node: DdsNode,
+        node: OwningNode,
         topic: str,
         type_name: str,
         qos: QoSProfile,
         on_ready: OnReady,
         data: bytes,
     ) -> None:
-        middleware, participant = node.middleware, node.participant
-        self.participant, self.type_name, self.qos = participant, type_name, qos
-        self.waits_for_offers = self._may_wait and qos.reliable
-        if self.waits_for_offers:
-            middleware.expect_offers(participant)
-        entity = participant.create_reader(topic, type_name, qos, data + type_data(type_name))
+        context, participant = node.context, node.participant
+        dispatcher = context.dispatcher
+        needs_heartbeat = self._may_need_heartbeat and qos.reliable
+        if needs_heartbeat:
+            node.expect_late_writers()
+        entity = participant.create_reader(
+            topic, type_name, qos, data + user_data.type_hash(type_name)
+        )
         self.guid = cyclone.guid(entity)
-        super().__init__(middleware, entity, on_ready)
-        node.add_reader(self)
-        local = middleware.local.get((participant.domain, topic))
-        local.append(self)
-        middleware.watch_local(self)
+        super().__init__(
+            dispatcher, entity, on_ready, participant, type_name, qos, needs_heartbeat
+        )
+        node.register(self)
+        local_readers = context.readers.acquire((participant.domain, topic))
+        local_readers.append(self)
+        dispatcher.watch_local(self)
 
         def close() -> None:
-            local.remove(self)
-            middleware.unwatch(self)
-            node.remove_reader(self)
+            local_readers.remove(self)
+            dispatcher.unwatch(self)
+            node.unregister(self)
             participant.delete_reader(entity, topic, type_name, qos)
-            middleware.local.release((participant.domain, topic))
+            context.readers.release((participant.domain, topic))
 
         self._close: Callable[[], None] | None = close
 
     def take(self, limit: int) -> list[bytes]:
+        """Take samples, oldest first."""
         return [sample for sample, _ in self._take(limit)]
 
     def _take(self, limit: int) -> list[tuple[bytes, Any]]:
@@ -160,82 +198,69 @@ class DdsReader(Watched, Reader):
         if self._close is None:
             return []
         samples = cyclone.take(self.entity, limit)
-        if self.paused:  # after the take: what it left is no news
-            self.middleware.resume(self)
+        if self.paused:  # after the take: what it left must not wake the thread
+            self.dispatcher.resume(self)
         return samples
 
     def arrived(self, limit: int) -> list[int]:
+        """Return the octets of samples that have arrived and were not asked for before."""
         self.taken = True
         if self._close is None:
             return []
         sizes = cyclone.unread(self.entity, limit)
         if self.paused:
-            self.middleware.resume(self)
+            self.dispatcher.resume(self)
         return sizes
 
     def close(self) -> None:
+        """Delete the reader; idempotent."""
         if self._close:
             self._close()
             self._close = None
 
 
 class _ServiceReader(DdsReader):
-    """Reads requests or replies, of those who speak our form. ``mark`` is what they announce."""
+    """Reads requests or replies of endpoints that use the header; ``role`` is theirs."""
 
-    __slots__ = ("_senders", "refused")
-    _may_wait = False
+    __slots__ = ("_writers", "refused")
+    _may_need_heartbeat = False
 
     def __init__(
-        self, node: DdsNode, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady,
-        data: bytes, mark: bytes,
+        self, node: OwningNode, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady,
+        data: bytes, role: bytes,
     ) -> None:  # fmt: skip
         super().__init__(node, topic, type_name, qos, on_ready, data)
-        self._senders = service_forms.Senders(self.entity, mark)
-        self.refused = 0  # samples of others
+        self._writers = MatchedWriters(self.entity, role)
+        self.refused = 0  # samples of incompatible writers
 
     def take_parsed(self, limit: int) -> tuple[int, list[tuple[bytes, int, bytes]]]:
-        """How many samples were taken, and those in our form: (client id as little-endian bytes,
-        sequence number, body as a sample).
-        """
+        """How many samples were taken, and those with the header, as `request_header.remove`."""
         taken = self._take(limit)
         out = []
         for sample, info in taken:
-            if not self._senders.speaks(info.publication_handle):
+            if not self._writers.is_compatible(info.publication_handle):
                 self.refused += 1
-            elif (parsed := _parse(sample)) is not None:
+            elif (parsed := request_header.remove(sample)) is not None:
                 out.append(parsed)
         return len(taken), out
 
 
-def _join(cdr: Bytes, header: bytes) -> bytes:
-    """A sample with an identity header (given little endian) put behind its encapsulation."""
-    if not cdr[1] & 1:
-        raise MiddlewareError("big-endian service payloads cannot be passed on")
-    view = memoryview(cdr)
-    return b"".join((view[:4], header, view[4:]))
-
-
-def _parse(sample: bytes) -> tuple[bytes, int, bytes] | None:
-    """``(client id as little-endian bytes, sequence number, body as a sample)``."""
-    if len(sample) < 4 + _HEADER:
-        return None
-    order = "<" if sample[1] & 1 else ">"
-    client, sequence = struct.unpack_from(order + "Qq", sample, 4)
-    return struct.pack("<Q", client), sequence, sample[:4] + sample[4 + _HEADER :]
-
-
 class DdsRequester(Requester):
+    """A service client."""
+
     __slots__ = (
-        "_client", "_matching", "_middleware", "_name", "_on_ready", "_reader", "_sequence",
+        "_client_id", "_context", "_match_listener", "_name", "_on_ready", "_reader", "_sequence",
         "_servers", "_writer",
     )  # fmt: skip
 
-    def __init__(self, node: DdsNode, service: Service, qos: QoSProfile, on_ready: OnReady) -> None:
-        data = f"clientid={node.unique_id()};".encode()
-        self._middleware, self._on_ready = node.middleware, on_ready
-        self._name = _shown(service)
+    def __init__(
+        self, node: OwningNode, service: Service, qos: QoSProfile, on_ready: OnReady
+    ) -> None:
+        data = CLIENT_ID + node.service_endpoint_id().encode() + b";"
+        self._context, self._on_ready = node.context, on_ready
+        self._name = display_name(service)
         self._reader = _ServiceReader(
-            node, service.reply_topic, service.reply_type, qos, on_ready, data, service_forms.SERVER
+            node, service.reply_topic, service.reply_type, qos, on_ready, data, SERVICE_ID
         )
         try:
             self._writer = _ServiceWriter(
@@ -245,22 +270,25 @@ class DdsRequester(Requester):
             self._reader.close()
             raise
         entity = self._writer.entity
-        self._client = struct.pack("<Q", cyclone.instance_handle(entity))
+        self._client_id = struct.pack("<Q", cyclone.instance_handle(entity))
         self._sequence = 0
-        self._servers = service_forms.Servers(entity)
+        self._servers = MatchedServers(entity)
         cyclone.wake_on(entity, cyclone.STATUS_PUBLICATION_MATCHED)
-        self._matching: Watched | None = Watched(node.middleware, entity, self._matched)
+        self._match_listener: ReaderListener | None = ReaderListener(
+            node.context.dispatcher, entity, self._on_matched
+        )
 
-    def _matched(self) -> None:
-        """A server came or left."""
-        if self._matching is not None:
-            self._matching.taken = True
-            cyclone.reset(self._matching.entity, cyclone.STATUS_PUBLICATION_MATCHED)
-            if self._servers.foreign():
+    def _on_matched(self) -> None:
+        """A server has matched or left."""
+        if self._match_listener is not None:
+            self._match_listener.taken = True
+            cyclone.reset(self._match_listener.entity, cyclone.STATUS_PUBLICATION_MATCHED)
+            if self._servers.has_incompatible():
                 self._on_ready()
 
     def refusal(self) -> str:
-        if self._matching is None or not self._servers.foreign():
+        """Return why no request is sent, or an empty string."""
+        if self._match_listener is None or not self._servers.has_incompatible():
             return ""
         return (
             f"{self._name} is not called: a server of it speaks another form of services than"
@@ -270,81 +298,98 @@ class DdsRequester(Requester):
         )
 
     def request(self, cdr: Bytes) -> int | None:
+        """Send a request; its sequence number, or None where there is no room.
+
+        Raises:
+            MiddlewareError: An incompatible server is matched, see :meth:`refusal`.
+        """
         if why := self.refusal():
             raise MiddlewareError(why)
         sequence = self._sequence + 1
-        if not self._writer.write(_join(cdr, self._client + struct.pack("<q", sequence))):
+        if not self._writer.write(request_header.insert(cdr, self._client_id, sequence)):
             return None
         self._sequence = sequence
         return sequence
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
+        """Take replies to own requests."""
         for _ in range(_MAX_MISSES):
             taken, parsed = self._reader.take_parsed(limit)
-            own = [it[1:] for it in parsed if it[0] == self._client]
+            own = [
+                (sequence, body)
+                for client_id, sequence, body in parsed
+                if client_id == self._client_id
+            ]
             if own or not taken:
                 return own
         self.again()
         return []
 
     def again(self) -> None:
-        self._middleware.again(self._reader)
+        """Have ``on_ready`` called again, after others."""
+        self._context.dispatcher.requeue(self._reader)
 
     def arrived(self, limit: int) -> list[int]:
+        """Return the octets of samples that have arrived and were not asked for before."""
         return self._reader.arrived(limit)
 
     def close(self) -> None:
-        if self._matching is not None:
-            self._middleware.unwatch(self._matching)
-            self._matching = None
+        """Delete both endpoints; idempotent."""
+        if self._match_listener is not None:
+            self._context.dispatcher.unwatch(self._match_listener)
+            self._match_listener = None
         self._writer.close()
         self._reader.close()
 
 
 class DdsReplier(Replier):
-    __slots__ = ("_middleware", "_name", "_reader", "_told", "_writer")
+    """A service's server."""
 
-    def __init__(self, node: DdsNode, service: Service, qos: QoSProfile, on_ready: OnReady) -> None:
-        data = f"serviceid={node.unique_id()};".encode()
-        self._middleware = node.middleware
-        self._name = _shown(service)
-        self._told = False
+    __slots__ = ("_context", "_name", "_noticed", "_reader", "_writer")
+
+    def __init__(
+        self, node: OwningNode, service: Service, qos: QoSProfile, on_ready: OnReady
+    ) -> None:
+        data = SERVICE_ID + node.service_endpoint_id().encode() + b";"
+        self._context = node.context
+        self._name = display_name(service)
+        self._noticed = False
         self._writer = _ServiceWriter(node, service.reply_topic, service.reply_type, qos, data)
         try:
             self._reader = _ServiceReader(
-                node, service.request_topic, service.request_type, qos, on_ready, data,
-                service_forms.CLIENT,
-            )  # fmt: skip
+                node, service.request_topic, service.request_type, qos, on_ready, data, CLIENT_ID
+            )
         except BaseException:
             self._writer.close()
             raise
 
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
+        """Take requests, each with the client's id padded to a GUID."""
         for _ in range(_MAX_MISSES):
             taken, parsed = self._reader.take_parsed(limit)
-            if self._reader.refused and not self._told:
-                self._told = True
-                self._middleware.notice(
+            if self._reader.refused and not self._noticed:
+                self._noticed = True
+                self._context.notice(
                     f"a client of {self._name} gets no answer: it speaks another form of services"
                     " than rmw_cyclonedds's, as rmw_fastrtps does; give the agent, or this"
                     " program, a Python with rclpy"
                 )
             if parsed or not taken:
-                return [(it[0] + bytes(8), it[1], it[2]) for it in parsed]
-        self._middleware.again(self._reader)
+                return [
+                    (client_id + bytes(8), sequence, body) for client_id, sequence, body in parsed
+                ]
+        self._context.dispatcher.requeue(self._reader)
         return []
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
-        return self._writer.write(_join(cdr, guid[:8] + struct.pack("<q", sequence)))
+        """Send a reply; False where there is no room."""
+        return self._writer.write(request_header.insert(cdr, guid[:8], sequence))
 
     def arrived(self, limit: int) -> list[int]:
+        """Return the octets of samples that have arrived and were not asked for before."""
         return self._reader.arrived(limit)
 
     def close(self) -> None:
+        """Delete both endpoints; idempotent."""
         self._writer.close()
         self._reader.close()
-
-
-def _shown(service: Service) -> str:
-    """A service's name, as a person reads it."""
-    return names.service_from_request(service.request_topic) or service.request_topic

@@ -1,8 +1,9 @@
 """One rclpy context, which is one domain, and the thread that waits in its wait set.
 
-rcl's waiting is by level: what has something to take is ready again and again. So the thread waits
-only for those who took since they were last told, sleeps until the data plane has dispatched what
-it found, and is taken out of the wait set by a guard condition whenever something in it must go.
+rcl waits by level: an entity with something to take is ready again and again. So the thread waits
+only for entities from which something was taken since their ``on_ready`` was called, sleeps until
+the data plane has dispatched what it found, and is taken out of the wait set by a guard condition
+whenever an entity in it must be destroyed.
 """
 
 from __future__ import annotations
@@ -13,15 +14,19 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from ..base import MiddlewareError, OnReady
-from ..wakeup_fd import Wake
+from ..wakeup_fd import WakeupFd
 from . import rcl
 
 
-class Watched:
-    """What is waited for: an entity of one ``kind`` (``subscription``, ``client``, ``service``).
+class EntityListener:
+    """An entity that is waited for.
 
-    ``on_ready`` is called when something came, and again only when ``taken`` is set; ``paused``
-    says that it is left out of the wait set until then.
+    Attributes:
+        entity: rclpy's entity.
+        kind: ``subscription``, ``client`` or ``service``.
+        on_ready: Called when something has arrived, and again only when :attr:`taken` is set.
+        taken: Whether something was taken since the last call.
+        paused: Whether it is left out of the wait set until something is taken.
     """
 
     __slots__ = ("entity", "kind", "on_ready", "paused", "taken")
@@ -35,14 +40,18 @@ class Watched:
 
 
 class RosDomain:
-    """See the module. All but the thread's own part is for the data plane's thread."""
+    """A domain. All methods are for the data plane's thread, but those of the waiting thread.
 
-    def __init__(self, domain: int, wake: Wake) -> None:
+    Attributes:
+        context: rclpy's context.
+    """
+
+    def __init__(self, domain: int, wakeup: WakeupFd) -> None:
         self.context = rcl.open_context(domain)
-        self._wake = wake
+        self._wakeup = wakeup
         self._turn = threading.Condition()
         # Under the condition:
-        self._watched: dict[int, Watched] = {}  # by the address of the entity
+        self._listeners: dict[int, EntityListener] = {}  # by the address of the entity
         self._ready: list[int] = []
         self._waiting = False
         self._held = False
@@ -55,35 +64,35 @@ class RosDomain:
 
     # --- what is waited for -----------------------------------------------------
 
-    def watch(self, watched: Watched) -> None:
+    def watch(self, listener: EntityListener) -> None:
         """Wait for an entity from now on."""
         with self._turn:
-            self._watched[watched.entity.pointer] = watched
+            self._listeners[listener.entity.pointer] = listener
             self._interrupt()
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="uros-ros2", daemon=True)
             self._thread.start()
 
-    def destroy(self, watched: Watched) -> None:
-        """Wait for it no more, and take it off the network."""
+    def destroy(self, listener: EntityListener) -> None:
+        """Wait for an entity no more, and take it off the network."""
         with self.held():
-            self._watched.pop(watched.entity.pointer, None)
-            watched.entity.destroy_when_not_in_use()
+            self._listeners.pop(listener.entity.pointer, None)
+            listener.entity.destroy_when_not_in_use()
 
-    def resume(self, watched: Watched) -> None:
-        """Wait again for one that was left out."""
+    def resume(self, listener: EntityListener) -> None:
+        """Wait again for an entity that was paused."""
         with self._turn:
-            watched.paused = False
+            listener.paused = False
             self._interrupt()
 
     def _interrupt(self) -> None:
-        """With the condition: have the thread look at what it waits for."""
+        """Holding the condition: have the thread look at its entities again."""
         if self._waiting:
             self._guard.trigger_guard_condition()
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """The thread stays out of the wait set, where all that is in use must not go."""
+        """Keep the thread out of the wait set, whose entities must not be destroyed."""
         with self._turn:
             self._held = True
             self._interrupt()
@@ -106,16 +115,16 @@ class RosDomain:
                 self._failure = error
                 self._waiting = False
                 self._turn.notify_all()
-            self._wake.set()
+            self._wakeup.set()
 
     def _wait(self) -> bool:
-        """Wait once. False: there is nothing more to wait for."""
+        """Wait once; False once the domain is closed."""
         with self._turn:
             while (self._held or self._ready) and not self._closed:
                 self._turn.wait()
             if self._closed:
                 return False
-            chosen = [it for it in self._watched.values() if not it.paused]
+            chosen = [one for one in self._listeners.values() if not one.paused]
             self._waiting = True
         ready = self._ready_of(chosen)
         with self._turn:
@@ -123,13 +132,13 @@ class RosDomain:
             self._ready = ready
             self._turn.notify_all()
         if ready:
-            self._wake.set()
+            self._wakeup.set()
         return True
 
-    def _ready_of(self, chosen: list[Watched]) -> list[int]:
-        """Sleep until something came; what it came to, by address."""
+    def _ready_of(self, chosen: list[EntityListener]) -> list[int]:
+        """Sleep until something arrives; return the addresses of the entities that are ready."""
         kinds = ("subscription", "client", "service")
-        counts = [sum(it.kind == kind for it in chosen) for kind in kinds]
+        counts = [sum(one.kind == kind for one in chosen) for kind in kinds]
         handle = self.context.handle
         with ExitStack() as used:
             used.enter_context(handle)
@@ -137,8 +146,8 @@ class RosDomain:
             used.callback(waitset.destroy_when_not_in_use)
             waitset.clear_entities()
             waitset.add_guard_condition(self._guard)
-            for it in chosen:
-                getattr(waitset, "add_" + it.kind)(it.entity)
+            for listener in chosen:
+                getattr(waitset, "add_" + listener.kind)(listener.entity)
             waitset.wait(-1)  # without the GIL
             ready: list[int] = []
             for kind, count in zip(kinds, counts, strict=True):
@@ -148,13 +157,15 @@ class RosDomain:
 
     # --- the data plane's part ----------------------------------------------------
 
-    def has_news(self) -> bool:
-        """Whether :meth:`dispatch` has work."""
+    def has_work(self) -> bool:
+        """Return whether :meth:`dispatch` has work."""
         return bool(self._ready) or self._failure is not None
 
     def dispatch(self) -> Exception | None:
-        """Call ``on_ready`` of all that is ready. What goes wrong there is returned: others must
-        hear of theirs first.
+        """Call ``on_ready`` of all entities that are ready.
+
+        Returns:
+            What one of them raised, once all were called; None if none did.
         """
         with self._turn:
             failure, self._failure = self._failure, None
@@ -163,33 +174,33 @@ class RosDomain:
             f"ROS 2 delivers nothing more ({failure}): start the agent again"
         )
         for address in ready:
-            watched = self._watched.get(address)
-            if watched is None or watched.paused:
+            listener = self._listeners.get(address)
+            if listener is None or listener.paused:
                 continue
-            if watched.taken:
-                watched.taken = False
+            if listener.taken:
+                listener.taken = False
                 try:
-                    watched.on_ready()
+                    listener.on_ready()
                 except Exception as error:
                     failed = error
-            if not watched.taken:
-                watched.paused = True  # until somebody takes
+            if not listener.taken:
+                listener.paused = True
         with self._turn:
             self._ready = []
             self._turn.notify_all()
         return failed
 
     def close(self) -> None:
-        """Destroy what is still there, and leave the network."""
+        """Destroy the remaining entities, and leave the network."""
         with self._turn:
             self._closed = True
             self._interrupt()
             self._turn.notify_all()
         if self._thread is not None:
             self._thread.join()
-        for watched in self._watched.values():
-            watched.entity.destroy_when_not_in_use()
-        self._watched.clear()
+        for listener in self._listeners.values():
+            listener.entity.destroy_when_not_in_use()
+        self._listeners.clear()
         self._guard.destroy_when_not_in_use()
         self.context.try_shutdown()
         self.context.destroy()

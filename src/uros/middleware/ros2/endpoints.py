@@ -1,7 +1,8 @@
-"""Publishers, subscriptions and services of one node.
+"""Publishers, subscriptions, service clients and servers of one node.
 
-Samples of topics pass as they are, in either byte order. Requests and replies become objects of
-rclpy and bytes again, because rclpy sends no others; what they do not read as is refused here.
+Samples of topics pass as they are, in either byte order. Requests and replies are converted to
+objects of rclpy and back, because rclpy sends no others; bytes that it cannot read are refused
+here.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 from ...qos import HistoryPolicy, QoSProfile
 from ..base import (
@@ -25,27 +26,45 @@ from ..base import (
     Service,
     Writer,
 )
-from . import names, profiles, rcl, types
-from .domain import Watched
+from ..ros_names import message_type, topic_name
+from ..services.names import service_name, service_type
+from . import profiles, rcl, types
+from .domain import EntityListener, RosDomain
 
-if TYPE_CHECKING:
-    from .middleware import Ros2Node
-
-# Attack: requests that nobody answers must not make the agent grow.
+# Attack: requests that nobody answers. Identities kept.
 MAX_UNANSWERED: Final = 1024
-# Takes that may bring nothing in a row: replies to other clients of a service, which come to all
-# its clients, as many as a reader of services keeps.
+# Takes in a row that may bring nothing: replies to other clients of a service, which all its
+# clients get, as many as the reader of a service keeps.
 _MAX_MISSES: Final = 10
-# Half of the 100 ms for which Fast DDS waits for room.
+# Half of the 100 ms for which Fast DDS waits for room. Seconds.
 _BLOCKED: Final = 0.05
 
 
+class OwningNode(Protocol):
+    """What endpoints need of the node that they are created for.
+
+    Attributes:
+        domain: Its domain.
+        endpoints: Its endpoints; they add and remove themselves.
+        handle: rclpy's node.
+    """
+
+    domain: RosDomain
+    endpoints: dict[Any, None]
+    handle: Any
+
+    def guids(self, topic: str, is_writer: bool) -> set[bytes]:
+        """Return the GUIDs of the node's endpoints of a topic (DDS name)."""
+
+
 class Ros2Writer(Writer):
+    """A publisher of rclpy's."""
+
     __slots__ = ("_entity", "_may_fill", "_node", "_what")
 
-    def __init__(self, node: Ros2Node, topic: str, type_name: str, qos: QoSProfile) -> None:
-        name = names.topic_name(topic)
-        kind = types.find_message(names.message_type(type_name))
+    def __init__(self, node: OwningNode, topic: str, type_name: str, qos: QoSProfile) -> None:
+        name = topic_name(topic)
+        kind = types.find_message(message_type(type_name))
         profile = profiles.to_rclpy(qos)
         self._what = f"topic {name}"
         self._node = node
@@ -55,22 +74,30 @@ class Ros2Writer(Writer):
         node.endpoints[self] = None
 
     def write(self, cdr: Bytes) -> bool:
+        """Publish a sample; False where the history is full.
+
+        Raises:
+            MiddlewareError: rclpy refuses it.
+        """
         if self._entity is None:
             return True
         started = time.monotonic()
         try:
             self._entity.publish_raw(bytes(cdr))
         except RuntimeError as error:
-            # A full history is told like any other fault, but after the time that DDS may wait.
+            # A full history raises the same error as any other fault, but only after DDS has
+            # waited.
             if self._may_fill and time.monotonic() - started > _BLOCKED:
                 return False
             raise MiddlewareError(f"{self._what}: {error}") from error
         return True
 
     def matched(self) -> int:
+        """Return how many subscriptions match it."""
         return 0 if self._entity is None else int(self._entity.get_subscription_count())
 
     def close(self) -> None:
+        """Leave the topic; idempotent."""
         if self._entity is not None:
             self._entity.destroy_when_not_in_use()
             self._entity = None
@@ -80,33 +107,33 @@ class Ros2Writer(Writer):
 class _Taking:
     """An endpoint that is waited for.
 
-    rclpy tells nothing of a sample but by taking it. So what was looked at (:meth:`_look`) waits
-    here, under the same depth, and goes out first.
+    rclpy gives the size of a sample only by taking it. So samples whose sizes were asked for
+    (:meth:`_sizes`) wait here, under the same depth, and are handed out first.
     """
 
-    __slots__ = ("_node", "_waiting", "_watched", "entity")
+    __slots__ = ("_listener", "_node", "_waiting", "entity")
 
     def __init__(
-        self, node: Ros2Node, entity: Any, kind: str, depth: int, on_ready: OnReady
+        self, node: OwningNode, entity: Any, kind: str, depth: int, on_ready: OnReady
     ) -> None:
         self.entity = entity
         self._waiting: deque[Any] = deque(maxlen=depth)
         self._node = node
-        self._watched = Watched(entity, kind, on_ready)
+        self._listener = EntityListener(entity, kind, on_ready)
         node.endpoints[self] = None
-        node.domain.watch(self._watched)
+        node.domain.watch(self._listener)
 
     def _take(self, one: Callable[[], Any], limit: int, misses: int = 0) -> list[Any]:
-        """What ``one`` gives until it has given ``limit``, or None more than ``misses`` times."""
-        watched = self._watched
-        watched.taken = True
+        """Call ``one`` until it returned ``limit`` samples, or None more than ``misses`` times."""
+        listener = self._listener
+        listener.taken = True
         taken: list[Any] = []
         while self._waiting and len(taken) < limit:
             taken.append(self._waiting.popleft())
         while self.entity is not None and len(taken) < limit:
             try:
                 got = one()
-            except (RuntimeError, ValueError):  # a sample that is no such message: it is gone
+            except (RuntimeError, ValueError):  # a sample that is no such message: it is dropped
                 got = None
             if got is not None:
                 taken.append(got)
@@ -114,38 +141,41 @@ class _Taking:
                 misses -= 1
             else:
                 break
-        if watched.paused and self.entity is not None:
-            self._node.domain.resume(watched)
+        if listener.paused and self.entity is not None:
+            self._node.domain.resume(listener)
         return taken
 
-    def _look(
+    def _sizes(
         self, one: Callable[[], Any], size: Callable[[Any], int], limit: int
     ) -> list[int]:
-        """What ``one`` gives goes to those that wait; their sizes."""
+        """Move samples that ``one`` returns to those that wait; return their sizes."""
         waiting, self._waiting = self._waiting, deque()
         try:
-            came = self._take(one, limit)
+            arrived = self._take(one, limit)
         finally:
             self._waiting = waiting
-        waiting.extend(came)
-        return [size(it) for it in came]
+        waiting.extend(arrived)
+        return [size(sample) for sample in arrived]
 
     def close(self) -> None:
+        """Leave the network; idempotent."""
         self._waiting.clear()
         if self.entity is not None:
             self.entity = None
-            self._node.domain.destroy(self._watched)
+            self._node.domain.destroy(self._listener)
             self._node.endpoints.pop(self, None)
 
 
 class Ros2Reader(_Taking, Reader):
+    """A subscription of rclpy's."""
+
     __slots__ = ("_kind",)
 
     def __init__(
-        self, node: Ros2Node, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
+        self, node: OwningNode, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
     ) -> None:
-        name = names.topic_name(topic)
-        self._kind = types.find_message(names.message_type(type_name))
+        name = topic_name(topic)
+        self._kind = types.find_message(message_type(type_name))
         profile = profiles.to_rclpy(qos)
         with rcl.refused(f"topic {name}"), node.handle:
             entity = rcl.load().Subscription(node.handle, self._kind, name, profile)
@@ -157,52 +187,64 @@ class Ros2Reader(_Taking, Reader):
         return None if taken is None else bytes(taken[0])
 
     def take(self, limit: int) -> list[bytes]:
+        """Take samples, oldest first."""
         return self._take(self._one, limit)
 
     def arrived(self, limit: int) -> list[int]:
-        return self._look(self._one, len, limit)
+        """Return the octets of samples that have arrived and were not asked for before."""
+        return self._sizes(self._one, len, limit)
 
 
-class _ServiceEnd(_Taking):
-    """An end of a service. ``readers`` and ``writers`` are its GUIDs, where the RMW is on DDS;
-    ``on_close`` is called when it leaves.
+class _ServiceEndpoint(_Taking):
+    """A service client or server.
+
+    ``readers`` and ``writers`` are its GUIDs, where the RMW is on DDS; ``on_close`` is called when
+    it is closed.
     """
 
     __slots__ = ("_name", "_type", "on_close", "readers", "writers")
 
     def __init__(
-        self, node: Ros2Node, service: Service, qos: QoSProfile, kind: str, on_ready: OnReady
+        self, node: OwningNode, service: Service, qos: QoSProfile, kind: str, on_ready: OnReady
     ) -> None:
-        self._name = names.service_name(service)
-        self._type = types.find_service(names.service_type(service))
+        self._name = service_name(service)
+        self._type = types.find_service(service_type(service))
         self.on_close: Callable[[], None] | None = None
         profile = profiles.to_rclpy(qos)
-        make = rcl.load().Client if kind == "client" else rcl.load().Service
+        create = rcl.load().Client if kind == "client" else rcl.load().Service
         topics = (service.reply_topic, False), (service.request_topic, True)
         if kind == "service":
             topics = (service.request_topic, False), (service.reply_topic, True)
         before = [node.guids(*topic) for topic in topics]
         with rcl.refused(f"service {self._name}"), node.handle:
-            entity = make(node.handle, self._type, self._name, profile)
+            entity = create(node.handle, self._type, self._name, profile)
         self.readers, self.writers = (
             sorted(node.guids(*topic) - old) for topic, old in zip(topics, before, strict=True)
         )
         super().__init__(node, entity, kind, max(1, qos.depth), on_ready)
 
     def close(self) -> None:
+        """Leave the service; idempotent."""
         super().close()
         if self.on_close is not None:
             self.on_close()
             self.on_close = None
 
 
-class Ros2Requester(_ServiceEnd, Requester):
+class Ros2Requester(_ServiceEndpoint, Requester):
+    """A service client of rclpy's."""
+
     __slots__ = ()
 
-    def __init__(self, node: Ros2Node, service: Service, qos: QoSProfile, on_ready: OnReady):
+    def __init__(self, node: OwningNode, service: Service, qos: QoSProfile, on_ready: OnReady):
         super().__init__(node, service, qos, "client", on_ready)
 
     def request(self, cdr: Bytes) -> int | None:
+        """Send a request; its sequence number.
+
+        Raises:
+            MiddlewareError: rclpy cannot read or send it.
+        """
         what = f"a request of {self._name}"
         message = rcl.read(what, cdr, self._type.Request)
         if self.entity is None:
@@ -218,20 +260,24 @@ class Ros2Requester(_ServiceEnd, Requester):
         return header.request_id.sequence_number, rcl.as_bytes(message)
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
+        """Take replies to own requests."""
         return self._take(self._one, limit, _MAX_MISSES)
 
     def arrived(self, limit: int) -> list[int]:
-        return self._look(self._one, lambda it: len(it[1]), limit)
+        """Return the octets of samples that have arrived and were not asked for before."""
+        return self._sizes(self._one, lambda reply: len(reply[1]), limit)
 
 
-class Ros2Replier(_ServiceEnd, Replier):
-    """rclpy hands out the identity of a request as an object that tells nothing but its number, so
-    the GUID given here is one of our own, and stands for that object.
+class Ros2Replier(_ServiceEndpoint, Replier):
+    """A server of rclpy's.
+
+    rclpy gives the identity of a request as an object with nothing but the sequence number to read.
+    So the GUID that :meth:`take` returns is one of our own, and stands for that object.
     """
 
     __slots__ = ("_numbers", "_unanswered")
 
-    def __init__(self, node: Ros2Node, service: Service, qos: QoSProfile, on_ready: OnReady):
+    def __init__(self, node: OwningNode, service: Service, qos: QoSProfile, on_ready: OnReady):
         self._numbers = itertools.count(1)
         self._unanswered: dict[tuple[bytes, int], Any] = {}
         super().__init__(node, service, qos, "service", on_ready)
@@ -249,26 +295,34 @@ class Ros2Replier(_ServiceEnd, Replier):
         return (*key, rcl.as_bytes(message))
 
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
+        """Take requests."""
         return self._take(self._one, limit)
 
     def arrived(self, limit: int) -> list[int]:
-        return self._look(self._one, lambda it: len(it[2]), limit)
+        """Return the octets of samples that have arrived and were not asked for before."""
+        return self._sizes(self._one, lambda request: len(request[2]), limit)
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
+        """Send a reply, unless the request's identity is not kept any more.
+
+        Raises:
+            MiddlewareError: rclpy cannot read or send it.
+        """
         what = f"a reply of {self._name}"
         message = rcl.read(what, cdr, self._type.Response)
         request_id = self._unanswered.pop((bytes(guid), sequence), None)
         if request_id is not None and self.entity is not None:
-            with rcl.refused(what), warnings.catch_warnings(record=True) as told:
+            with rcl.refused(what), warnings.catch_warnings(record=True) as warned:
                 warnings.simplefilter("always", RuntimeWarning)
                 self.entity.service_send_response(message, request_id)
-            if told:
-                # Fast DDS has waited a tenth of a second for the asker's reader to be discovered.
-                # rclpy holds the GIL over that, so a thread would be no help; but it is rare, as
-                # clients announce the reader first: of 48 new ones none had its server wait.
-                raise MiddlewareError(f"{what} is lost: {told[0].message}")
+            if warned:
+                # Fast DDS has waited a tenth of a second for the client's reader to be discovered.
+                # rclpy holds the GIL over that, so a thread would not help; but it is rare, as
+                # clients announce the reader first: of 48 new ones none made its server wait.
+                raise MiddlewareError(f"{what} is lost: {warned[0].message}")
         return True
 
     def close(self) -> None:
+        """Leave the service; idempotent."""
         super().close()
         self._unanswered.clear()

@@ -7,46 +7,58 @@ from typing import Any
 
 from ...qos import QoSProfile
 from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
-from ..wakeup_fd import Wake
+from ..environment import discovery_range
+from ..wakeup_fd import WakeupFd
 from . import rcl
 from .domain import RosDomain
 from .endpoints import Ros2Reader, Ros2Replier, Ros2Requester, Ros2Writer
 
 
 class Ros2Node(Node):
-    """A node of the ROS graph."""
+    """A node of the ROS graph.
+
+    Attributes:
+        domain: Its domain.
+        endpoints: Its endpoints, in order of creation.
+        handle: rclpy's node.
+    """
 
     def __init__(
         self, middleware: Ros2Middleware, domain: RosDomain, namespace: str, name: str
     ) -> None:
         self.domain = domain
-        self.endpoints: dict[Any, None] = {}  # in order of creation
+        self.endpoints: dict[Any, None] = {}
         self._middleware = middleware
         self._namespace, self._name = namespace, name
         self.handle = rcl.create_node(domain.context, namespace, name)
         middleware.nodes[self] = None
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> Ros2Writer:
+        """Create a publisher."""
         return Ros2Writer(self, topic, type_name, qos)
 
     def create_reader(
         self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
     ) -> Ros2Reader:
+        """Create a subscription."""
         return Ros2Reader(self, topic, type_name, qos, on_ready)
 
     def create_requester(
         self, service: Service, qos: QoSProfile, on_ready: OnReady
     ) -> Ros2Requester:
+        """Create a service client."""
         return Ros2Requester(self, service, qos, on_ready)
 
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> Ros2Replier:
+        """Create a service's server."""
         return Ros2Replier(self, service, qos, on_ready)
 
     def guids(self, topic: str, is_writer: bool) -> set[bytes]:
-        """The GUIDs of this node's endpoints of a topic (DDS name)."""
+        """Return the GUIDs of this node's endpoints of a topic (DDS name)."""
         return rcl.guids(self.handle, topic, is_writer, self._namespace, self._name)
 
     def close(self) -> None:
+        """Leave the graph with all endpoints; idempotent."""
         if self in self._middleware.nodes:
             del self._middleware.nodes[self]
             for endpoint in list(self.endpoints):
@@ -55,46 +67,64 @@ class Ros2Node(Node):
 
 
 class Ros2Middleware(Middleware):
-    """See the module. Domains are started by their first node.
+    """rclpy, configured by this process's environment.
 
-    ``wake`` is what tells that there is work, where that is another's too: then it is not cleared
-    and not closed here.
+    A domain is opened by its first node.
+
+    Attributes:
+        nodes: The nodes that are open.
+
+    Args:
+        wakeup: The descriptor to set when there is work, where it belongs to another middleware:
+            then it is neither cleared nor closed here.
+
+    Raises:
+        ImportError: There is no rclpy.
+        MiddlewareError: rclpy does not work here.
     """
 
     name = "ros2"
 
-    def __init__(self, wake: Wake | None = None) -> None:
+    def __init__(self, wakeup: WakeupFd | None = None) -> None:
+        super().__init__()
         rcl.load()
         self.nodes: dict[Ros2Node, None] = {}
         self._domains: dict[int, RosDomain] = {}
-        self._owns_wake = wake is None
-        self._wake = wake or Wake()
+        self._owns_wakeup = wakeup is None
+        self._wakeup = wakeup or WakeupFd()
         self._closed = False
 
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
     ) -> Ros2Node:
+        """Create a node.
+
+        Raises:
+            MiddlewareError: The domain cannot be joined, or not on loopback alone.
+        """
         check_domain(domain)
-        if localhost_only and not _stays_here():
+        if localhost_only and discovery_range(os.environ) != "LOCALHOST":
             raise MiddlewareError(
                 "a client wants a participant that never leaves this machine, and domain"
                 f" {domain} is open to the network: start the agent with"
                 " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
             )
         if domain not in self._domains:
-            self._domains[domain] = RosDomain(domain, self._wake)
+            self._domains[domain] = RosDomain(domain, self._wakeup)
         return Ros2Node(self, self._domains[domain], namespace, name)
 
     def fileno(self) -> int:
-        return self._wake.fileno()
+        """Return the descriptor that is readable when :meth:`dispatch` has work."""
+        return self._wakeup.fileno()
 
-    def has_news(self) -> bool:
-        """Whether :meth:`dispatch` has work."""
-        return any(domain.has_news() for domain in self._domains.values())
+    def has_work(self) -> bool:
+        """Return whether :meth:`dispatch` has work."""
+        return any(domain.has_work() for domain in self._domains.values())
 
     def dispatch(self) -> None:
-        if self._owns_wake:
-            self._wake.clear()
+        """Call ``on_ready`` of each reader that received something."""
+        if self._owns_wakeup:
+            self._wakeup.clear()
         failed: Exception | None = None
         for domain in self._domains.values():
             failed = domain.dispatch() or failed
@@ -102,6 +132,7 @@ class Ros2Middleware(Middleware):
             raise failed
 
     def close(self) -> None:
+        """Leave the network; idempotent."""
         if self._closed:
             return
         self._closed = True
@@ -109,12 +140,5 @@ class Ros2Middleware(Middleware):
             node.close()
         for domain in self._domains.values():
             domain.close()
-        if self._owns_wake:
-            self._wake.close()
-
-
-def _stays_here() -> bool:
-    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper()
-    if not reach:
-        return os.environ.get("ROS_LOCALHOST_ONLY") == "1"
-    return reach == "LOCALHOST"
+        if self._owns_wakeup:
+            self._wakeup.close()

@@ -1,8 +1,8 @@
 """QoS profiles as rclpy's.
 
-rclpy has no partitions, no ownership, no least time between samples, and of durabilities only
-volatile and transient local. These decide who hears whom, so a profile that asks for more is
-refused. User data is for information only, and is left out.
+rclpy has no partitions, no ownership, no time-based filter, and of durabilities only volatile and
+transient local. These decide which endpoints match, so a profile that asks for more is refused.
+User data only informs, and is left out.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _MAX_MS: Final = 0x7FFFFFFF * 1000  # DDS has 31 bits for seconds
 
 
 def lacking(qos: QoSProfile) -> str:
-    """What the profile asks for and rclpy does not have; '' where it has all."""
+    """Return what the profile asks for and rclpy does not have; '' where it has everything."""
     if qos.partitions:
         return "partitions"
     if qos.ownership_exclusive or qos.ownership_strength is not None:
@@ -30,7 +30,11 @@ def lacking(qos: QoSProfile) -> str:
 
 
 def to_rclpy(qos: QoSProfile) -> Any:
-    """The profile as rclpy's C interface takes it. Raises MiddlewareError, see the module."""
+    """Return the profile as rclpy's C interface takes it.
+
+    Raises:
+        MiddlewareError: It asks for what rclpy does not have.
+    """
     from rclpy import qos as ros
     from rclpy.duration import Duration
 

@@ -1,8 +1,8 @@
-"""rclpy below its Node class, and its errors as ours.
+"""rclpy below its Node class, and its errors as MiddlewareErrors.
 
 The classes of ``rclpy.impl.implementation_singleton`` are the same from Humble to Kilted, but for
-one argument of Node's. Entities that are in a wait set, or inside a call, must stay while they are:
-``with entity`` holds them, and ``destroy_when_not_in_use`` waits for that.
+one argument of Node's. An entity that is in a wait set, or inside a call, must not be destroyed:
+``with entity`` holds it, and ``destroy_when_not_in_use`` waits for that.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from typing import Any, Final
 
 from ...qos import QoSProfile
 from ..base import Bytes, MiddlewareError
+from ..guid import GUID_SIZE
 from . import profiles
 
-_GUID_SIZE: Final = 16
 _CORE: Final = "rclpy.impl.implementation_singleton"
-# What the other modules here import of it.
+# What the other modules of this package import.
 _ALL: Final = (_CORE, "rclpy.context", "rclpy.qos", "rclpy.duration", "rclpy.serialization")
 _LIBRARY: Final = "_rclpy_pybind11*.so"
 _CHOICES: Final = ("RMW_IMPLEMENTATION", "RCL_ASSERT_RMW_ID_MATCHES")
@@ -37,8 +37,11 @@ _PATIENCE: Final = 20.0
 
 
 def load() -> Any:
-    """Rclpy's classes in C. Raises ImportError where there is none, MiddlewareError where there
-    is one that does not work.
+    """Return rclpy's classes in C.
+
+    Raises:
+        ImportError: There is no rclpy.
+        MiddlewareError: rclpy does not work here.
     """
     if _CORE not in sys.modules:
         _try_elsewhere()
@@ -58,11 +61,14 @@ def _load() -> Any:
 
 
 def prepare(package: str, kind: str, name: str) -> None:
-    """:func:`load`, and all else that the services of a type need, from a thread that must not
-    keep others from running. Raises as :func:`load` does.
+    """Do what :func:`load` does, and import what services of a type need, from a thread.
 
-    A process of its own imports it first: that has brought it into memory when this one reads it
-    with the GIL held, and rcl ends that process, and not this, where it finds something amiss.
+    Another process imports it first. That brings it into memory before this process reads it with
+    the GIL held, and a fault for which rcl ends the process ends that one.
+
+    Raises:
+        ImportError: There is no rclpy.
+        MiddlewareError: rclpy does not work here.
     """
     support = f"import {package}.{kind} as k; type(k.{name}).__import_type_support__()"
     if _CORE not in sys.modules and find_spec("rclpy") is not None:
@@ -74,14 +80,16 @@ def prepare(package: str, kind: str, name: str) -> None:
 
 
 def _map() -> None:
-    """Have the system load rclpy's library. An import would hold the GIL over it, for 40 ms and
-    more; a call by ctypes does not, and leaves the import little to do.
+    """Have the system load rclpy's library.
+
+    An import would hold the GIL meanwhile, for 40 ms and more; a call by ctypes does not, and
+    leaves the import little to do.
     """
     spec = find_spec("rclpy")
-    places = spec.submodule_search_locations if spec is not None else None
-    for place in places or ():
-        for path in Path(place).glob(_LIBRARY):
-            with suppress(OSError, AttributeError, TypeError):  # the import will do it all, then
+    folders = spec.submodule_search_locations if spec is not None else None
+    for folder in folders or ():
+        for path in Path(folder).glob(_LIBRARY):
+            with suppress(OSError, AttributeError, TypeError):  # the import does it all, then
                 dlopen = ctypes.CDLL(None).dlopen
                 dlopen.argtypes, dlopen.restype = (ctypes.c_char_p, ctypes.c_int), ctypes.c_void_p
                 dlopen(os.fsencode(path), sys.getdlopenflags())
@@ -90,16 +98,17 @@ def _map() -> None:
 def _try_elsewhere() -> None:
     """Raises MiddlewareError where rcl would end this process.
 
-    That is what it does on being loaded with an RMW that it does not find. An import in a process
-    of its own takes a tenth of a second, and only those who chose an RMW wait for it.
+    It does so when it is loaded with an RMW that it does not find. An import in another process
+    takes a tenth of a second, and is made only where the environment names an RMW.
     """
     if any(map(os.environ.get, _CHOICES)) and find_spec("rclpy") is not None:
         _elsewhere(f"import {_CORE}")
 
 
 def _elsewhere(code: str) -> None:
-    """Run this in a process of its own. Raises MiddlewareError where that does not outlive it;
-    what it raises does not count: it will be raised here.
+    """Run code in another process. Raises MiddlewareError where that ends by a signal or by rcl.
+
+    An exception there is ignored: it will be raised here as well.
     """
     import subprocess
 
@@ -115,7 +124,8 @@ def _elsewhere(code: str) -> None:
     except (OSError, subprocess.SubprocessError):
         return
     if status == _WRONG_RMW:
-        settings = ", ".join(f"{it}={os.environ[it]}" for it in _CHOICES if os.environ.get(it))
+        chosen = [name for name in _CHOICES if os.environ.get(name)]
+        settings = ", ".join(f"{name}={os.environ[name]}" for name in chosen)
         raise MiddlewareError(f"rclpy does not start with {settings or 'its RMW'}: {_REMEDY}")
     if status < 0:
         raise MiddlewareError(
@@ -125,7 +135,7 @@ def _elsewhere(code: str) -> None:
 
 @contextmanager
 def refused(what: str) -> Iterator[None]:
-    """What rclpy raises inside becomes a MiddlewareError about ``what``."""
+    """Turn what rclpy raises in the block into a MiddlewareError about ``what``."""
     try:
         yield
     except MiddlewareError:
@@ -139,7 +149,11 @@ def _line(error: Exception) -> str:
 
 
 def open_context(domain: int) -> Any:
-    """A context of that domain, with no handlers of signals and no log of its own."""
+    """Return a context of a domain, without signal handlers and without a log of its own.
+
+    Raises:
+        MiddlewareError: ROS 2 does not start.
+    """
     from rclpy.context import Context
 
     context = Context()
@@ -149,18 +163,26 @@ def open_context(domain: int) -> Any:
 
 
 def create_node(context: Any, namespace: str, name: str) -> Any:
-    """A node with no parameters, no services and no publisher of logs."""
+    """Return rclpy's node without parameters, services and a publisher of logs.
+
+    Raises:
+        MiddlewareError: rcl refuses it.
+    """
     implementation = load()
     options = (name, namespace, context.handle, None, False, False)
     with refused(f"node {namespace.rstrip('/')}/{name}"), context.handle:
         try:
             return implementation.Node(*options)
-        except TypeError:  # from Kilted on it wants a profile for the logs that it has not
+        except TypeError:  # from Kilted on it takes a profile for the log, which it does not use
             return implementation.Node(*options, profiles.to_rclpy(QoSProfile()))
 
 
 def read(what: str, cdr: Bytes, kind: Any) -> Any:
-    """A sample as an object of rclpy's. Raises MiddlewareError for what is no such message."""
+    """Return a sample as an object of rclpy's.
+
+    Raises:
+        MiddlewareError: It is no such message; the text begins with ``what``.
+    """
     from rclpy.serialization import deserialize_message
 
     with refused(f"{what} does not read as its type"):
@@ -168,7 +190,7 @@ def read(what: str, cdr: Bytes, kind: Any) -> Any:
 
 
 def as_bytes(message: Any) -> bytes:
-    """An object of rclpy's as a sample."""
+    """Return an object of rclpy's as a sample."""
     from rclpy.serialization import serialize_message
 
     sample: bytes = serialize_message(message)
@@ -176,9 +198,9 @@ def as_bytes(message: Any) -> bytes:
 
 
 def guids(node: Any, topic: str, is_writer: bool, namespace: str, name: str) -> set[bytes]:
-    """The GUIDs of a node's endpoints of a topic (DDS name), as DDS knows them.
+    """Return the GUIDs of a node's endpoints of a topic (DDS name), as DDS knows them.
 
-    Empty where the RMW is none on DDS, such as rmw_zenoh: its Gids mean nothing there.
+    Empty where the RMW is not on DDS, such as rmw_zenoh: its Gids mean nothing there.
     """
     implementation = load()
     if implementation.rclpy_get_rmw_implementation_identifier() not in _ON_DDS:
@@ -188,9 +210,9 @@ def guids(node: Any, topic: str, is_writer: bool, namespace: str, name: str) -> 
         if is_writer
         else implementation.rclpy_get_subscriptions_info_by_topic
     )
-    with refused(f"asking who is on {topic}"), node:
+    with refused(f"listing the endpoints of {topic}"), node:
         return {
-            bytes(info["endpoint_gid"][:_GUID_SIZE])
+            bytes(info["endpoint_gid"][:GUID_SIZE])
             for info in ask(node, topic, True)
             if (info["node_name"], info["node_namespace"]) == (name, namespace)
         }

@@ -1,12 +1,12 @@
-"""Getting rclpy ready while the data plane serves boards.
+"""A thread that imports rclpy and the types of services while the data plane serves boards.
 
 Importing rclpy and the type support of a service takes tenths of a second, and seconds from a cold
-disk. So a thread does that, and only that: what it imported it hands over by name, and nodes and
-their endpoints are made by the data plane as ever, since rclpy holds the GIL over these anyway.
+disk. So a thread does that and nothing else: it reports the types by name, and nodes and their
+endpoints are created by the data plane as always, since rclpy holds the GIL over these anyway.
 
-An import holds the GIL too, wherever it loads a library. Two things keep that short: all of it is
-imported by a process of its own first, which brings it from disk into memory, and rclpy's own
-library, with rcl and the RMW behind it, is mapped by a call that leaves the GIL alone.
+An import holds the GIL too, wherever it loads a library. Two measures keep that short: all of it is
+imported by another process first, which brings it from disk into memory, and rclpy's own library,
+with rcl and the RMW behind it, is mapped by a call that does not hold the GIL.
 """
 
 from __future__ import annotations
@@ -16,68 +16,77 @@ from importlib import import_module
 from typing import Final
 
 from ..base import MiddlewareError
-from ..wakeup_fd import Wake
+from ..ros_names import TypeName
+from ..wakeup_fd import WakeupFd
 from . import rcl, types
-from .names import TypeName
 
+# Seconds for which closing waits for an import, which cannot be cancelled.
 _PATIENCE: Final = 5.0
 
 
-class Preparation:
-    """What was asked for and what is ready. All but the thread's part is for the data plane."""
+class TypeLoader:
+    """Loads types on request. All methods are for the data plane, but those of the thread.
 
-    def __init__(self, wake: Wake) -> None:
-        self.failure: ImportError | MiddlewareError | None = None  # why there is no rclpy
-        self._wake = wake
-        self._ready: set[TypeName] = set()
+    Attributes:
+        failure: Why rclpy cannot be used, once that is known.
+
+    Args:
+        wakeup: Set when :meth:`take_results` has something.
+    """
+
+    def __init__(self, wakeup: WakeupFd) -> None:
+        self.failure: ImportError | MiddlewareError | None = None
+        self._wakeup = wakeup
+        self._loaded: set[TypeName] = set()
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()
         # Under the lock:
-        self._wanted: dict[TypeName, None] = {}
-        self._news: dict[TypeName, MiddlewareError | None] = {}
+        self._requested: dict[TypeName, None] = {}
+        self._results: dict[TypeName, MiddlewareError | None] = {}
         self._busy = False
         self._closed = False
-        self._started = False  # rclpy was imported, or not to be had; the thread's own
+        self._rclpy_was_tried = False  # the thread's own
 
-    def has(self, name: TypeName) -> bool:
-        """Whether a service of that type can be made at once."""
-        return name in self._ready
+    def is_loaded(self, name: TypeName) -> bool:
+        """Return whether a service of that type can be created at once."""
+        return name in self._loaded
 
-    def want(self, name: TypeName) -> None:
-        """Make it ready; :meth:`news` tells when it is. Twice is once."""
+    def request(self, name: TypeName) -> None:
+        """Load a type; :meth:`take_results` reports it. Idempotent."""
         with self._lock:
-            if name in self._news or self._closed:
+            if name in self._results or self._closed:
                 return
-            self._wanted[name] = None
+            self._requested[name] = None
             if self._busy:
                 return
             self._busy = True
         self._thread = threading.Thread(target=self._run, name="uros-rclpy", daemon=True)
         self._thread.start()
 
-    def forget(self, name: TypeName) -> None:
-        """Nobody waits for it any more."""
+    def cancel(self, name: TypeName) -> None:
+        """Cancel a request, unless its import has begun."""
         with self._lock:
-            self._wanted.pop(name, None)
+            self._requested.pop(name, None)
 
-    def has_news(self) -> bool:
-        """Whether :meth:`news` has something to tell."""
-        return bool(self._news)
+    def has_results(self) -> bool:
+        """Return whether :meth:`take_results` has something."""
+        return bool(self._results)
 
-    def news(self) -> dict[TypeName, MiddlewareError | None]:
-        """What the waiting for is over since the last time, with an error where that type cannot
-        be had. Where rclpy cannot, ``failure`` is set instead.
+    def take_results(self) -> dict[TypeName, MiddlewareError | None]:
+        """Return the requests that have ended since the last call, each with its error, if any.
+
+        Where rclpy cannot be used, :attr:`failure` is set instead.
         """
         with self._lock:
-            news, self._news = self._news, {}
-        self._ready.update(name for name, error in news.items() if error is None)
-        return news
+            results, self._results = self._results, {}
+        self._loaded.update(name for name, error in results.items() if error is None)
+        return results
 
     def close(self) -> None:
-        """Begin nothing more, and wait for what has begun: an import cannot be called off."""
+        """Begin no further import, and wait for the one that has begun."""
         with self._lock:
             self._closed = True
-            self._wanted.clear()
+            self._requested.clear()
         if self._thread is not None:
             self._thread.join(_PATIENCE)
 
@@ -87,25 +96,25 @@ class Preparation:
         while (name := self._next()) is not None:
             error = self._error_of(name)
             with self._lock:
-                self._wanted.pop(name, None)
-                self._news[name] = error
-            self._wake.set()
+                self._requested.pop(name, None)
+                self._results[name] = error
+            self._wakeup.set()
 
     def _next(self) -> TypeName | None:
         with self._lock:
-            name = next(iter(self._wanted), None)
+            name = next(iter(self._requested), None)
             self._busy = name is not None
         return name
 
     def _error_of(self, name: TypeName) -> MiddlewareError | None:
         try:
-            if not self._started:
-                self._started = True
+            if not self._rclpy_was_tried:
+                self._rclpy_was_tried = True
                 rcl.prepare(*name)
-                import_module(f"{__package__}.middleware")  # the data plane's next step
+                import_module(f"{__package__}.middleware")  # what the data plane imports next
         except (ImportError, MiddlewareError) as error:
             self.failure = error
-        except Exception as error:  # whatever comes up, those who wait must hear of it
+        except Exception as error:  # any fault must be reported to the pending endpoints
             self.failure = MiddlewareError(f"rclpy does not start: {error!r}")
         if self.failure is None:
             try:

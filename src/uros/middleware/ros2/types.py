@@ -1,4 +1,4 @@
-"""The Python classes of ROS types, from the packages that are installed."""
+"""The Python classes of ROS types, from the installed packages."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..base import MiddlewareError
-from .names import TypeName
+from ..ros_names import TypeName
 
-# An action is three services and a message under names of its own: where its class has them.
+# An action's services and feedback message have types of their own: where its class has them.
 _OF_ACTIONS: Final = {
     "_SendGoal": "SendGoalService",
     "_GetResult": "GetResultService",
@@ -23,18 +23,26 @@ class UnknownType(MiddlewareError):
 
 
 def find_message(name: TypeName) -> Any:
-    """The class of a message, ready for use. Raises UnknownType with a remedy."""
+    """Return the class of a message, with its type support loaded.
+
+    Raises:
+        UnknownType: No installed package has it.
+    """
     # Attack: rcl takes the type support of a service for a message's, and crashes.
     return _find(name, ("get_fields_and_field_types", "_CREATE_ROS_MESSAGE"))
 
 
 def find_service(name: TypeName) -> Any:
-    """The class of a service, with ``Request`` and ``Response``, likewise."""
+    """Return the class of a service, with ``Request`` and ``Response``; see `find_message`."""
     return _find(name, ("Request", "Response"))
 
 
 def check_package(name: TypeName) -> None:
-    """Raises UnknownType where no package can have the type; imports nothing."""
+    """Check that a package may have the type, without importing one.
+
+    Raises:
+        UnknownType: No package can have it.
+    """
     if not _has_interfaces(name.package):
         raise UnknownType(
             f"{name}: there is no package {name.package} here; install it"
@@ -42,15 +50,15 @@ def check_package(name: TypeName) -> None:
         )
 
 
-def _find(name: TypeName, marks: tuple[str, ...]) -> Any:
+def _find(name: TypeName, attributes: tuple[str, ...]) -> Any:
     check_package(name)
     try:
         module = import_module(f"{name.package}.{name.kind}")
         found = _of_action(module, name.name) if name.kind == "action" else None
         found = found or getattr(module, name.name)
-        for mark in ("__import_type_support__", *marks):
-            if not hasattr(found, mark) and not hasattr(type(found), mark):
-                raise AttributeError(mark)
+        for attribute in ("__import_type_support__", *attributes):
+            if not hasattr(found, attribute) and not hasattr(type(found), attribute):
+                raise AttributeError(attribute)
         type(found).__import_type_support__()
         if type(found)._TYPE_SUPPORT is None:
             raise ImportError("its type support does not load")
@@ -59,7 +67,7 @@ def _find(name: TypeName, marks: tuple[str, ...]) -> Any:
             f"{name}: package {name.package} has no such type; is it another version than the"
             " board's?"
         ) from None
-    except Exception as error:  # whatever generated code and shared libraries come up with
+    except Exception as error:  # whatever generated code and shared libraries raise
         raise UnknownType(
             f"{name}: package {name.package} cannot be loaded ({error}); is it built for this"
             " ROS distribution and Python?"
@@ -75,17 +83,17 @@ def _of_action(module: Any, name: str) -> Any:
 
 
 def _has_interfaces(package: str) -> bool:
-    """Whether a package of that name has been made from ROS interfaces.
+    """Whether a package of that name was generated from ROS interfaces.
 
-    Attack: a board that names any module has the agent import it, and do what it does then. Only
+    Attack: a board that names any module makes the agent import it, with its side effects. Only
     packages with rosidl's type support beside them are imported.
     """
     try:
         spec = find_spec(package)
     except (ImportError, ValueError):
         return False
-    places = spec.submodule_search_locations if spec is not None else None
+    folders = spec.submodule_search_locations if spec is not None else None
     return any(
-        next(Path(place).glob(f"{package}_s__rosidl_typesupport_*"), None) is not None
-        for place in places or ()
+        next(Path(folder).glob(f"{package}_s__rosidl_typesupport_*"), None) is not None
+        for folder in folders or ()
     )

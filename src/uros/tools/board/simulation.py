@@ -163,7 +163,7 @@ class Simulation:
 
     def _start_agent(self) -> None:
         from ...boards.virtual.models.catalog import find
-        from ...middleware.base import environment_domain
+        from ...middleware.environment import environment_domain
 
         lines = [
             str(seat.board.path)
@@ -254,7 +254,7 @@ class Simulation:
     def _next(self, seat: _Seat) -> str:
         """Return the command that a board needs at the other end of its line; "" for none."""
         from ...boards.virtual.models.catalog import find
-        from ...middleware.base import environment_domain
+        from ...middleware.environment import environment_domain
         from ..rover.pid import PORT
 
         path = shlex.quote(str(seat.board.path))

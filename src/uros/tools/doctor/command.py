@@ -257,7 +257,8 @@ class Doctor:
 
     def _wanted(self) -> list[int]:
         """Return the domains of the user's own nodes."""
-        from ...middleware.base import MiddlewareError, environment_domain
+        from ...middleware.base import MiddlewareError
+        from ...middleware.environment import environment_domain
 
         if self._args.domain:
             return list(dict.fromkeys(self._args.domain))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from .finding import Finding, note, ok, problem, word
 
 if TYPE_CHECKING:
-    from ...host.graph import EndpointInfo, Graph
+    from ...host.graph_queries import EndpointInfo, Graph
 
 # Topics of every node. In a healthy system many have publishers but no subscription.
 EVERYWHERE: Final = frozenset({"/rosout", "/parameter_events"})
@@ -21,7 +21,7 @@ _NAMED: Final = 3
 def full_name(endpoint: EndpointInfo) -> str:
     """Return the full name of an endpoint's node, or a description if it is not known."""
     from ... import names
-    from ...host.graph import BARE_DDS, UNKNOWN_NODE
+    from ...host.graph_queries import BARE_DDS, UNKNOWN_NODE
 
     if (endpoint.node_namespace, endpoint.node_name) == UNKNOWN_NODE:
         return "a node that is not known yet"

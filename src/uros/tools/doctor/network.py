@@ -46,7 +46,7 @@ def check_range(environment: Mapping[str, str], whose: str = SHELL) -> list[Find
         environment: The variables.
         whose: Whose environment this is: this shell's, or an agent's.
     """
-    from ...middleware.dds.config import discovery_range
+    from ...middleware.environment import discovery_range
 
     name = (
         "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -243,7 +243,7 @@ def check_multicast(
     It does not leave the machine (its TTL is 0). Nothing is sent if the environment restricts
     discovery to less than the subnet.
     """
-    from ...middleware.dds.config import discovery_range
+    from ...middleware.environment import discovery_range
 
     try:
         if discovery_range(environment) != "SUBNET":

@@ -15,7 +15,7 @@ from .finding import Finding, note, ok, problem, word
 from .graph import Picture, full_name
 
 if TYPE_CHECKING:
-    from ...host.graph import EndpointInfo
+    from ...host.graph_queries import EndpointInfo
 
 # From weakest to strongest. An unknown one counts as the first.
 _DURABILITIES: Final = (

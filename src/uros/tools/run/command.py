@@ -138,7 +138,7 @@ def on_ros2(domain: int | None = None, middleware: str = "auto") -> Direct:
     """
     from ...host.direct import Direct
     from ...middleware import open_middleware
-    from ...middleware.base import environment_domain
+    from ...middleware.environment import environment_domain
 
     opened = open_middleware(middleware)
     opened.on_notice = lambda text: warn(text.replace("services of boards", "this node's services"))

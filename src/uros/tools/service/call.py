@@ -23,7 +23,7 @@ from ..values.typed_values import add_type_and_values, load_service, type_and_te
 from ..waiting import warn
 
 if TYPE_CHECKING:
-    from ...host.graph import EndpointInfo
+    from ...host.graph_queries import EndpointInfo
     from ...host.network import Network
     from ...middleware.base import Middleware, Requester, Service
 

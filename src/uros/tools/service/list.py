@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..common import add_common, discover, hint_if_alone, join
 
 if TYPE_CHECKING:
-    from ...host.graph import NamesAndTypes
+    from ...host.graph_queries import NamesAndTypes
     from ...host.network import Network
 
 

@@ -9,7 +9,7 @@ from ..common import add_common, add_topic, discover, join, remedy
 from ..errors import ToolError
 
 if TYPE_CHECKING:
-    from ...host.graph import EndpointInfo
+    from ...host.graph_queries import EndpointInfo
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..common import add_common, discover, hint_if_alone, join
 
 if TYPE_CHECKING:
-    from ...host.graph import Graph, NamesAndTypes
+    from ...host.graph_queries import Graph, NamesAndTypes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -223,7 +223,7 @@ class _Mismatches:
             False if nodes of some subscriptions are not known yet.
         """
         from ... import names
-        from ...host.graph import BARE_DDS, UNKNOWN_NODE
+        from ...host.graph_queries import BARE_DDS, UNKNOWN_NODE
         from ..doctor.qos import mismatches
 
         self.looked = time.monotonic()

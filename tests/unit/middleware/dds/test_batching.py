@@ -1,4 +1,4 @@
-"""Samples that a writer holds back, and that leave together: seen from another process."""
+"""Samples that a writer holds back until a flush, seen from another process."""
 
 import queue
 import subprocess
@@ -133,7 +133,7 @@ def test_writers_hold_nothing_where_nobody_promised_to_flush(monkeypatch, own_do
     node = one.create_node(own_domain_id, "/", "writer")
     writer = node.create_writer("rt/held", TYPE, QoSProfile())
     writer.write(sample(1))
-    assert one.unsent == set()
+    assert one.context.unsent == set()
     writer.close()
     one.close()
     assert flushed == []

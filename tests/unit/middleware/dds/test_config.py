@@ -6,6 +6,7 @@ import pytest
 
 from uros.middleware.base import MiddlewareError
 from uros.middleware.dds import config, cyclone
+from uros.middleware.environment import RANGES, discovery_range
 
 PID = 4711
 
@@ -30,11 +31,11 @@ def peers(environment):
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": ""}, "SUBNET"),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "localhost"}, "LOCALHOST"),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": "1"}, "SUBNET"),
-        *[({"ROS_AUTOMATIC_DISCOVERY_RANGE": name}, name) for name in config.RANGES],
+        *[({"ROS_AUTOMATIC_DISCOVERY_RANGE": name}, name) for name in RANGES],
     ],
 )
 def test_range(environment, reach):
-    assert config.discovery_range(environment) == reach
+    assert discovery_range(environment) == reach
 
 
 @pytest.mark.parametrize("value", ["LOCAL", "1", "SUBNET ", "NOT_SET"])
@@ -60,13 +61,13 @@ def test_localhost_stays_on_loopback():
     assert peers({"ROS_LOCALHOST_ONLY": "1"}) == ["127.0.0.1"]
 
 
-@pytest.mark.parametrize("reach", config.RANGES)
+@pytest.mark.parametrize("reach", RANGES)
 def test_farewells_name_what_goes_in_a_way_that_fast_dds_reads(reach):
     ours = config.config_xml({"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}, PID)
     assert ET.fromstring(ours).findtext("Domain/Internal/GenerateKeyhash") == "true"
 
 
-@pytest.mark.parametrize("reach", config.RANGES)
+@pytest.mark.parametrize("reach", RANGES)
 def test_what_fast_dds_says_of_its_types_is_left_alone(reach):
     ours = config.config_xml({"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}, PID)
     ignored = ET.fromstring(ours).findtext("Domain/Compatibility/IgnoreTypeInformation")
@@ -173,14 +174,3 @@ def test_a_users_configuration_that_cyclone_refuses_is_an_error(own_domain_id):
     xml = config.config_xml({"CYCLONEDDS_URI": "<General><Nonsense/></General>"}, PID)
     with pytest.raises(MiddlewareError, match=f"DDS cannot join domain {own_domain_id}"):
         cyclone.open_domain(own_domain_id, xml)
-
-
-@pytest.mark.parametrize(
-    ("distro", "size"),
-    [("", None), ("foxy", 24), ("galactic", 24), ("humble", 24), ("iron", 16), ("jazzy", 16),
-     ("kilted", 16), ("rolling", 16), ("Humble ", 24), ("zebra", None), ("melodic", None)],
-)  # fmt: skip
-def test_gid_size(distro, size):
-    """None: nobody has told, and the peers' samples decide."""
-    assert config.gid_size({"ROS_DISTRO": distro}) == size
-    assert config.gid_size({}) is None

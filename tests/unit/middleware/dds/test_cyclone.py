@@ -91,11 +91,11 @@ def test_a_binding_that_is_laid_out_otherwise_is_refused(participant, monkeypatc
         __file__ = cyclone._clayer.__file__
 
     monkeypatch.setattr(cyclone, "_clayer", Binding)
-    for known in ({}, dict(cyclone._quiet_ops)):
-        monkeypatch.setattr(cyclone, "_quiet_ops", known)
+    for known in ({}, dict(cyclone._patched_ops)):
+        monkeypatch.setattr(cyclone, "_patched_ops", known)
         with pytest.raises(MiddlewareError, match="install the version uros is tested with"):
             cyclone.create_topic(participant, "rt/strange", "pkg::msg::dds_::Strange_")
-        assert cyclone._quiet_ops == known
+        assert cyclone._patched_ops == known
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_keep_all(participant):
 def test_errors_name_what_cannot_be_done(own_domain_id):
     with pytest.raises(MiddlewareError, match=f"domain {own_domain_id} is not open"):
         cyclone.create_participant(own_domain_id, b"")
-    with pytest.raises(MiddlewareError, match="DDS cannot tell a GUID"):
+    with pytest.raises(MiddlewareError, match="DDS cannot get a GUID"):
         cyclone.guid(1)
     with pytest.raises(MiddlewareError, match="DDS cannot write"):
         cyclone.write(1, b"\0\1\0\0\0\0\0\0")

@@ -1,6 +1,6 @@
 """Services as rmw_cyclonedds has them, byte for byte, and samples of either byte order.
 
-rmw_cyclonedds itself is not here to talk to: the vectors are written by hand from its public
+rmw_cyclonedds itself is not available here: the vectors are written by hand from its public
 definition. After the encapsulation header come the client's id (8 bytes) and the sequence number
 (64 bits, signed), both in the sample's byte order, then the body.
 """
@@ -19,8 +19,8 @@ from uros.interfaces import known_hash, load
 from uros.interfaces.codec import to_cdr
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds import cyclone
-from uros.middleware.dds.endpoints import type_data
 from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.user_data import type_hash
 from uros.qos import HistoryPolicy, QoSProfile
 
 SERVICE = Service(
@@ -49,12 +49,12 @@ def node(middleware, own_domain_id):
     return middleware.create_node(own_domain_id, "/", "node")
 
 
-def take(middleware, thing, seconds=10):
-    """The first that ``thing`` takes, waiting for it."""
+def take(middleware, endpoint, seconds=10):
+    """Wait for the first sample of an endpoint."""
     deadline = time.monotonic() + seconds
     while True:
         middleware.dispatch_local()
-        got = thing.take(1)
+        got = endpoint.take(1)
         if got:
             return got[0]
         left = deadline - time.monotonic()
@@ -121,7 +121,7 @@ def test_big_endian_service_bodies_are_refused(node):
         requester.request(bytes.fromhex("000000000a0b0c0d"))
 
 
-def test_the_two_ends_of_a_client_and_of_a_server_bear_one_id_each(node, monkeypatch):
+def test_both_endpoints_of_a_client_and_of_a_server_announce_one_id(node, monkeypatch):
     seen = []
     endpoint = cyclone._endpoint
 
@@ -144,11 +144,11 @@ def test_the_two_ends_of_a_client_and_of_a_server_bear_one_id_each(node, monkeyp
     assert client[0][1] != server[0][1]
 
 
-def test_type_data_tells_the_hash_of_known_types_only():
+def test_user_data_has_the_hash_of_known_types_only():
     known = known_hash("sensor_msgs/msg/Temperature")
-    assert type_data("sensor_msgs::msg::dds_::Temperature_") == f"typehash={known};".encode()
+    assert type_hash("sensor_msgs::msg::dds_::Temperature_") == f"typehash={known};".encode()
     for name in ("HelloWorld", "pkg::msg::dds_::Unknown_", "a::b", "", "::msg::dds_::X_"):
-        assert type_data(name) == b""
+        assert type_hash(name) == b""
 
 
 def test_a_big_endian_sample_of_a_known_type_arrives_little_endian(middleware, node):
@@ -168,8 +168,8 @@ def test_a_big_endian_sample_of_an_unknown_type_is_refused_by_name(node):
 
 
 @pytest.mark.parametrize("size", range(1, 9))
-def test_samples_are_filled_up_with_zeros_and_nothing_else(middleware, node, size, monkeypatch):
-    """On the wire they are a multiple of 4 long; memory of ours must not leave with them."""
+def test_samples_are_padded_with_zeros_and_nothing_else(middleware, node, size, monkeypatch):
+    """Their length on the wire is a multiple of 4; no memory of this process may be sent."""
     sent = []
     write = cyclone._ddspy_write
     monkeypatch.setattr(
@@ -186,8 +186,8 @@ def test_samples_are_filled_up_with_zeros_and_nothing_else(middleware, node, siz
 
 @pytest.mark.parametrize("header", [b"\x00\x01\x00\x03", b"\x00\x01\x00\x07"])
 def test_a_sample_that_is_shorter_than_its_padding_is_empty(header):
-    assert cyclone._unfilled(header) == b"\x00\x01\x00\x00"
-    assert cyclone._unfilled(header + b"a") == b"\x00\x01\x00\x00"
+    assert cyclone._unpadded(header) == b"\x00\x01\x00\x00"
+    assert cyclone._unpadded(header + b"a") == b"\x00\x01\x00\x00"
 
 
 # --- a reader that stands still ---------------------------------------------------------------
@@ -195,6 +195,7 @@ def test_a_sample_that_is_shorter_than_its_padding_is_empty(header):
 READER = """
 import select, sys
 from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.user_data import type_hash
 from uros.qos import HistoryPolicy, QoSProfile
 middleware = DdsMiddleware()
 qos = QoSProfile(history=HistoryPolicy.KEEP_ALL)

@@ -1,4 +1,4 @@
-"""The second readers that Fast DDS writers meet: when they are there, for how long, how many.
+"""Probe readers for Fast DDS writers: when they exist, for how long, how many.
 
 Cyclone's own writers stand for those of Fast DDS here; tests/interop/test_late_match.py has real
 ones.
@@ -16,10 +16,10 @@ from uros.middleware.dds import (
     discovery,
     late_writer_heartbeat,
     participant,
-    service_forms,
 )
 from uros.middleware.dds import middleware as module
 from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.user_data import PROBE_READER
 from uros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 TYPE = "std_msgs::msg::dds_::String_"
@@ -31,14 +31,14 @@ SECONDS = 10.0
 
 
 class World:
-    """A middleware that reads, another that writes, and the second readers of the first."""
+    """A middleware that reads, another that writes, and the probe readers of the first."""
 
     def __init__(self, domain, monkeypatch):
         self.now = 1000.0
         for where in (module, participant, late_writer_heartbeat):
             monkeypatch.setattr(where, "time", self)
         monkeypatch.setattr(late_writer_heartbeat, "FAST_DDS", b"\x01\x10")
-        self.seconds = {}  # entity: (topic, type, QoS)
+        self.probes = {}  # entity: (topic, type, QoS)
         self.made = 0
         self._count_readers(monkeypatch)
         self.middleware, self.other = DdsMiddleware(), DdsMiddleware()
@@ -51,14 +51,14 @@ class World:
 
         def created(one, topic, type_name, qos, data):
             entity = create(one, topic, type_name, qos, data)
-            if data == service_forms.OFFER:
-                self.seconds[entity] = topic, type_name, qos
+            if data == PROBE_READER:
+                self.probes[entity] = topic, type_name, qos
                 self.made += 1
             return entity
 
         def deleted(one, entity, *about):
-            if entity in self.seconds:
-                assert self.seconds.pop(entity) == about
+            if entity in self.probes:
+                assert self.probes.pop(entity) == about
             delete(one, entity, *about)
 
         monkeypatch.setattr(participant.SharedParticipant, "create_reader", created)
@@ -78,8 +78,9 @@ class World:
 
     def hear(self):
         """What :meth:`dispatch` does when the waiting thread has noticed; see the first test."""
-        for one in self.middleware._offers.values():
-            one._on_ready()
+        for domain in self.middleware._domains.values():
+            if domain._late_writers is not None:
+                domain._late_writers._on_ready()
 
     def due(self):
         return self.middleware.next_deadline()
@@ -114,7 +115,7 @@ def world(own_domain_id, monkeypatch):
     one.close()
 
 
-def test_a_writer_that_comes_later_meets_a_second_reader_for_a_moment(world):
+def test_a_late_writer_matches_a_probe_reader_for_a_moment(world):
     world.reader()
     world.settled()
     world.theirs.create_writer("rt/x", TYPE, QoSProfile())
@@ -124,16 +125,16 @@ def test_a_writer_that_comes_later_meets_a_second_reader_for_a_moment(world):
         if select.select([world.middleware.fileno()], [], [], 0.1)[0]:
             world.middleware.dispatch()
     world.go_on(0.019)
-    assert not world.seconds
+    assert not world.probes
     world.go_on(0.002)
-    assert list(world.seconds.values()) == [("rt/x", TYPE, QoSProfile(depth=1))]
+    assert list(world.probes.values()) == [("rt/x", TYPE, QoSProfile(depth=1))]
     world.go_on(0.28)
-    assert world.seconds
+    assert world.probes
     world.go_on(0.03)
-    assert not world.seconds and world.due() is None
+    assert not world.probes and world.due() is None
 
 
-def test_no_node_is_said_to_have_it(world):
+def test_no_node_lists_the_probe_reader(world):
     world.reader()
     world.settled()
     told = []
@@ -144,7 +145,7 @@ def test_no_node_is_said_to_have_it(world):
     del world.node.participant.changed
 
 
-def test_what_needs_no_heartbeat_gets_no_second_reader(world):
+def test_what_needs_no_heartbeat_gets_no_probe_reader(world):
     world.reader("rt/lossy", LOSSY)
     world.reader("rt/met")
     for topic in ("rt/lossy", "rt/unread"):
@@ -158,11 +159,11 @@ def test_what_needs_no_heartbeat_gets_no_second_reader(world):
     assert world.made == 0
 
 
-def test_who_was_there_before_the_first_reader_is_met_by_it(world):
+def test_a_writer_before_the_first_reader_gets_no_probe_reader(world):
     world.writer()
     world.reader()
     world.hear()
-    assert len(world.middleware._offers) == 1
+    assert [it._late_writers is not None for it in world.middleware._domains.values()] == [True]
     world.settled()
     assert world.made == 0
 
@@ -175,7 +176,7 @@ def test_a_reader_that_needs_no_heartbeat_does_not_count_beside_one_that_does(wo
     assert world.made == 0
 
 
-def test_news_may_come_in_any_number(world, monkeypatch):
+def test_any_number_of_writers_may_be_discovered_at_once(world, monkeypatch):
     monkeypatch.setattr(late_writer_heartbeat, "_BATCH", 2)
     for i in range(5):
         world.reader(f"rt/x{i}")
@@ -203,7 +204,7 @@ def test_writers_of_others_than_fast_dds_get_none(world, monkeypatch):
     ],
     ids=["durability", "reliability", "partition"],
 )
-def test_a_writer_that_no_reader_hears_is_looked_at_twice_and_forgotten(world, reader, writer):
+def test_a_writer_that_matches_no_reader_is_checked_twice_and_forgotten(world, reader, writer):
     world.reader(qos=reader)
     world.settled()
     before = world.now
@@ -219,22 +220,22 @@ def test_a_writer_of_another_type_gets_none(world):
     assert world.made == 0
 
 
-def test_one_that_is_connected_only_at_the_second_look_gets_one(world, monkeypatch):
+def test_a_writer_that_matches_at_the_second_check_gets_one(world, monkeypatch):
     world.reader()
-    real, looks = cyclone.heard_writers, []
+    real, looks = cyclone.peek_matched_writers, []
     monkeypatch.setattr(
         cyclone,
-        "heard_writers",
+        "peek_matched_writers",
         lambda reader: real(reader) if looks else looks.append(reader) or set(),
     )
     world.writer()
     world.go_on(0.1)
-    assert looks and not world.seconds
+    assert looks and not world.probes
     world.go_on(0.3)
-    assert len(world.seconds) == 1
+    assert len(world.probes) == 1
 
 
-def test_a_writer_that_leaves_before_it_is_looked_at_is_forgotten(world):
+def test_a_writer_that_leaves_before_its_check_is_forgotten(world):
     world.reader()
     world.settled()
     world.writer().close()
@@ -242,33 +243,33 @@ def test_a_writer_that_leaves_before_it_is_looked_at_is_forgotten(world):
     assert world.due() is None
 
 
-def test_the_second_reader_wants_earlier_samples_where_one_of_ours_does(world):
+def test_the_probe_reader_is_transient_local_where_one_of_ours_is(world):
     """Else the heartbeat for it would begin behind them, and ours would give them up."""
     world.reader()
     world.reader(qos=KEPT)
     world.reader()
     world.writer(qos=KEPT)
     world.go_on(0.1)
-    assert [qos.transient_local for _, _, qos in world.seconds.values()] == [True]
+    assert [qos.transient_local for _, _, qos in world.probes.values()] == [True]
     # Where the one that wants them is not connected, it does not count.
     world.settled()
     world.writer()
     world.go_on(0.1)
-    assert [qos.transient_local for _, _, qos in world.seconds.values()] == [False]
+    assert [qos.transient_local for _, _, qos in world.probes.values()] == [False]
 
 
-def test_it_is_connected_with_the_writers_that_ours_is(world):
+def test_it_matches_the_writers_that_ours_matches(world):
     qos = QoSProfile(
         depth=100, deadline_ms=5000, ownership_exclusive=True, partitions=("a",), user_data=b"x"
     )
     world.reader(qos=qos)
     world.writer(qos=QoSProfile(deadline_ms=100, ownership_strength=3, partitions=("a",)))
     world.go_on(0.1)
-    assert list(world.seconds.values()) == [
+    assert list(world.probes.values()) == [
         ("rt/x", TYPE, QoSProfile(depth=1, ownership_exclusive=True, partitions=("a",)))
     ]
-    entity = next(iter(world.seconds))
-    assert len(cyclone.heard_writers(entity)) == 1
+    entity = next(iter(world.probes))
+    assert len(cyclone.peek_matched_writers(entity)) == 1
 
 
 def test_a_thousand_readers_and_many_writers_at_once_make_one(world):
@@ -285,12 +286,12 @@ def test_a_writer_that_comes_while_one_is_there_gets_a_new_one_but_not_too_soon(
     world.reader()
     world.writer()
     world.go_on(0.03)
-    first = set(world.seconds)
+    first = set(world.probes)
     world.writer()
     world.go_on(0.26)
-    assert set(world.seconds) == first
+    assert set(world.probes) == first
     world.go_on(0.1)
-    assert len(world.seconds) == 1 and not first & set(world.seconds)
+    assert len(world.probes) == 1 and not first & set(world.probes)
     assert world.made == 2
 
 
@@ -300,7 +301,7 @@ def test_writers_that_come_and_go_without_end_make_three_a_second_at_most(world)
         world.writer().close()
         world.writer()
         world.go_on(0.01)
-        assert len(world.seconds) <= 1
+        assert len(world.probes) <= 1
     assert 9 <= world.made <= 10
 
 
@@ -313,10 +314,10 @@ def test_so_many_topics_have_one_at_once_and_the_others_wait(world, monkeypatch)
     most = 0
     while (due := world.due()) is not None:
         world.now = max(world.now, due)
-        before = set(world.seconds)
+        before = set(world.probes)
         world.middleware.tick()
-        assert len(before - set(world.seconds)) <= 1  # one deletion, a millisecond, a tick
-        most = max(most, len(world.seconds))
+        assert len(before - set(world.probes)) <= 1  # one deletion, a millisecond, a tick
+        most = max(most, len(world.probes))
     assert most == 3 and world.made == 10
 
 
@@ -333,7 +334,7 @@ def test_of_too_many_writers_the_last_have_to_wait_for_their_heartbeat(world, mo
     assert world.made == 6
 
 
-def test_a_second_reader_that_cannot_be_made_is_done_without(world, monkeypatch):
+def test_a_probe_reader_that_cannot_be_created_is_left_out(world, monkeypatch):
     world.reader()
     world.settled()
 
@@ -353,33 +354,33 @@ def test_a_second_reader_that_cannot_be_made_is_done_without(world, monkeypatch)
     assert world.made == 1
 
 
-def test_it_outlives_the_reader_that_it_stands_by(world):
+def test_it_outlives_the_reader_that_it_was_created_for(world):
     reader = world.reader()
     world.writer()
     world.go_on(0.1)
     reader.close()
     world.node.close()
     world.settled()
-    assert not world.seconds
+    assert not world.probes
 
 
 def test_our_readers_take_every_sample_once_while_it_is_there(world):
     reader = world.reader()
     writer = world.writer()
     world.go_on(0.1)
-    assert world.seconds
+    assert world.probes
     for _ in range(5):
         assert writer.write(SAMPLE)
     assert reader.take(100) == [SAMPLE] * 5
 
 
-def test_looking_leaves_the_status_that_the_waiting_thread_wakes_by(world):
+def test_a_check_does_not_reset_the_status_that_wakes_the_waiting_thread(world):
     """See ``watch_local``: who resets it must look for others' samples."""
     reader = world.reader()
     world.theirs.create_writer("rt/x", TYPE, QoSProfile())
     status = ctypes.c_uint32()
     for _ in range(2):
-        assert len(cyclone.heard_writers(reader.entity)) == 1
+        assert len(cyclone.peek_matched_writers(reader.entity)) == 1
     cyclone._take_status(reader.entity, ctypes.byref(status), cyclone.STATUS_SUBSCRIPTION_MATCHED)
     assert status.value == cyclone.STATUS_SUBSCRIPTION_MATCHED
     # This is what resets it.
@@ -389,12 +390,12 @@ def test_looking_leaves_the_status_that_the_waiting_thread_wakes_by(world):
     assert status.value == 0
 
 
-def test_who_lists_the_network_does_not_see_them(own_domain_id):
+def test_discovery_does_not_list_them(own_domain_id):
     one = DdsMiddleware()
     node = one.create_node(own_domain_id, "/", "looking")
-    for data in (service_forms.OFFER, b""):
+    for data in (PROBE_READER, b""):
         node.participant.create_reader("rt/b", TYPE, QoSProfile(), data)
-    seen = discovery.Discovery(one, node.participant, lambda: None)
+    seen = discovery.GraphDiscovery(one.context, node.participant, lambda: None)
     deadline = time.monotonic() + SECONDS
     while not [end for end in seen.endpoints.values() if end.topic == "rt/b"]:
         assert time.monotonic() < deadline

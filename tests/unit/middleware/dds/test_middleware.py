@@ -1,13 +1,14 @@
-"""Participants shared by nodes, the announcing of the graph, and what a profile may ask."""
+"""Participants shared by nodes, their discovery info, and what a profile may ask for."""
 
 import pytest
 
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError
-from uros.middleware.dds import announce, cyclone, participant
+from uros.middleware.dds import cyclone, participant
 from uros.middleware.dds import middleware as module
-from uros.middleware.dds.announced import decode
 from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.discovery_info import codec
+from uros.middleware.discovery_info.codec import decode
 from uros.qos import HistoryPolicy, QoSProfile
 
 TYPE = "std_msgs::msg::dds_::String_"
@@ -37,9 +38,9 @@ class Listener:
 
     def __init__(self, middleware, domain):
         node = middleware.create_node(domain, "/", "listener")
-        qos = announce.qos()
+        qos = codec.qos()
         qos.history = HistoryPolicy.KEEP_ALL
-        self._reader = node.create_reader(announce.TOPIC, announce.TYPE, qos, lambda: None)
+        self._reader = node.create_reader(codec.TOPIC, codec.TYPE, qos, lambda: None)
 
     def take(self):
         return self._reader.take(10_000)
@@ -164,7 +165,7 @@ def test_a_localhost_profile_is_refused_where_the_domain_is_open(own_domain_id, 
     try:
         with pytest.raises(MiddlewareError, match="ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"):
             middleware.create_node(own_domain_id, "/", "px4", localhost_only=True)
-        assert middleware._participants == {}  # nothing was opened to find out
+        assert middleware._domains == {}  # nothing was opened to find out
     finally:
         middleware.close()
 
@@ -191,7 +192,8 @@ def test_writing_with_nobody_to_dispatch_does_not_grow(middleware, own_domain_id
     writer = node.create_writer("rt/x", TYPE, QoSProfile())
     for _ in range(100):
         writer.write(b"\0\1\0\0\0\0\0\0")
-    assert len(middleware._written) <= 2  # the reader, and the readers of its topic
+    # The reader, and the readers of its topic.
+    assert len(middleware.context.dispatcher._written) <= 2
 
 
 def test_a_broken_configuration_is_named(monkeypatch, own_domain_id):

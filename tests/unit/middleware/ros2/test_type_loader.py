@@ -1,4 +1,4 @@
-"""What the thread that imports rclpy is asked and tells; rcl and types are stand-ins."""
+"""Requests and results of the thread that imports rclpy; rcl and types are stand-ins."""
 
 import os
 import select
@@ -9,8 +9,8 @@ import pytest
 
 from uros.middleware.base import MiddlewareError
 from uros.middleware.ros2 import rcl, type_loader, types
-from uros.middleware.ros2.names import TypeName
-from uros.middleware.wakeup_fd import Wake
+from uros.middleware.ros_names import TypeName
+from uros.middleware.wakeup_fd import WakeupFd
 
 ADD, SUB, MUL = (TypeName("pkg", "srv", name) for name in ("Add", "Sub", "Mul"))
 SECONDS = 10.0
@@ -18,8 +18,8 @@ SECONDS = 10.0
 
 class Stand:
     def __init__(self):
-        self.wake = Wake()
-        self.one = type_loader.Preparation(self.wake)
+        self.wakeup = WakeupFd()
+        self.loader = type_loader.TypeLoader(self.wakeup)
         self.go, self.begun = threading.Event(), threading.Event()
         self.prepared, self.found, self.missing = [], [], set()
 
@@ -33,10 +33,10 @@ class Stand:
         if name in self.missing:
             raise types.UnknownType("none such")
 
-    def news(self):
-        assert select.select([self.wake.fileno()], [], [], SECONDS)[0], "no news"
-        self.wake.clear()
-        return self.one.news()
+    def results(self):
+        assert select.select([self.wakeup.fileno()], [], [], SECONDS)[0], "no results"
+        self.wakeup.clear()
+        return self.loader.take_results()
 
 
 @pytest.fixture
@@ -46,56 +46,56 @@ def stand(monkeypatch):
     monkeypatch.setattr(types, "find_service", one.find)
     yield one
     one.go.set()
-    one.one.close()
-    one.wake.close()
+    one.loader.close()
+    one.wakeup.close()
 
 
-def test_each_type_once_in_the_order_of_asking_and_rclpy_once(stand):
+def test_each_type_is_loaded_once_in_order_and_rclpy_once(stand):
     for name in (ADD, SUB, ADD, SUB):
-        stand.one.want(name)
+        stand.loader.request(name)
     assert stand.begun.wait(SECONDS)
-    assert not stand.one.has_news() and not stand.one.has(ADD)
+    assert not stand.loader.has_results() and not stand.loader.is_loaded(ADD)
     stand.go.set()
     told = {}
     while len(told) < 2:
-        told.update(stand.news())
+        told.update(stand.results())
     assert list(told.items()) == [(ADD, None), (SUB, None)]
-    assert stand.one.has(ADD) and stand.one.has(SUB) and not stand.one.has(MUL)
-    stand.one.want(MUL)  # the thread has ended; it begins again
-    assert stand.news() == {MUL: None}
+    assert [stand.loader.is_loaded(name) for name in (ADD, SUB, MUL)] == [True, True, False]
+    stand.loader.request(MUL)  # the thread has ended; it begins again
+    assert stand.results() == {MUL: None}
     assert stand.prepared == [tuple(ADD)] and stand.found == [ADD, SUB, MUL]
 
 
 def test_a_type_that_is_not_there_is_no_failure_of_rclpy(stand):
     stand.missing.add(ADD)
     stand.go.set()
-    stand.one.want(ADD)
-    told = stand.news()
-    assert isinstance(told[ADD], types.UnknownType) and stand.one.failure is None
-    assert not stand.one.has(ADD)
+    stand.loader.request(ADD)
+    told = stand.results()
+    assert isinstance(told[ADD], types.UnknownType) and stand.loader.failure is None
+    assert not stand.loader.is_loaded(ADD)
     stand.missing.clear()  # it has been installed meanwhile
-    stand.one.want(ADD)
-    while not stand.one.has(ADD):
-        stand.news()
+    stand.loader.request(ADD)
+    while not stand.loader.is_loaded(ADD):
+        stand.results()
 
 
-def test_what_is_forgotten_is_not_looked_for(stand):
-    stand.one.want(ADD)
+def test_a_cancelled_request_is_not_loaded(stand):
+    stand.loader.request(ADD)
     assert stand.begun.wait(SECONDS)
-    stand.one.want(SUB)
-    stand.one.forget(SUB)
-    stand.one.forget(MUL)
+    stand.loader.request(SUB)
+    stand.loader.cancel(SUB)
+    stand.loader.cancel(MUL)
     stand.go.set()
-    stand.news()
-    stand.one._thread.join(SECONDS)
+    stand.results()
+    stand.loader._thread.join(SECONDS)
     assert stand.found == [ADD]
 
 
-def test_nothing_begins_after_the_end(stand):
-    stand.one.close()
-    stand.one.want(ADD)
-    assert stand.one._thread is None
-    stand.one.close()
+def test_nothing_is_loaded_after_closing(stand):
+    stand.loader.close()
+    stand.loader.request(ADD)
+    assert stand.loader._thread is None
+    stand.loader.close()
 
 
 # --- the process that goes ahead ------------------------------------------------------

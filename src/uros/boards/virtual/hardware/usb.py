@@ -30,7 +30,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from ....middleware.wakeup_fd import Wake
+from ....middleware.wakeup_fd import WakeupFd
 from .clock import BoardClock
 from .usb_descriptors import (
     CONFIGURATION_DESCRIPTOR,
@@ -172,7 +172,7 @@ class UsbCdc:
         self.identity: UsbIdentity | None = None
         self._lock = threading.RLock()
         self._waiting = 0
-        self._wake = Wake()
+        self._wake = WakeupFd()
         # At the master of a terminal that nobody has open, "hung up" is always to be read, so
         # that only a change of it must end a wait.
         self._epoll = select.epoll() if _TELLS_OPEN else None

@@ -1,4 +1,4 @@
-"""Services exchange nothing with endpoints that speak another form than rmw_cyclonedds's."""
+"""Services exchange nothing with endpoints that do not use the header of rmw_cyclonedds."""
 
 import select
 import time
@@ -6,8 +6,11 @@ import time
 import pytest
 
 from uros.middleware.base import MiddlewareError, Service
-from uros.middleware.dds import cyclone, service_forms
+from uros.middleware.dds import cyclone
 from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.guid import FAST_DDS
+from uros.middleware.services.form import CLIENT_ID, SERVICE_ID, uses_request_header
+from uros.middleware.user_data import PROBE_READER
 from uros.qos import QoSProfile, services_profile
 
 SERVICE = Service(
@@ -23,8 +26,8 @@ DISPOSED = 32  # DDS_NOT_ALIVE_DISPOSED_INSTANCE_STATE
 @pytest.fixture
 def middleware(own_domain_id):
     one = DdsMiddleware()
-    one.told = []
-    one.on_notice = one.told.append
+    one.notices = []
+    one.on_notice = one.notices.append
     yield one
     one.close()
 
@@ -48,11 +51,11 @@ def until(middleware, done, seconds=10):
         middleware.dispatch_local()
 
 
-def collect(middleware, thing, count):
+def collect(middleware, endpoint, count):
     got = []
 
     def enough():
-        got.extend(thing.take(10))
+        got.extend(endpoint.take(10))
         return len(got) >= count
 
     until(middleware, enough)
@@ -60,24 +63,24 @@ def collect(middleware, thing, count):
 
 
 @pytest.mark.parametrize(
-    "guid, user_data, mark, known",
+    "guid, user_data, role, expected",
     [
-        (CYCLONE, b"serviceid=1.2;typehash=x;", service_forms.SERVER, True),
-        (CYCLONE, b"clientid=1.2;", service_forms.CLIENT, True),
-        (CYCLONE, b"clientid=1.2;", service_forms.SERVER, False),
-        (CYCLONE, b"", service_forms.SERVER, False),
-        (service_forms.FAST_DDS + bytes(14), b"", service_forms.CLIENT, False),
+        (CYCLONE, b"serviceid=1.2;typehash=x;", SERVICE_ID, True),
+        (CYCLONE, b"clientid=1.2;", CLIENT_ID, True),
+        (CYCLONE, b"clientid=1.2;", SERVICE_ID, False),
+        (CYCLONE, b"", SERVICE_ID, False),
+        (FAST_DDS + bytes(14), b"", CLIENT_ID, False),
         (
-            service_forms.FAST_DDS + bytes(14),
+            FAST_DDS + bytes(14),
             b"clientid=1.2;serviceid=1.2;",
-            service_forms.CLIENT,
+            CLIENT_ID,
             False,
         ),
-        (b"\x01\x01" + bytes(14), b"", service_forms.SERVER, False),
+        (b"\x01\x01" + bytes(14), b"", SERVICE_ID, False),
     ],
 )
-def test_who_speaks_it(guid, user_data, mark, known):
-    assert service_forms.speaks(guid, user_data, mark) is known
+def test_which_endpoints_use_the_header(guid, user_data, role, expected):
+    assert uses_request_header(guid, user_data, role) is expected
 
 
 def test_a_request_is_not_written_where_a_server_has_no_known_form(node, middleware):
@@ -99,9 +102,9 @@ def test_a_request_is_not_written_where_a_server_has_no_known_form(node, middlew
     assert collect(middleware, replier, 1)[0][2] == BODY
 
 
-def test_a_second_reader_of_offers_is_no_server(node):
+def test_a_probe_reader_is_no_server(node):
     requester = node.create_requester(SERVICE, services_profile(), nothing)
-    qos = QoSProfile(user_data=service_forms.OFFER)
+    qos = QoSProfile(user_data=PROBE_READER)
     node.create_reader(SERVICE.request_topic, SERVICE.request_type, qos, nothing)
     assert requester.refusal() == ""
 
@@ -127,8 +130,8 @@ def test_a_request_of_a_client_with_no_known_form_is_not_taken(node, middleware)
         wrong.write(request)
     right.write(request)
     assert [it[1:] for it in collect(middleware, replier, 1)] == [(7, BODY[:4] + b"abcd")]
-    (told,) = middleware.told
-    assert told.startswith("a client of /add gets no answer")
+    (notice,) = middleware.notices
+    assert notice.startswith("a client of /add gets no answer")
 
 
 def test_a_reply_of_a_server_with_no_known_form_is_not_taken(node, middleware):

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from uros.host.graph import Graph
+from uros.host.graph_queries import Graph
 from uros.qos import HistoryPolicy, QoSProfile
 
 HASH = "RIHS01_" + "0123456789abcdef" * 4

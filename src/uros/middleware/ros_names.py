@@ -1,7 +1,7 @@
-"""Names as DDS has them, in ROS's form.
+"""Names and types as DDS has them, in ROS's form.
 
-Clients send names that are mangled already: ``rt/chatter``, ``rq/addRequest``,
-``std_msgs::msg::dds_::String_``. rclpy wants them plain, and mangles them itself.
+XRCE clients send names that are mangled already: ``rt/chatter``, ``rq/addRequest``,
+``std_msgs::msg::dds_::String_``. rclpy takes them plain, and mangles them itself.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Final, NamedTuple
 
-from ..base import MiddlewareError, Service
+from .base import MiddlewareError
 
 # Substitutions ("{node}", "~") are not for names that come from boards.
 _NAME: Final = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
@@ -30,21 +30,20 @@ class TypeName(NamedTuple):
 
 
 def topic_name(topic: str) -> str:
-    """``/chatter`` for ``rt/chatter``. Raises MiddlewareError for what is no ROS topic."""
-    return _plain(topic, "rt", "")
+    """Return ``/chatter`` for ``rt/chatter``.
+
+    Raises:
+        MiddlewareError: It is no ROS topic.
+    """
+    return demangle(topic, "rt", "")
 
 
-def service_name(service: Service) -> str:
-    """The name that both topics of a service have. Raises MiddlewareError."""
-    name = _plain(service.request_topic, "rq", "Request")
-    if _plain(service.reply_topic, "rr", "Reply") != name:
-        raise MiddlewareError(
-            f"{service.request_topic!r} and {service.reply_topic!r} are not of one service"
-        )
-    return name
+def demangle(topic: str, prefix: str, suffix: str) -> str:
+    """Return the ROS name in a DDS topic name with this prefix and suffix.
 
-
-def _plain(topic: str, prefix: str, suffix: str) -> str:
+    Raises:
+        MiddlewareError: The topic has no such form.
+    """
     name = topic[len(prefix) : len(topic) - len(suffix)]
     if (
         len(topic) > _MAX_LENGTH
@@ -60,7 +59,11 @@ def _plain(topic: str, prefix: str, suffix: str) -> str:
 
 
 def message_type(type_name: str) -> TypeName:
-    """The ROS type of a DDS type name. Raises MiddlewareError for what is none."""
+    """Return the ROS type of a DDS type name.
+
+    Raises:
+        MiddlewareError: It is no ROS type.
+    """
     found = _TYPE.fullmatch(type_name) if len(type_name) <= _MAX_LENGTH else None
     if found is None:
         raise MiddlewareError(
@@ -68,18 +71,3 @@ def message_type(type_name: str) -> TypeName:
             " middleware carries nothing else: start the agent with -m dds"
         )
     return TypeName(*found.groups())
-
-
-def service_type(service: Service) -> TypeName:
-    """The ROS type that requests and replies of a service are of. Raises MiddlewareError."""
-    request, reply = message_type(service.request_type), message_type(service.reply_type)
-    name = request.name.removesuffix("_Request")
-    if (
-        name == request.name
-        or reply != request._replace(name=name + "_Response")
-        or request.kind == "msg"
-    ):
-        raise MiddlewareError(
-            f"{service.request_type} and {service.reply_type} are not of one ROS service"
-        )
-    return request._replace(name=name)

@@ -1,4 +1,4 @@
-"""The graph of a domain as the middleware tells it: everything in it, and not too often."""
+"""The graph of a domain: everything in it, with at most one change a second."""
 
 import select
 import time
@@ -6,7 +6,7 @@ import time
 import pytest
 
 from uros.middleware.base import MiddlewareError
-from uros.middleware.dds import graph as module
+from uros.middleware.dds import paced_discovery
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.graph import living_nodes
 from uros.middleware.memory import MemoryMiddleware
@@ -60,42 +60,42 @@ def test_nodes_come_and_go(middleware, own_domain_id):
     serve(middleware, lambda: changes and not living_nodes(graph))
     graph.close()
     graph.close()
-    assert middleware.graphs == []
+    assert graph not in middleware.context.schedule
 
 
-def test_all_news_of_a_second_are_told_at_once(middleware, own_domain_id, monkeypatch):
+def test_all_changes_of_a_second_cause_one_call(middleware, own_domain_id, monkeypatch):
     class Clock:
         now = 1000.0
 
         def monotonic(self):
             return self.now
 
-    monkeypatch.setattr(module, "time", Clock())
-    told = []
-    graph = middleware.graph(own_domain_id, lambda: told.append(Clock.now))
+    monkeypatch.setattr(paced_discovery, "time", Clock())
+    calls = []
+    graph = middleware.graph(own_domain_id, lambda: calls.append(Clock.now))
     assert graph.due is None
     for _ in range(300):  # three seconds of changes, every 10 ms
-        graph._news()
+        graph._changed()
         if graph.due <= Clock.now:
-            graph.tell()
+            graph.tick(Clock.now)
         Clock.now += 0.01
-    assert len(told) == 3
-    assert told[0] == pytest.approx(1000.1, abs=0.02)
-    assert [round(b - a, 1) for a, b in zip(told, told[1:], strict=False)] == [1.0, 1.0]
+    assert len(calls) == 3
+    assert calls[0] == pytest.approx(1000.1, abs=0.02)
+    assert [round(b - a, 1) for a, b in zip(calls, calls[1:], strict=False)] == [1.0, 1.0]
 
 
 def test_two_watch_one_domain_and_each_its_own(middleware, own_domain_id, domain_id):
-    told = []
+    calls = []
     graphs = [
-        middleware.graph(domain, lambda domain=domain: told.append(domain))
+        middleware.graph(domain, lambda domain=domain: calls.append(domain))
         for domain in (own_domain_id, own_domain_id, domain_id)
     ]
     middleware.create_node(own_domain_id, "/", "n")
-    serve(middleware, lambda: told.count(own_domain_id) >= 2)
+    serve(middleware, lambda: calls.count(own_domain_id) >= 2)
     graphs[0].close()
-    told.clear()
+    calls.clear()
     middleware.create_node(own_domain_id, "/", "m")
-    serve(middleware, lambda: own_domain_id in told)
+    serve(middleware, lambda: own_domain_id in calls)
     assert [it.name for it in living_nodes(graphs[1])] == ["n", "m"]
 
 

@@ -1,4 +1,4 @@
-"""Services on auto while rclpy is being imported: a stand-in for it waits until it is let go.
+"""Services on auto while rclpy is being imported: a stand-in for it waits for an event.
 
 The real one is for tests/interop.
 """
@@ -13,9 +13,9 @@ from support.client import XrceClient
 
 from uros.middleware import auto, open_middleware
 from uros.middleware.base import MiddlewareError, Service
-from uros.middleware.pending_endpoints import LateReplier, LateRequester
 from uros.middleware.ros2 import middleware as ros2
 from uros.middleware.ros2 import rcl, types
+from uros.middleware.services.pending_endpoints import PendingReplier, PendingRequester
 from uros.qos import QoSProfile
 from uros.wire import ids
 
@@ -30,8 +30,8 @@ def service(name, kind="Add"):
     return Service(f"rq/{name}Request", next(types), f"rr/{name}Reply", next(types))
 
 
-class End:
-    """An end on rclpy: keeps what is written to it, and gives what it was told."""
+class Endpoint:
+    """An endpoint on rclpy: keeps what is written to it, and returns what it was given."""
 
     def __init__(self, network, what):
         self.readers, self.writers, self.on_close = [], [], None
@@ -81,12 +81,12 @@ class Network:
         return self
 
     def create_requester(self, service, qos, on_ready):
-        return End(self, service.request_topic)
+        return Endpoint(self, service.request_topic)
 
     def create_replier(self, service, qos, on_ready):
-        return End(self, service.reply_topic)
+        return Endpoint(self, service.reply_topic)
 
-    def has_news(self):
+    def has_work(self):
         return False
 
     def dispatch(self):
@@ -103,7 +103,7 @@ def rclpy(monkeypatch):
     monkeypatch.setattr(types, "check_package", lambda name: None)
     monkeypatch.setattr(types, "find_service", network.find_service)
     monkeypatch.setattr(rcl, "prepare", network.prepare)
-    monkeypatch.setattr(ros2, "Ros2Middleware", lambda wake: network)
+    monkeypatch.setattr(ros2, "Ros2Middleware", lambda wakeup: network)
     monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
     yield network
     network.go.set()
@@ -113,8 +113,8 @@ def rclpy(monkeypatch):
 def middleware(rclpy):
     one = open_middleware("auto")
     one.batching = True
-    one.told = []
-    one.on_notice = one.told.append
+    one.notices = []
+    one.on_notice = one.notices.append
     yield one
     rclpy.go.set()
     one.close()
@@ -156,7 +156,7 @@ def test_other_boards_are_served_while_rclpy_is_imported(rclpy):
         assert all(end.closed for _, end in rclpy.made)
 
 
-def test_ends_have_no_room_until_they_are_made_in_order_one_a_turn(
+def test_endpoints_have_no_room_until_they_are_created_one_a_turn(
     rclpy, middleware, own_domain_id
 ):
     node = middleware.create_node(own_domain_id, "/", "node")
@@ -182,18 +182,20 @@ def test_ends_have_no_room_until_they_are_made_in_order_one_a_turn(
     assert server.reply(bytes(16), 1, REQUEST)
     assert rclpy.made[3][1].written == [(bytes(16), 1, REQUEST)]
     # Others of that type need not wait.
-    assert isinstance(node.create_requester(service("more"), QOS, lambda: None), End)
-    assert middleware.told == []
+    assert isinstance(node.create_requester(service("more"), QOS, lambda: None), Endpoint)
+    assert middleware.notices == []
     node.close()
 
 
-def test_news_outlive_what_dds_clears(rclpy, middleware, own_domain_id, monkeypatch):
+def test_loaded_types_set_the_descriptor_that_dds_clears(
+    rclpy, middleware, own_domain_id, monkeypatch
+):
     """Its dispatch_local makes the descriptor unreadable, after what this process wrote."""
-    monkeypatch.setattr(middleware.dds, "dispatch_local", middleware.dds.wake.clear)
+    monkeypatch.setattr(middleware.dds, "dispatch_local", middleware.dds.wakeup.clear)
     node = middleware.create_node(own_domain_id, "/", "node")
     node.create_requester(service("add"), QOS, lambda: None)
     rclpy.go.set()
-    middleware._preparation._thread.join(SECONDS)
+    middleware._type_loader._thread.join(SECONDS)
     for _ in range(2):
         middleware.dispatch_local()
         assert select.select([middleware.fileno()], [], [], 0)[0]
@@ -201,7 +203,7 @@ def test_news_outlive_what_dds_clears(rclpy, middleware, own_domain_id, monkeypa
     assert len(rclpy.made) == 1
 
 
-def test_what_is_closed_before_its_time_is_never_made(rclpy, middleware, own_domain_id):
+def test_a_pending_endpoint_that_is_closed_is_never_created(rclpy, middleware, own_domain_id):
     leaving, staying = (
         middleware.create_node(own_domain_id, "/", name) for name in ("leaving", "staying")
     )
@@ -220,7 +222,7 @@ def test_what_is_closed_before_its_time_is_never_made(rclpy, middleware, own_dom
     kept.close()
     kept.close()
     assert rclpy.made[0][1].closed
-    until(middleware, lambda: not middleware._over)
+    until(middleware, lambda: not middleware._loaded)
     assert not middleware._held
 
 
@@ -230,7 +232,8 @@ def test_a_board_that_makes_and_deletes_without_end_leaves_nothing(
     node = middleware.create_node(own_domain_id, "/", "node")
     for number in range(500):
         node.create_replier(service("x", f"T{number}"), QOS, lambda: None).close()
-    assert len(middleware._preparation._wanted) <= 1 and not middleware._held and not node._late
+    assert len(middleware._type_loader._requested) <= 1
+    assert not middleware._held and not node._pending
     rclpy.go.set()
     late = node.create_replier(service("last"), QOS, lambda: None)
     until(middleware, lambda: rclpy.made)
@@ -264,8 +267,8 @@ def test_an_rclpy_that_does_not_start_leaves_it_to_dds_and_is_told_once(
     rclpy.go.set()
     assert talk(middleware, node)
     assert early.request(REQUEST)
-    assert not isinstance(node.create_replier(service("late"), QOS, lambda: None), LateReplier)
-    (notice,) = middleware.told
+    assert not isinstance(node.create_replier(service("late"), QOS, lambda: None), PendingReplier)
+    (notice,) = middleware.notices
     assert "rclpy cannot be used" in notice and str(failure) in notice
     assert rclpy.asked == []
 
@@ -276,7 +279,7 @@ def test_a_type_that_its_package_does_not_have_goes_over_dds(rclpy, middleware, 
     node = middleware.create_node(own_domain_id, "/", "node")
     for _ in range(2):
         assert talk(middleware, node)
-    (notice,) = middleware.told
+    (notice,) = middleware.notices
     assert "rq/addRequest is there for rmw_cyclonedds only: pkg/srv/Add" in notice
     other = node.create_requester(service("other", "Sub"), QOS, lambda: None)
     until(middleware, lambda: other.request(REQUEST))
@@ -297,8 +300,8 @@ def test_what_dds_refuses_too_is_told_to_whoever_writes(
     monkeypatch.setattr(node._dds, "create_requester", refuse)
     monkeypatch.setattr(node._dds, "create_replier", refuse)
     rclpy.go.set()
-    until(middleware, lambda: len(middleware.told) == 2 and not middleware._over)
-    assert middleware.told[1] == "service rq/addRequest is not there: no room in the domain"
+    until(middleware, lambda: len(middleware.notices) == 2 and not middleware._loaded)
+    assert middleware.notices[1] == "service rq/addRequest is not there: no room in the domain"
     for write in (lambda: caller.request(REQUEST), lambda: server.reply(bytes(16), 1, REQUEST)):
         with pytest.raises(MiddlewareError, match="no room in the domain"):
             write()
@@ -311,7 +314,7 @@ def test_a_refusal_of_dds_is_not_taken_for_one_of_ros2(
     rclpy, middleware, own_domain_id, monkeypatch
 ):
     monkeypatch.setattr(auto, "find_spec", lambda name: None)
-    monkeypatch.setattr(ros2, "Ros2Middleware", lambda wake: exec("import rclpy.none"))
+    monkeypatch.setattr(ros2, "Ros2Middleware", lambda wakeup: exec("import rclpy.none"))
     node = middleware.create_node(own_domain_id, "/", "node")
     asked = []
 
@@ -322,7 +325,7 @@ def test_a_refusal_of_dds_is_not_taken_for_one_of_ros2(
     monkeypatch.setattr(node._dds, "create_requester", refuse)
     with pytest.raises(MiddlewareError, match="no room in the domain"):
         node.create_requester(service("add"), QOS, lambda: None)
-    assert len(asked) == len(middleware.told) == 1
+    assert len(asked) == len(middleware.notices) == 1
 
 
 @pytest.mark.parametrize(
@@ -336,15 +339,15 @@ def test_a_refusal_of_dds_is_not_taken_for_one_of_ros2(
 def test_what_ros2_cannot_carry_does_not_wait(rclpy, middleware, own_domain_id, wrong):
     node = middleware.create_node(own_domain_id, "/", "node")
     end = node.create_requester(wrong, QOS, lambda: None)
-    assert not isinstance(end, LateRequester) and end.request(REQUEST) == 1
-    assert len(middleware.told) == 1
+    assert not isinstance(end, PendingRequester) and end.request(REQUEST) == 1
+    assert len(middleware.notices) == 1
     assert not rclpy.begun.is_set()
 
 
 def test_a_host_program_waits(rclpy, middleware, own_domain_id):
     middleware.batching = False
     node = middleware.create_node(own_domain_id, "/", "node")
-    assert isinstance(node.create_requester(service("add"), QOS, lambda: None), End)
+    assert isinstance(node.create_requester(service("add"), QOS, lambda: None), Endpoint)
     assert not rclpy.begun.is_set()
 
 
@@ -359,7 +362,7 @@ def test_closing_waits_for_the_thread_and_makes_nothing(rclpy, middleware, own_d
     assert closing.is_alive()
     rclpy.go.set()
     closing.join(SECONDS)
-    assert not closing.is_alive() and not middleware._preparation._thread.is_alive()
+    assert not closing.is_alive() and not middleware._type_loader._thread.is_alive()
     assert rclpy.made == [] and "Sub" not in rclpy.asked
     late.close()
     node.close()

@@ -4,9 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from uros.middleware import ros_names
 from uros.middleware.base import MiddlewareError, Service
-from uros.middleware.ros2 import names
-from uros.middleware.ros2.names import TypeName
+from uros.middleware.ros_names import TypeName
+from uros.middleware.services import names
 
 BASE = "std_srvs::srv::dds_::Trigger_"
 
@@ -21,7 +22,7 @@ def service(request="rq/xRequest", request_type=BASE + "Request_", reply="rr/xRe
     [("rt/chatter", "/chatter"), ("rt/a/b_1/_c", "/a/b_1/_c"), ("rt/rt/x", "/rt/x")],
 )
 def test_topics(topic, name):
-    assert names.topic_name(topic) == name
+    assert ros_names.topic_name(topic) == name
 
 
 @pytest.mark.parametrize(
@@ -31,7 +32,7 @@ def test_topics(topic, name):
 )  # fmt: skip
 def test_what_is_no_topic_of_ros(topic):
     with pytest.raises(MiddlewareError, match="is no ROS topic .rt/….*-m dds") as error:
-        names.topic_name(topic)
+        ros_names.topic_name(topic)
     assert len(str(error.value)) < 500
 
 
@@ -77,7 +78,7 @@ def test_types_that_are_of_no_service(one):
     ],
 )
 def test_types(type_name, found):
-    assert names.message_type(type_name) == found
+    assert ros_names.message_type(type_name) == found
 
 
 @pytest.mark.parametrize(
@@ -88,7 +89,7 @@ def test_types(type_name, found):
 )  # fmt: skip
 def test_what_is_no_type_of_ros(type_name):
     with pytest.raises(MiddlewareError, match="is no ROS type") as error:
-        names.message_type(type_name)
+        ros_names.message_type(type_name)
     assert len(str(error.value)) < 500
 
 
@@ -96,7 +97,7 @@ def test_what_is_no_type_of_ros(type_name):
 def test_any_text_is_a_topic_or_refused(text, prefix, suffix):
     topic = prefix + text + suffix
     try:
-        name = names.topic_name(topic)
+        name = ros_names.topic_name(topic)
     except MiddlewareError:
         return
     assert "rt" + name == topic
@@ -109,7 +110,7 @@ def test_any_text_is_a_topic_or_refused(text, prefix, suffix):
 )
 def test_any_text_is_a_type_or_refused(text, suffix):
     try:
-        found = names.message_type(text + suffix)
+        found = ros_names.message_type(text + suffix)
     except MiddlewareError:
         return
     assert f"{found.package}::{found.kind}::dds_::{found.name}_" == text + suffix

@@ -1,8 +1,8 @@
-"""``ros_discovery_info`` as peers send it, from bytes laid out by hand."""
+"""Decoding ``ros_discovery_info`` of other participants, from bytes written by hand."""
 
 import pytest
 
-from uros.middleware.dds.announced import decode
+from uros.middleware.discovery_info.codec import decode
 
 GUID = bytes(range(1, 17))
 READER, WRITER = b"r" * 16, b"w" * 16

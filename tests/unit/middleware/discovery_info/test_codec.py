@@ -12,8 +12,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr
-from uros.middleware.dds import announce
-from uros.middleware.dds.announced import decode
+from uros.middleware.discovery_info import codec
+from uros.middleware.discovery_info.codec import decode
 
 PARTICIPANT = bytes.fromhex("0110aabbccddeeff00112233000001c1")
 READER = bytes.fromhex("0110aabbccddeeff0011223300000104")
@@ -22,8 +22,8 @@ WRITERS = [
     bytes.fromhex("0110aabbccddeeff0011223300000303"),
 ]
 NODES = [
-    announce.NodeEntities("/garden", "weather", [], WRITERS),
-    announce.NodeEntities("/", "a_node", [READER], []),
+    codec.NodeEntities("/garden", "weather", [], WRITERS),
+    codec.NodeEntities("/", "a_node", [READER], []),
 ]
 
 # 16 bytes a Gid: from Iron on.
@@ -67,15 +67,15 @@ HAND_EMPTY = bytes.fromhex("00010000" "0110aabbccddeeff00112233000001c1" "000000
 
 @pytest.mark.parametrize(("size", "vector"), [(16, HAND_16), (24, HAND_24)])
 def test_encode_gives_the_hand_written_bytes(size, vector):
-    assert announce.encode(PARTICIPANT, NODES, size) == vector
+    assert codec.encode(PARTICIPANT, NODES, size) == vector
 
 
 def test_a_participant_without_nodes():
-    assert announce.encode(PARTICIPANT, [], 16) == HAND_EMPTY
+    assert codec.encode(PARTICIPANT, [], 16) == HAND_EMPTY
 
 
 @pytest.mark.parametrize("vector", [HAND_16, HAND_24], ids=["16", "24"])
-def test_both_sizes_are_read_back(vector):
+def test_both_sizes_are_decoded(vector):
     guid, nodes, _ = decode(vector)
     assert guid == PARTICIPANT
     assert [(n.namespace, n.name, n.readers, n.writers) for n in nodes] == [
@@ -83,9 +83,9 @@ def test_both_sizes_are_read_back(vector):
     ]
 
 
-def test_it_is_the_message_that_interfaces_know():
+def test_it_is_the_message_of_the_interface_definitions():
     message = from_cdr(
-        load("rmw_dds_common/msg/ParticipantEntitiesInfo"), announce.encode(PARTICIPANT, NODES, 16)
+        load("rmw_dds_common/msg/ParticipantEntitiesInfo"), codec.encode(PARTICIPANT, NODES, 16)
     )
     assert bytes(message.gid.data) == PARTICIPANT
     weather, other = message.node_entities_info_seq
@@ -107,7 +107,7 @@ GIDS = {24: "char[24] data\n", 16: "char[16] data\n"}
 
 @pytest.fixture(scope="module", params=sorted(GIDS))
 def oracle(request):
-    """rosbags with the definitions of one size, and the size."""
+    """A rosbags type store with the definitions of one size, and the size."""
     store = get_typestore(Stores.EMPTY)
     found = {}
     for name, text in (*DEFINITIONS.items(), ("Gid", GIDS[request.param])):
@@ -118,14 +118,14 @@ def oracle(request):
 
 NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
 GUIDS = st.lists(st.binary(min_size=16, max_size=16), max_size=4)
-NODE_LISTS = st.lists(st.builds(announce.NodeEntities, NAMES, NAMES, GUIDS, GUIDS), max_size=5)
+NODE_LISTS = st.lists(st.builds(codec.NodeEntities, NAMES, NAMES, GUIDS, GUIDS), max_size=5)
 
 
 @given(st.binary(min_size=16, max_size=16), NODE_LISTS)
-def test_rosbags_reads_what_we_send_and_we_read_what_it_writes(oracle, guid, nodes):
+def test_rosbags_decodes_what_we_encode_and_the_reverse(oracle, guid, nodes):
     store, size = oracle
     types = store.types
-    sample = announce.encode(guid, nodes, size)
+    sample = codec.encode(guid, nodes, size)
     name = "rmw_dds_common/msg/ParticipantEntitiesInfo"
     read = store.deserialize_cdr(sample, name)
     pad = bytes(size - 16)
@@ -160,17 +160,17 @@ def test_rosbags_reads_what_we_send_and_we_read_what_it_writes(oracle, guid, nod
 
 
 @given(st.binary(max_size=200), st.booleans(), st.sampled_from([16, 24]))
-def test_hostile_bytes_are_no_message_or_a_whole_one(rest, little, size):
+def test_any_bytes_decode_to_nothing_or_to_a_whole_message(rest, little, size):
     decoded = decode(bytes((0, little, 0, 0)) + rest)
     if decoded is not None:
-        assert len(announce.encode(*decoded[:2], decoded[2])) - 4 <= len(rest)
-    assert decode(announce.encode(PARTICIPANT, NODES, size) + rest + b"\1") is None
+        assert len(codec.encode(*decoded[:2], decoded[2])) - 4 <= len(rest)
+    assert decode(codec.encode(PARTICIPANT, NODES, size) + rest + b"\1") is None
 
 
-def test_the_topic_is_kept_for_late_nodes():
-    qos = announce.qos()
+def test_the_topic_is_transient_local_with_a_depth_of_one():
+    qos = codec.qos()
     assert qos.reliable and qos.transient_local and qos.depth == 1
-    assert (announce.TOPIC, announce.TYPE) == (
+    assert (codec.TOPIC, codec.TYPE) == (
         "ros_discovery_info",
         "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_",
     )

@@ -1,13 +1,15 @@
-"""Nodes of a foreign participant of this process, whose endpoints a node of ours has."""
+"""Nodes of another participant of this process, whose endpoints a node of ours lists."""
 
 import select
 import time
 
 import pytest
 
-from uros.middleware.dds import announce, cyclone, hidden
-from uros.middleware.dds.announced import decode, participant_of
+from uros.middleware.dds import cyclone, suppressed_nodes
 from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.discovery_info import codec
+from uros.middleware.discovery_info.codec import decode
+from uros.middleware.guid import participant_of
 from uros.qos import HistoryPolicy
 
 OTHER = b"\x01\x0f" + bytes(range(10)) + b"\0\0\1\xc1"
@@ -15,22 +17,22 @@ ENDPOINT = OTHER[:12] + b"\0\0\4\4"
 
 
 class Peer:
-    """What a node of ROS knows of participants: the last word about each, from whomever."""
+    """What a ROS node knows of participants: the last message about each, whoever wrote it."""
 
     def __init__(self, domain):
         participant = cyclone.create_participant(domain, b"enclave=/;")
-        topic = cyclone.create_topic(participant, announce.TOPIC, announce.TYPE)
-        qos = announce.qos()
+        topic = cyclone.create_topic(participant, codec.TOPIC, codec.TYPE)
+        qos = codec.qos()
         qos.history = HistoryPolicy.KEEP_ALL
         group = cyclone.create_group("subscriber", participant)
         self._reader = cyclone.create_reader(group, topic, qos)
         self.nodes = {}
-        self.said = 0
+        self.count = 0
 
     def look(self):
         for sample, _ in cyclone.take(self._reader, 100):
             guid, nodes, _ = decode(sample)
-            self.said += guid == OTHER
+            self.count += guid == OTHER
             self.nodes[guid] = [it.name for it in nodes]
 
 
@@ -53,33 +55,33 @@ def serve(middleware, done, seconds=20):
         middleware.tick()
 
 
-def test_it_is_said_to_have_none_again_and_again_then_no_more(middleware, own_domain_id):
+def test_empty_discovery_info_is_repeated_and_then_stops(middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "board")
     peer = Peer(own_domain_id)
     node.adopt([ENDPOINT], [])
 
     def quiet():
         peer.look()
-        return peer.said >= len(hidden._TIMES) and middleware.next_deadline() is None
+        return peer.count >= len(suppressed_nodes._DELAYS) and middleware.next_deadline() is None
 
     serve(middleware, quiet)
     assert peer.nodes[OTHER] == []
     assert peer.nodes[node.participant.guid] == ["board"]
-    # Its nodes have changed: it has said so itself, so we must have the last word.
-    said = peer.said
+    # Its nodes have changed: it has announced them itself, so ours must be the last message.
+    count = peer.count
     node.disown([ENDPOINT], [])
-    serve(middleware, lambda: peer.look() or peer.said > said)
-    # And who comes later hears it after the other.
+    serve(middleware, lambda: peer.look() or peer.count > count)
+    # A later reader gets it after the other's message.
     serve(middleware, quiet)
     later = Peer(own_domain_id)
-    serve(middleware, lambda: later.look() or later.said >= len(hidden._TIMES))
+    serve(middleware, lambda: later.look() or later.count >= len(suppressed_nodes._DELAYS))
     assert later.nodes[OTHER] == []
 
 
-def test_a_node_that_adopts_nothing_says_nothing_of_others(middleware, own_domain_id):
+def test_a_node_that_adopts_nothing_writes_nothing_of_others(middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "board")
-    node.adopt([], [])  # an RMW that is none on DDS
-    assert not middleware._hidden
+    node.adopt([], [])  # an RMW that is not on DDS
+    assert middleware._domains[own_domain_id]._suppressed is None
 
 
 def test_the_participant_of_an_endpoint():

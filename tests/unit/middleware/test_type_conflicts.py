@@ -1,4 +1,4 @@
-"""Topics that exist with another type, seen on real DDS whichever side came first."""
+"""Topics that exist with another type, on real DDS, whichever endpoint came first."""
 
 import select
 import time

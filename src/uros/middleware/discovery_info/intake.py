@@ -1,0 +1,122 @@
+"""What is kept of other participants' discovery info, and how many octets are parsed a second.
+
+Anybody on the network may write to ``ros_discovery_info``, and each sample is parsed in the data
+plane's thread. So a sample counts only for the participant whose writer sent it, samples have a
+size limit, and so has all that is kept. Octets are charged against a token bucket. Once that is
+empty :meth:`Intake.charge` returns for how long the reader is to be deleted, with every sample that
+waits in it: left in place it would grow, and a reader with a small history would lose other
+writers' samples. Created anew, it gets the last sample of each writer again, as the topic is
+transient local.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from ..guid import participant_of
+from .codec import TOPIC, NodeEntities, decode, subject_of
+
+# Attack: samples of megabytes. A container with a hundred nodes writes 70 kB.
+MAX_SAMPLE: Final = 128 * 1024
+# Attack: many participants, each with as much as it may send. Octets of samples, and their number.
+MAX_KEPT: Final = 4 * 1024 * 1024
+MAX_PARTICIPANTS: Final = 4096
+# Attack: samples faster than they are taken. Depth of the reader: of three hundred participants
+# that start together all have room.
+MAX_UNREAD: Final = 300
+# Attack: samples without end. Octets that are parsed a second, at first, and in one turn: 16 kB of
+# nodes take 5 ms of the thread that all boards share, and twice as many Gids one.
+RATE: Final = 256 * 1024
+BURST: Final = 2 * 1024 * 1024
+TURN: Final = 16 * 1024
+# A sample that is not parsed is charged this fraction of its octets, any sample at least so many.
+_SKIPPED: Final = 16
+_LEAST: Final = 256
+# Deleting and creating a reader takes a millisecond, and sends packets to all peers. Seconds.
+_PAUSE: Final = 1.0
+
+
+def _fingerprint(sample: bytes) -> tuple[int, int]:
+    """What tells a sample from another one."""
+    return len(sample), hash(sample)
+
+
+class Intake:
+    """Discovery info of the participants in one domain.
+
+    Attributes:
+        nodes: The nodes of each participant, by the participant's GUID.
+        gid_sizes: Octets of a Gid in the participant's message, by its GUID.
+        parsed: Octets parsed so far.
+
+    Args:
+        domain: The domain, for notices.
+        notice: Called with a line for the user.
+        now: The time of creation, in seconds (``time.monotonic``).
+    """
+
+    def __init__(self, domain: int, notice: Callable[[str], None], now: float) -> None:
+        self.nodes: dict[bytes, list[NodeEntities]] = {}
+        self.gid_sizes: dict[bytes, int] = {}
+        self.parsed = 0
+        self._domain = domain
+        self._notice = notice
+        self._kept: dict[bytes, tuple[int, int]] = {}  # fingerprint of the sample, by GUID
+        self._size = 0  # octets of these samples
+        self._tokens = float(BURST)
+        self._charged_at = now
+
+    def cost(self, writer: bytes | None, sample: bytes) -> tuple[bool, int]:
+        """Return whether a sample counts, and the octets it is charged.
+
+        Args:
+            writer: GUID of the writer that sent it; None where that has left already.
+            sample: The sample.
+        """
+        cost = len(sample) // _SKIPPED
+        guid = subject_of(sample)
+        counts = writer is not None and guid == participant_of(writer)
+        if counts and len(sample) <= MAX_SAMPLE and self._kept.get(guid) != _fingerprint(sample):
+            cost = len(sample)
+        return counts, max(_LEAST, cost)
+
+    def accept(self, sample: bytes) -> None:
+        """Parse a sample that counts, and keep its nodes where the limits allow."""
+        guid, size, fingerprint = subject_of(sample), len(sample), _fingerprint(sample)
+        if self._kept.get(guid) == fingerprint:
+            return
+        self.forget(guid)
+        if (
+            size > MAX_SAMPLE
+            or self._size + size > MAX_KEPT
+            or len(self._kept) >= MAX_PARTICIPANTS
+        ):
+            self._notice(
+                f"domain {self._domain}: a participant writes more to {TOPIC} than is kept"
+                f" ({size} bytes; {MAX_SAMPLE} a sample, {MAX_KEPT} in all): its nodes are not"
+                " known"
+            )
+            return
+        self.parsed += size
+        decoded = decode(sample)
+        if decoded is not None:
+            _, self.nodes[guid], self.gid_sizes[guid] = decoded
+            self._kept[guid] = fingerprint
+            self._size += size
+
+    def forget(self, guid: bytes) -> None:
+        """Drop the discovery info of a participant, which has left."""
+        self.nodes.pop(guid, None)
+        self.gid_sizes.pop(guid, None)
+        self._size -= self._kept.pop(guid, (0, 0))[0]
+
+    def charge(self, octets: int, now: float) -> float | None:
+        """Take octets from the token bucket.
+
+        Returns:
+            The seconds for which the reader is to be deleted; None while there are tokens.
+        """
+        self._tokens = min(BURST, self._tokens + (now - self._charged_at) * RATE) - octets
+        self._charged_at = now
+        return max(_PAUSE, -self._tokens / RATE) if self._tokens < 0 else None

@@ -1,0 +1,18 @@
+"""GUIDs of DDS entities (RTPS 9.3.1): a 12-octet prefix of the participant, a 4-octet entity id."""
+
+from __future__ import annotations
+
+from typing import Final
+
+GUID_SIZE: Final = 16
+_PREFIX_SIZE: Final = 12
+_PARTICIPANT_ENTITY_ID: Final = b"\x00\x00\x01\xc1"
+
+# The first two octets of a GUID are the vendor id of the DDS implementation.
+FAST_DDS: Final = b"\x01\x0f"
+CYCLONE_DDS: Final = b"\x01\x10"
+
+
+def participant_of(guid: bytes) -> bytes:
+    """Return the GUID of the participant that an endpoint belongs to."""
+    return guid[:_PREFIX_SIZE] + _PARTICIPANT_ENTITY_ID

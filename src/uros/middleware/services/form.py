@@ -1,0 +1,28 @@
+"""Which form of request identity the endpoints of others use.
+
+A request with the header of rmw_cyclonedds that rmw_fastrtps reads is executed with wrong
+arguments: the 16 octets of the header stand where it expects the first fields. rmw_cyclonedds, and
+uros like it, announces ``clientid=…`` or ``serviceid=…`` in USER_DATA; a GUID that begins 01 0F is
+one of Fast DDS. An endpoint without such an id counts as incompatible.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ..guid import FAST_DDS
+
+# What the endpoints of a service client and of a server announce.
+CLIENT_ID: Final = b"clientid="
+SERVICE_ID: Final = b"serviceid="
+
+
+def uses_request_header(guid: bytes, user_data: bytes, role: bytes) -> bool:
+    """Return whether an endpoint uses the header of rmw_cyclonedds.
+
+    Args:
+        guid: Its GUID.
+        user_data: Its USER_DATA.
+        role: CLIENT_ID for a service client's endpoint, SERVICE_ID for a server's.
+    """
+    return role in user_data and not guid.startswith(FAST_DDS)
