@@ -322,7 +322,8 @@ class World:
         must(pending <= limits.message, f"{pending} bytes of fragments")
         for stream in session._out.values():
             must(len(stream) <= MAX_HELD, "held messages")
-            must(stream.size == sum(map(len, stream._held.values())), "bytes held are miscounted")
+            held = sum(map(len, stream.export()[3].values()))
+            must(stream.size == held, "bytes held are miscounted")
             must((stream.sent - stream.acked) & 0xFFFF <= WINDOW, "a window overrun")
         kept = sum(thing.kept for thing in client.objects.values())
         must(client._kept == kept, f"{client._kept} bytes of representations, not {kept}")

@@ -64,7 +64,7 @@ class XrceClient:
     def _put(self, kind, payload, stream, flags):
         number = 0
         if stream >= ids.STREAM_RELIABLE:
-            self.until(lambda: self._out.room() > 0, "the agent acknowledges nothing")
+            self.until(lambda: self._out.available() > 0, "the agent acknowledges nothing")
             number = self._out.next
         elif stream:
             number = self._best_effort_out

@@ -292,7 +292,7 @@ class RecordedBoard:
             if came < count:
                 return True
         out = self._out.get(step.stream)
-        return out is not None and out.room() == 0
+        return out is not None and out.available() == 0
 
     def _ready(self, now: int) -> bool:
         assert self._due is not None

@@ -200,9 +200,56 @@ class ReliableOut:
         """Messages held: in flight and waiting."""
         return len(self._held)
 
-    def room(self) -> int:
-        """How many messages would go out at once if given now."""
+    def available(self) -> int:
+        """Return how many messages would be sent at once if given now."""
         return max(0, self.window - len(self._held))
+
+    def export(
+        self, first: "int | None" = None
+    ) -> "tuple[int, int, int, dict[int, bytes]]":
+        """Return the stream's state as plain values; `restore` takes them.
+
+        Args:
+            first: Number of the first message wanted; by default all that are held.
+
+        Returns:
+            `acked`, `sent`, `next`, and the messages held from ``first`` on by their numbers.
+        """
+        if first is None:
+            first = self.acked
+        held = {}
+        for i in range((self.next - first) & SEQUENCE_MASK):
+            number = (first + i) & SEQUENCE_MASK
+            if number in self._held:
+                held[number] = self._held[number]
+        return self.acked, self.sent, self.next, held
+
+    def restore(
+        self, acked: int, sent: int, after: int, held: "dict[int, bytes]", now: int
+    ) -> None:
+        """Go on from what `export` returned, in a stream that is new.
+
+        Messages in flight are sent again as soon as the peer asks for them, and a heartbeat is
+        due at once where there are any.
+
+        Args:
+            acked: First number not acknowledged.
+            sent: Number of the next message to go out.
+            after: Number of the next message given.
+            held: The messages from ``acked`` to before ``after`` by their numbers.
+            now: The time in milliseconds modulo 2^30.
+        """
+        self.acked = acked
+        self.sent = sent
+        self.next = after
+        self._held = dict(held)
+        self.size = 0
+        for number in held:
+            self.size += len(held[number])
+        self._sent_at = {}
+        for i in range((sent - acked) & SEQUENCE_MASK):
+            self._sent_at[(acked + i) & SEQUENCE_MASK] = ticks_add(now, -RESEND_HOLD_MS)
+        self.deadline = now if sent != acked else None
 
     def put(self, message: "bytes | bytearray") -> None:
         """Take the message numbered :attr:`next`, which nobody changes from now on.
@@ -287,6 +334,21 @@ class Fragments:
     def pending(self) -> int:
         """Bytes kept of a submessage that is not whole yet."""
         return len(self._whole)
+
+    def export(self) -> "tuple[bytearray, bool]":
+        """Return the state as plain values; `restore` takes them.
+
+        Returns:
+            The bytes of a submessage that is not whole yet, in the buffer itself: the same one
+            grows with each of its fragments, another one is of another submessage. And whether
+            the rest of a submessage is being dropped.
+        """
+        return self._whole, self._skip
+
+    def restore(self, whole: "bytearray", skip: bool) -> None:
+        """Go on from what `export` returned; the buffer is taken, not copied."""
+        self._whole = whole
+        self._skip = skip
 
     def add(self, part: "Buffer", last: int) -> "bytearray | None":
         """The whole submessage, header included, after its last fragment.

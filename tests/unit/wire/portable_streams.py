@@ -272,9 +272,9 @@ def test_a_heartbeat_that_cannot_be_true_is_ignored() -> None:
 def test_a_full_window_goes_out_and_the_rest_waits() -> None:
     for first in STARTS:
         stream = outgoing(first)
-        assert stream.room() == WINDOW
+        assert stream.available() == WINDOW
         put(stream, 20)
-        assert stream.room() == 0
+        assert stream.available() == 0
         assert len(stream) == 20
         assert stream.take(0) == [content(number(first + i)) for i in range(16)]
         assert stream.take(0) == []
@@ -284,7 +284,7 @@ def test_a_full_window_goes_out_and_the_rest_waits() -> None:
         ]
         assert len(stream) == 16
         assert stream.acknack(number(first + 20), 0, 2) == []
-        assert len(stream) == 0 and stream.room() == WINDOW
+        assert len(stream) == 0 and stream.available() == WINDOW
 
 
 def test_heartbeats_while_something_is_not_acknowledged() -> None:
@@ -384,6 +384,61 @@ def test_never_more_messages_than_numbers_can_tell_apart() -> None:
     for _ in range(MAX_HELD):
         stream.put(message)
     refused(LimitError, stream.put, message)
+
+
+def test_export_and_restore_of_a_reliable_output_stream() -> None:
+    for first in STARTS:
+        stream = outgoing(first)
+        put(stream, WINDOW + 3)
+        stream.take(1000)
+        stream.acknack(number(first + 2), 0, 1000)
+        acked, sent, after, held = stream.export()
+        assert (acked, sent, after) == (
+            number(first + 2), number(first + WINDOW + 2), number(first + WINDOW + 3)
+        )
+        assert held == {number(first + i): content(number(first + i)) for i in range(2, 19)}
+        last = number(after - 1)
+        assert stream.export(last)[3] == {last: content(last)}
+        assert stream.export(after)[3] == {}
+        assert sorted(stream.export(first)[3]) == sorted(held)  # what is acknowledged is not there
+        restored = ReliableOut()
+        restored.restore(acked, sent, after, held, 5000)
+        assert restored.export() == stream.export()
+        assert restored.size == stream.size and len(restored) == len(stream)
+        # A heartbeat at once; what the peer misses is sent again, then what had waited.
+        assert restored.heartbeat(5000) == (acked, number(sent - 1))
+        assert restored.acknack(number(acked + 1), 1, 5000) == [
+            content(number(acked + 1)), content(number(after - 1))
+        ]
+        put(restored, 1)
+        assert restored.export(after)[3] == {after: content(after)}
+        assert after not in stream.export()[3], "the messages are shared, the stream is not"
+
+
+def test_export_and_restore_of_a_stream_without_messages() -> None:
+    stream = ReliableOut()
+    stream.restore(7, 7, 7, {}, 0)
+    assert stream.deadline is None and stream.export() == (7, 7, 7, {})
+    put(stream, 1)
+    assert stream.take(0) == [content(7)]
+
+
+def test_export_and_restore_of_fragments() -> None:
+    fragments = Fragments()
+    assert not fragments.export()[0] and not fragments.export()[1]
+    fragments.add(b"abc", False)
+    whole, skip = fragments.export()
+    assert whole == b"abc" and not skip
+    restored = Fragments()
+    restored.restore(bytearray(whole), skip)
+    assert restored.pending == 3
+    fragments.add(b"def", False)
+    assert fragments.export()[0] is whole and whole == b"abcdef", "one buffer grows"
+    assert restored.add(b"d", True) == b"abcd"
+    fragments.interrupt()
+    restored.restore(*fragments.export())
+    assert restored.add(b"rest", True) is None
+    assert restored.add(b"sound", True) == b"sound"
 
 
 def test_fragments_make_a_whole() -> None:

@@ -38,7 +38,7 @@ def check_out(stream: ReliableOut) -> None:
     assert {(stream.acked + i) & 0xFFFF for i in range(held)} == set(stream._held)
     assert {(stream.acked + i) & 0xFFFF for i in range(in_flight)} == set(stream._sent_at)
     assert (stream.deadline is None) == (in_flight == 0)
-    assert stream.room() == max(0, stream.window - held)
+    assert stream.available() == max(0, stream.window - held)
 
 
 class Wire:

@@ -296,10 +296,10 @@ class SessionStore:
                 number = (number - 1) & 0xFFFF
             if number != inbound.next:
                 inbound.next = number
-                fragments = stream.fragments
-                if fragments._whole or inbound.pending or fragments._skip or inbound.skip:
+                whole, skip = stream.fragments.export()
+                if whole or inbound.pending or skip or inbound.skip:
                     self._keep_fragments(cursor, stream_id, inbound)
-                inbound.whole = fragments._whole
+                inbound.whole = whole
                 SLOT_IN.pack_into(
                     slot, inbound.at, stream_id, 1 | inbound.skip << 1, number, inbound.pending
                 )
@@ -337,21 +337,21 @@ class SessionStore:
         self._changed.append(cursor)
 
     def _keep_fragments(self, cursor: WriteCursor, stream_id: int, inbound: InboundCursor) -> None:
-        fragments = cursor.incoming[stream_id].fragments
-        whole = fragments._whole
+        whole, skip = cursor.incoming[stream_id].fragments.export()
         size = len(whole)
         if size:
             start = inbound.pending if whole is inbound.whole and size >= inbound.pending else 0
             if size > start:
                 self._add(cursor, fragments_payload(stream_id, start, whole[start:]))
-        inbound.whole, inbound.pending, inbound.skip = whole, size, fragments._skip
+        inbound.whole, inbound.pending, inbound.skip = whole, size, skip
 
     def _keep_messages(
         self, cursor: WriteCursor, stream_id: int, out: ReliableOut, outbound: OutboundCursor
     ) -> None:
         gap = False
-        while outbound.next != out.next:
-            message = out._held.get(outbound.next)
+        _, _, after, held = out.export(outbound.next)
+        while outbound.next != after:
+            message = held.get(outbound.next)
             gap = message is None
             if message is not None:
                 self._add(cursor, number_payload(b"T", stream_id, outbound.next, message))

@@ -42,8 +42,8 @@ class InboundCursor:
 
     def is_whole(self, fragments: Fragments) -> bool:
         """Return whether there are no fragments, neither new ones nor any on disk."""
-        pending = self.pending or self.skip or fragments._skip or fragments._whole
-        return self.whole is fragments._whole and not pending
+        whole, skip = fragments.export()
+        return self.whole is whole and not (self.pending or self.skip or skip or whole)
 
 
 class OutboundCursor:
@@ -111,7 +111,7 @@ class WriteCursor:
             inbound.next, inbound.skip = stored.next, stored.skip
             inbound.pending = len(stored.fragments)
             # The session's own buffer, which grows with further fragments.
-            inbound.whole = self.incoming[stream_id].fragments._whole
+            inbound.whole = self.incoming[stream_id].fragments.export()[0]
             stored.fragments = bytearray()
         for stream_id, out in self.records.outgoing.items():
             outbound = self.outbound(stream_id)
@@ -158,12 +158,12 @@ class WriteCursor:
         for stream_id, outbound in self.outbound_cursors.items():
             out = self.outgoing[stream_id]
             # Messages acknowledged since the last write, whether they had been sent or not.
-            acked = out.acked
+            acked, _, _, messages = out.export()
             if (outbound.next - acked) & 0xFFFF > MAX_HELD:
                 outbound.next = acked
             if outbound.sent < 0 or (outbound.sent - acked) & 0xFFFF > MAX_HELD:
                 outbound.sent = acked
             count = (outbound.next - acked) & 0xFFFF
             numbers = ((acked + index) & 0xFFFF for index in range(count))
-            held = {number: out._held[number] for number in numbers}
+            held = {number: messages[number] for number in numbers}
             records.outgoing[stream_id] = Outgoing(acked, outbound.sent, outbound.next, held)

@@ -398,12 +398,12 @@ class Session:
         stream = self._out.get(stream_id)
         if stream is None:
             return
-        had_room = stream.room() > 0
+        had_room = stream.available() > 0
         sent = stream.sent
         messages = stream.acknack(first, missing, now)
         self.resent += len(messages) - ((stream.sent - sent) & 0xFFFF)
         self.outgoing.extend(messages)
-        if not had_room and stream.room() > 0:
+        if not had_room and stream.available() > 0:
             self._handler.room(stream_id)
 
     def _heartbeat(self, reader: Reader, now: int) -> None:
@@ -484,20 +484,12 @@ class Session:
         self._resumed = True
         for stream_id, (number, part, skip) in incoming.items():
             stream = self._in[stream_id] = _In(self._limit)
-            stream.stream.next = number
-            stream.stream.announced = (number - 1) & 0xFFFF
-            stream.fragments._whole, stream.fragments._skip = part, skip
+            stream.stream.restart(number, (number - 1) & 0xFFFF)
+            stream.fragments.restore(part, skip)
             stream.fragment_at = number
         for stream_id, (acked, sent, after, held) in outgoing.items():
             out = self._out[stream_id] = ReliableOut(limit=MAX_HELD)
-            out.acked, out.sent, out.next = acked, sent, after
-            out._held = dict(held)
-            out.size = sum(map(len, held.values()))
-            long_ago = ticks_add(now, -SILENT_CHECK_MS)
-            for count in range((sent - acked) & 0xFFFF):
-                out._sent_at[(acked + count) & 0xFFFF] = long_ago
-            if sent != acked:
-                out.deadline = now
+            out.restore(acked, sent, after, held, now)
         self._best_effort_out.update(best_effort)
 
     def nudge(self) -> None:
@@ -608,7 +600,7 @@ class Session:
         if stream_id < ids.STREAM_RELIABLE:
             return 1
         stream = self._out.get(stream_id)
-        return stream.room() if stream is not None else 16
+        return stream.available() if stream is not None else 16
 
     def last_received(self, stream_id: int) -> int:
         """The number of the last message handled on a reliable stream; 0xFFFF before any."""

@@ -226,7 +226,7 @@ class Player:
             board.connection.send(bytes(message))
             return
         out = board.out.setdefault(step.stream, ReliableOut())
-        if not self._wait_for(lambda: out.room() > 0, self._patience):
+        if not self._wait_for(lambda: out.available() > 0, self._patience):
             raise ToolError(
                 f"the agent does not acknowledge what client {step.client} sends:"
                 f" {self._why_lacks_samples(step.client)}"

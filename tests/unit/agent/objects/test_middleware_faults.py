@@ -263,7 +263,7 @@ def test_a_writer_that_never_has_room_holds_up_its_client_only_and_it_can_leave(
         stuck = [server.client(number) for number in range(1, 9)]
         for client in stuck:
             writer = client.writer("n", "rt/bad", TYPE)
-            for _ in range(client._out.room()):
+            for _ in range(client._out.available()):
                 client._put(
                     ids.WRITE_DATA, b"\0\1" + writer.to_bytes(2, "big") + b"x",
                     ids.STREAM_RELIABLE, 1,

@@ -606,7 +606,7 @@ def test_each_stream_to_a_client_has_its_own_place(world):
     session._acknack(Reader(struct.pack("<HHB", 5, 0, other), 0, 5, True), world.desk.clock)
     world.desk.agent.attend(session)
     world.desk.settle()
-    before = {stream: (it.sent, it.next, it._held) for stream, it in session._out.items()}
+    before = {stream: it.export()[1:] for stream, it in session._out.items()}
     assert [it[:2] for it in before.values()] == [(7, 7), (7, 7)]
     assert list(before[other][2]) == [5, 6]
     for _ in range(2):  # by its journal, and by what that was made into
@@ -617,8 +617,9 @@ def test_each_stream_to_a_client_has_its_own_place(world):
             it = session._out[stream]
             assert (it.sent, it.next) == (sent, after)
             # That something arrived since the last message went out, is not in the file.
-            assert list(it._held) == list(range(it.acked, sent))
-            assert held.items() <= it._held.items()
+            restored = it.export()[3]
+            assert list(restored) == list(range(it.acked, sent))
+            assert held.items() <= restored.items()
 
 
 def test_replies_find_their_way_after_a_restart(world):

@@ -166,7 +166,7 @@ class Storm:
     def blow(self):
         """Fill the window; take what has come."""
         client = self.client
-        while client._out.room():
+        while client._out.available():
             self.made += 1
             thing = oid(7, 5)
             one = endpoint(thing, topic_id=oid(1, 2)) if self.made % 2 else delete(thing)

@@ -760,7 +760,7 @@ def test_half_a_message_is_never_sent(talk):
     assert talk.handler.faults[0][0] == "message dropped"
     assert talk.session.send(ids.DATA, 1, 0x80, b"small", talk.now)
     last = talk.session._out[0x80]
-    assert parse(last._held[(last.next - 1) & 0xFFFF])[1] == [(ids.DATA, 1, b"small")]
+    assert parse(last.export()[3][(last.next - 1) & 0xFFFF])[1] == [(ids.DATA, 1, b"small")]
 
 
 def test_too_large_for_best_effort_is_dropped_counted_and_said(talk):
