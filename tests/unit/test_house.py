@@ -42,7 +42,9 @@ ALLOWED = {
 }  # fmt: skip
 
 
-INDEXED = ("agent", "transport", "tools")
+INDEXED = (
+    "agent", "client", "control", "drivers", "host", "interfaces", "tools", "transport", "wire",
+)  # fmt: skip
 
 
 def rooms_imported(path: Path) -> set[str]:

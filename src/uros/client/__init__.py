@@ -1,37 +1,43 @@
-"""The ROS 2 node that runs on a board: an XRCE session, entities, an executor.
+"""The ROS 2 node of a board: an XRCE session, entities, an executor.
 
 Everything here runs unchanged on CPython and on MicroPython. Modules, from the bottom up:
 
-==============  ================================================================
-``clock``       the board's ticks, and epoch time learnt from the agent
-``session``     one XRCE session: bytes in, bytes out, no I/O
-``connection``  the transport, the four states, entities created again and again
-``executor``    timers and callbacks, in order, with triggers
-``entities``    publisher, subscription, service, client
-``node``        the Node that makes them
-``protocols``   what these need of each other, for type checkers
-==============  ================================================================
+==============  ==================================================================================
+``clock``       The board's ticks, and epoch time synchronized with the agent.
+``session``     One XRCE session: bytes in, bytes out, no I/O.
+``connection``  The transport, the connection's four states, and creation of the entities.
+``executor``    Timers and callbacks, in order, with triggers.
+``entities``    Publisher, subscription, service, client.
+``node``        The Node, which makes entities, timers and guard conditions.
+``protocols``   What node, connection and transport need of each other, for type checkers.
+==============  ==================================================================================
 
 What not every program needs is in modules of its own, which cost nothing where they are not
 imported:
 
-==============  ================================================================
-``triggers``    when a round of callbacks begins: all, one, always
-``let``         logical execution time, and rounds in fixed periods
-``guard``       guard conditions
-``aio``         ``await node.spin()``, among other tasks of asyncio
-``remap``       remapping rules, node options from a file
-``graph``       who is there, as far as the agent tells
-``parameters``  a node's parameters: their values (``parameter``), the services
-                that show them (``parameter_services``), and a file that keeps
-                them (``parameter_file``)
-``rosout``      a node's log; ``logger_service`` sets its levels from afar
-``lifecycle``   nodes that others bring up and shut down
-``tf``          broadcasters of transforms
-``shapes``      messages without classes, for what these services say
-``status``      an LED, and words, for whether there is an agent
-``latch``       a publisher that speaks again to each new agent
-==============  ================================================================
+==========================  ======================================================================
+``triggers``                When the executor runs its callbacks: all ready, one ready, always.
+``logical_execution_time``  Logical execution time, and execution in fixed periods.
+``guard_condition``         Guard conditions.
+``asyncio_support``         ``await node.spin()``, beside other tasks of asyncio.
+``remap``                   Remapping rules, and node options from a file.
+``graph``                   Graph queries: nodes, topics and endpoints that the agent knows.
+``actions``                 Publishers and services of an action, common to client and server.
+``action_client``           Action client.
+``action_server``           Action server.
+``parameter``               Types, values and descriptors of parameters.
+``parameters``              The parameters of a node: declaration, checks, callbacks.
+``parameter_services``      The six parameter services, and ``/parameter_events``.
+``parameter_file``          Parameter values kept in a file.
+``rosout``                  Logging to ``/rosout``.
+``logger_service``          Services that get and set the levels of loggers.
+``lifecycle``               Managed (lifecycle) nodes.
+``tf``                      Transform broadcasters.
+``streaming``               Messages sent in pieces, longer than the board's memory.
+``dynamic_messages``        Messages without generated classes, for the services above.
+``status``                  State of the connection as text, and on an LED.
+``latched_publisher``       A publisher that repeats its last message to each new agent.
+==========================  ======================================================================
 """
 
 from .connection import (

@@ -1,8 +1,39 @@
 """ROS 2 interfaces: generated message classes, the same on a board and on a host.
 
 ``from uros.interfaces.std_msgs.msg import Int32`` and `load` make classes at run time from .msg
-files (host); `write_package` writes them as modules for a board. Importing this costs nothing: all
-work sits in modules loaded on first use. On a board only `runtime` and `codec` are needed.
+files (host); `write_package` writes them as modules for a board. Importing this package is cheap:
+the modules that do the work are loaded on first use. A board needs only `runtime` and `codec`, with
+`compact` for classes generated for boards, and `dynamic` with `table` for types made at run time.
+
+On boards and hosts:
+
+===========  =====================================================================================
+``runtime``  Base class of messages; checks, strings and sequences.
+``codec``    Messages with the CDR encapsulation header, as DDS and bag files carry them.
+``compact``  Helpers of classes generated for boards, which save memory and garbage.
+``dynamic``  Types from the text of their definitions, at run time.
+``table``    Messages that are packed and unpacked by a table of their fields.
+``checked``  Messages that refuse to set fields which they do not have, for virtual boards.
+``errors``   Errors of definitions and of serialized messages.
+===========  =====================================================================================
+
+On hosts alone:
+
+==============  ==================================================================================
+``parse``       Parser of .msg, .srv and .action definitions.
+``registry``    Search path of definitions, by type name.
+``distro``      Definitions that differ between ROS 2 distributions.
+``typehash``    RIHS01 type hashes.
+``layout``      Sizes, alignment and struct codes of fields.
+``walk``        Traversal of a message's fields, common to the emitters.
+``emit``        Emitter of codec methods for hosts, which are fast.
+``board_walk``  Traversal of a message's fields, common to both emitters for boards.
+``emit_board``  Emitter of packing methods for boards, which are small.
+``emit_load``   Emitter of loading methods for boards.
+``generate``    Source of a module from a definition.
+``package``     Board modules of a set of types, written to a folder.
+``hook``        `load`, and the import hook for ``uros.interfaces.<package>``.
+==============  ==================================================================================
 """
 
 import sys
