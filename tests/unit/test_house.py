@@ -43,7 +43,8 @@ ALLOWED = {
 
 
 INDEXED = (
-    "agent", "client", "control", "drivers", "host", "interfaces", "tools", "transport", "wire",
+    "agent", "client", "control", "drivers", "host", "interfaces", "middleware", "tools",
+    "transport", "wire",
 )  # fmt: skip
 
 

@@ -1,27 +1,27 @@
-"""What the agent and host programs join: one small contract, several networks.
+"""The networks that the agent and host programs join, behind one contract.
 
 ``open_middleware(name)`` returns a :class:`~uros.middleware.base.Middleware`;
 each lives in a module or package of its own that is imported only when asked for.
 
-==================  ============================================================
-``base``            the contract
-``graph``           what a middleware knows of the ROS graph
-``memory``          a network inside this process
-``ced``             the same, with any text as a name
-``dds``             Cyclone DDS, in the ROS 2 network
-``ros2``            rclpy, on whatever RMW it uses
-``auto``            topics over ``dds``, services over ``ros2``
-``services``        what they share for services: names, request identity, pending endpoints
-``discovery_info``  the ``ros_discovery_info`` topic: format, limits, Gid size
-``type_conflicts``  topics that have several types
-``environment``     ROS 2's variables for domain and discovery range
-``ros_names``       DDS names as ROS names and types
-``user_data``       keys in the USER_DATA QoS
-``guid``            the parts of a GUID
-``ref_counted``     values shared by several users
-``security``        ROS 2's security variables, which are refused or warned of
-``wakeup_fd``       a descriptor that wakes a selector from another thread
-==================  ============================================================
+==================  ==========================================================================
+``base``            The contract of a middleware: nodes, endpoints, services, QoS and errors.
+``graph``           What a middleware knows of the ROS graph, by DDS names.
+``memory``          A network inside this process, for tests and examples.
+``ced``             The same, with any text as a name, as the CED middleware of the C++ agent.
+``dds``             Nodes in the ROS 2 network by Cyclone DDS, without an installed ROS.
+``ros2``            Nodes in the ROS 2 network by rclpy, on any RMW.
+``auto``            The agent's default: topics over ``dds``, services over ``ros2``.
+``services``        What the middlewares share for services.
+``discovery_info``  The ``ros_discovery_info`` topic: its format, its limits and its Gid size.
+``type_conflicts``  Finds topics whose endpoints have different types.
+``environment``     ROS 2's environment variables for the domain and the discovery range.
+``ros_names``       Converts DDS names to ROS names and types.
+``user_data``       Reads keys in the USER_DATA QoS.
+``guid``            The parts of a GUID (RTPS 9.3.1).
+``ref_counted``     Values with several users, destroyed after the last one.
+``security``        Refuses or warns of ROS 2's security variables, which have no effect here.
+``wakeup_fd``       A file descriptor that wakes a selector from another thread.
+==================  ==========================================================================
 """
 
 from __future__ import annotations

@@ -4,10 +4,10 @@ A sample of a service carries the identity of the request it belongs to. There a
 rmw_cyclonedds puts a header before the body (``request_header``), rmw_fastrtps uses RTPS inline QoS
 (PID_RELATED_SAMPLE_IDENTITY), which Cyclone cannot write; ``ros2`` carries that form by rclpy.
 
-=====================  ===========================================================
-``names``              ROS names and types of a service's two topics
-``form``               which of the two forms an endpoint uses
-``request_header``     the form of rmw_cyclonedds
-``pending_endpoints``  clients and servers that wait for their type to be loaded
-=====================  ===========================================================
+=====================  =========================================================================
+``names``              The ROS name and type of a service, from the DDS names of its two topics.
+``form``               Detects which form of request identity other endpoints use.
+``request_header``     The form of rmw_cyclonedds: a header before the body.
+``pending_endpoints``  Service clients and servers that wait for their type to be loaded.
+=====================  =========================================================================
 """
