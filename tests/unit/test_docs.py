@@ -16,7 +16,7 @@ from unit.test_house import ALLOWED
 from uros.agent.policy.rules import Rules
 from uros.boards.virtual.hardware.board import VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
-from uros.boards.virtual.models.catalog import BOARDS
+from uros.boards.virtual.models.catalog import BOARDS, find
 from uros.qos import QoSProfile, ReliabilityPolicy
 from uros.tools import cli
 from uros.tools.agent import command
@@ -62,7 +62,7 @@ def happenings():
     """All that can be made to happen to a virtual board, without values."""
     found = set()
     for name in BOARDS:
-        board = VirtualBoard(name, ManualClock(), plugs=["esp8266:uart=7", "wlan"])
+        board = VirtualBoard(find(name), ManualClock(), plugs=["esp8266:uart=7", "wlan"])
         try:
             found |= {it.spec for it in (*board.acts(), *board.faults())}
         finally:

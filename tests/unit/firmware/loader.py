@@ -14,6 +14,7 @@ from support.paths import ROOT
 
 from uros.boards.virtual.hardware.board import VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.models.catalog import find
 
 FIRMWARE = ROOT / "firmware"
 TICKS = (1 << 30) - 1
@@ -217,7 +218,7 @@ class Program:
 def load(name: str, offset_ms: int = 0, usb: bool = True, seed: int = 0) -> Iterator[Program]:
     """The program of a folder of firmware/. ``offset_ms`` is what the ticks begin with."""
     clock = ManualClock()
-    board = VirtualBoard(name, clock=clock, seed=seed)
+    board = VirtualBoard(find(name), clock=clock, seed=seed)
     program = Program(board, clock, offset_ms, usb)
     own = [path.stem for path in (FIRMWARE / name).glob("*.py")]
     touched = [*program.modules, *OURS, *own]

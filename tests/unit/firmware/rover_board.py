@@ -12,6 +12,7 @@ from unit.firmware.loader import FIRMWARE, ticks_diff
 
 from uros.boards.virtual.hardware.board import VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.models.catalog import find
 
 TICKS = (1 << 30) - 1
 # Imported anew for each program: they hold on to the board's modules, or are the program's own.
@@ -23,7 +24,7 @@ class RoverBoard:
     ticks, which began with ``begin_us``, and in an interrupt as that of the edge."""
 
     def __init__(self, name: str, seed: int, begin_us: int) -> None:
-        self.board = VirtualBoard(name, clock=ManualClock(), seed=seed)
+        self.board = VirtualBoard(find(name), clock=ManualClock(), seed=seed)
         self.rover = self.board.parts["rover"]
         self.t_us = 0
         self.begin_us = begin_us

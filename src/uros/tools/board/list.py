@@ -62,11 +62,11 @@ def check_name(name: str) -> None:
 def _describe(name: str) -> None:
     from ...boards.virtual.engine.runner import firmware_folder
     from ...boards.virtual.hardware.board import VirtualBoard
-    from ...boards.virtual.models.catalog import BoardError
+    from ...boards.virtual.models.catalog import BoardError, find
 
-    board = VirtualBoard(name)
+    spec = find(name)
+    board = VirtualBoard(spec)
     try:
-        spec = board.spec
         try:
             folder = str(firmware_folder(spec))
         except BoardError:

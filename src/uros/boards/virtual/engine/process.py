@@ -52,6 +52,7 @@ from ..hardware.parts import Part
 from ..hardware.peripherals import PlugError
 from ..hardware.usb import ATTACHED
 from ..models.catalog import BoardError
+from ..models.catalog import find as find_board
 from . import cpython
 from .console import Console
 from .cores import Mail
@@ -179,7 +180,7 @@ class BoardProcess:
         try:
             link = None if options.link is None else Path(options.link)
             self.board = VirtualBoard(
-                options.board, BoardClock(speed=options.speed), link, options.seed,
+                find_board(options.board), BoardClock(speed=options.speed), link, options.seed,
                 plugs=options.plugs, agent=(options.agent[0], options.agent[1]),
                 address=options.address, changed=self._tell_part,
             )  # fmt: skip

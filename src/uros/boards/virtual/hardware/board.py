@@ -11,15 +11,13 @@ firmware on it. What happens to it is said by name, while it runs::
 
 from __future__ import annotations
 
-import importlib
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
-from ..models import catalog
 from ..world.room import Room
 from .clock import BoardClock
 from .i2c import I2CBus
@@ -32,6 +30,25 @@ if TYPE_CHECKING:
     from ..devices.camera import Camera
 
 _ID_OCTETS: Final = 11
+
+
+class Model(Protocol):
+    """What a virtual board is made from; `uros.boards.virtual.models.catalog` has them."""
+
+    @property
+    def name(self) -> str:
+        """The board's name."""
+
+    @property
+    def plugs(self) -> tuple[str, ...]:
+        """The peripherals that are plugged in from the start."""
+
+    @property
+    def agent(self) -> str:
+        """The address at which its program expects the agent, "" on a serial line."""
+
+    def wire(self, board: VirtualBoard) -> None:
+        """Add the board's own parts, pins and buses."""
 
 
 class FaultError(ValueError):
@@ -161,13 +178,12 @@ class VirtualBoard:
     this host, where it is to have one. ``changed`` is told of parts that
     show something else than before.
 
-    Raises BoardError for a name that is not in the catalog, PlugError for what cannot be plugged
-    in.
+    Raises PlugError for what cannot be plugged in.
     """
 
     def __init__(
         self,
-        name: str,
+        model: Model,
         clock: BoardClock | None = None,
         path: str | Path | None = None,
         seed: int = 0,
@@ -177,8 +193,7 @@ class VirtualBoard:
         address: str = "",
         changed: Callable[[Part], None] = lambda _: None,
     ) -> None:
-        self.spec = catalog.find(name)
-        self.name = name
+        self.name = model.name
         self.seed = seed
         self.clock = clock if clock is not None else BoardClock()
         self.room = room if room is not None else Room(seed)
@@ -195,17 +210,17 @@ class VirtualBoard:
         self.changed = changed
         self.address = address
         self.routes: dict[str, tuple[str, int]] = {}
-        if self.spec.agent:
-            self.routes[self.spec.agent] = agent
-        self.usb = UsbCdc(self.clock, path, name)
+        if model.agent:
+            self.routes[model.agent] = agent
+        self.usb = UsbCdc(self.clock, path, self.name)
         try:
-            importlib.import_module(f"uros.boards.virtual.models.{self.spec.hardware}").wire(self)
+            model.wire(self)
             if self.i2c:
                 self.parts.add(_Wires(self.i2c))
             self.parts.add(_Cable(self.usb))
-            taken = {it.partition(":")[0] for it in plugs}
-            kept = [it for it in self.spec.plugs if it.partition(":")[0] not in taken]
-            for spec in (*kept, *plugs):
+            replaced = {spec.partition(":")[0] for spec in plugs}
+            own = [spec for spec in model.plugs if spec.partition(":")[0] not in replaced]
+            for spec in (*own, *plugs):
                 self.parts.add(plug(self, spec))
         except BaseException:
             self.close()

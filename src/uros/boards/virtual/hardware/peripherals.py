@@ -14,7 +14,7 @@ import errno
 import random
 import socket
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar, Final, Protocol
+from typing import ClassVar, Final, Protocol
 
 from ..modems.esp8266 import Esp8266
 from ..modems.gs2200 import Gs2200
@@ -22,9 +22,6 @@ from ..modems.radio_network import HostRadioNetwork, RadioNetwork
 from .clock import BoardClock
 from .parts import Part
 from .pins import Pin
-
-if TYPE_CHECKING:
-    from .board import VirtualBoard
 
 SSID: Final = "robots"
 PASSWORD: Final = "secret99"
@@ -308,7 +305,21 @@ class Plug(Part):
         self.reset()
 
 
-def plug(board: VirtualBoard, spec: str) -> Plug:
+class Sockets(Protocol):
+    """What peripherals are plugged into: the part of a board that `plug` needs."""
+
+    clock: BoardClock
+    address: str
+    """The board's own address on this host, "" for any."""
+    routes: dict[str, tuple[str, int]]
+    """Where addresses of the board's network really are, by ``host:port``."""
+    uarts: dict[int, Uart]
+    spis: dict[int, Spi]
+    pins: dict[str, Pin]
+    radio: Radio | None
+
+
+def plug(board: Sockets, spec: str) -> Plug:
     """Plug in what ``spec`` says; see the module. Raises PlugError."""
     name, _, rest = spec.partition(":")
     if name not in Plug.OF:

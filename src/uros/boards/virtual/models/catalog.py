@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from ..hardware.board import VirtualBoard
 
 
 class BoardError(ValueError):
@@ -38,6 +42,10 @@ class BoardSpec:
     def firmware(self) -> str:
         """The folder of its program in firmware/, which has the board's name."""
         return self.name
+
+    def wire(self, board: VirtualBoard) -> None:
+        """Add the parts, pins and buses of its hardware to a board."""
+        importlib.import_module(f"{__package__}.{self.hardware}").wire(board)
 
 
 _RA6M5: Final = ("EK-RA6M5 (R7FA6M5BH3CFC)", "ra6m5", ("renesas-ra",))

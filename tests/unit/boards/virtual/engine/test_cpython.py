@@ -12,6 +12,7 @@ from uros.boards.virtual.engine import cpython
 from uros.boards.virtual.engine.syscalls import BoardHost, Reset
 from uros.boards.virtual.hardware.board import VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.models.catalog import find
 
 
 class Runner:
@@ -19,7 +20,7 @@ class Runner:
 
     def __init__(self, root):
         self.root = root
-        self.board = VirtualBoard("ra6m5_sensor_node", ManualClock())
+        self.board = VirtualBoard(find("ra6m5_sensor_node"), ManualClock())
         self.printed = ""
         self.tracebacks = []
         self.states = []

@@ -17,14 +17,14 @@ from uros.boards.virtual.hardware.usb import (
     ENUMERATION_US,
     STRINGS,
 )
-from uros.boards.virtual.models.catalog import BOARDS, BoardError
+from uros.boards.virtual.models.catalog import BOARDS, BoardError, find
 from uros.boards.virtual.world.room import Room
 
 
 @pytest.fixture
 def board(tmp_path):
     clock = ManualClock()
-    board = VirtualBoard("ra6m5_sensor_node", clock, tmp_path / "line")
+    board = VirtualBoard(find("ra6m5_sensor_node"), clock, tmp_path / "line")
     clock.advance(10**6)
     yield board
     board.close()
@@ -44,9 +44,9 @@ def active(board):
 def test_every_board_is_whole(name, tmp_path):
     spec = BOARDS[name]
     assert spec.name == name and spec.text and spec.mcu and spec.firmware and spec.ports
-    board = VirtualBoard(name, ManualClock(), tmp_path / "line")
+    board = VirtualBoard(find(name), ManualClock(), tmp_path / "line")
     try:
-        assert board.spec is spec and board.unique_id
+        assert board.name == spec.name and board.unique_id
         specs = [it.spec for it in (*board.faults(), *board.acts())]
         assert len(specs) == len(set(specs)) and "usb:unplug" in specs
         for it in board.faults():
@@ -65,7 +65,7 @@ def test_every_board_is_whole(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["ra6m5_sensor_node", "ra6m5_usb_text"])
 def test_both_boards_have_the_three_sensors(name, tmp_path):
-    board = VirtualBoard(name, ManualClock(), tmp_path / "line")
+    board = VirtualBoard(find(name), ManualClock(), tmp_path / "line")
     board.clock.advance(2000)
     assert board.i2c[2].scan() == [0x13, 0x44, 0x67]
     board.close()
@@ -73,7 +73,7 @@ def test_both_boards_have_the_three_sensors(name, tmp_path):
 
 def test_an_unknown_board():
     with pytest.raises(BoardError, match="no board esp; there are ra6m5_sensor_node, ra6m5_usb"):
-        VirtualBoard("esp")
+        VirtualBoard(find("esp"))
 
 
 def test_the_sensors_look_at_the_room(board):
@@ -90,7 +90,8 @@ def test_the_sensors_look_at_the_room(board):
 
 def test_a_room_and_a_seed_of_ones_own(tmp_path):
     def values(seed, room=None):
-        board = VirtualBoard("ra6m5_sensor_node", ManualClock(), tmp_path / "line", seed, room)
+        model = find("ra6m5_sensor_node")
+        board = VirtualBoard(model, ManualClock(), tmp_path / "line", seed, room)
         board.clock.advance(2000)
         out = room_celsius(board)
         ids.add(board.unique_id)

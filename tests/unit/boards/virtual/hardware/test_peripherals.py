@@ -7,6 +7,7 @@ import pytest
 from uros.boards.virtual.hardware.board import FaultError, VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
 from uros.boards.virtual.hardware.peripherals import PlugError, Radio, Spi, Uart
+from uros.boards.virtual.models.catalog import find
 from uros.boards.virtual.modems.radio_network import RadioNetwork
 
 BOARD = "ra6m5_sensor_node"
@@ -133,7 +134,7 @@ def test_sockets_need_a_network_and_have_a_bound():
 
 
 def test_faults_of_plugs_are_faults_of_the_board():
-    board = VirtualBoard(BOARD, ManualClock(), plugs=["esp8266:uart=1", "wlan"])
+    board = VirtualBoard(find(BOARD), ManualClock(), plugs=["esp8266:uart=1", "wlan"])
     try:
         modem = board.parts["esp8266"].device
         modem.joined = "robots"
@@ -161,7 +162,7 @@ def test_faults_of_plugs_are_faults_of_the_board():
 )  # fmt: skip
 def test_what_cannot_be_plugged_in_is_told(spec, said):
     with pytest.raises(PlugError, match=said):
-        VirtualBoard(BOARD, ManualClock(), plugs=[spec])
+        VirtualBoard(find(BOARD), ManualClock(), plugs=[spec])
 
 
 @pytest.mark.parametrize("fault", ["alone", "deaf", "lost"])

@@ -4,11 +4,12 @@ import pytest
 
 from uros.boards.virtual.hardware.board import FaultError, VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
+from uros.boards.virtual.models.catalog import find
 
 
 @pytest.fixture
 def board(tmp_path):
-    made = VirtualBoard("spresense_publisher_wifi", ManualClock(), tmp_path / "tty")
+    made = VirtualBoard(find("spresense_publisher_wifi"), ManualClock(), tmp_path / "tty")
     yield made
     made.close()
 
