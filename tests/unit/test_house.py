@@ -82,6 +82,21 @@ def test_imports_stay_within_the_walls(path: Path) -> None:
     assert not strangers, f"{room} may not import {', '.join(sorted(strangers))}"
 
 
+def test_transports_of_the_agent_import_its_log_clock_and_token_buckets_only() -> None:
+    """So they need neither sessions nor policy."""
+    wrong = []
+    for path in sorted((SOURCE / "agent" / "transports").glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level == 2:
+                names = [node.module] if node.module else [alias.name for alias in node.names]
+                wrong += [
+                    f"{path.name}: {name}"
+                    for name in names
+                    if name not in ("log", "clock", "token_bucket")
+                ]
+    assert not wrong, "agent/transports imports: " + ", ".join(wrong)
+
+
 def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
     program = (
         "import sys, uros\n"

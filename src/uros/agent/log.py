@@ -20,7 +20,7 @@ from typing import Final, TextIO
 
 from ..printable import printable_ascii, unguarded
 from .clock import Clock
-from .policy.token_bucket import KeyedTokenBuckets, TokenBucket
+from .token_bucket import KeyedTokenBuckets, TokenBucket
 
 CRITICAL: Final = 1
 ERROR: Final = 2

@@ -18,6 +18,5 @@
                     charged
 ``rules``           What the agent's owner decides for clients: names, domain, QoS, limits
 ``time_budget``     Time budget: how much of the one thread's time goes into creating and deleting
-``token_bucket``    The rate limiter of the agent: token buckets
 ==================  ============================================================================
 """

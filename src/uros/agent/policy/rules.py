@@ -42,9 +42,9 @@ from ...qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from ..token_bucket import TokenBucket
 from .config_values import ConfigError as ConfigError
 from .config_values import key_of, listed, only, shown, table_of, whole
-from .token_bucket import TokenBucket
 
 # Names that are global in ROS: a namespace does not apply to them, remapping does.
 GLOBAL: Final = frozenset(

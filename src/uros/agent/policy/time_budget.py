@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from .token_bucket import TokenBucket
+from ..token_bucket import TokenBucket
 
 # Burst in seconds and refill rate (share of the time): of one client, and of all together. The
 # boards of a whole robot start within the second; others wait no longer than for a burst.

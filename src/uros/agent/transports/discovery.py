@@ -19,7 +19,7 @@ from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
 from ...wire.header import MessageWriter, pull_header, pull_subheader
 from ..log import RateLimit
-from ..policy.token_bucket import KeyedTokenBuckets
+from ..token_bucket import KeyedTokenBuckets
 from . import addresses
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
 from .ip import Address, bind_trouble, family_of, text_of

@@ -19,7 +19,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from ..log import RateLimit
-from ..policy.token_bucket import TokenBucket
+from ..token_bucket import TokenBucket
 from .base import INFO, WARNING, Host, TransportError
 from .certificates import Certificates
 from .ip import text_of
