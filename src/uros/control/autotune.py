@@ -1,4 +1,4 @@
-"""Finds out how two motors answer, and PID gains for them."""
+"""Identification of both motors of a rover, and PID gains for them."""
 
 try:
     from typing import Final
@@ -8,21 +8,23 @@ except ImportError:
 from .pid import Pid
 from .wheel import Wheel
 
-# Of the largest duty: what it runs with, forward and back, slowly and fast.
+# Duties of the test runs, as shares of the largest: forward and back, slow and fast.
 _RUNS: Final = (0.3, -0.3, 0.55, -0.55)
-# Over the whole range in so many seconds, until the wheel turns.
+# The ramp crosses the whole range of duties in so many seconds; it ends when the wheel turns.
 _RAMP_S: Final = 4.0
-# A run, of which the end is measured.
+# Length of a run, and when in it the measurement of the speed begins.
 _RUN_US: Final = 1300000
 _MEASURED_US: Final = 700000
-# How long the speed of a wheel is old when it is used: half of two intervals, and half a period.
+# Age of a wheel's measured speed when it is used: half of two intervals, and half a period.
 _DELAY_S: Final = 0.03
 _KP: Final = 0.7
 
 
 class Answer:
-    """What is known of one motor: ``starts`` is the duty at which it begins to turn, ``dead_zone``
-    and ``kf`` are those of Pid, ``lag`` its time constant in seconds.
+    """What the test runs tell of one motor.
+
+    ``starts`` is the duty at which it begins to turn, ``dead_zone`` and ``kf`` are those of
+    :class:`~.pid.Pid`, ``lag`` is its time constant in seconds.
     """
 
     def __init__(self, wheel: Wheel) -> None:
@@ -39,29 +41,38 @@ class Answer:
         self._edge_us = 0
 
     def begin(self) -> None:
+        """Begin a run."""
         self._begun = self.wheel.edges
         self._edge_us = -1
 
-    def look(self, after_us: int) -> None:
-        """Towards the end of a run."""
+    def check(self, after_us: int) -> None:
+        """Note the first edge of a run's measured part, ``after_us`` after the run's start."""
         if self._edge_us < 0 and self.wheel.edges != self._begun:
             self._edges = self.wheel.edges
             self._edge_us = after_us - self.wheel.age_us
 
     def finish(self, run: int, after_us: int) -> None:
+        """Store the speed and the time constant of a run; nothing if the wheel has stopped."""
         wheel = self.wheel
         last_us = after_us - wheel.age_us
         if self._edge_us < 0 or last_us <= self._edge_us:
             return
         speed = abs(wheel.edges - self._edges) * wheel.pitch / (last_us - self._edge_us) * 1e6
-        # At the first edge it has come half of the way between two, on average.
+        # The first edge comes after half the distance between two edges, on average.
         way = (abs(wheel.edges - self._begun) - 0.5) * wheel.pitch
         self._speeds[run] = speed
         if speed > 0:
             self._lags[run] = last_us / 1e6 - way / speed
 
     def judge(self, limit: float) -> str:
-        """Draw the line through the runs. "" or what is wrong with them."""
+        """Fit ``kf``, ``dead_zone`` and ``lag`` to the runs.
+
+        Args:
+            limit: The largest duty.
+
+        Returns:
+            What is wrong with the runs, or "".
+        """
         slow = (self._speeds[0] + self._speeds[1]) / 2
         fast = (self._speeds[2] + self._speeds[3]) / 2
         if min(self._speeds) <= 0:
@@ -78,10 +89,10 @@ class Answer:
         return ""
 
     def apply(self, pid: Pid) -> None:
-        """Give a Pid its numbers.
+        """Set the gains of a Pid.
 
-        The error is to be gone in about one and a half of the motor's time constants: shorter is
-        not possible with speeds that are so old. The integral cancels the motor's lag.
+        An error decays within about one and a half of the motor's time constants: the delay of the
+        measured speed does not allow less. The integral cancels the motor's lag.
         """
         pid.kf = self.kf
         pid.dead_zone = self.dead_zone
@@ -93,15 +104,17 @@ class Answer:
 
 
 class AutoTune:
-    """Tunes both wheels at once, on the floor: a ramp until each turns, then forward and back at
-    two duties. It takes about ten seconds, and a metre of room in front.
+    """Tunes both wheels at once, on the floor.
+
+    It ramps the duties up until each wheel turns, and then drives forward and back at two duties,
+    which takes about ten seconds and a metre of space in front.
 
     Call `step` every 20 ms or so until it returns False, and give ``right_duty`` and ``left_duty``
-    to the motors. Then ``fault`` is "" and `apply` gives the results to the Pids, or ``fault`` says
+    to the motors. Then ``fault`` is "" and `apply` sets the gains of the Pids, or ``fault`` says
     what is wrong.
 
-    How: the speeds at two duties give the dead zone and the duty for a speed; how much less way a
-    run has brought than its last speed would have gives the time constant.
+    The speeds at two duties give the dead zone and the duty for a speed. The difference between
+    the distance of a run and that at its final speed throughout gives the time constant.
     """
 
     def __init__(self, right: Wheel, left: Wheel, limit: float = 255.0) -> None:
@@ -118,7 +131,14 @@ class AutoTune:
         self._then = -1
 
     def step(self, now_us: int) -> bool:
-        """Whether it goes on."""
+        """Measure, and set both duties.
+
+        Args:
+            now_us: Ticks in microseconds.
+
+        Returns:
+            Whether the tuning goes on.
+        """
         dt_us = (now_us - self._then) & 0x3FFFFFFF if self._then >= 0 else 0
         self._then = now_us
         self.right.wheel.update(now_us, self.right_duty)
@@ -136,7 +156,7 @@ class AutoTune:
         return not self.done
 
     def apply(self, right: Pid, left: Pid) -> None:
-        """The gains."""
+        """Set the gains of both Pids."""
         self.right.apply(right)
         self.left.apply(left)
 
@@ -147,7 +167,7 @@ class AutoTune:
         self.left.begin()
         if self._run >= 0:
             self.right_duty = self.left_duty = _RUNS[self._run] * self._limit
-            # The wheels stand: they turn this way at once.
+            # The wheels stand still, so they take the new direction at once.
             self.right.wheel.update(self._then, self.right_duty)
             self.left.wheel.update(self._then, self.left_duty)
 
@@ -173,7 +193,7 @@ class AutoTune:
             else:
                 self._end("no wheel turns: are the motors switched on, the encoders connected?")
             return
-        # Who turns already waits, so that it does not run away.
+        # A wheel that turns already keeps its duty, so that it does not accelerate further.
         self.right_duty = self._up(self.right, duty)
         self.left_duty = self._up(self.left, duty)
         if self.right.starts and self.left.starts:
@@ -187,8 +207,8 @@ class AutoTune:
     def _measure(self) -> None:
         after = self._after_us
         if after >= _MEASURED_US:
-            self.right.look(after)
-            self.left.look(after)
+            self.right.check(after)
+            self.left.check(after)
         if after < _RUN_US:
             return
         self.right.finish(self._run, after)

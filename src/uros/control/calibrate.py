@@ -1,9 +1,9 @@
-"""Finds the radii of both wheels and half the track from a drive whose poses were measured.
+"""Calibration of wheel radii and track from a drive whose poses were measured.
 
-A square that closes says nothing of the wheels' size, as it closes for larger wheels too. So
-measure the first corner, or any other point that is far from the beginning, besides the end. One
-square in each direction is better than one: what one of them mistakes for a shorter track, the
-other takes for a longer one.
+A square that closes does not determine the size of the wheels: with larger wheels it closes too.
+Therefore measure the first corner, or another point far from the start, besides the end. Drive a
+square in each direction: a difference of the radii looks like a shorter track in one of them and
+like a longer one in the other.
 """
 
 import math
@@ -14,30 +14,34 @@ try:
 except ImportError:
     pass
 
-# How well a person measures.
+# Standard deviations of a pose that a person measures.
 _METRES: Final = 0.005
 _RADIANS: Final = 0.01
-# Results that are further from the nominal sizes are no tolerances of manufacture.
+# Larger deviations from the nominal sizes are no manufacturing tolerances.
 _RADIUS_OFF: Final = 0.1
 _TRACK_OFF: Final = 0.2
-# A measured pose may be off by so much on average, in units of the above.
+# The largest RMS residual of the measured poses, in units of the above.
 _MISFIT: Final = 6.0
-# Sizes must be known so well, as shares of them.
+# The largest relative standard deviation of a size.
 _VAGUE: Final = 0.02
-# Steps are put together until they are so long.
+# Steps are merged up to this length, in metres.
 _LONG: Final = 0.01
 
 
 class CalibrationError(ValueError):
-    """No sizes follow from the data. The text says why and what to do."""
+    """The data do not determine the sizes; the text says why and what to do."""
 
 
 class Calibration:
-    """``radius`` and ``d`` are what the drive was measured with: a Wheel's radius, half the track.
+    """Least-squares estimate of both radii and half the track.
 
-    For each step of the drive call `add`; where the true pose was measured, `measured`. Each drive
-    begins at 0, 0, 0: `restart` begins another one. `solve` sets ``right_radius``, ``left_radius``,
-    ``d`` and ``misfit``, how far off the measured poses are then, in metres.
+    Call `add` for each step of the drive, and `measured` where the true pose was measured. Each
+    drive begins at the pose 0, 0, 0; `restart` begins another one. `solve` sets ``right_radius``,
+    ``left_radius``, ``d`` and ``misfit``, the RMS error of the measured poses in metres.
+
+    Args:
+        radius: Radius with which the Wheels computed the drive, in metres.
+        d: Half the track with which it was computed, in metres.
     """
 
     def __init__(self, radius: float = 0.0325, d: float = 0.134) -> None:
@@ -51,11 +55,11 @@ class Calibration:
         self._lefts = array("f")
         self._right = 0.0
         self._left = 0.0
-        # (steps before it, x, y, theta or None), and (steps before it,) for a new beginning.
+        # (steps before it, x, y, theta or None), and (steps before it,) for a new drive.
         self._marks = []  # type: list[tuple[int, float, float, float | None] | tuple[int]]
 
     def add(self, right: float, left: float) -> None:
-        """The wheels came so far, as Wheel.moved says."""
+        """Add the distances of both wheels in one step, as of ``Wheel.moved``."""
         self._right += right
         self._left += left
         if abs(self._right) > _LONG or abs(self._left) > _LONG:
@@ -68,8 +72,15 @@ class Calibration:
         self._left = 0.0
 
     def measured(self, x: float, y: float, theta: "float | None" = None) -> None:
-        """It is there now, seen from where this drive began: x metres ahead, y to the left, turned
-        by theta radians (None: not measured).
+        """Add the measured pose at this step, relative to the start of the drive.
+
+        Args:
+            x: Metres ahead.
+            y: Metres to the left.
+            theta: Radians, counter-clockwise; None if it was not measured.
+
+        Raises:
+            CalibrationError: One of them is NaN or infinite.
         """
         if x - x != 0 or y - y != 0 or (theta is not None and theta - theta != 0):
             raise CalibrationError("a measured pose has to be numbers: metres and radians")
@@ -77,14 +88,18 @@ class Calibration:
         self._marks.append((len(self._rights), x, y, theta))
 
     def restart(self) -> None:
-        """It was put to the beginning again."""
+        """Begin another drive: the rover was put back to the start."""
         self._close()
         self._marks.append((len(self._rights),))
 
     def solve(self, keep_radius: bool = False) -> None:
-        """Raises CalibrationError, and then the sizes stay as they were.
+        """Set the sizes to their estimates.
 
-        With ``keep_radius`` the mean of both radii is held, and only their difference is found.
+        Args:
+            keep_radius: Hold the mean of both radii, and estimate only their difference.
+
+        Raises:
+            CalibrationError: The data do not determine the sizes, which stay as they were.
         """
         way = 0.0
         for right, left in zip(self._rights, self._lefts):
@@ -94,7 +109,7 @@ class Calibration:
             raise CalibrationError("the drive is too short: drive half a metre or more")
         if not poses:
             raise CalibrationError("no pose was measured: measure the end, and the first corner")
-        # How the mean of the radii, their difference (as shares) and the track change.
+        # Relative changes of the mean radius, of the difference of the radii and of the track.
         sizes = [0.0, 0.0, 0.0]
         held = (True, False, False) if keep_radius else (False, False, False)
         for _ in range(8):
@@ -125,7 +140,7 @@ class Calibration:
                     % (what, value, nominal)
                 )
         rest = self._residuals(sizes)
-        off = math.sqrt(sum(it * it for it in rest) / len(rest))
+        off = math.sqrt(sum(error * error for error in rest) / len(rest))
         if off > _MISFIT:
             raise CalibrationError(
                 "no sizes fit the measured poses, they are off by %.3f m on average: measure again,"
@@ -137,9 +152,7 @@ class Calibration:
         self.misfit = off * _METRES
 
     def _residuals(self, sizes: "list[float]") -> "list[float]":
-        """By how much the measured poses differ from those that follow from the sizes, in units of
-        how well a person measures.
-        """
+        """Differences of measured and computed poses, in standard deviations of a measurement."""
         right = 1 + sizes[0] + sizes[1]
         left = 1 + sizes[0] - sizes[1]
         track = 2 * self._nominal_d * (1 + sizes[2])
@@ -168,7 +181,7 @@ class Calibration:
     def _improve(
         self, sizes: "list[float]", held: "tuple[bool, ...]"
     ) -> "tuple[list[float], list[float]]":
-        """One step of Gauss and Newton, and how vague each size is."""
+        """A Gauss-Newton step, and the standard deviation of each size."""
         rest = self._residuals(sizes)
         columns = []
         for i in range(3):
@@ -176,7 +189,7 @@ class Calibration:
             moved[i] += 1e-3
             slope = 0.0 if held[i] else 1e3
             columns.append([(a - b) * slope for a, b in zip(rest, self._residuals(moved))])
-        # A faint belief in the nominal sizes keeps the matrix regular.
+        # A weak prior for the nominal sizes keeps the matrix regular.
         matrix = [
             [sum(a * b for a, b in zip(columns[i], columns[j])) for j in range(3)] for i in range(3)
         ]
@@ -190,7 +203,7 @@ class Calibration:
 
 
 def _inverse(m: "list[list[float]]") -> "list[list[float]]":
-    """Of a symmetric 3 by 3 matrix, by its cofactors."""
+    """Inverse of a symmetric 3 by 3 matrix, by its cofactors."""
     a = m[1][1] * m[2][2] - m[1][2] * m[2][1]
     b = m[1][2] * m[2][0] - m[1][0] * m[2][2]
     c = m[1][0] * m[2][1] - m[1][1] * m[2][0]

@@ -1,4 +1,4 @@
-"""What a rover drives with, as one thing: supply, motors and encoders, speeds and odometry."""
+"""The drive train of a rover: motor supply, motors, encoders, speed control and odometry."""
 
 from .diff_drive import DiffDrive
 from .odometry import Odometry
@@ -12,14 +12,25 @@ except ImportError:
 
 
 class Chassis:
-    """``power`` is the pin that switches the motors' supply. Of each side, ``motor`` has
-    ``drive(duty)`` and ``coast()``, as `uros.drivers.drv8835` has them, and ``encoder`` is a pin
-    with ``irq(handler)``. ``ticks_us`` is the board's `time.ticks_us`. Other ``options`` are those
-    of :class:`~.diff_drive.DiffDrive`.
+    """Motors, encoders, speed control and odometry of a rover with two driven wheels.
 
-    The supply is off at first. Call `step` every 20 ms or so. ``control`` is what has the wheels:
-    ``drive``, or for a while another that has ``step(now_us)``, ``right_duty`` and ``left_duty``,
-    such as an :class:`~.autotune.AutoTune`.
+    The motor supply is off at first. Call `step` every 20 ms or so. ``control`` is the controller
+    of the wheels: ``drive``, or temporarily another object with ``step(now_us)``, ``right_duty``
+    and ``left_duty``, such as an :class:`~.autotune.AutoTune`.
+
+    Args:
+        power: The pin that switches the motor supply.
+        right_motor: Has ``drive(duty)`` and ``coast()``, as `uros.drivers.drv8835`.
+        left_motor: The same.
+        right_encoder: A pin with ``irq(handler)``.
+        left_encoder: The same.
+        right_pid: Speed controller of the right wheel.
+        left_pid: Speed controller of the left wheel.
+        ticks_us: The board's ``time.ticks_us``.
+        right_radius: In metres.
+        left_radius: In metres.
+        d: Half the track, in metres.
+        options: Those of :class:`~.diff_drive.DiffDrive`.
     """
 
     def __init__(
@@ -51,7 +62,7 @@ class Chassis:
         self.power(False)
 
     def power(self, on: bool) -> None:
-        """Switch the motors' supply. Nothing that was commanded before counts any more."""
+        """Switch the motor supply. Earlier commands are dropped, and ``drive`` is in control."""
         self._power.value(1 if on else 0)
         self.control = self.drive
         self.drive.power(on)
@@ -60,7 +71,7 @@ class Chassis:
             self._left_motor.coast()
 
     def step(self) -> None:
-        """One turn: measure, drive, and see where that has brought us."""
+        """Run one control cycle: measure, set the duties, update the odometry."""
         control = self.control
         control.step(self._ticks_us())
         if self.drive.powered:

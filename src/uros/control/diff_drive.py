@@ -1,4 +1,4 @@
-"""Two wheels kept at the speeds that a Twist asks for."""
+"""Speed control of two wheels that follow a Twist."""
 
 try:
     from typing import Final
@@ -10,30 +10,39 @@ from .wheel import Wheel
 
 _MASK: Final = 0x3FFFFFFF
 _HALF: Final = 0x20000000
-# Of its limit: a duty that turns any wheel that is free.
+# Share of the duty limit that turns any wheel that is not blocked.
 _HARD: Final = 0.4
-# A wheel that is driven turns by this share of its target at least.
+# A driven wheel that is not blocked reaches this share of its target speed at least.
 _RUNS: Final = 0.2
-# Until a motor turns.
+# Time until a motor turns.
 _START_US: Final = 50000
-# How long after a wheel was stuck no command is taken.
+# Commands are refused for so long after a wheel was stuck.
 _REST_MS: Final = 1000
 
 
 def is_number(value: float) -> bool:
-    """Neither NaN nor infinite."""
+    """Return whether a float is neither NaN nor infinite."""
     return value - value == 0
 
 
 class DiffDrive:
-    """``right`` and ``left`` are Wheels, ``right_pid`` and ``left_pid`` their Pids.
+    """Differential drive: one speed controller for each wheel, a command timeout, stall detection.
 
     Call `step` every 20 ms or so, and give ``right_duty`` and ``left_duty`` to the motors' driver:
-    -255.0 to 255.0, where 0 brakes. ``v`` and ``w`` are what is being driven, after limits.
+    -255.0 to 255.0, where 0 brakes. ``v`` and ``w`` are the commanded rates after limits.
 
-    ``d`` is half the track. Stops ``timeout_ms`` after the last command. A wheel that is driven
-    hard and hardly turns for ``stuck_ms`` stops both; ``fault`` says which, until both turn again
-    or the power is switched, and commands are taken again a second later.
+    A stalled wheel stops both. ``fault`` names it until both wheels turn again or the power is
+    switched; commands are accepted again a second later.
+
+    Args:
+        right: The right wheel.
+        left: The left wheel.
+        right_pid: Speed controller of the right wheel.
+        left_pid: Speed controller of the left wheel.
+        d: Half the track, in metres.
+        fastest: Largest speed of a wheel, in m/s.
+        timeout_ms: The drive stops so long after the last command.
+        stuck_ms: A wheel that is driven hard and hardly turns for so long counts as stalled.
     """
 
     def __init__(
@@ -63,7 +72,7 @@ class DiffDrive:
         self._stuck_us = stuck_ms * 1000
         self._right_target = 0.0
         self._left_target = 0.0
-        # Since the last command, and for how long each wheel was driven hard for nothing.
+        # Time since the last command, and for how long each wheel has been stalled.
         self._idle_us = 0
         self._right_us = 0
         self._left_us = 0
@@ -71,16 +80,22 @@ class DiffDrive:
         self._then = -1
 
     def power(self, on: bool) -> None:
-        """The motors' supply was switched: forget integrals, errors and duties."""
+        """Note that the motor supply was switched, and reset both controllers."""
         self.powered = on
         self.fault = ""
         self._rest_us = 0
         self.stop()
 
     def command(self, v: float, w: float) -> bool:
-        """Drive at v m/s and turn at w rad/s. Whether it is taken: not while the motors are off,
-        not what is no number, not in the second after a wheel was stuck. What is faster than the
-        wheels' ``fastest`` becomes slower on the same curve.
+        """Set the rates to drive with. Above ``fastest`` they are scaled, on the same curve.
+
+        Args:
+            v: Forward, in m/s.
+            w: Counter-clockwise, in rad/s.
+
+        Returns:
+            Whether the command is accepted: not while the motors are off, not with NaN or infinity,
+            and not in the second after a wheel was stuck.
         """
         if not (self.powered and is_number(v) and is_number(w)) or self._rest_us > 0:
             return False
@@ -104,7 +119,7 @@ class DiffDrive:
         return True
 
     def step(self, now_us: int) -> None:
-        """One turn of the control: measure, and set both duties."""
+        """Run one control cycle: measure, and set both duties."""
         then = self._then
         dt_us = (now_us - then) & _MASK if then >= 0 else 0
         self._then = now_us
@@ -117,7 +132,7 @@ class DiffDrive:
         if self._right_target == 0 and self._left_target == 0:
             return
         self._idle_us += dt_us
-        # Rather a step early than late.
+        # Stop a step too early rather than too late.
         if self._idle_us + dt_us > self._timeout_us:
             self.stop()
             return
@@ -128,7 +143,7 @@ class DiffDrive:
         self.left_duty = self._one(self.left, self.left_pid, self._left_target, dt)
         right_runs = abs(self.right.speed) >= _RUNS * abs(self._right_target)
         left_runs = abs(self.left.speed) >= _RUNS * abs(self._left_target)
-        # For how long each was driven hard for nothing.
+        # For how long each has been driven hard without turning.
         hard = _HARD * self.right_pid.limit
         if right_runs or abs(self.right_pid.output) < hard:
             self._right_us = 0
@@ -153,7 +168,7 @@ class DiffDrive:
         if target == 0 or wheel.reversing:
             pid.reset()
             return 0.0
-        # Two edges are there after so long, where all is well.
+        # The time within which a wheel that is not blocked passes two edges.
         soon = _START_US + 2.5e6 * wheel.pitch / abs(target)
         return pid.step(target, wheel.speed, dt, not 0 < wheel.unsure_us < soon)
 
@@ -163,7 +178,7 @@ class DiffDrive:
         self._rest_us = _REST_MS * 1000
 
     def stop(self) -> None:
-        """Brake now, and forget integrals, errors and duties."""
+        """Brake now, and reset both controllers."""
         self.v = 0.0
         self.w = 0.0
         self._right_target = 0.0

@@ -1,4 +1,4 @@
-"""Where two wheels have brought a body."""
+"""Odometry of two wheels: pose, rates and covariance."""
 
 import math
 
@@ -7,22 +7,26 @@ try:
 except ImportError:
     pass
 
-# The variance of a wheel's way grows by so many m² a metre: 3° of heading after a square of 1 m.
+# Growth of the variance of a wheel's distance, in m² per metre: 3° of heading after a square of
+# 1 m.
 _DOUBT: Final = 2e-5
-# The doubt grows after both wheels have come so far together, in metres: on boards each operation
-# with floats takes memory, and these are many.
+# The covariance is updated when both wheels together have moved so far, in metres: on boards each
+# operation with floats allocates memory, and these are many.
 _LONG: Final = 0.04
-# Of the speeds: an encoder's edge is 5 mm, and they are measured over two.
+# Variance of the speeds: edges are 5 mm apart, and a speed is measured over two of them.
 _SPEED: Final = 0.0004
-# What two wheels say nothing of.
+# Variance of axes that two wheels do not measure.
 _UNKNOWN: Final = 1e6
 
 
 class Odometry:
-    """``x``, ``y``, ``theta`` (within ±π) since the start; ``v`` and ``w`` are rates.
+    """Pose and rates of a rover with two wheels.
 
-    ``d`` is half the track. ``qz`` and ``qw`` are the orientation's quaternion; ``distance`` is
-    the length of the path.
+    ``x``, ``y`` (metres) and ``theta`` (radians, within ±π) are the pose relative to the start,
+    ``v`` (m/s) and ``w`` (rad/s) the rates, ``distance`` the length of the path in metres.
+
+    Args:
+        d: Half the track, in metres.
     """
 
     def __init__(self, d: float = 0.134) -> None:
@@ -30,14 +34,14 @@ class Odometry:
         self.reset()
 
     def reset(self, x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> None:
-        """Be there, with no doubt about it."""
+        """Set the pose, with zero covariance."""
         self.x = x
         self.y = y
         self.theta = _wrapped(theta)
         self.v = 0.0
         self.w = 0.0
         self.distance = 0.0
-        # What the wheels did since the doubt has grown.
+        # Motion of the wheels since the last update of the covariance.
         self._way = 0.0
         self._turn = 0.0
         self._right = 0.0
@@ -52,16 +56,18 @@ class Odometry:
 
     @property
     def qz(self) -> float:
+        """The z component of the orientation's quaternion."""
         return math.sin(self.theta / 2)
 
     @property
     def qw(self) -> float:
+        """The w component of the orientation's quaternion."""
         return math.cos(self.theta / 2)
 
     def update(
         self, right: float, left: float, right_speed: float = 0.0, left_speed: float = 0.0
     ) -> None:
-        """The wheels came so far since the last update, in metres, and turn so fast, in m/s."""
+        """Add the wheels' distances since the last update (metres), and set their speeds (m/s)."""
         self.v = (right_speed + left_speed) / 2
         self.w = (right_speed - left_speed) / (2 * self.d)
         if right == 0 and left == 0:
@@ -81,8 +87,10 @@ class Odometry:
             self._grow()
 
     def _grow(self) -> None:
-        """P = F P Fᵀ + G Q Gᵀ, with F the motion's derivative by the pose, G that by the wheels'
-        ways, and Q their variances.
+        """Update the covariance: P = F P Fᵀ + G Q Gᵀ.
+
+        F is the derivative of the motion by the pose, G that by the wheels' distances, and Q holds
+        the variances of these distances.
         """
         way = self._way
         right = _DOUBT * self._right
@@ -94,9 +102,9 @@ class Odometry:
         self._turn = 0.0
         self._right = 0.0
         self._left = 0.0
-        # As if all that is new came in the middle of the way.
+        # The new variance is added in the middle of the motion.
         self._move(-way / 2 * sin, way / 2 * cos)
-        # Of the way and of the turn.
+        # Variances of the distance and of the turn.
         ahead = (right + left) / 4
         turn = ahead / (self.d * self.d)
         both = (right - left) / (4 * self.d)
@@ -109,7 +117,7 @@ class Odometry:
         self._move(-way / 2 * sin, way / 2 * cos)
 
     def _move(self, a: float, b: float) -> None:
-        """What the doubt of the heading makes of a way of (b, -a)."""
+        """Propagate the variance of the heading over a displacement of (b, -a)."""
         tt = self._tt
         self._xx += a * (2 * self._xt + a * tt)
         self._xy += a * self._yt + b * self._xt + a * b * tt

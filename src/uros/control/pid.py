@@ -2,18 +2,24 @@
 
 
 class Pid:
-    """``kp``, ``ki`` and ``kd`` turn an error in m/s into a duty; ``limit`` is the largest duty.
+    """Speed controller of a motor: PID with feed-forward, and a first-order reference model.
 
-    ``dead_zone`` is the duty below which the motor does not turn, and ``kf`` the duty that one m/s
-    takes above it: both are given at once. ``lag`` is the time constant in seconds by which the
-    motor follows, with the delay of its measurement: the error is that from where the motor should
-    be by now, ``expected``, so that the integral does not grow while it accelerates as it can.
-    All three are 0 where they are not known.
+    ``dead_zone`` and ``kf`` are feed-forward. The error is the difference to ``expected``, the
+    speed that a motor with the time constant ``lag`` has by now, so that the integral does not wind
+    up while the motor accelerates as fast as it can.
 
-    The integral is trapezoid, and holds while the output is at its limit and the error would bring
-    it further. Against its target a motor is not driven: then the output is 0, which brakes.
+    The integral follows the trapezoidal rule, and is held while the output is saturated and the
+    error would increase it further. A motor is never driven against its target: the output is 0
+    then, which brakes. ``output`` is the last duty.
 
-    ``output`` is the last duty.
+    Args:
+        kp: Duty per m/s of error.
+        ki: Duty per metre of integrated error.
+        kd: Duty per m/s² of measured acceleration.
+        limit: The largest duty.
+        dead_zone: Duty below which the motor does not turn; 0 if unknown.
+        kf: Duty per m/s above the dead zone; 0 if unknown.
+        lag: Time constant of the motor and the delay of its measurement, in seconds; 0 if unknown.
     """
 
     def __init__(
@@ -44,8 +50,13 @@ class Pid:
         self._measured = 0.0
 
     def step(self, target: float, measured: float, dt: float, known: bool = True) -> float:
-        """The duty for the next ``dt`` seconds. Where the speed is not ``known`` yet, the motor is
-        taken to do what is expected.
+        """Return the duty for the next cycle.
+
+        Args:
+            target: Speed in m/s.
+            measured: Speed in m/s.
+            dt: Length of the cycle in seconds.
+            known: False while no speed is measured yet: the expected one is used instead.
         """
         self.expected += (target - self.expected) * (dt / (self.lag + dt))
         if not known:
@@ -53,7 +64,7 @@ class Pid:
         error = self.expected - measured
         area = (error + self.error) * 0.5 * dt
         out = self.kf * target + self.kp * error + self.ki * (self.integral + area)
-        # By the measurement and not by the error: a new target is no reason to jump.
+        # The derivative of the measurement, not of the error: a new target must not cause a jump.
         out += self.kd * (self._measured - measured) / dt
         if target > 0:
             out += self.dead_zone

@@ -1,4 +1,4 @@
-"""Drives a square by odometry: what calibration looks at, and a check of everything else."""
+"""Driving a square by odometry, for calibration and as a check of the whole drive."""
 
 import math
 
@@ -14,11 +14,16 @@ def _difference(a: float, b: float) -> float:
 
 
 class Square:
-    """From where the odometry is at the first `step`, straight on and then to the left at each
-    corner, or to the right with ``clockwise``; at the end it stands as at the beginning.
+    """A square that begins and ends at the odometry's pose of the first `step`.
 
-    `step` sets ``v`` and ``w``, to be driven until the next one, some 20 to 100 ms later.
-    ``corner`` is how many sides are behind it, corners turned and all; ``side`` their length.
+    `step` sets ``v`` (m/s) and ``w`` (rad/s), to be driven until the next one, some 20 to 100 ms
+    later. ``corner`` counts the finished sides, turns included.
+
+    Args:
+        side: Length of a side in metres.
+        speed: Largest speed in m/s.
+        turning: Largest rate of turn in rad/s.
+        clockwise: Turn right at the corners, not left.
     """
 
     def __init__(
@@ -33,13 +38,13 @@ class Square:
         self._turning = turning
         self._left = -1.0 if clockwise else 1.0
         self._begun = False
-        # Where this side begins, and where to.
+        # Start and heading of this side.
         self._x = 0.0
         self._y = 0.0
         self._theta = 0.0
 
     def step(self, x: float, y: float, theta: float) -> bool:
-        """Whether there is anything left to drive from here."""
+        """Set the rates for this pose; return whether the square is not finished yet."""
         if not self._begun:
             self._begun = True
             self._x = x
@@ -62,7 +67,7 @@ class Square:
         along = (x - self._x) * cos + (y - self._y) * sin
         aside = (y - self._y) * cos - (x - self._x) * sin
         left = self.side - along
-        # What it rolls on while it brakes.
+        # It rolls on by about 1 cm while it brakes.
         if left < 0.01:
             self.turning = True
             self.v = 0.0

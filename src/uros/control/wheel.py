@@ -1,4 +1,4 @@
-"""How far a wheel has come and how fast it turns, by an encoder that has one channel."""
+"""Distance and speed of a wheel, from an encoder with one channel."""
 
 import math
 
@@ -17,25 +17,32 @@ def _since(now: int, then: int) -> int:
 
 
 class Wheel:
-    """Call `edge` from the pin's interrupt, for each edge, and `update` regularly.
+    """A wheel with a single-channel encoder.
 
-    ``moved`` is how far the wheel came between the last two updates, ``speed`` how fast it turns,
-    both with a sign; ``edges`` counts all edges in their direction. ``pitch`` is the way from one
-    edge to the next.
+    Call `edge` from the pin's interrupt, for each edge, and `update` regularly.
 
-    One channel does not tell which way a wheel turns. It is taken to turn the way that it was last
-    driven; where that changes, the old one is kept until the wheel stands, braked for ``still_us``
-    without an edge, and ``reversing`` is true until then: brake, and do not drive. After a reversal
-    the same edge passes again, which is no way further.
+    ``moved`` is the signed distance between the last two updates in metres, ``speed`` the signed
+    speed in m/s; ``edges`` counts edges with the sign of their direction. ``pitch`` is the distance
+    between two edges in metres.
 
-    Between edges the way goes on with the speed, up to the next edge at most. The speed is that of
-    the last two intervals (teeth and slots are not equally wide), falls where the next edge is
-    late, and is 0 after ``stop_us``. For its first two edges a wheel has to move; ``unsure_us`` is
-    for how long it has been driven without that.
+    One channel does not tell the direction. The wheel is assumed to turn in the direction in which
+    it was last driven. When that changes, the old direction is kept until the wheel stands, which
+    is after ``still_us`` of braking without an edge; ``reversing`` is true until then: brake, and
+    do not drive. After a reversal the same edge passes again, which adds no distance.
 
-    With ``glitch_us``, two edges within that time are a disturbance of the line and count as none.
-    Give it only where interrupts are never late: what waits together, behind a collection of
-    garbage, comes together.
+    Between edges the distance is extrapolated with the speed, up to the next edge at most. The
+    speed is that of the last two intervals (teeth and slots are not equally wide), decreases when
+    the next edge is late, and is 0 after ``stop_us``. It is unknown before the second edge of a
+    motion; ``unsure_us`` is for how long the wheel has been driven without that.
+
+    Args:
+        radius: In metres.
+        edges: Edges per revolution.
+        stop_us: The speed is 0 after so long without an edge.
+        still_us: A braked wheel stands after so long without an edge.
+        glitch_us: Two edges within this time are noise and count as none; 0 turns that off. Use it
+            only where interrupts are never late: interrupts that wait for a garbage collection
+            are served together.
     """
 
     def __init__(
@@ -58,26 +65,26 @@ class Wheel:
         self._stop_us = stop_us
         self._still_us = still_us
         self._glitch_us = glitch_us
-        # What the interrupt writes: a count, the times of the last three edges, and how many of
-        # them belong to one motion.
+        # Written by the interrupt: a count, the times of the last three edges, and how many of them
+        # belong to one motion.
         self._count = 0
         self._last = 0
         self._second = 0
         self._third = 0
         self._known = 0
-        # The wheel is between two edges; this is how far from the lower one to the upper one.
-        # Where it stands nobody knows: in the middle, which is right on average.
+        # Position between two edges, as a share of the pitch. It is unknown at rest: the middle is
+        # right on average.
         self._part = 0.5
         self._seen = 0
         self._updated = 0
         self._held_us = 0
 
     def set_radius(self, radius: float, edges: int = 40) -> None:
-        """A calibrated radius."""
+        """Set a calibrated radius, in metres."""
         self.pitch = 2 * math.pi * radius / edges
 
     def edge(self, now_us: int) -> None:
-        """One edge of the encoder. For interrupts: nothing is allocated."""
+        """Count one edge of the encoder. For interrupts: nothing is allocated."""
         if self._known and (now_us - self._last) & _MASK < self._glitch_us:
             self._count = (self._count - 1) & _MASK
             self._known -= 1
@@ -92,10 +99,13 @@ class Wheel:
             self._known += 1
 
     def update(self, now_us: int, target: float = 0.0) -> None:
-        """Bring ``moved`` and ``speed`` to this time. ``target`` is the speed that the wheel is
-        driven for; only its sign counts.
+        """Compute ``moved`` and ``speed``.
+
+        Args:
+            now_us: Ticks in microseconds.
+            target: Speed or duty that the wheel is driven with; only its sign is used.
         """
-        # The interrupt may come in between: then once more.
+        # An interrupt may change these while they are read: then read them again.
         count = self._count - 1
         last = second = third = 0
         while count != self._count or last != self._last:
@@ -111,7 +121,7 @@ class Wheel:
             age = 0
         dt_us = _since(now_us, self._updated)
         self._updated = now_us
-        # It is braked now. Before that, a wheel without edges may have been a slow one.
+        # The wheel is braked now. Before that, a wheel without edges may have been a slow one.
         if target == 0 or (target > 0) != (self.direction > 0):
             self._held_us += dt_us
             quiet = min(age, self._held_us)
@@ -125,7 +135,7 @@ class Wheel:
             self.resting = True
         part = self._part
         if new:
-            # Of the cell that the wheel is in now, it has come in at this end.
+            # The wheel has just entered the interval between two edges at this end.
             self._part = 0.0 if self.direction > 0 else 1.0
             self.edges += new * self.direction
         if self.resting:
@@ -153,7 +163,7 @@ class Wheel:
         self._turn_round(target, quiet)
 
     def _measure(self, known: int, last: int, second: int, third: int, age: int) -> float:
-        """The speed without its sign."""
+        """Return the absolute speed in m/s."""
         way = self.pitch * 1000000
         if known >= 3:
             took = _since(last, third)
@@ -163,19 +173,19 @@ class Wheel:
             speed = way / took if took > 0 else 0.0
         else:
             return 0.0
-        # Interrupts that were late came together: no wheel is so fast.
+        # Late interrupts were served together: no wheel is so fast.
         if speed > _FASTEST:
             speed = _FASTEST
-        # The next edge is late: it is slower.
+        # The next edge is late: the wheel has slowed down.
         if age * speed > way:
             return way / age
         return speed
 
     def _turn_round(self, target: float, quiet: int) -> None:
-        """Take the direction of the target, as soon as the wheel stands."""
+        """Take the direction of the target as soon as the wheel stands."""
         if target == 0 or (target > 0) == (self.direction > 0):
             self.reversing = False
-        # Something else turns it, where it does not come to a stand: do not brake for ever.
+        # A wheel that does not stop is turned by something else: do not brake for ever.
         elif self.resting or quiet >= self._still_us or self._held_us > 1000000:
             self.direction = -self.direction
             self._known = 0
