@@ -39,7 +39,7 @@ import errno
 
 
 class SensorError(Exception):
-    """A sensor answered, but not with a measurement; str() tells people what is wrong."""
+    """A sensor answered, but not with a valid measurement; str() says what is wrong."""
 
 
 _REASONS = {
@@ -51,7 +51,7 @@ _REASONS = {
 
 
 def reason(error: Exception) -> str:
-    """What to tell people about an error of a driver, in a few words."""
+    """Return a short text for people about an error of a driver."""
     if isinstance(error, OSError):
         number = error.args[0] if error.args else 0
         return _REASONS.get(number) or "bus error %s" % number

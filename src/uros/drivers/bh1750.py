@@ -1,4 +1,7 @@
-"""ROHM BH1750: light. Single measurements at the shortest time, which reach into sunlight."""
+"""ROHM BH1750: illuminance, by single measurements.
+
+The measurement time is the shortest, so that the range includes sunlight.
+"""
 
 from . import SensorError
 
@@ -7,16 +10,16 @@ try:
 except ImportError:
     pass
 
-# The measurement time, 31 of 69, in two commands; then one measurement at high resolution. All
-# three go before each: a sensor that was swapped has its own.
+# Set the measurement time to 31 (default 69), in two commands; then start one measurement at high
+# resolution. All three are sent each time, for a sensor that was replaced.
 _TIME_HIGH: Final = b"\x40"
 _TIME_LOW: Final = b"\x7f"
 _MEASURE: Final = b"\x20"
-_LUX: Final = 69 / 31 / 1.2  # of a count
+_LUX: Final = 69 / 31 / 1.2  # per count
 
 
 class BH1750:
-    """``lux``: of the last good read, in steps of 1.85 up to 121 000."""
+    """Light sensor; ``lux`` is of the last good read, in steps of 1.85 up to 121 000."""
 
     wait_ms = 90
 

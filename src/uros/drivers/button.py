@@ -10,12 +10,16 @@ _MASK: Final = 0x3FFFFFFF
 
 
 class Button:
-    """A button on ``pin``, a ``machine.Pin`` that is an input: ``pressed`` is its level then.
+    """A push button that is debounced.
 
-    ``ms()`` are milliseconds modulo 2^30, such as ``node.clock.ms``. A level counts once it has
-    lasted for ``settle_ms``: contacts bounce, for less than 10 ms as a rule. Edges come by
-    interrupts, so that neither a short push nor a bounce is missed while the program is busy. A
-    button that is held down when this is made counts from the next push on.
+    Edges are noticed by interrupts, so that neither a short push nor a bounce is missed while the
+    program is busy. A button that is held down at construction counts from the next push on.
+
+    Args:
+        pin: A ``machine.Pin`` that is an input.
+        ms: Returns milliseconds modulo 2^30, such as ``node.clock.ms``.
+        settle_ms: A level counts after so long; contacts mostly bounce for less than 10 ms.
+        pressed: The pin's level while the button is pressed.
     """
 
     def __init__(
@@ -37,7 +41,7 @@ class Button:
         pin.irq(self._edge)
 
     def clicked(self) -> bool:
-        """Whether it was pushed and let go once more. To be asked every 10 ms or so."""
+        """Return whether it was pushed and released once more; to be called every 10 ms or so."""
         level = self._pin.value()
         now = self._ms()
         self._busy = True
@@ -64,7 +68,7 @@ class Button:
         self._since = now
 
     def _settle(self, now: int) -> None:
-        """The level since the last edge counts, if it has lasted."""
+        """Accept the level since the last edge if it has lasted for ``settle_ms``."""
         lasted = ((now - self._since + _HALF) & _MASK) - _HALF
         if self._level == self._settled or lasted < self._settle_ms:
             return

@@ -1,7 +1,7 @@
 """TI DRV8835 in IN/IN mode: one of its two H-bridges, on two PWM outputs.
 
-Driving and braking in turn (slow decay): the speed then follows the duty down to small ones, which
-it does not where a motor coasts in between.
+It alternates between driving and braking (slow decay): the speed then follows the duty even where
+that is small, which it does not where a motor coasts in between.
 """
 
 try:
@@ -11,7 +11,7 @@ except ImportError:
 
 
 class DRV8835:
-    """``first`` and ``second`` are PWMs, of AIN1 and AIN2 or of BIN1 and BIN2."""
+    """An H-bridge on two PWMs: those of AIN1 and AIN2, or of BIN1 and BIN2."""
 
     def __init__(self, first: "Any", second: "Any") -> None:
         self._first = first
@@ -19,7 +19,7 @@ class DRV8835:
         self.coast()
 
     def drive(self, duty: float) -> None:
-        """-255 is full speed backward, 255 forward, 0 brakes."""
+        """Set the duty: -255 is full speed backward, 255 forward, 0 brakes."""
         off = 65535 - int(min(abs(duty), 255) * 257)
         if duty >= 0:
             self._first.duty_u16(65535)
@@ -29,6 +29,6 @@ class DRV8835:
             self._second.duty_u16(65535)
 
     def coast(self) -> None:
-        """No current: let it roll."""
+        """Switch both outputs off, so that the motor coasts."""
         self._first.duty_u16(0)
         self._second.duty_u16(0)

@@ -1,4 +1,4 @@
-"""LEDs: one whose brightness is set, and one that tells whether all is well."""
+"""LEDs: a dimmed one, and one that signals faults."""
 
 try:
     from typing import Any, Final
@@ -10,9 +10,13 @@ _U16: Final = 257  # of 65535, which is always on for MicroPython
 
 
 class Dimmer:
-    """An LED on ``pwm``, a ``machine.PWM``, in 255 steps: ``Dimmer(PWM(Pin(22), freq=5000))``.
+    """An LED with 255 steps of brightness: ``Dimmer(PWM(Pin(22), freq=5000))``.
 
-    ``brightness`` is what was set last, 0.0 to 1.0, at first 0.0. It shines so while it is ``on``.
+    ``brightness`` is the last one set, 0.0 to 1.0, and 0.0 at first; it applies while ``on``.
+
+    Args:
+        pwm: A ``machine.PWM``.
+        on: Whether the LED is switched on.
     """
 
     def __init__(self, pwm: "Any", on: bool = True) -> None:
@@ -21,8 +25,10 @@ class Dimmer:
         self.switch(on)
 
     def set(self, brightness: float) -> None:
-        """What is beyond 0 or 1 is taken for that. NaN is refused with ValueError, and changes
-        nothing.
+        """Set the brightness, clamped to 0.0 to 1.0.
+
+        Raises:
+            ValueError: It is NaN; nothing is changed.
         """
         if brightness != brightness:
             raise ValueError("a brightness is a number from 0 to 1, not nan")
@@ -30,13 +36,16 @@ class Dimmer:
         self.switch(self.on)
 
     def switch(self, on: bool) -> None:
+        """Switch the LED on, with the brightness that is set, or off."""
         self.on = on
         self._pwm.duty_u16(int(self.brightness * _STEPS + 0.5) * _U16 if on else 0)
 
 
 class Signal:
-    """An LED on ``pin``, a ``machine.Pin`` that is an output: on while all is well, blinking while
-    something is not.
+    """An LED that is on while there is no fault, and blinks during one.
+
+    Args:
+        pin: A ``machine.Pin`` that is an output.
     """
 
     def __init__(self, pin: "Any") -> None:
@@ -44,5 +53,5 @@ class Signal:
         pin.value(1)
 
     def show(self, well: bool) -> None:
-        """To be called every 100 ms: it blinks as fast as that."""
+        """Set or toggle the LED; to be called every 100 ms, half a period of blinking."""
         self._pin.value(1 if well else not self._pin.value())

@@ -1,4 +1,4 @@
-"""Maxim MAX17048: a lithium cell's voltage, and how full it is. It measures by itself."""
+"""Maxim MAX17048: voltage and state of charge of a lithium cell, measured continuously."""
 
 from . import SensorError
 from .sampled import word
@@ -8,17 +8,19 @@ try:
 except ImportError:
     pass
 
-_VCELL: Final = b"\x02"  # and behind it how full it is
+_VCELL: Final = b"\x02"  # followed by the state of charge
 _VERSION: Final = b"\x08"
 _CRATE: Final = b"\x16"
 _VOLTS: Final = 78.125e-6
-_EMPTY: Final = 2.0  # V: a cell that has less is none
+_EMPTY: Final = 2.0  # V: no cell has less
 _FULL: Final = 5.0
 
 
 class MAX17048:
-    """``volts``, ``fraction`` from 0.0 to 1.0 of what the cell holds, ``rate`` by which that grows
-    in an hour (negative: it is used up): all of the last good read.
+    """Fuel gauge; its values are of the last good read.
+
+    ``volts`` is the cell's voltage, ``fraction`` its state of charge from 0.0 to 1.0, ``rate`` the
+    change of that fraction per hour (negative: discharging).
     """
 
     wait_ms = 10
@@ -34,7 +36,7 @@ class MAX17048:
         self._is_known = False
 
     def start(self) -> None:
-        """See that it is one, the first time and after every error; it needs no more."""
+        """Check the identity, the first time and after every error."""
         if self._is_known:
             return
         self._get(_VERSION, self._two)
@@ -45,7 +47,7 @@ class MAX17048:
         self._is_known = True
 
     def read(self) -> None:
-        """Take what it measured last, less than 0.25 s ago."""
+        """Read the newest values, which are less than 0.25 s old."""
         self.start()
         self._is_known = False  # unless all goes well
         four = self._four
@@ -55,7 +57,7 @@ class MAX17048:
             raise SensorError("%.2f V is no cell's" % volts)
         self._get(_CRATE, self._two)
         self.volts = volts
-        self.fraction = min((four[2] << 8 | four[3]) / 25600, 1.0)  # it may say a little more
+        self.fraction = min((four[2] << 8 | four[3]) / 25600, 1.0)  # it may report a little more
         self.rate = word(self._two, 0, 1) * 0.00208
         self._is_known = True
 

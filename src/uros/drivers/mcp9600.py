@@ -1,6 +1,6 @@
-"""Microchip MCP9600: a thermocouple's two junctions. It measures by itself, so nothing is started.
+"""Microchip MCP9600: temperatures of a thermocouple's two junctions, measured continuously.
 
-Its type is left at the one after power-on, K.
+The type of the thermocouple stays at the default, K.
 """
 
 from . import SensorError
@@ -17,7 +17,7 @@ _OUT_OF_RANGE: Final = 0x10
 
 
 class MCP9600:
-    """A read gives °C, in steps of 0.0625."""
+    """Thermocouple converter; temperatures are in °C, in steps of 0.0625."""
 
     def __init__(self, i2c: "Any", address: int = 0x67) -> None:
         self._i2c = i2c
@@ -26,16 +26,16 @@ class MCP9600:
         self._status = bytearray(1)
 
     def read_hot(self) -> float:
-        """The temperature at the thermocouple's tip, compensated by the sensor."""
+        """Return the temperature at the thermocouple's tip, compensated by the sensor."""
         celsius = self._read(_HOT)
-        # Asked for after it: what has become wrong in between is not believed either.
+        # Read after the temperature, to reject a fault that arose in between, too.
         self._get(_STATUS, self._status)
         if self._status[0] & _OUT_OF_RANGE or not -200 <= celsius <= 1372:
             raise SensorError("the thermocouple is out of range, or broken")
         return celsius
 
     def read_cold(self) -> float:
-        """The temperature at the sensor, where the thermocouple's wires end."""
+        """Return the temperature at the sensor, where the thermocouple's wires end."""
         celsius = self._read(_COLD)
         if not -40 <= celsius <= 125:
             raise SensorError("cold junction: %.1f C is out of range" % celsius)

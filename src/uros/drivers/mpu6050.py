@@ -1,4 +1,4 @@
-"""InvenSense MPU-6050: acceleration and rate of turn. It measures by itself, 100 times a second.
+"""InvenSense MPU-6050: acceleration and angular velocity, measured continuously at 100 Hz.
 
 Register numbers are those of the register map (rev. 4.2).
 """
@@ -24,15 +24,24 @@ _AWAKE: Final = 0x01  # by the clock of the gyroscope, which is steadier
 _DATA_READY: Final = 0x01
 _G: Final = 9.80665
 _DEGREE: Final = 0.017453292519943295
-# A self-test moves each axis by what is known from the factory, within 14 in 100.
+# A self-test response may deviate from the factory's by 14 %.
 _TOLERANCE: Final = 0.14
 
 
 class MPU6050(Sampled):
-    """``ax ay az`` in m/s² as it is felt (at rest: 9.8 upwards), ``gx gy gz`` in rad/s,
-    ``temperature`` of the chip in °C: all of the last good read.
+    """Inertial sensor with six axes; its values are of the last good read.
 
-    ``accel_g`` is 2, 4, 8 or 16 and ``gyro_dps`` 250, 500, 1000 or 2000: where its ranges end.
+    ``ax``, ``ay`` and ``az`` are the proper acceleration in m/s² (at rest: 9.8 upwards), ``gx``,
+    ``gy`` and ``gz`` the angular velocity in rad/s, ``temperature`` is that of the chip in °C.
+
+    Args:
+        i2c: The bus.
+        address: The sensor's address.
+        accel_g: Range of the acceleration: 2, 4, 8 or 16 g.
+        gyro_dps: Range of the angular velocity: 250, 500, 1000 or 2000 degrees a second.
+
+    Raises:
+        ValueError: There is no such range.
     """
 
     wait_ms = 10
@@ -40,7 +49,7 @@ class MPU6050(Sampled):
     def __init__(
         self, i2c: "Any", address: int = 0x68, accel_g: int = 2, gyro_dps: int = 250
     ) -> None:
-        # 30 ms until the gyroscope has swung up.
+        # The gyroscope takes 30 ms to start: the first samples are discarded.
         super().__init__(i2c, address, _INT_STATUS, _DATA_READY, 15, 4)
         if accel_g not in (2, 4, 8, 16):
             raise ValueError("accel_g is 2, 4, 8 or 16, not %r" % (accel_g,))
@@ -57,6 +66,7 @@ class MPU6050(Sampled):
         self._testing = 0
 
     def set_up(self) -> None:
+        """Check the identity and write the settings."""
         self._testing = 0
         self.identify(_WHO_AM_I, 0x68, "an MPU-6050")
         self.put(_POWER, _AWAKE)
@@ -64,6 +74,7 @@ class MPU6050(Sampled):
         self.put(_INT_ENABLE, _DATA_READY)
 
     def take(self, buf: bytearray) -> None:
+        """Store a sample. Raises SensorError if one of its axes is out of range."""
         index = 1
         while index < 15:
             raw = word(buf, index, index + 1)
@@ -82,13 +93,19 @@ class MPU6050(Sampled):
         self.gz = word(buf, 13, 14) * per
 
     def self_test(self) -> bool:
-        """Push the masses and see whether they move as they did in the factory, lying still. False:
-        not done, call it again 50 ms later; True: all six axes are fine. Raises SensorError that
-        names those that are not. Readings go on afterwards.
+        """Compare each axis's self-test response with the factory's; the sensor must lie still.
+
+        Readings continue afterwards.
+
+        Returns:
+            Whether the test is complete and all six axes passed. If not, call it again 50 ms later.
+
+        Raises:
+            SensorError: Some axes failed; the text names them.
         """
         self.start()
         step, self._testing = self._testing, 0
-        self._is_set_up = False  # and so it is set up anew afterwards, whatever comes of it
+        self._is_set_up = False  # so that it is set up again afterwards, whatever the result
         if step == 0:
             self.put(_SETTINGS, _RATE, _FILTER, 0x00, 0x10)  # 250 degrees a second, 8 g
         elif step == 1:

@@ -1,14 +1,14 @@
-"""NMEA 0183: where it is and when, from a receiver of satellites on a serial line.
+"""NMEA 0183: position, velocity and time from a GNSS receiver on a serial line.
 
     receiver = NMEA()
     data = uart.read(64)
     if data and receiver.feed(data):
         print(receiver.latitude, receiver.longitude)
 
-Nothing here waits or raises: what comes damaged is counted and left out. Sentences are GGA, RMC and
-GSA of any talker; others are skipped.
+Nothing here waits or raises: damaged sentences are counted and dropped. GGA, RMC and GSA of any
+talker are used; others are skipped.
 
-Numbers stay integers up to the last moment. An angle is whole degrees and billionths of a degree,
+Numbers are kept as integers. An angle is whole degrees and billionths of a degree,
 so that ``latitude`` and ``longitude`` have all the digits that the receiver sent where floats are
 doubles. Where they have 32 bits, as on most boards, the float is rounded by 0.85 m at worst (above
 128 degrees), and `covariance` counts that in; the two integers are exact there, too.
@@ -19,13 +19,13 @@ try:
 except ImportError:
     pass
 
-# Attack: a line that never ends. The standard has 82 characters, some receivers say more.
+# Attack: a line that never ends. The standard allows 82 characters, some receivers send more.
 _LONGEST: Final = 120
 _NANO: Final = 1000000000
-# Whether a float has no room for billionths beside 1. Asked for where it runs: what compiles it
-# for a board has doubles.
+# Whether floats have 32 bits. Determined at run time: the host that compiles this for a board has
+# doubles.
 _SINGLE = float("1.000000001") == 1.0
-_METRES: Final = 111320.0  # of a degree
+_METRES: Final = 111320.0  # per degree
 # By how many billionths of a degree the positions of RMC and GGA may differ: 2 m.
 _APART: Final = 20000
 
@@ -33,17 +33,17 @@ NO_FIX: Final = -1
 FIX: Final = 0
 SBAS_FIX: Final = 1
 GBAS_FIX: Final = 2
-# What GGA's quality is as sensor_msgs/NavSatStatus has it: none, alone, differential, (precise),
-# kinematic, kinematic that is still settling. Others are guessed, typed in or simulated.
+# GGA's quality as a status of sensor_msgs/NavSatStatus: none, autonomous, differential, (precise),
+# RTK fixed, RTK float. Higher ones are estimated, manual or simulated.
 _STATUS: Final = (NO_FIX, FIX, SBAS_FIX, FIX, GBAS_FIX, GBAS_FIX)
-# What the first letters of a sentence say of who is heard, as NavSatStatus has it.
+# Talker id of a sentence to the satellite system, as a service of NavSatStatus.
 _SERVICES: Final = {"GP": 1, "GL": 2, "GB": 4, "BD": 4, "GA": 8}
-# By the last field of GSA, from version 4.10 of the standard on.
+# The same by the system id, the last field of GSA from version 4.10 of the standard on.
 _SYSTEMS: Final = (0, 1, 2, 8, 4)
 
 
 def days(year: int, month: int, day: int) -> int:
-    """From 1 January 1970 on, by the Gregorian calendar."""
+    """Return the days since 1 January 1970, by the Gregorian calendar."""
     if month < 3:
         year -= 1
         month += 12
@@ -53,8 +53,10 @@ def days(year: int, month: int, day: int) -> int:
 
 
 def fixed(text: str, decimals: int) -> int:
-    """A decimal number times ten to the power of ``decimals``; more digits are cut off. ValueError
-    where it is none.
+    """Return a decimal number times ten to the power of ``decimals``; more digits are cut off.
+
+    Raises:
+        ValueError: The text is no decimal number.
     """
     negative = text[:1] == "-"
     if negative:
@@ -67,19 +69,21 @@ def fixed(text: str, decimals: int) -> int:
 
 
 class NMEA:
-    """What the last good sentences said. A position counts when the GGA and the RMC of its moment
-    agree on it: the checksum alone lets one damage in some through.
+    """A GNSS receiver's last valid data.
 
-    ``status`` is NO_FIX, FIX, SBAS_FIX or GBAS_FIX and ``service`` who is heard, both as in
-    sensor_msgs/NavSatStatus; without a fix the position is that of the last one, or 0.
+    A position is accepted when the GGA and the RMC of the same time agree on it: the checksum alone
+    does not detect every damage.
+
+    ``status`` is NO_FIX, FIX, SBAS_FIX or GBAS_FIX and ``service`` the satellite systems in use,
+    both as in sensor_msgs/NavSatStatus; without a fix the position is that of the last one, or 0.
     ``latitude_degrees`` and ``latitude_nano`` have the same sign, as those of the longitude.
     ``altitude`` is in m above the ellipsoid of WGS 84, ``speed`` in m/s, ``course`` in degrees
-    clockwise from north. ``seconds`` since 1970 and ``nanosec`` are UTC; 0 seconds: the receiver
-    does not know it yet. ``sentences`` counts those that were taken, ``damaged`` those that came
-    damaged.
+    clockwise from north. ``seconds`` since 1970 and ``nanosec`` are UTC; 0 seconds: not known yet.
+    ``sentences`` counts the accepted sentences, ``damaged`` the dropped ones.
 
-    ``uere_m`` is the error of one satellite's range, one sigma: the receiver says only how much
-    worse the satellites' places in the sky make it.
+    Args:
+        uere_m: User equivalent range error of one satellite in metres, one sigma; receivers report
+            only the dilution of precision, by which it is multiplied.
     """
 
     def __init__(self, uere_m: float = 3.0) -> None:
@@ -97,28 +101,31 @@ class NMEA:
         self._uere = uere_m
         self._line = bytearray(_LONGEST)
         self._size = -1  # of the line; -1: its $ has not come
-        # What the sentences of one moment say of the time; -1: not, None: not yet.
+        # Time of day of the last GGA and RMC in ms; -1: empty, None: not received yet.
         self._gga: "int | None" = None
         self._rmc: "int | None" = None
         self._quality = NO_FIX
         self._valid = False
         self._systems = 0
         self._place: "tuple[int, ...] | None" = None  # of GGA
-        self._other: "tuple[int, ...] | None" = None  # of RMC: where it says that it is
+        self._other: "tuple[int, ...] | None" = None  # of RMC
 
     @property
     def latitude(self) -> float:
-        """In degrees, north is positive."""
+        """Degrees, north is positive."""
         return self.latitude_degrees + self.latitude_nano / _NANO
 
     @property
     def longitude(self) -> float:
-        """In degrees, east is positive."""
+        """Degrees, east is positive."""
         return self.longitude_degrees + self.longitude_nano / _NANO
 
     def feed(self, data: "bytes | bytearray | memoryview") -> bool:
-        """What came on the line. Returns whether a position, or that there is none, is complete
-        with it: a GGA and an RMC of one moment.
+        """Process received bytes.
+
+        Returns:
+            Whether they completed a GGA and an RMC of the same time: a position, or the state that
+            there is none.
         """
         complete = False
         for octet in data:
@@ -141,14 +148,15 @@ class NMEA:
         return complete
 
     def covariance(self, into: "list[float]") -> None:
-        """The position's, of 9 numbers: east, north and up in m², from the dilutions of precision.
-        Without a fix, all 0.
+        """Fill the 9 numbers of the position's covariance: east, north and up, in m².
+
+        It follows from the dilutions of precision; without a fix, all are 0.
         """
         level = up = 0.0
         if self.status >= 0 and self.hdop:
             level = (self.hdop * self._uere) ** 2 / 2
             up = ((self.vdop or 2 * self.hdop) * self._uere) ** 2
-            if _SINGLE:  # an even error of half a step: 2**-17 degrees above 128
+            if _SINGLE:  # uniform rounding error of half a step: 2**-17 degrees above 128
                 level += (_METRES * 2**-17) ** 2 / 3
         index = 0
         while index < 9:
@@ -176,7 +184,7 @@ class NMEA:
             fields = text[: size - 3].split(",")
             kind = fields[0][2:]
             if fields[0][0] == "P":
-                return False  # of the maker's own
+                return False  # proprietary
             if kind == "GGA":
                 self._take_gga(fields)
             elif kind == "RMC":
@@ -197,7 +205,7 @@ class NMEA:
         self._gga = self._rmc = None
         place = self._place
         if place is not None:
-            # The checksum misses one damage in some: both sentences say where it is, so compare.
+            # The checksum does not detect every damage: compare the positions of both sentences.
             other = self._other
             if other is not None and (
                 _apart(place[0], other[0], place[1], other[1])
@@ -223,7 +231,7 @@ class NMEA:
             longitude = _angle(fields[4], fields[5], "EW", 180)
             hdop = fixed(fields[8], 2)
             millimetres = fixed(fields[9], 3)
-            if fields[11]:  # from the ellipsoid to the sea
+            if fields[11]:  # geoid separation: the sea above the ellipsoid
                 millimetres += fixed(fields[11], 3)
             place = latitude + longitude + (hdop, millimetres)
         self._place = place
@@ -248,7 +256,7 @@ class NMEA:
             day, month, year = int(date[:2]), int(date[2:4]), int(date[4:])
             if not (1 <= day <= 31 and 1 <= month <= 12):
                 raise ValueError
-            # What receivers say that do not know it is in 1980, or later by some weeks.
+            # Receivers that do not know the date yet send one in 1980.
             if year < 80:
                 seconds = days(2000 + year, month, day) * 86400 + when // 1000
         other = None
@@ -274,12 +282,12 @@ class NMEA:
 
 
 def _apart(a: int, b: int, a_nano: int, b_nano: int) -> bool:
-    """Whether two angles differ by more than they may."""
+    """Whether two angles differ by more than _APART."""
     return not (-2 < a - b < 2) or abs((a - b) * _NANO + a_nano - b_nano) > _APART
 
 
 def _moment(text: str) -> "int | None":
-    """``hhmmss.sss`` in ms of the day; None: nothing is there. A leap second is the 60th."""
+    """``hhmmss.sss`` in ms of the day; None: the field is empty. A leap second is the 60th."""
     if not text:
         return None
     value = fixed(text, 3)
@@ -291,7 +299,7 @@ def _moment(text: str) -> "int | None":
 
 def _angle(text: str, side: str, sides: str, most: int) -> "tuple[int, int]":
     """``dddmm.mmmmm`` and a letter: degrees and billionths of a degree."""
-    # Of a minute 1e-7, the digits that the best receivers send: 600 million are a degree.
+    # Units of 1e-7 minutes, the resolution of the best receivers: 600 million are a degree.
     value = fixed(text, 7)
     degrees, units = value // 1000000000, value % 1000000000
     if len(side) != 1 or side not in sides or value < 0 or units >= 600000000:

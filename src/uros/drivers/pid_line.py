@@ -1,16 +1,16 @@
-"""The lines by which a person tunes the wheels of a rover over TCP. Runs on MicroPython.
+"""Text protocol by which a person tunes the wheels of a rover over TCP. Runs on MicroPython.
 
-To the rover go the gains of both wheels and what to drive with them::
+The rover receives the gains of both wheels and a command to drive with them::
 
     R_Kp,R_Ki,R_Kd,L_Kp,L_Ki,L_Kd,speed,rot          200,30,5,200,30,5,1.0,0
 
 ``speed`` is in m/s, negative is backward; ``rot`` is 1 for counter-clockwise, -1 for clockwise, 0
-for straight on. From the rover come whole numbers: the torques of the right and the left wheel
-and, where it has more to tell, their speeds and the speeds they should have, in mm/s::
+for straight on. The rover sends integers: the torques of the right and the left wheel and,
+optionally, their speeds and target speeds in mm/s::
 
     torque_R,torque_L[,speed_R,speed_L[,target_R,target_L]]          113,-87,301,296,300,300
 
-A line end closes each of them, and may be missing: :class:`PidLine`.
+Each ends with a line end, which may be missing: :class:`PidLine`.
 """
 
 try:
@@ -28,9 +28,12 @@ _DIGITS: "Final" = "0123456789."
 
 
 def parse_gains(text: str) -> "tuple[float, ...]":
-    """The eight numbers of a line, in the order of `NAMES`; ``rot`` is -1, 0 or 1.
+    """Return the eight numbers of a line, in the order of `NAMES`; ``rot`` is -1, 0 or 1.
 
-    Spaces are allowed. ValueError: what is wrong with it, in words for the person who typed it.
+    Spaces are allowed.
+
+    Raises:
+        ValueError: The line is invalid; the text is for the person who typed it.
     """
     fields = text.strip().split(",")
     if len(fields) != len(NAMES):
@@ -53,39 +56,39 @@ def parse_gains(text: str) -> "tuple[float, ...]":
 
 
 def _number(name: str, text: str) -> float:
-    # float() takes more than a number's digits: nan, infinity, 1_0, other scripts' numerals, and
-    # on MicroPython a mere point.
+    # float() accepts more than decimal numbers: nan, infinity, 1_0, other scripts' numerals, and on
+    # MicroPython a single point.
     digits = text[1:] if text[:1] in ("+", "-") else text
-    if digits not in ("", ".") and digits.count(".") < 2 and all(it in _DIGITS for it in digits):
+    if digits not in ("", ".") and digits.count(".") < 2 and not digits.strip(_DIGITS):
         return float(text)
-    shown = "".join([it if " " < it < "\x7f" else "?" for it in text[:12]])
+    shown = "".join([char if " " < char < "\x7f" else "?" for char in text[:12]])
     raise ValueError("%s is %s, which is no number" % (name, shown or "missing"))
 
 
 def format_gains(values: "tuple[float, ...]") -> str:
-    """The line of these eight numbers, without a line end."""
+    """Return the line of these eight numbers, without a line end."""
     return ",".join(["%g" % value for value in values])
 
 
 def format_sample(values: "tuple[float, ...]") -> str:
-    """What a rover sends: whole numbers, without a line end."""
+    """Return the line that a rover sends: rounded numbers, without a line end."""
     return ",".join(["%d" % round(value) for value in values])
 
 
 class PidLine:
-    """Finds lines of gains in what comes over TCP, however it was cut or joined.
+    """Parser of lines of gains in a TCP stream.
 
-    A message has ended where
+    A message ends where
 
     - a line end follows (LF, CR, or a semicolon),
-    - the next one begins: ``rot`` is one digit, so what follows it and goes on with a comma is
-      another message that was sent without a line end,
-    - nothing more came for a while: the program of the document sends each line without its end,
-      and then only a pause says that it is whole. Who reads the socket knows that, and calls
-      `flush` when nothing came for some 50 ms.
+    - the next one begins: ``rot`` is one digit, so more digits and a comma after it are another
+      message, sent without a line end,
+    - nothing more is received for a while: the protocol's reference program sends lines without
+      an end, so that only a pause shows that one is complete. The reader of the socket calls
+      `flush` when nothing was received for some 50 ms.
 
-    What cannot be understood is left out up to the next end, counted in ``faults`` and told by
-    ``fault``, the last one in words; nothing of it is returned, since a rover moves by this.
+    Invalid input is dropped up to the next end and counted in ``faults``; ``fault`` is the text of
+    the last one. Nothing of it is returned, since a rover moves by these numbers.
     """
 
     def __init__(self) -> None:
@@ -95,7 +98,7 @@ class PidLine:
         self._skips = False
 
     def feed(self, octets: "bytes | bytearray | memoryview") -> "list[tuple[float, ...]]":
-        """The commands that are known to be whole, each as of `parse_gains`."""
+        """Process received bytes; return the complete commands, each as of `parse_gains`."""
         found: "list[tuple[float, ...]]" = []
         for octet in octets:
             if octet in (10, 13, 59, 0):
@@ -112,13 +115,13 @@ class PidLine:
         return found
 
     def flush(self) -> "list[tuple[float, ...]]":
-        """There was a pause: what came before it is all of a message."""
+        """End the message after a pause; return its command, if it is valid."""
         found: "list[tuple[float, ...]]" = []
         self._end(found)
         return found
 
     def _next(self, found: "list[tuple[float, ...]]") -> None:
-        """A ninth comma's place: two messages without a line end between them, or nonsense."""
+        """Handle an eighth comma: two messages without a line end between them, or a fault."""
         at = self._text.rindex(",") + 1
         if self._text[at : at + 1] in ("+", "-"):
             at += 1

@@ -5,13 +5,16 @@ try:
 except ImportError:
     pass
 
-# Where MicroPython has no USB devices of the program's making: a UART that is not its console.
+# Used where MicroPython cannot define USB devices: a UART that is not its console.
 _UART: Final = 7
 _BAUD: Final = 115200
 
 
 def open_port(vendor: int, product: int, manufacturer: str, name: str, serial: str) -> "Any":
-    """USB with these identifiers, or UART 7. ``read(n)`` and ``write(b)`` do not wait."""
+    """Return a USB port with these identifiers, or UART 7.
+
+    Its ``read(n)`` and ``write(b)`` do not wait.
+    """
     try:
         from .usb_cdc import UsbSerial
 

@@ -1,4 +1,4 @@
-"""What drivers of sensors have in common that measure by themselves and say when it is new."""
+"""Base class of sensors that measure continuously and flag new samples."""
 
 from . import SensorError
 
@@ -12,18 +12,26 @@ _PATIENCE: Final = 8
 
 
 def word(buf: bytearray, high: int, low: int) -> int:
-    """The signed number of 16 bits in these two bytes."""
+    """Return the signed 16-bit number in the bytes at these two indices."""
     raw = buf[high] << 8 | buf[low]
     return raw - 65536 if raw & 0x8000 else raw
 
 
 class Sampled:
-    """The sensor is set up by the first `start` or `read` that reaches it, and again after every
-    error: one that was plugged in late, lost its supply or was swapped comes back with its
-    settings. Reading makes no buffers anew.
+    """A sensor with a status register followed by its samples. Reading allocates no buffers.
 
-    Subclasses have `set_up` and `take`; the status is the first of the ``size`` bytes from
-    ``status`` on, and ``new`` the bit in it.
+    The sensor is set up by the first `start` or `read` that reaches it, and again after every
+    error: one that was plugged in late, lost its supply or was replaced gets its settings again.
+
+    Subclasses define `set_up` and `take`.
+
+    Args:
+        i2c: The bus.
+        address: The sensor's address.
+        status: The status register, the first of the registers to be read.
+        new: Its bit that flags a new sample.
+        size: Bytes to be read: the status and a sample.
+        discarded: Number of samples to be dropped after each setup.
     """
 
     def __init__(
@@ -33,17 +41,17 @@ class Sampled:
         self._address = address
         self._status = bytes((status,))
         self._new = new
-        self._discarded = discarded  # samples after it was set up that are not to be believed
+        self._discarded = discarded  # invalid samples after each setup
         self._one = bytearray(1)
         self._buf = bytearray(size)
         self._last = bytearray(size)
         self._is_set_up = False
         self._left = 0
-        self._missed = 0  # reads without anything new
-        self._same = 0  # samples that were like the one before
+        self._missed = 0  # reads in a row without a new sample
+        self._same = 0  # samples in a row that equal the one before
 
     def start(self) -> None:
-        """Make it measure, unless it does; `read` from ``wait_ms`` on."""
+        """Set the sensor up if necessary; `read` it after ``wait_ms``."""
         if not self._is_set_up:
             self.set_up()
             self._is_set_up = True
@@ -51,7 +59,7 @@ class Sampled:
             self._missed = 0
 
     def read(self) -> bool:
-        """Take the newest sample; False: there is none that is new, ask again."""
+        """Read the newest sample. False: there is no new one yet, call it again."""
         self.start()
         self._is_set_up = False  # unless all goes well
         buf = self._buf
@@ -64,8 +72,8 @@ class Sampled:
             return False
         self._missed = 0
         buf[0] = 0
-        # There is noise in every sample: one that is like the last, to the bit, is none. Settings
-        # do not mend that, so it counts on until one differs.
+        # Every sample has noise: identical ones mean that the sensor has stopped. A new setup does
+        # not cure that, so the count is kept until a sample differs.
         self._same = self._same + 1 if buf == self._last else 0
         if self._same >= _PATIENCE:
             raise SensorError("it gives the same values again and again")
@@ -82,16 +90,19 @@ class Sampled:
         """Write the settings."""
 
     def take(self, buf: bytearray) -> None:
-        """Store what a sample says. Raises SensorError where it cannot be."""
+        """Store a sample. Raises SensorError if it is out of range."""
 
     def identify(self, register: bytes, wanted: int, name: str) -> None:
+        """Compare the id in a register; ``name`` is for the error. Raises SensorError."""
         self.get(register, self._one)
         if self._one[0] != wanted:
             raise SensorError("id 0x%02x is not %s's" % (self._one[0], name))
 
     def put(self, *data: int) -> None:
+        """Write bytes: a register and its values."""
         self._i2c.writeto(self._address, bytes(data))
 
     def get(self, register: bytes, buf: bytearray) -> None:
+        """Fill ``buf`` from a register on."""
         self._i2c.writeto(self._address, register)
         self._i2c.readfrom_into(self._address, buf)

@@ -1,6 +1,6 @@
 """Sensirion SHT30, SHT31, SHT35: temperature and relative humidity.
 
-Single measurements of high repeatability, which take the sensor up to 15.5 ms (datasheet, 2.2).
+It makes single measurements of high repeatability, which take up to 15.5 ms (datasheet, 2.2).
 """
 
 from . import SensorError
@@ -10,12 +10,12 @@ try:
 except ImportError:
     pass
 
-# With clock stretching: a read that comes too early is held, not refused.
+# With clock stretching: a read that comes too early is delayed, not refused.
 _MEASURE: Final = b"\x2c\x06"
 
 
 def crc8(buf: "bytes | bytearray", start: int, end: int) -> int:
-    """The checksum of ``buf[start:end]``: polynomial 0x31, start value 0xFF (datasheet, 4.12)."""
+    """Return the CRC of ``buf[start:end]``: polynomial 0x31, start value 0xFF (datasheet, 4.12)."""
     crc = 0xFF
     while start < end:
         crc ^= buf[start]
@@ -28,7 +28,7 @@ def crc8(buf: "bytes | bytearray", start: int, end: int) -> int:
 
 
 class SHT3x:
-    """``temperature`` in °C, ``humidity`` from 0.0 to 1.0: both of the last good read."""
+    """Sensor; ``temperature`` (°C) and ``humidity`` (0.0 to 1.0) are of the last good read."""
 
     wait_ms = 20
 

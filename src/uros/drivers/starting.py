@@ -1,4 +1,4 @@
-"""How a program starts that is not to end by an error on its way."""
+"""Start-up of a part that may fail, without ending the program."""
 
 import time
 
@@ -17,8 +17,14 @@ _BLINKS: Final = 10
 
 
 def attempt(build: "Callable[[], Any]", signal: "Any" = None) -> "Any":
-    """What ``build()`` returns. Where it raises, the console gets the error, ``signal`` (see
-    `uros.drivers.led.Signal`) blinks for a second, and None is returned: to be tried again.
+    """Call ``build()``, and report its exception instead of raising it.
+
+    Args:
+        build: Makes the part.
+        signal: Blinks for a second after an exception, see `uros.drivers.led.Signal`.
+
+    Returns:
+        The result of ``build()``; None after an exception, which is printed: try again.
     """
     try:
         return build()

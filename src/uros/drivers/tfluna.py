@@ -1,6 +1,6 @@
-"""Benewake TF-Luna on I2C (its pin 5 on ground before it gets power): how far something is.
+"""Benewake TF-Luna: distance by time of flight, on I2C (pin 5 grounded before power-on).
 
-It measures when it is triggered: left to itself it may change a number while that is read.
+It measures when triggered: in its continuous mode a number may change while it is read.
 """
 
 from . import SensorError
@@ -17,7 +17,7 @@ _TRIGGER: Final = b"\x24\x01"
 _NEAREST: Final = 20  # cm
 _FARTHEST: Final = 800
 _WEAK: Final = 100
-_FOREIGN: Final = 32768  # and more: light that is not its own
+_FOREIGN: Final = 32768  # and more: ambient light saturates it
 _PATIENCE: Final = 5
 
 MIN_RANGE: Final = 0.2
@@ -27,8 +27,10 @@ _INF: Final = float("inf")
 
 
 class TFLuna:
-    """``range`` in m and ``amplitude`` of the light that came back: of the last good read. Nothing
-    within 8 m is plus infinity, something nearer than 0.2 m minus infinity, as REP 117 has it.
+    """Range finder; ``range`` (metres) and ``amplitude`` are of the last good read.
+
+    By REP 117 ``range`` is plus infinity if nothing is within 8 m, and minus infinity if something
+    is nearer than 0.2 m. ``amplitude`` is that of the reflected light.
     """
 
     wait_ms = 20
@@ -45,7 +47,7 @@ class TFLuna:
         self._missed = 0
 
     def start(self) -> None:
-        """Begin a measurement; `read` it from ``wait_ms`` on."""
+        """Begin a measurement; `read` it after ``wait_ms``."""
         was_set_up, self._is_set_up = self._is_set_up, False
         if not was_set_up:
             self._get(_SIGNATURE, self._name)
@@ -54,13 +56,13 @@ class TFLuna:
             self._i2c.writeto(self._address, _TRIGGERED)
             self._counter = -1
             self._missed = 0
-            self._get(_RESULTS, self._buf)  # what it measured before
+            self._get(_RESULTS, self._buf)  # the counter of the measurement before
             self._counter = self._buf[6] | self._buf[7] << 8
         self._i2c.writeto(self._address, _TRIGGER)
         self._is_set_up = True
 
     def read(self) -> bool:
-        """Take the measurement that `start` began; False: not yet, ask again."""
+        """Take the measurement that `start` began. False: not ready yet, call it again."""
         was_set_up, self._is_set_up = self._is_set_up, False
         buf = self._buf
         self._get(_RESULTS, buf)

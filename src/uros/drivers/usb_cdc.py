@@ -1,8 +1,8 @@
-"""The board as a serial port on USB, by micropython-lib's ``usb-device-cdc``.
+"""A USB CDC-ACM serial port, by micropython-lib's ``usb-device-cdc``.
 
 Reading and writing never wait. While the host has not configured the board, `open`, `read` and
-`write` raise OSError (ENODEV), so that a program notices a pulled cable; when the host suspends the
-bus nothing ends.
+`write` raise OSError (ENODEV), so that a program notices a pulled cable. A suspended bus raises
+nothing.
 """
 
 import errno
@@ -38,8 +38,10 @@ _INTERFACES: Final = (
 
 
 class UsbSerial(CDCInterface):  # type: ignore[misc]
-    """The only USB device of the board, self-powered; made at once and enumerated by the host in
-    its own time: ``is_open()``. Other USB functions, such as a console's, end here.
+    """The only USB device of the board, self-powered.
+
+    ``is_open()`` tells whether the host has enumerated it. Other USB functions, such as a console,
+    are switched off.
     """
 
     def __init__(
@@ -62,38 +64,41 @@ class UsbSerial(CDCInterface):  # type: ignore[misc]
             device_class=2,
             max_power_ma=100,
         )
-        # config() takes a device with a figure for its current as powered by the bus.
+        # config() marks a device with a current as bus-powered: mark it as self-powered.
         self._configuration[7] |= 0x40
         device.active(True)
 
     def desc_cfg(self, desc: "Any", itf_num: int, ep_num: int, strs: "Any") -> None:
+        """Append the interface descriptors; called by ``usb.device``."""
         self._c_itf = itf_num
         self.ep_c_in = _INTERRUPT_IN
         self.ep_d_out = _OUT
         self.ep_d_in = _IN
         desc.extend(_INTERFACES)
-        self._configuration = desc.b  # the first time only the length is asked for: None
+        self._configuration = desc.b  # None the first time, for the length alone
 
     def num_eps(self) -> int:
+        """Return the number of endpoint numbers in use."""
         return 3
 
     def read(self, size: int) -> "bytes | None":
-        """Up to ``size`` bytes that have come; None: none."""
+        """Return up to ``size`` received bytes; None: there are none."""
         self.open()
         return CDCInterface.read(self, size)  # type: ignore[no-any-return]
 
     def write(self, buf: "bytes | bytearray | memoryview") -> int:
-        """How many bytes there was room for."""
+        """Write as much as the buffer takes; return the number of bytes."""
         self.open()
         return CDCInterface.write(self, buf)  # type: ignore[no-any-return]
 
     def wait(self, timeout_ms: int) -> None:
-        """Return when there is something to read, at the latest after so long."""
+        """Wait until there is something to read, for ``timeout_ms`` at most."""
         self._poll.poll(timeout_ms)
 
     def open(self) -> None:
+        """Raise OSError (ENODEV) while the host has not configured the board."""
         if not self.is_open():
             raise OSError(errno.ENODEV)
 
     def close(self) -> None:
-        """The port stays at the host, for the next agent."""
+        """Do nothing: the host keeps the port, for the next agent."""

@@ -1,6 +1,6 @@
-"""Vishay VCNL4010: how near something is, and how bright it is.
+"""Vishay VCNL4010: proximity and ambient light.
 
-Both are measured once on demand. Register numbers are those of the datasheet (rev. 1.5).
+Both are measured on demand. Register numbers are those of the datasheet (rev. 1.5).
 """
 
 from . import SensorError
@@ -22,10 +22,12 @@ _AMBIENT: Final = 0x9D  # continuous conversion, 2 samples a second, offset comp
 
 
 class VCNL4010:
-    """``proximity`` (more is nearer) and ``ambient`` (times `LUX_PER_COUNT`): the last good read's.
+    """Sensor whose counts are of the last good read.
+
+    ``proximity`` is larger for nearer objects; ``ambient`` times `LUX_PER_COUNT` is in lux.
 
     The sensor is set up by the first `start` that reaches it, and again after every error: one that
-    was plugged in late, lost its supply or was swapped comes back with its settings.
+    was plugged in late, lost its supply or was replaced gets its settings again.
     """
 
     wait_ms = 100
@@ -41,19 +43,19 @@ class VCNL4010:
         self._counts = bytearray(4)  # 0x85 to 0x88
 
     def start(self) -> None:
-        """Begin both measurements; `read` them from ``wait_ms`` on."""
+        """Begin both measurements; `read` them after ``wait_ms``."""
         if not self._is_set_up:
             self._set_up()
-        self._is_set_up = False  # unless the transfer comes to its end
+        self._is_set_up = False  # unless the transfer succeeds
         self._i2c.writeto(self._address, _START)
         self._is_set_up = True
 
     def read(self) -> bool:
-        """Take the measurements that `start` began; False: not yet, ask again."""
+        """Take the measurements that `start` began. False: not ready yet, call it again."""
         settings, counts = self._settings, self._counts
         was_set_up, self._is_set_up = self._is_set_up, False
         self._get(_COMMAND, settings)
-        # The upper two bits at 0x83 are the maker's.
+        # The upper two bits at 0x83 are read-only.
         if not was_set_up or settings[3] & 0x3F != _LED_CURRENT or settings[4] != _AMBIENT:
             raise SensorError("it has lost its settings")
         if settings[0] & _READY != _READY:
