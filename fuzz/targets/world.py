@@ -144,7 +144,7 @@ class World:
         self._sink = _Sink()
         self.agent = Agent(self.middleware, Log(level, self._sink), limits=limits)
         self.agent.now = lambda: self.clock
-        self.agent.faults = self.agent.strangers = _Always()
+        self.agent.faults = self.agent.unmatched_faults = _Always()
         self.place = Place()
         self.bytes_sent = 0
         self.tampered = False  # somebody used the witness's key: its session may be taken over
@@ -170,11 +170,11 @@ class World:
         if session.receive(buf, view, length, now):
             self.agent.attend(session)
 
-    def stray(self, transport, peer, buf, view, length) -> None:  # type: ignore
+    def unmatched(self, transport, peer, buf, view, length) -> None:  # type: ignore
         self._look(transport, view[:length], peer)
         if self.agent.message_hooks:
             self.agent.message_hooks(transport, peer, CLIENT, view, length, 0)
-        self.agent.stray(transport, peer, buf, view, length)
+        self.agent.unmatched(transport, peer, buf, view, length)
 
     def _look(self, transport: object, datagram: memoryview, peer: object = None) -> None:
         if transport is not self.place or peer != WITNESS:

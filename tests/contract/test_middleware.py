@@ -64,7 +64,7 @@ class Network:
         self.domain = domain
         self.dispatched = 0
         self._peer = None
-        self._stranger = None
+        self._foreign = None
 
     def node(self, name="node", domain=None):
         return self.middleware.create_node(self.domain if domain is None else domain, "/", name)
@@ -107,7 +107,7 @@ class Network:
         writer.close()
         came.reader.close()
 
-    def stray_writer(self, topic, type_name):
+    def foreign_writer(self, topic, type_name):
         """A writer of somebody who knows nothing of services, matched with all readers."""
         if self.middleware.name not in ("ros2", "auto"):
             return self.peer.create_writer(topic, type_name, QoSProfile())
@@ -116,20 +116,20 @@ class Network:
         matched = cyclone.function(
             "dds_get_matched_subscriptions", c_int32, c_int32, c_void_p, c_size_t
         )
-        self._stranger = self._stranger or open_middleware("dds")
-        node = self._stranger.create_node(self.domain, "/", "stranger")
+        self._foreign = self._foreign or open_middleware("dds")
+        node = self._foreign.create_node(self.domain, "/", "foreign")
         writer = node.create_writer(topic, type_name, QoSProfile())
         deadline = time.monotonic() + SECONDS
         while matched(writer.entity, None, 0) < 1:
-            assert time.monotonic() < deadline, "the stranger meets nobody"
+            assert time.monotonic() < deadline, "the foreign writer matches no reader"
             self.turn(0.01)
         return writer
 
     def close(self):
         for middleware in reversed(self.middlewares):
             middleware.close()
-        if self._stranger is not None:
-            self._stranger.close()
+        if self._foreign is not None:
+            self._foreign.close()
 
 
 class Inbox:
@@ -634,9 +634,9 @@ def test_samples_that_are_no_requests_are_left_out(network):
         (SERVICE.request_topic, SERVICE.request_type),
         (SERVICE.reply_topic, SERVICE.reply_type),
     ):
-        stray = network.stray_writer(topic, type_name)
-        stray.write(b"\x00\x01\x00\x00" + bytes(4))
-        stray.write(b"\x00\x01\x00\x00" + bytes(8))
+        foreign = network.foreign_writer(topic, type_name)
+        foreign.write(b"\x00\x01\x00\x00" + bytes(4))
+        foreign.write(b"\x00\x01\x00\x00" + bytes(8))
     number = caller.requester.request(request("one-one"))
     network.until(lambda: server.requests)
     network.settle(node)

@@ -165,8 +165,8 @@ class Wire:
         if session.receive(buf, view, length, now):
             self.agent.attend(session)
 
-    def stray(self, transport, peer, buf, view, length):
-        self.agent.stray(transport, peer, buf, view, length)
+    def unmatched(self, transport, peer, buf, view, length):
+        self.agent.unmatched(transport, peer, buf, view, length)
 
     def settle(self):
         """What the agent's loop does after a burst."""

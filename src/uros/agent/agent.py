@@ -75,7 +75,7 @@ class Agent:
         self.log = log or Log(clock=self.clock)
         self.message_hooks = MessageHooks(self.log)
         self.faults = RateLimit(clock=self.clock.monotonic)
-        self.strangers = RateLimit(10.0, clock=self.clock.monotonic)
+        self.unmatched_faults = RateLimit(10.0, clock=self.clock.monotonic)
         self.references = references or References()
         self.domain_of_agent = domain_of_agent
         self.domain_override = domain_override
@@ -115,17 +115,17 @@ class Agent:
         self.wake_at = wake_at
         for transport in transports:
             transport.admits = self.admission.admits_host if self.admission.networks else None
-        self._look()
+        self._check()
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         pause = CHECK_MS / 1000
         try:
             pause = self.liveliness.check()
             if self.budget.freed:
                 self.budget.freed, self.heap.somebody_left = False, True
-            self.heap.look(self.clock.monotonic())
+            self.heap.check(self.clock.monotonic())
         finally:
-            self.wake_at(pause, self._look)
+            self.wake_at(pause, self._check)
 
     def place(self, key: int) -> tuple[ServerTransport, Any]:
         """Where a client talks from: the transport, and its address there."""
@@ -168,7 +168,7 @@ class Agent:
 
     # --- datagrams --------------------------------------------------------------
 
-    def stray(
+    def unmatched(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
         """Handle a datagram that names no session of this peer."""
@@ -189,16 +189,16 @@ class Agent:
             client = self.clients.get(key) if key is not None else None
             if client is not None and client.session.session_id == session_id:
                 if self._places[client.key] != (transport, peer):
-                    if self._may_go_on(client, transport, peer):
+                    if self._may_continue(client, transport, peer):
                         self.key_conflicts.challenge(client, transport, peer, None)
                     else:  # it must begin anew, with the rules of its own place
-                        self._stranger(transport, peer, session_id)
+                        self._unknown_session(transport, peer, session_id)
                 elif client.session.receive(buf, view, length, self.now()):
                     self.attend(client.session)
             else:
-                self._stranger(transport, peer, session_id)
+                self._unknown_session(transport, peer, session_id)
                 if kind == ids.DELETE:
-                    self._farewell(transport, peer, r, session_id, key or 0)
+                    self._confirm_delete(transport, peer, r, session_id, key or 0)
         except DecodeError as error:
             self._fault(transport, peer, str(error))
 
@@ -211,10 +211,10 @@ class Agent:
                 f"address: {address}, {about}{times}",
             )  # fmt: skip
 
-    def _stranger(self, transport: ServerTransport, peer: Any, session_id: int) -> None:
+    def _unknown_session(self, transport: ServerTransport, peer: Any, session_id: int) -> None:
         """Somebody goes on with a session of another agent, or of before our start."""
         address = transport.address(peer)
-        if self.strangers.admit(f"{transport.name} {address}"):
+        if self.unmatched_faults.admit(f"{transport.name} {address}"):
             self.log.warning(
                 "SessionManager", "receive", "unknown session",
                 f"address: {address}, session_id: 0x{session_id:02X}"
@@ -296,7 +296,7 @@ class Agent:
         host = transport.host_of(peer)
         if self.admission.admits_host(host):
             return False
-        count = self.strangers.admit(f"outside {host}")
+        count = self.unmatched_faults.admit(f"outside {host}")
         if count:
             address, what = transport.address(peer), ADDRESS_NOT_ALLOWED
             key = key_of_newcomer(message)
@@ -338,7 +338,7 @@ class Agent:
         client = self.clients.get(key)
         if client is not None and (
             client.session.session_id != session_id
-            or not self._may_go_on(client, transport, peer)
+            or not self._may_continue(client, transport, peer)
         ):
             self.delete_client(key)
             client = None
@@ -361,7 +361,7 @@ class Agent:
             self.session_store.placed(client, transport, peer, properties)
         self.liveliness.enroll(client, properties)
 
-    def _may_go_on(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> bool:
+    def _may_continue(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> bool:
         """Whether what the client has made may belong to whoever talks from there.
 
         Its objects stand under the rules of the place where they were made, so only a place of the
@@ -420,7 +420,7 @@ class Agent:
         messages.push_info(w, request_id, object_id, ids.STATUS_OK, int(client is not None), [])
         self._send(transport, peer, w.finish(), key)
 
-    def _farewell(
+    def _confirm_delete(
         self, transport: ServerTransport, peer: Any, r: Reader, session_id: int, key: int
     ) -> None:
         """A client that is forgotten says goodbye: confirm it, or it waits in vain."""

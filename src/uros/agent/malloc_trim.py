@@ -22,7 +22,7 @@ class Heap:
         self._next: float | None = None
         self._trim: Callable[[int], int] | None = None
 
-    def look(self, now: float) -> None:
+    def check(self, now: float) -> None:
         """``now`` in seconds; called about once a second."""
         if not self.somebody_left:
             return

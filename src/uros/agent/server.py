@@ -79,13 +79,13 @@ class Server:
     def now(self) -> int:
         return self.agent.now()
 
-    def stray(
+    def unmatched(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
         if self._message_hooks:
             self._message_hooks(transport, peer, CLIENT, view, length, 0)
         try:
-            self.agent.stray(transport, peer, buf, view, length)
+            self.agent.unmatched(transport, peer, buf, view, length)
         except Exception as error:  # whatever it is, what else is in the burst counts
             self.agent.failed(error)
 

@@ -23,7 +23,7 @@ from .log import Log
 HANG_SECONDS: Final = 2.0
 # How long closing may take after a signal: a library that does not return keeps the process.
 END_SECONDS: Final = 10.0
-_LOOK: Final = 0.5
+_CHECK_SECONDS: Final = 0.5
 
 _REMEDIES: Final = (
     ("middleware/ros2/", "rclpy does not return: restart the agent, or give it -m dds"),
@@ -55,20 +55,20 @@ class Watchdog:
         log: Log,
         hang: float = HANG_SECONDS,
         end: float = END_SECONDS,
-        look: float = _LOOK,
+        interval: float = _CHECK_SECONDS,
         leave: Callable[[int], object] = os._exit,
     ) -> None:
         self._server = server
         self._log = log
         self._hang = hang
         self._end = end
-        self._look = look
+        self._interval = interval
         self._leave = leave
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="uros-watchdog", daemon=True)
         self._turn = -1
         self._since = 0.0  # the turn was new
-        self._seen = 0.0  # the last look
+        self._seen = 0.0  # the last check
         self._told = False
 
     def start(self) -> None:
@@ -82,13 +82,13 @@ class Watchdog:
 
     def _run(self) -> None:
         self._since = self._seen = time.monotonic()
-        while not self._over.wait(self._look):
-            self.look(time.monotonic())
+        while not self._over.wait(self._interval):
+            self.check(time.monotonic())
 
-    def look(self, now: float) -> None:
+    def check(self, now: float) -> None:
         """See whether the server goes on."""
         server = self._server
-        if now - self._seen > self._look + self._hang:
+        if now - self._seen > self._interval + self._hang:
             self._warn(
                 "the process stood still",
                 f"for {now - self._seen:.1f} s (the machine was suspended, or has no time for the"

@@ -321,8 +321,8 @@ class Desk:
         if session.receive(buf, view, length, now):
             self.agent.attend(session)
 
-    def stray(self, transport, peer, buf, view, length):
-        self.agent.stray(transport, peer, buf, view, length)
+    def unmatched(self, transport, peer, buf, view, length):
+        self.agent.unmatched(transport, peer, buf, view, length)
 
     def wake_at(self, seconds, call):
         heapq.heappush(self.timers, (self.clock + round(seconds * 1000), next(_NUMBERS), call))

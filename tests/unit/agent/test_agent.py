@@ -235,7 +235,7 @@ def test_many_clients_of_both_kinds(desk):
     assert len(desk.agent.clients) == len(desk.middleware.bus.nodes) == 100
 
 
-# --- strangers ---------------------------------------------------------------------------------
+# --- messages without a session ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_an_unknown_session_is_told_of_once_in_a_while(desk):
 
 
 @pytest.mark.parametrize("session_id", [0x05, 0x81])
-def test_the_farewell_of_a_forgotten_client_is_confirmed(desk, session_id):
+def test_delete_of_an_unknown_client_is_confirmed(desk, session_id):
     datagram = message([delete(ids.OBJECT_CLIENT, 0x0708)], 0, 0, session_id)
     head, kind, payload = answer(desk, datagram)
     assert head == (session_id, 0, 0)
@@ -340,10 +340,10 @@ def test_clients_that_leave_in_one_turn_all_hear_of_it(desk):
     boards = [Board(desk, 1 + it, KEY + it) for it in range(5)]
     for number, board in enumerate(boards):
         stream = ids.STREAM_RELIABLE if number & 1 else ids.STREAM_NONE
-        farewell = message(
+        request = message(
             [delete(ids.OBJECT_CLIENT)], stream, 0, board.session_id, board.key
         )
-        buf = bytearray(farewell)
+        buf = bytearray(request)
         desk.place.deliver(desk, board.peer, buf, memoryview(buf), len(buf), desk.clock)
     for peer, datagram in desk.settle():
         boards[peer - 1].look(datagram)

@@ -46,15 +46,15 @@ def test_it_is_done_some_time_after_somebody_left_and_not_without():
     heap, done = Heap(), []
     heap._trim = done.append
     for second in range(100):
-        heap.look(float(second))
+        heap.check(float(second))
     assert not done
     heap.somebody_left = True
     for second in range(100, 100 + 3 * int(PAUSE)):
-        heap.look(float(second))
+        heap.check(float(second))
     assert len(done) == 1
     for second in range(200, 200 + 4 * int(PAUSE)):  # one after the other
         heap.somebody_left = True
-        heap.look(float(second))
+        heap.check(float(second))
     assert 3 <= len(done) <= 5
 
 

@@ -320,7 +320,7 @@ def test_a_burst_ends_after_so_many_bytes_as_after_so_many_datagrams():
         def now(self):
             return 0
 
-        def stray(self, transport, peer, buf, view, length):
+        def unmatched(self, transport, peer, buf, view, length):
             self.seen += 1
 
         def watch(self, *_):

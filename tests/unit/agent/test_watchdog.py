@@ -46,13 +46,13 @@ class Bench:
         self.now = 100.0
 
     def passes(self, seconds, turns=0, asleep=False):
-        """What it says meanwhile; it looks twice a second."""
+        """What it says meanwhile; it checks twice a second."""
         self.log.lines.clear()
         self.server.asleep = asleep
         for _ in range(int(seconds * 2)):
             self.now += 0.5
             self.server.turns += turns
-            self.dog.look(self.now)
+            self.dog.check(self.now)
         return self.log.lines
 
 
@@ -72,7 +72,7 @@ def test_a_hang_is_told_once_with_its_place_and_its_end(bench):
     bench.passes(1, turns=1)
     (line,) = bench.passes(20)
     assert line.startswith("the data plane hangs: since 2.0 s in ")
-    assert "in look (agent/watchdog.py:" in line and "please report it" in line
+    assert "in check (agent/watchdog.py:" in line and "please report it" in line
     (line,) = bench.passes(1, turns=1)
     assert line == "the data plane goes on: it hung for 20.5 s"
     (line,) = bench.passes(3)
@@ -142,7 +142,7 @@ def test_a_middleware_that_hangs_in_a_real_agent(monkeypatch):
 
     monkeypatch.setattr(MemoryWriter, "write", stuck)
     with running() as one:
-        dog = Watchdog(one.server, one.agent.log, hang=0.1, look=0.02)
+        dog = Watchdog(one.server, one.agent.log, hang=0.1, interval=0.02)
         dog.start()
         try:
             bad, good = one.client(1), one.client(2)

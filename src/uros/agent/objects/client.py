@@ -85,8 +85,8 @@ class ProxyClient:
         if kind == ids.READ_DATA:
             self._read_data(r)
         elif kind in (ids.CREATE, ids.DELETE):
-            # A farewell is never put off: what it leaves behind is closed in slices.
-            if not self._time_budget.start() and not _is_farewell(kind, payload):
+            # Deleting a client is never deferred: its objects are closed in slices.
+            if not self._time_budget.start() and not _deletes_client(kind, payload):
                 return False
             try:
                 if kind == ids.CREATE:
@@ -495,7 +495,7 @@ class ProxyClient:
             )
 
 
-def _is_farewell(kind: int, payload: memoryview) -> bool:
+def _deletes_client(kind: int, payload: memoryview) -> bool:
     return kind == ids.DELETE and len(payload) >= 4 and payload[3] & 0x0F == ids.KIND_CLIENT
 
 

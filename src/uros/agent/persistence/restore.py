@@ -98,7 +98,7 @@ def restore(
         agent.failed(error)
         agent.delete_client(info.key)
         return None
-    client.session.nudge()
+    client.session.request_retransmit()
     agent.attend(client.session)
     log.info("State", "open", "session restored", f"{who}, objects: {len(client.objects)}")
     return cursor

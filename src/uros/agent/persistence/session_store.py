@@ -468,7 +468,7 @@ class SessionStore:
                 del self._retransmits[key]
                 continue
             self._retransmits[key] = left - 1
-            cursor.client.session.nudge()
+            cursor.client.session.request_retransmit()
             self._server.agent.attend(cursor.client.session)
 
     def _check_file(self) -> None:

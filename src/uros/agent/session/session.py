@@ -492,7 +492,7 @@ class Session:
             out.restore(acked, sent, after, held, now)
         self._best_effort_out.update(best_effort)
 
-    def nudge(self) -> None:
+    def request_retransmit(self) -> None:
         """Ask for all that the client holds on its reliable streams.
 
         A C client that looks at its session more often than each 100 ms sends no HEARTBEAT, ever:

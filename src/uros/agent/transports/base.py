@@ -43,7 +43,7 @@ class Host(Protocol):
     def now(self) -> int:
         """Return the time in milliseconds modulo 2^30."""
 
-    def stray(
+    def unmatched(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
         """A message that names no session of this peer."""
@@ -150,4 +150,4 @@ class ServerTransport(ABC):
         if session is not None and length > 7 and buf[0] == session.session_id and buf[0] & 0x80:
             host.received(self, session, buf, view, length, now)
         else:
-            host.stray(self, peer, buf, view, length)
+            host.unmatched(self, peer, buf, view, length)

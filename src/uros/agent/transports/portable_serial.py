@@ -23,7 +23,7 @@ _SLICE: Final = 0.2
 # Timeout of a write, in seconds.
 _WRITE_SECONDS: Final = 2.0
 # How long closing waits for the thread, which closes the port, in seconds.
-_FAREWELL: Final = 1.0
+_JOIN_SECONDS: Final = 1.0
 _CHUNK: Final = 4096
 # Timeout of a write of a board's program, in seconds.
 _PORT_WRITE_SECONDS: Final = 0.02
@@ -163,7 +163,7 @@ class ThreadedPort:
 
     def join(self) -> None:
         """Wait until the port is closed, for a limited time: it may block on a network."""
-        self._reader.join(_FAREWELL)
+        self._reader.join(_JOIN_SECONDS)
 
     # --- the other threads --------------------------------------------------------
 

@@ -60,7 +60,7 @@ class UdpServer(ServerTransport):
                 if session is not None and length > 7 and buf[0] == session.session_id:
                     host.received(self, session, buf, view, length, now)
                 else:
-                    host.stray(self, peer, buf, view, length)
+                    host.unmatched(self, peer, buf, view, length)
                 left -= length
                 if left <= 0:
                     count += 1

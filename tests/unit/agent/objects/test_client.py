@@ -425,7 +425,7 @@ def test_replacing_a_participant_replaces_its_node(board):
     assert board.ask(endpoint(flags=BOTH)) == [OK]
 
 
-def test_what_follows_a_farewell_in_one_message_is_not_made(desk):
+def test_what_follows_delete_client_in_one_message_is_not_created(desk):
     board = Board(desk)
     board.send(delete(ids.OBJECT_CLIENT), *publisher_entities(), write_data(WRITER, b"x"))
     assert board.statuses() == [OK]

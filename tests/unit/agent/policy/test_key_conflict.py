@@ -344,7 +344,7 @@ def test_a_stopped_agent_gives_the_known_place_its_time(desk):
 
 @given(st.lists(st.tuples(st.integers(1, 4), st.sampled_from("cdpw")), max_size=60))
 def test_whoever_comes_there_is_one_client_at_one_place(steps):
-    """c: CREATE_CLIENT, d: farewell, p: ping in the session, w: time passes."""
+    """c: CREATE_CLIENT, d: DELETE, p: ping in the session, w: time passes."""
     desk = Desk()
     for peer, what in steps:
         if what == "c":

@@ -153,7 +153,7 @@ def test_who_does_not_answer_is_forgotten_when_the_dead_time_is_over(desk):
     (line,) = [it for it in desk.log().splitlines() if "client is silent" in it]
     assert "client_key: 0xAABBCCDD, address: peer 1, no message for 30" in line
     assert "9 probes unanswered: deleted (set by --dead-time SECONDS, 0: never)" in line
-    # What it says now is a stranger's, and it can come again.
+    # What it sends now belongs to no session, and it can come again.
     assert desk.hear(message([get_info()], 0)) == []
     assert Board(desk).ask(participant()) == [ids.STATUS_OK]
 

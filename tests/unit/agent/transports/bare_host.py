@@ -24,7 +24,7 @@ class BareHost:
     def now(self):
         return self.time
 
-    def stray(self, transport, peer, buf, view, length):
+    def unmatched(self, transport, peer, buf, view, length):
         self.messages.append((peer, bytes(view[:length])))
         if self.answer is not None:
             self.answer(transport, peer, bytes(view[:length]))

@@ -36,7 +36,7 @@ class Host:
     def now(self):
         return 0
 
-    def stray(self, transport, peer, buf, view, length):
+    def unmatched(self, transport, peer, buf, view, length):
         assert len(buf) == len(view) == length
         self.heard.append((peer, bytes(buf)))
 

@@ -425,7 +425,7 @@ def test_any_stream(chunks):
         now = staticmethod(lambda: 0)
 
         @staticmethod
-        def stray(transport, peer, buf, view, length):
+        def unmatched(transport, peer, buf, view, length):
             assert len(buf) == length
 
     server = CustomServer(Stream())

@@ -233,7 +233,7 @@ def test_the_end_while_it_is_opening(host, monkeypatch):
             ports.append("closed")
 
     monkeypatch.setattr(module, "_made", lambda *_: Slow())
-    monkeypatch.setattr(module, "_FAREWELL", 0.0)
+    monkeypatch.setattr(module, "_JOIN_SECONDS", 0.0)
     server = PySerialServer("slow")
     server.open(host)
     assert begun.wait(SECONDS)

@@ -62,7 +62,7 @@ def test_localhost_stays_on_loopback():
 
 
 @pytest.mark.parametrize("reach", RANGES)
-def test_farewells_name_what_goes_in_a_way_that_fast_dds_reads(reach):
+def test_disposals_carry_the_key_as_fast_dds_reads_it(reach):
     ours = config.config_xml({"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}, PID)
     assert ET.fromstring(ours).findtext("Domain/Internal/GenerateKeyhash") == "true"
 
