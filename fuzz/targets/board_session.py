@@ -117,8 +117,8 @@ class Board:
 
     def check(self) -> None:
         one = self.node.connection
-        must(one.flying() <= 16, "more messages in flight than the window has")
-        flying = sum(one._size(one.slots[(one.acked + i) & 15]) for i in range(one.flying()))
+        must(one.in_flight() <= 16, "more messages in flight than the window has")
+        flying = sum(one._size(one.slots[(one.acked + i) & 15]) for i in range(one.in_flight()))
         must(one.size() == flying + sum(map(len, one.waiting)), "bytes are counted wrong")
         must(len(one._in.waiting) < 16, "early messages")
         must(one._fragments.pending <= one.limit, "fragments")

@@ -249,8 +249,8 @@ def spinning(times):
         node.spin_once(0)
     return streaming(images), gc.mem_alloc()
 
-def starved():
-    return node.connection.starved
+def oom_count():
+    return node.connection.oom_count
 
 def stamped():
     return message.header.stamp.sec // 1000

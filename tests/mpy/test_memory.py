@@ -146,9 +146,9 @@ def locked(times):
     finally:
         micropython.heap_unlock()
 
-before = line.count, starved()
+before = line.count, oom_count()
 done = locked(200)
-print(done, line.count - before[0], starved() - before[1], stamped())
+print(done, line.count - before[0], oom_count() - before[1], stamped())
 """
 
 
@@ -199,4 +199,4 @@ def test_a_hundred_thousand_texts_leave_nothing_behind(micropython: MicroPython)
         heap = heap or now
     print(f"\nafter 1000: {heap} bytes, after 100,000: {now}")
     assert abs(now - heap) <= 2000
-    assert micropython.run("print(starved())") == "0\n"
+    assert micropython.run("print(oom_count())") == "0\n"

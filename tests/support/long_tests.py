@@ -19,7 +19,7 @@ LONG = (
     "boards/virtual/engine/test_cores.py",
     "boards/virtual/engine/test_process.py",
     "client/portable_faults.py",
-    "client/portable_starving.py",
+    "client/portable_out_of_memory.py",
     "client/portable_time.py",
     "client/test_faults.py",
     "client/test_hostile.py",

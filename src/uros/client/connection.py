@@ -1,4 +1,4 @@
-"""The life of a board's session: the transport, the four states, and all entities again and again.
+"""State machine of a board's connection to its agent: transport, session, creation of entities.
 
 ::
 
@@ -8,8 +8,8 @@
 
 * WAITING_AGENT: the transport is opened, and the agent pinged every ``wait_ms``.
 * AGENT_AVAILABLE: a new session; its entities are created and the time is asked for.
-* AGENT_CONNECTED: samples travel. The agent is pinged ``ping_ms`` after it last said something
-  other than an answer to a ping, and then every ``ping_ms``. It is lost when it says nothing for
+* AGENT_CONNECTED: samples are exchanged. The agent is pinged ``ping_ms`` after its last message
+  other than an answer to a ping, and then every ``ping_ms``. It is lost when it sends nothing for
   ``silence_ms`` from the first unanswered ping on, or does not know the session any more.
 * AGENT_DISCONNECTED lasts for one step: the transport is closed, nothing waits for the agent.
 """
@@ -35,33 +35,41 @@ AGENT_DISCONNECTED: Final = 3
 
 # Most datagrams taken before the callbacks have their turn.
 _BURST: Final = 16
-# The first time is the best of so many answers; later ones count when they are as quick.
+# The first synchronization takes the best of so many replies; later ones must be as quick.
 _FIRST_TIMES: Final = 3
-_TIME_RETRY_MS: Final = 100  # twice as long each time: a line may be slower than that
+_TIME_RETRY_MS: Final = 100  # doubled each time, for slow lines
 _TIME_AGAIN_MS: Final = 2000
 _TIME_PERIOD_MS: Final = 30000
-# An answer that took so much longer than the last good one tells the time too badly. Each that
-# does makes us a little less choosy: the line may have become slower for good.
+# A reply whose round trip is longer by this than the best one is rejected. Each rejection raises
+# the limit a little: the line may have become slower permanently.
 _QUICK_US: Final = 3000
 _LESS_CHOOSY_US: Final = 300
 _CREATE_FLAGS: Final = ids.FLAG_LITTLE_ENDIAN | ids.FLAG_REUSE | ids.FLAG_REPLACE
-# An agent that knows our key at another address probes that one for half a second before it
-# answers: whoever gives up earlier comes back from a third address, and is never answered.
+# An agent that knows our key at another address probes that address for half a second before it
+# answers. A client that gave up earlier and reopened its transport would come from a new address,
+# start the probe again, and never be answered.
 _TAKEOVER_MS: Final = 1000
-# Until all is created, so many requests are unanswered at a time. eProsima's agent drops a STATUS
-# where 15 messages are not acknowledged, and it reads our ACKNACK only behind the requests that
-# came before: half of 15. Later a busy topic's samples may take its STATUS; nothing waits then.
+# Most unanswered requests until all entities are created. eProsima's agent drops a STATUS while 15
+# of its messages are not acknowledged, and reads our ACKNACK only after the requests before it:
+# half of 15. Later a STATUS may be dropped because of a busy topic, but nothing waits for it then.
 _UNANSWERED: Final = 7
 
 
 class Connection(Session):
-    """See the module. Everything happens in :meth:`pump`; there are no threads.
+    """A board's connection to its agent. Everything happens in :meth:`pump`; there are no threads.
 
-    ``key`` is the client key: two boards on one agent must not share it. ``limit`` is how many
-    bytes may wait in either direction. ``connections`` counts the sessions that came to work,
-    ``unconfirmed`` the messages that were under way when an agent was lost, ``starved`` how often
-    there was no memory for a step, which then was left out as what a line loses; ``reason`` says
-    why the last agent was lost.
+    ``connections`` counts the sessions that reached AGENT_CONNECTED, ``unconfirmed`` the messages
+    not acknowledged when an agent was lost, ``oom_count`` the steps skipped for lack of memory,
+    whose messages are lost as on a bad line; ``reason`` says why the last agent was lost.
+
+    Args:
+        transport: See :class:`~uros.client.protocols.Transport`.
+        key: The client key; two boards on one agent must not share it.
+        clock: The board's clock.
+        limit: Most bytes that may wait in either direction.
+        ping_ms: Period of pings, see the module.
+        silence_ms: An agent that is silent for so long is lost.
+        wait_ms: Period of pings while no agent is known.
     """
 
     _best_us: "int"
@@ -90,25 +98,27 @@ class Connection(Session):
         self._entities: "list[Any]" = []
         self._by_id: "dict[int, Any]" = {}
         self._numbers: "dict[int, int]" = {}
-        self._todo: "list[Any]" = []  # not created yet in this session: of the first,
-        self._step_of = 0  # so many requests are made
+        self._todo: "list[Any]" = []  # entities not created yet in this session
+        self._step_of = 0  # requests made for the first of them
         # By request: the entity that the agent is creating, None for what it is deleting.
         self._awaited: "dict[int, Any]" = {}
         self._open = False  # the transport
         self._known = False  # the session, to the agent
         self._lost = ""
         self._next = self.clock.ms()
-        self._asked_at = -1  # when the first ping or hello since the agent spoke went out
+        # When the first ping or CREATE_CLIENT since the agent's last message was sent.
+        self._asked_at = -1
 
     # --- entities -------------------------------------------------------------------------
 
     def add(self, entity: "Any") -> int:
-        """An entity that every session creates, in the order added; its number, which is its own
-        among those with the same first kind.
+        """Add an entity, which every session creates, in the order added.
 
-        It has ``kinds``, ``name``, ``create(connection, step)``, which makes the request of that
-        number and says whether it was the last, ``on_data(buf, start, stop, little)`` and
-        ``on_lost()``.
+        Args:
+            entity: See :class:`~uros.client.protocols.ConnectedEntity`.
+
+        Returns:
+            Its number, unique among the entities with the same first kind.
         """
         number = self._numbers.get(entity.kinds[0], 0)
         self._numbers[entity.kinds[0]] = number + 1
@@ -118,7 +128,7 @@ class Connection(Session):
         return number
 
     def remove(self, entity: "Any", object_ids: "tuple[int, ...]") -> None:
-        """Never create it again, and delete its objects now, the last first."""
+        """Remove an entity: delete its objects now, the last first, and do not create it again."""
         self._entities.remove(entity)
         if entity in self._todo:
             begun = entity is self._todo[0] and self._step_of
@@ -151,7 +161,7 @@ class Connection(Session):
         self, entity: "Any", object_id: int, parent: int, push: "Callable[..., None]",
         *values: "Any",
     ) -> None:  # fmt: skip
-        """CREATE an object from its binary representation, which ``push`` writes."""
+        """Send CREATE of an object with its binary representation, which ``push`` writes."""
         w = self.begin(object_id)
         kind = object_id & 0x0F
         w.u8(kind)
@@ -169,20 +179,22 @@ class Connection(Session):
         self._awaited[self.request(ids.CREATE, _CREATE_FLAGS, w)] = entity
 
     def listen(self, entity: "Any", object_id: int, reliable: "bool | int") -> None:
-        """READ_DATA without limits: the samples go to ``entity.on_data``."""
+        """Send READ_DATA for all samples; they are passed to ``entity.on_data``."""
         self._by_id[object_id] = entity
         w = self.begin(object_id)
         w.u8(ids.STREAM_RELIABLE if reliable else ids.STREAM_BEST_EFFORT)
-        # No format, no filter, but limits: as many samples as there are, and no others.
+        # Default data format, no content filter, and a delivery control without limits: max_samples
+        # is 0xFFFF, the other limits are 0.
         w.octets(b"\0\0\1\xff\xff\0\0\0\0\0\0")
         self.request(ids.READ_DATA, ids.FLAG_LITTLE_ENDIAN, w)
 
     # --- what the session tells -------------------------------------------------------------
 
     def on_agent(self, status: int) -> None:
+        """Handle STATUS_AGENT: the session was opened or refused."""
         if self._known and (self.acked or self._in.next):
-            # A second answer, and not to a hello from before the first: the agent's end of the
-            # streams starts from nothing.
+            # A second STATUS_AGENT, which is not for a repeated CREATE_CLIENT: the agent has reset
+            # its end of the streams.
             self._lost = "the agent began anew"
         if self.state != AGENT_AVAILABLE or self._known:
             return
@@ -197,22 +209,25 @@ class Connection(Session):
         self._next_time = self._answered = self.clock.ms()
 
     def on_pong(self) -> None:
+        """Handle INFO outside of a session: there is an agent."""
         if self.state == WAITING_AGENT:
             self._next = self.clock.ms()
             self._asked_at = -1
             self._enter(AGENT_AVAILABLE)
 
     def on_unknown(self) -> None:
+        """End the session: the agent does not know it."""
         self._lost = "the agent does not know this session"
 
     def on_status(self, request_id: int, status: int) -> None:
+        """Handle the STATUS of a request."""
         if request_id == GOODBYE:
             self._known = False
             return
         self._answered = self.clock.ms()
         known = request_id in self._awaited
         entity = self._awaited.pop(request_id, None)
-        # What was not there needs no deletion.
+        # A refused DELETE is no fault: the object was not there.
         if status >= ids.STATUS_ERR_DDS_ERROR and (entity is not None or not known):
             for receiver in self._by_id.values():
                 if receiver.on_refused(request_id):
@@ -220,6 +235,7 @@ class Connection(Session):
             self._refused(entity.name if known else "request %d" % request_id, status)
 
     def on_time(self, transmit: "tuple[int, ...]", receive: "tuple[int, ...]") -> None:
+        """Handle TIMESTAMP_REPLY: the agent's times of sending and receiving, each (s, ns)."""
         away = (self.clock.us() - self._asked_us) & TIME_MASK
         inside = (transmit[0] - receive[0]) * 1000000 + (transmit[1] - receive[1]) // 1000
         trip = max(0, away - inside)
@@ -230,7 +246,7 @@ class Connection(Session):
             self.clock.set(transmit[0], transmit[1] + (trip >> 1) * 1000)
         elif not self._times:
             self._best_us += _LESS_CHOOSY_US
-            return  # too slow to be of use: asked again soon
+            return  # too slow: asked again soon
         self._answered = self._next_time = self.clock.ms()
         self._time_retry = _TIME_RETRY_MS
         if self._times:
@@ -241,6 +257,7 @@ class Connection(Session):
     def on_data(
         self, object_id: int, buf: "Buffer", start: int, stop: int, little: bool
     ) -> None:
+        """Pass a sample to its entity."""
         entity = self._by_id.get(object_id)
         if entity is not None:
             self._delivered = True
@@ -249,13 +266,15 @@ class Connection(Session):
     # --- the four states ----------------------------------------------------------------------
 
     def pump(self, timeout_ms: int) -> None:
-        """Do what is due, then take what comes within so long: at most a few datagrams, so that
-        callbacks have their turn; below 0 nothing is taken.
+        """Do what is due, then receive; a few datagrams at most, so that callbacks can run.
+
+        Args:
+            timeout_ms: How long to wait for the first datagram; below 0 nothing is received.
         """
         try:
             self._pump(timeout_ms)
         except MemoryError:
-            self.starved += 1
+            self.oom_count += 1
 
     def _pump(self, timeout_ms: int) -> None:
         now = self.clock.ms()
@@ -281,7 +300,8 @@ class Connection(Session):
                 if self._delivered or count == _BURST:
                     break
                 message = self.transport.receive(0)
-            # Only now: a callback that took long is no fault of the agent, whose words may wait.
+            # Checked only when nothing more is waiting: during a long callback the agent's messages
+            # were not read.
             if message is None and self.state != WAITING_AGENT:
                 now = self.clock.ms()
                 asked = self._asked_at
@@ -331,7 +351,7 @@ class Connection(Session):
         return True
 
     def _keep(self, now: int) -> None:
-        """Everything that a session needs by time."""
+        """Send what a session needs by time."""
         if ticks_diff(now, self._next) >= 0:
             self._next = ticks_add(now, self.ping_ms)
             if self._asked_at < 0:
@@ -339,7 +359,7 @@ class Connection(Session):
             if self._known:
                 self.ping(True)
             else:
-                self.hello()
+                self.create_session()
         if not self._known:
             return
         self._feed()
@@ -355,14 +375,14 @@ class Connection(Session):
             self._todo or self._awaited or self._times
         ):
             self.connections += 1
-            self.trim()  # of what creating took
-            self._awaited = {}  # emptied, it would keep the room of all that was in it
+            self.trim()  # free the buffers of the requests
+            self._awaited = {}  # a cleared dict would keep its memory
             self._enter(AGENT_CONNECTED)
         self.tick(now)
 
     def _feed(self) -> None:
         """Create what is not created yet, as far as the window reaches."""
-        while self._todo and self.room() and (
+        while self._todo and self.available() and (
             self.state == AGENT_CONNECTED or len(self._awaited) < _UNANSWERED
         ):
             entity = self._todo[0]
@@ -402,19 +422,19 @@ class Connection(Session):
         self._open = False
         try:
             self.transport.close()
-        except OSError:  # the line went first
+        except OSError:  # the line is gone already
             pass
         for entity in self._entities:
             entity.on_lost()
-        self._lost = ""  # not before: where memory ends above, all of it is done again
-        # Not at once again: an agent that refuses would be asked for ever without a pause.
+        self._lost = ""  # last: after a MemoryError above, all of it is done again
+        # After a pause: an agent that refuses must not be asked without end.
         self._next = ticks_add(now, self.wait_ms)
         if was != WAITING_AGENT:
             self._enter(AGENT_DISCONNECTED)
             self._enter(WAITING_AGENT)
 
     def close(self) -> None:
-        """Take leave of the agent, waiting for its answer no longer than ``wait_ms``."""
+        """Delete the session at the agent, waiting for its STATUS for ``wait_ms`` at most."""
         if self._known:
             end = ticks_add(self.clock.ms(), self.wait_ms)
             self.goodbye()
@@ -423,7 +443,7 @@ class Connection(Session):
                     message = self.transport.receive(ticks_diff(end, self.clock.ms()))
                     if message is not None:
                         self.receive(message, self.clock.ms())
-            except (OSError, MemoryError):  # the line went first
+            except (OSError, MemoryError):  # the line is gone already
                 pass
         self._lost = "closed"
         self._disconnect(self.clock.ms())
@@ -433,4 +453,5 @@ class Connection(Session):
         self._lost = self._lost or reason
 
     def on_line(self, error: OSError) -> None:
+        """End the session: the transport raised OSError."""
         self._lost = "the line is gone: %s" % error

@@ -80,8 +80,8 @@ class Session:
         self.limit = limit
         self.now = 0
         self.ready = False  # whether samples may be written; set it by make_ready
-        self.starved = 0  # how often memory ended while a datagram was sent or read
-        self.dropped = 0  # datagrams that made no sense, or were for another session
+        self.oom_count = 0  # MemoryErrors while a datagram was sent or read
+        self.dropped = 0  # datagrams that were malformed, or for another session
         self._fragments = Fragments(limit)
         self._part = (mtu - _IDS) & ~3  # octets in a fragment
         self._nothing = (None,) * (WINDOW + 1)
@@ -104,15 +104,16 @@ class Session:
         self.trim()
 
     def renew(self) -> None:
-        """Forget all of the session; the next one has another id, so that no late datagram of
-        this one is taken for its own.
+        """Reset the state for a new session.
+
+        It has another id, so that late datagrams of this one are not taken for its own.
         """
         self.id = FIRST_SESSION_ID if self.id >= LAST_SESSION_ID else self.id + 1
         self._reset()
 
     def trim(self) -> None:
         """Keep no more buffers than there are messages in flight."""
-        if not self.flying():
+        if not self.in_flight():
             # By number: the buffers of messages in flight, and when they were sent again.
             self.slots: "list[bytearray | None]" = [None] * WINDOW
             self._again_at = [0] * WINDOW
@@ -125,18 +126,18 @@ class Session:
         # What is sent and forgotten, and what is being built.
         self._spare = bytearray(_ROUND + 1)
 
-    def flying(self) -> int:
-        """Messages that are sent and not acknowledged."""
+    def in_flight(self) -> int:
+        """Return the number of messages sent and not acknowledged."""
         return (self.next - self.acked) & SEQUENCE_MASK
 
     def held(self) -> int:
-        """Messages in flight and waiting."""
-        return self.flying() + len(self.waiting)
+        """Return the number of messages in flight and waiting."""
+        return self.in_flight() + len(self.waiting)
 
     def size(self) -> int:
-        """Bytes of the messages held."""
+        """Return the bytes of the messages held."""
         size = self._queued
-        for i in range(self.flying()):
+        for i in range(self.in_flight()):
             size += self._size(self.slots[(self.acked + i) & _RING])
         return size
 
@@ -146,13 +147,13 @@ class Session:
         return length + _IDS
 
     def make_ready(self, ready: bool) -> None:
-        """Whether samples may be written from now on."""
+        """Set whether samples may be written."""
         self.ready = ready
         self.stack = self._nothing
 
-    def room(self) -> bool:
-        """Whether a request would go out at once if made now."""
-        return not self.waiting and self.flying() < WINDOW
+    def available(self) -> bool:
+        """Return whether a request would be sent at once if made now."""
+        return not self.waiting and self.in_flight() < WINDOW
 
     # --- outside of streams -----------------------------------------------------------------
 
@@ -164,25 +165,25 @@ class Session:
         self.send(buf, size)
 
     def ping(self, inside: bool) -> None:
-        """Ask whether there is an agent; ``inside``, whether it knows this session."""
+        """Send GET_INFO: is there an agent, and with ``inside``, does it know this session."""
         self._short(
             self.id if inside else ids.SESSION_NONE_WITHOUT_KEY, ids.GET_INFO,
             b"\0\x0a\xff\xfd\2\0\0\0",  # request 10, the agent, its activity
         )  # fmt: skip
 
-    def hello(self) -> None:
-        """CREATE_CLIENT."""
-        hello = bytearray(b"XRCE\1\0\1\x0f....\0\0..")
-        pack_into(">IB", hello, 8, self.key, self.id)
-        pack_into("<H", hello, 14, self.mtu)
-        self._short(ids.SESSION_NONE_WITHOUT_KEY, ids.CREATE_CLIENT, hello)
+    def create_session(self) -> None:
+        """Send CREATE_CLIENT."""
+        payload = bytearray(b"XRCE\1\0\1\x0f....\0\0..")
+        pack_into(">IB", payload, 8, self.key, self.id)
+        pack_into("<H", payload, 14, self.mtu)
+        self._short(ids.SESSION_NONE_WITHOUT_KEY, ids.CREATE_CLIENT, payload)
 
     def goodbye(self) -> None:
-        """Delete the session; on_status tells of request GOODBYE when the agent has done so."""
+        """Send DELETE of the client; ``on_status`` gets the answer, to request GOODBYE."""
         self._short(self.id, ids.DELETE, b"\0\x09\xff\xfe")
 
     def ask_time(self, seconds: int, nanoseconds: int) -> None:
-        """TIMESTAMP with our time; on_time tells the answer, once and only to the last one."""
+        """Send TIMESTAMP with our time; ``on_time`` gets the reply to the last one, once."""
         self._asked = (seconds & 0xFFFFFFFF, nanoseconds)
         asked = bytearray(8)
         pack_into("<II", asked, 0, self._asked[0], nanoseconds)
@@ -191,7 +192,7 @@ class Session:
     # --- requests and samples -----------------------------------------------------------------
 
     def begin(self, object_id: int) -> Writer:
-        """For a request about an object: what writes all that follows the two ids."""
+        """Begin a request about an object; return the writer of what follows the two ids."""
         size = max(self.mtu, MAX_REQUEST)
         if len(self._spare) < size:
             self._spare = bytearray(size)
@@ -201,20 +202,26 @@ class Session:
         return w
 
     def request(self, kind: int, flags: int, w: Writer) -> int:
-        """Send a request that was begun, on the reliable stream: its id.
+        """Send the request that was begun on the reliable stream; return its id.
 
-        Raises EncodeError where it is longer than the MTU and MAX_REQUEST.
+        Raises:
+            EncodeError: It is longer than the MTU and MAX_REQUEST.
         """
         size = w.offset
-        buf = self._slot(size) if size <= self.mtu and self.room() else bytearray(size)
+        buf = self._slot(size) if size <= self.mtu and self.available() else bytearray(size)
         buf[:size] = memoryview(self._spare)[:size]
         return self._put(buf, size, kind, flags)
 
     def write(self, object_id: int, message: "Any", prefix: bytes, reliable: "bool | int") -> int:
-        """WRITE_DATA of a generated message behind ``prefix``; the request id.
+        """Send WRITE_DATA of a generated message behind ``prefix``.
 
-        0 where it is not ready or too much waits already: nothing was sent. Raises EncodeError
-        for a sample that can never be sent, and what packing raises; nothing is half sent.
+        Returns:
+            The request id; 0 if the session is not ready or too much waits already: nothing was
+            sent.
+
+        Raises:
+            EncodeError: The sample is too large to be ever sent. Errors of packing are passed on;
+                nothing is sent in part.
         """
         if not self.ready:
             return 0
@@ -250,7 +257,7 @@ class Session:
             return self._spare
         if size + self.size() > self.limit:
             return None
-        if size <= self.mtu and self.room():
+        if size <= self.mtu and self.available():
             if self.limit >= WINDOW * self.mtu:  # more than can be in flight
                 self.stack = self._idle
             return self._slot(size)
@@ -258,6 +265,7 @@ class Session:
         return bytearray(size)
 
     def next_request(self) -> int:
+        """Take the next request id."""
         request = self.request_id
         self.request_id = request + 1 & 0xFFFF or FIRST_REQUEST
         return request
@@ -298,9 +306,7 @@ class Session:
         return self.next_request()
 
     def defer(self, buf: "Any") -> None:
-        """A complete message, or what fills parts of one, that goes out as the window reaches
-        it.
-        """
+        """Queue a complete message, or a source of its parts, until the window reaches it."""
         self.stack = self._nothing
         self.waiting.append(buf)
         if isinstance(buf, bytearray):
@@ -308,7 +314,7 @@ class Session:
         try:
             self._flush()
         except MemoryError:  # it is taken, and goes out when there is some
-            self.starved += 1
+            self.oom_count += 1
 
     def _launch(self, buf: bytearray, size: int) -> None:
         """Send the message of the next number, which is complete and in the stack's top."""
@@ -320,18 +326,18 @@ class Session:
         self.send(buf, size)
 
     def send(self, buf: bytearray, size: int) -> None:
-        """Send a datagram; what the line does not take is lost as others are."""
+        """Send a datagram; one that the transport does not take is lost."""
         try:
             self.transport.send(buf, size)
         except Exception as error:
             self.unsent(error)
 
     def unsent(self, error: Exception) -> None:
-        """What the transport raised."""
+        """Handle an exception of the transport."""
         if isinstance(error, OSError):
             self.on_line(error)
         elif isinstance(error, MemoryError):  # if it matters, it goes out again
-            self.starved += 1
+            self.oom_count += 1
         else:
             raise error
 
@@ -339,7 +345,7 @@ class Session:
         """Send what waits, in fragments where it is longer than the MTU, as far as the window
         reaches. Where memory ends it goes on from there at the next time.
         """
-        while self.waiting and self.flying() < WINDOW:
+        while self.waiting and self.in_flight() < WINDOW:
             whole = self.waiting[0]
             size = len(whole)
             first = self._split_at or _SUBHEADER
@@ -373,7 +379,7 @@ class Session:
 
         An acknack for numbers never sent is a fault of the agent and ignored.
         """
-        if (first - self.acked) & SEQUENCE_MASK > self.flying():
+        if (first - self.acked) & SEQUENCE_MASK > self.in_flight():
             return
         news = self.acked != first or missing
         while self.acked != first:
@@ -407,9 +413,9 @@ class Session:
     # --- time ---------------------------------------------------------------------------
 
     def tick(self, now: int) -> None:
-        """Send what is due by time or owed to the agent: acknowledgements, heartbeats.
+        """Send acknowledgements and heartbeats that are due.
 
-        ``deadline`` tells when the next is due, if nothing comes before.
+        ``deadline`` is when the next is due, if nothing is received before.
         """
         self.now = now
         self._flush()
@@ -434,7 +440,7 @@ class Session:
     # --- receiving ----------------------------------------------------------------------
 
     def receive(self, message: "Buffer", now: int) -> bool:
-        """Take one datagram, whatever it is; whether it was the agent's, for this session."""
+        """Process any datagram; return whether it was the agent's, for this session."""
         self.now = now
         if len(message) < _IDS:
             self.dropped += 1
@@ -459,7 +465,7 @@ class Session:
         return True
 
     def _read(self, buf: "Buffer", at: int) -> None:
-        """Handle a message. Nonsense in one is no reason to keep those behind it."""
+        """Handle a message. A malformed one does not hold up those behind it."""
         try:
             self._submessages(buf, at, len(buf))
         except WireError:
@@ -486,8 +492,8 @@ class Session:
                 raise DecodeError("truncated submessage")
             little = bool(buf[at + 1] & ids.FLAG_LITTLE_ENDIAN)
             if kind == ids.DATA:
-                thing = buf[start + 2] << 8 | buf[start + 3]
-                self.on_data(thing, buf, start + 4, stop, little)
+                reader_id = buf[start + 2] << 8 | buf[start + 3]
+                self.on_data(reader_id, buf, start + 4, stop, little)
             elif kind == ids.FRAGMENT:
                 whole = self._fragments.add(
                     memoryview(buf)[start:stop], buf[at + 1] & ids.FLAG_LAST_FRAGMENT
@@ -510,10 +516,10 @@ class Session:
         elif kind == ids.STATUS_AGENT:
             self.on_agent(buf[at])
         elif kind == ids.TIMESTAMP_REPLY:
-            it = unpack_from("<6I" if little else ">6I", buf, at)
-            if it[4:] == self._asked:  # not a late answer to the question before
+            times = unpack_from("<6I" if little else ">6I", buf, at)
+            if times[4:] == self._asked:  # not a late reply to the TIMESTAMP before
                 self._asked = None
-                self.on_time(it[:2], it[2:4])
+                self.on_time(times[:2], times[2:4])
         elif kind == ids.ACKNACK or kind == ids.HEARTBEAT:
             if buf[at + 4] == ids.STREAM_RELIABLE:
                 big = 1 - little

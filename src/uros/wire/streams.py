@@ -14,9 +14,10 @@ The rules (XRCE 8.4), as state:
   flight, the rest wait. A heartbeat goes out while something is in flight and
   unacknowledged; an acknack's missing messages are sent again, the same one at
   most once in ``RESEND_HOLD_MS``.
-* A message that contradicts all before is of an earlier session with the same
-  id, and late: nothing is changed by it. ``DOUBTS`` of them in a row, over
-  ``DOUBT_MS`` and with nothing right between them, are true.
+* A message whose numbers contradict the stream's state is assumed to be a late
+  one of an earlier session with the same id, and changes nothing. After
+  ``DOUBTS`` of them in a row, over at least ``DOUBT_MS`` and with no consistent
+  message between them, the peer's numbers are accepted.
 * Fragments carry one submessage, header included, in consecutive messages.
 
 Times are integer milliseconds modulo 2^30 and come from the caller.
@@ -41,7 +42,7 @@ WINDOW: Final = 16
 HEARTBEAT_MS: Final = 200
 RESEND_HOLD_MS: Final = 10
 
-# So many messages, one after the other and for so long, are not late.
+# So many inconsistent messages in a row, over so long, are not late ones.
 DOUBTS: Final = 8
 DOUBT_MS: Final = 2000
 
@@ -61,7 +62,7 @@ def sequence_after(a: int, b: int) -> bool:
 
 
 def _doubted(stream: "BestEffortIn | ReliableIn", now: int) -> bool:
-    """Count a message that cannot be true: whether there were enough of them in a row."""
+    """Count an inconsistent message; return whether there were enough of them in a row."""
     if not stream.doubts:
         stream.since = now
     stream.doubts += 1

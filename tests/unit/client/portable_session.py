@@ -82,7 +82,7 @@ def test_hello_is_the_one_of_the_c_client() -> None:
     # recorded: publish_reliable, with our key and MTU
     bench = Bench(508)
     bench.session.key = 0xAAAABBBB
-    bench.session.hello()
+    bench.session.create_session()
     assert bench.take() == [
         bytes.fromhex("80000000 00011000 58524345 0100 010f aaaabbbb 81 00 fc01")
     ]
@@ -200,9 +200,9 @@ def test_a_request_longer_than_the_mtu_goes_out_in_fragments() -> None:
 def test_a_window_of_requests_goes_out_without_waiting() -> None:
     bench = Bench()
     for _ in range(16):
-        assert bench.session.room()
+        assert bench.session.available()
         bench.request()
-    assert not bench.session.room()
+    assert not bench.session.available()
     for _ in range(4):
         bench.request()
     assert sequences(bench.take()) == list(range(16))
@@ -298,7 +298,7 @@ def test_an_acknack_that_misses_more_than_was_sent_brings_what_was_sent() -> Non
     bench.acknack(1, 0xFFFF, now=200)
     assert bench.take() == sent[1:]
     bench.acknack(3, 0xFFFF, now=300)
-    assert bench.take() == [] and bench.session.flying() == 0
+    assert bench.take() == [] and bench.session.in_flight() == 0
 
 
 
@@ -672,7 +672,7 @@ def test_every_session_has_another_id_and_starts_from_nothing() -> None:
         bench.take()
         dropped = bench.session.dropped
         assert not bench.session.receive(old, 0) and bench.session.dropped == dropped + 1
-        assert bench.session.flying() == 0 and bench.session.deadline is None
+        assert bench.session.in_flight() == 0 and bench.session.deadline is None
         bench.session.tick(0)
         assert bench.take() == []
     assert seen == list(range(0x81, 0xFF)) + [0x81, 0x82, 0x83, 0x84]

@@ -30,8 +30,8 @@ datagrams = st.lists(st.one_of(plausible, st.binary(max_size=40)), max_size=30)
 
 def check(one):
     """What must hold of a session whatever has come."""
-    assert one.flying() <= 16
-    numbers = [(one.acked + i) & 15 for i in range(one.flying())]
+    assert one.in_flight() <= 16
+    numbers = [(one.acked + i) & 15 for i in range(one.in_flight())]
     waiting = sum(map(len, one.waiting))
     assert one.size() == sum(one._size(one.slots[i]) for i in numbers) + waiting
     assert len(one._in.waiting) < 16

@@ -123,7 +123,7 @@ def test_a_sample_that_finds_no_memory_is_lost_alone() -> None:
     for i in (1, 2, 3):
         bench.agent.sample(0x26, number_bytes(i))
         bench.spin(100)
-    assert bench.heard == [1, 3] and bench.node.connection.starved == 1
+    assert bench.heard == [1, 3] and bench.node.connection.oom_count == 1
     assert bench.node.connection.connections == 1
 
 
