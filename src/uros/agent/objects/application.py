@@ -1,4 +1,4 @@
-"""An XRCE application: an XML document that lists entities, made and deleted as one.
+"""Reads an XRCE application: an XML document with entities that are created and deleted as one.
 
 The elements are those of DDS-XML's application, or Fast DDS's where they differ::
 
@@ -11,8 +11,8 @@ The elements are those of DDS-XML's application, or Fast DDS's where they differ
       </domain_participant>
     </application>
 
-``object_id`` is how the client speaks of an entity afterwards: the 16 bits, of which the
-element gives the lowest four. What reads or writes must have one.
+``object_id`` is the 16-bit id by which the client names an entity afterwards; its lowest four bits
+follow from the element. Entities that read or write must have one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from xml.etree.ElementTree import Element
 from ...wire import ids
 from .xml_profiles import Profile, ProfileError, read_profile
 
-# Attack: an application that takes the places of all a client may have, many times over.
+# Attack: an application with many times the objects that a client may have.
 MAX_ITEMS: Final = 1024
 
 _GROUPS = {"publisher": ids.KIND_PUBLISHER, "subscriber": ids.KIND_SUBSCRIBER}
@@ -41,7 +41,7 @@ DOMAIN_FROM_AGENT: Final = 255
 
 @dataclass(frozen=True)
 class Item:
-    """One entity. ``parent`` is its parent's place in the list, for a participant its domain."""
+    """One entity; ``parent`` is its parent's index in the list, for a participant its domain."""
 
     kind: int
     object_id: int | None
@@ -50,9 +50,10 @@ class Item:
 
 
 def items(element: Element) -> tuple[Item, ...]:
-    """The entities of an ``<application>``, each after its parent.
+    """Return the entities of an ``<application>``, each after its parent.
 
-    Raises ProfileError where it lists none, too many, or one that nobody could use.
+    Raises:
+        ProfileError: It lists none, too many, or one that cannot be used.
     """
     found: list[Item] = []
     for participant in element:
@@ -60,7 +61,7 @@ def items(element: Element) -> tuple[Item, ...]:
             _participant(participant, found)
     if not found:
         raise ProfileError("there is no <domain_participant> in the application")
-    taken = Counter(it.object_id for it in found if it.object_id is not None)
+    taken = Counter(item.object_id for item in found if item.object_id is not None)
     for object_id, times in taken.items():
         if times > 1:
             raise ProfileError(f"two of its entities have the object_id 0x{object_id:04X}")
@@ -71,14 +72,14 @@ def _participant(element: Element, found: list[Item]) -> None:
     domain = element.get("domain_id") or element.findtext("domainId") or str(DOMAIN_FROM_AGENT)
     number = _number(domain.strip(), "domain_id")
     at = _add(found, element, ids.KIND_PARTICIPANT, number)
-    # Topics first: what stands on one may come before it in the document.
+    # Topics first: an endpoint may come before its topic in the document.
     for child in element:
         if child.tag == "topic":
             _add(found, child, ids.KIND_TOPIC, at)
     topics = {
         name: topic.profile.topic_name
         for topic, name in zip(
-            (it for it in found[at:] if it.kind == ids.KIND_TOPIC),
+            (item for item in found[at:] if item.kind == ids.KIND_TOPIC),
             (child.get("name") for child in element if child.tag == "topic"),
             strict=True,
         )
@@ -111,13 +112,13 @@ def _endpoint(
 def _add(
     found: list[Item], element: Element, kind: int, parent: int, needed: bool = False
 ) -> int:
-    """Append one entity; its place."""
+    """Append one entity, and return its index."""
     if len(found) >= MAX_ITEMS:
         raise ProfileError(f"an application of over {MAX_ITEMS} entities")
     text = element.get("object_id")
     if text is None and needed:
         raise ProfileError(
-            f'a <{element.tag}> without object_id="0x0010": the client could not speak of it'
+            f'a <{element.tag}> without object_id="0x0010": the client could not name it'
         )
     object_id = None
     if text is not None:
@@ -127,7 +128,7 @@ def _add(
 
 
 def _number(text: str, what: str) -> int:
-    """A number of 16 bits, in decimal or with 0x before it."""
+    """Return a number of 16 bits, in decimal or with 0x before it."""
     if re.fullmatch(r"0[xX][0-9A-Fa-f]{1,4}", text):
         return int(text, 16)
     if not re.fullmatch(r"[0-9]{1,5}", text) or int(text) > 0xFFFF:

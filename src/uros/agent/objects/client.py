@@ -6,18 +6,18 @@ Creating an object whose id exists (XRCE 7.8.3, table 7):
 REUSE      REPLACE      outcome
 =========  ===========  ==========================================
 no         no           ERR_ALREADY_EXISTS
-no         yes          the old one is deleted, the new one made
+no         yes          the old one is deleted, the new one created
 yes        no           OK_MATCHED if equal, else ERR_MISMATCH
 yes        yes          OK_MATCHED if equal, else replaced
 =========  ===========  ==========================================
 
 Equal means the same specification, in whichever format it came. An object
-outlives its parent as a number, as with the C++ agent, so that a client may
-delete in any order; its endpoint does not outlive the participant. An object
-that lost its endpoint so is made anew where it would be reused.
+stays known after its parent is deleted, as with the C++ agent, so that a client
+may delete in any order; its endpoint is closed with the participant. An object
+without its endpoint is created again where it would be reused.
 
-Types and QoS profiles are only kept, for others to name; an application is
-made and deleted with all entities it lists.
+Types and QoS profiles are only stored, for references by name. An application is
+created and deleted with all entities it lists.
 """
 
 from __future__ import annotations
@@ -56,14 +56,22 @@ from .xml_profiles import ProfileError
 
 
 class ProxyClient:
-    """See the module."""
+    """A client of the agent; see the module.
+
+    Args:
+        agent: The agent.
+        key: The client key.
+        session_id: The id of its session.
+        mtu: The longest message, in octets, that it can take.
+        certificate: The name in its certificate, see ServerTransport.certificate_of.
+    """
 
     def __init__(
         self, agent: AgentContext, key: int, session_id: int, mtu: int,
         certificate: str | None = None,
     ) -> None:  # fmt: skip
         self.key = key
-        self.certificate = certificate  # what it has shown, see ServerTransport.certificate_of
+        self.certificate = certificate
         self.session = Session(key, session_id, mtu, self, agent.budget, agent.limits.message)
         self.objects: dict[int, XrceObject] = {}
         self.born = agent.clock.monotonic()
@@ -78,7 +86,7 @@ class ProxyClient:
     # --- what the session reports ---------------------------------------------
 
     def submessage(self, kind: int, flags: int, stream: int, payload: memoryview) -> bool:
-        """See :class:`~uros.agent.session.handler.Handler`."""
+        """Handle one submessage; see :class:`~uros.agent.session.handler.Handler`."""
         r = Reader(payload, 0, len(payload), bool(flags & ids.FLAG_LITTLE_ENDIAN))
         if kind == ids.WRITE_DATA:
             return self._write_data(flags, stream, payload)
@@ -100,26 +108,28 @@ class ProxyClient:
         elif kind == ids.TIMESTAMP:
             self._timestamp(r)
         elif kind == ids.INFO or (kind == ids.CREATE_CLIENT and not payload):
-            # The answer to a probe: being heard is all it is for. C clients leave out its
-            # submessage header, and what stands there instead is zeros.
+            # The answer to a probe: the session has noted already that the client is there. C
+            # clients omit its submessage header and send zeros.
             pass
         else:
             raise DecodeError(f"submessage {kind} is not for an agent")
         return True
 
     def room(self, stream: int) -> None:
+        """Continue the deliveries on a stream that can take messages again."""
         now = self._agent.now()
-        for thing in self.objects.values():
-            if thing.delivery is not None and thing.delivery.stream_id == stream:
-                self._pump(thing, now)
+        for obj in self.objects.values():
+            if obj.delivery is not None and obj.delivery.stream_id == stream:
+                self._pump(obj, now)
 
     def fault(self, what: str, about: str) -> None:
+        """Log that the client broke the protocol, within the rate limit for faults."""
         times = self._agent.faults.times(f"{self.key:08X} {what}")
         if times is not None:
             self.log(WARNING, "Session", "receive", what, f"{about}{times}")
 
     def many_fragments(self, size: int, count: int) -> None:
-        """See :class:`~uros.agent.session.handler.Handler`."""
+        """Log that the client gets long messages, and what it needs for them."""
         self.log(
             INFO, "Session", "send", "large message",
             f"{size} bytes in {count} fragments (a C client needs a history that holds them:"
@@ -127,38 +137,38 @@ class ProxyClient:
         )  # fmt: skip
 
     def held(self) -> int:
-        """Bytes that the agent holds for it; see :mod:`~uros.agent.policy.memory_budget`."""
+        """Return the bytes held for it; see :mod:`~uros.agent.policy.memory_budget`."""
         own = CLIENT_BYTES + self._kept + OBJECT_BYTES * len(self.objects)
         unread = sum(
-            thing.endpoint.unread for thing in self.objects.values() if thing.endpoint is not None
+            obj.endpoint.unread for obj in self.objects.values() if obj.endpoint is not None
         )
         return own + unread + self.session.held()
 
     def heard(self) -> int:
-        """When it was heard last."""
+        """Return when its last message came, in milliseconds modulo 2^30."""
         return self.session.heard
 
     def next_deadline(self) -> int | None:
-        """When :meth:`poll` has something to do, or None."""
+        """Return when :meth:`poll` has something to do, or None."""
         deadline = self.session.next_deadline()
-        for thing in self.objects.values():
-            if thing.delivery is not None:
-                at = thing.delivery.next_deadline()
+        for obj in self.objects.values():
+            if obj.delivery is not None:
+                at = obj.delivery.next_deadline()
                 if at is not None and (deadline is None or ticks_diff(at, deadline) < 0):
                     deadline = at
         return deadline
 
     def poll(self, now: int) -> None:
-        """Do what is due."""
+        """Send what is due by time: heartbeats, retransmissions, deliveries."""
         self.session.poll(now)
-        for thing in self.objects.values():
-            if thing.delivery is not None and thing.delivery.next_deadline() is not None:
-                self._pump(thing, now)
+        for obj in self.objects.values():
+            if obj.delivery is not None and obj.delivery.next_deadline() is not None:
+                self._pump(obj, now)
 
     def close(self) -> None:
         """Delete all objects, endpoints before participants."""
-        for thing in reversed(list(self.objects.values())):
-            self.close_object(thing)
+        for obj in reversed(list(self.objects.values())):
+            self.close_object(obj)
         self.objects.clear()
         self.session.writers.clear()
         self.session.end()
@@ -189,7 +199,7 @@ class ProxyClient:
         except MiddlewareError as error:
             status = ids.STATUS_ERR_DDS_ERROR
             self._refused(kind, object_id, str(error))
-        except Exception as error:  # the client hears of it, and waits for no answer
+        except Exception as error:  # the client must get an answer
             status = ids.STATUS_ERR_DDS_ERROR
             self._agent.failed(error)
         self._status(request_id, object_id, status, stream)
@@ -219,7 +229,7 @@ class ProxyClient:
         spec = representation.parse(
             kind, form, content, parent, little, self._known, self._agent.middleware.any_name
         )
-        thing = XrceObject(
+        obj = XrceObject(
             object_id, parent_id(kind, parent), spec, representation=(form, content, parent)
         )
         old = self.objects.get(object_id)
@@ -228,22 +238,22 @@ class ProxyClient:
             if not reuse and not replace:
                 return ids.STATUS_ERR_ALREADY_EXISTS
             if reuse and not broken(old, self.objects):
-                if old.spec == spec and old.parent == thing.parent:
+                if old.spec == spec and old.parent == obj.parent:
                     return ids.STATUS_OK_MATCHED
                 if not replace:
                     return ids.STATUS_ERR_MISMATCH
             self._forget(old)
         limits = self._agent.limits
         check_room(self.objects, [kind], limits)
-        if self._kept + thing.kept > limits.representations:
+        if self._kept + obj.kept > limits.representations:
             raise TooMany(f"over {limits.representations} bytes of representations")
-        if not self._agent.budget.admit(OBJECT_BYTES + thing.kept):
+        if not self._agent.budget.admit(OBJECT_BYTES + obj.kept):
             raise TooMany("the memory for all clients is used up (see --max-memory)")
-        about = self._factory.make(self, thing)
-        self.objects[object_id] = thing
-        self._kept += thing.kept
+        about = self._factory.create(self, obj)
+        self.objects[object_id] = obj
+        self._kept += obj.kept
         if self._agent.session_store is not None:
-            self._agent.session_store.created(self, thing, (form, content, kind, parent, little))
+            self._agent.session_store.created(self, obj, (form, content, kind, parent, little))
         name = KIND_NAMES[kind]
         self.log(
             INFO, "ProxyClient", f"create_{name}", f"{name} created",
@@ -252,41 +262,43 @@ class ProxyClient:
         return ids.STATUS_OK
 
     def on_too_large(self, object_id: int) -> Callable[[str], None]:
-        """What is called when a message to the object is over ``max_size`` of the rules."""
+        """Return the callback for messages that exceed ``max_size`` of the rules."""
         return lambda why: self.fault("message too large", f"{object_label(object_id)}, {why}")
 
-    def on_ready(self, thing: XrceObject) -> Callable[[], None]:
-        """What its endpoint calls when it has something to read."""
+    def on_ready(self, obj: XrceObject) -> Callable[[], None]:
+        """Return the callback for samples that wait in the object's endpoint."""
         def ready() -> None:
-            endpoint = thing.endpoint
+            endpoint = obj.endpoint
             backlog = endpoint.backlog if isinstance(endpoint, ReadingEndpoint) else None
             if backlog is not None:
                 backlog.empty = False
-            if thing.delivery is not None:
-                self._pump(thing, self._agent.now())
+            if obj.delivery is not None:
+                self._pump(obj, self._agent.now())
                 self._agent.attend(self.session)
             if backlog is not None and not backlog.empty and backlog.check():
                 self._agent.wake_at(0.0, ready)  # others have their turn first
 
         return ready
 
-    def on_refusal(self, thing: XrceObject) -> Callable[[list[int], str], None]:
-        """What its requester calls for requests that nobody will answer, with the reason. C clients
-        pass a STATUS over that they do not wait for, and the C++ agent sends none.
+    def on_refusal(self, obj: XrceObject) -> Callable[[list[int], str], None]:
+        """Return the callback for requests that nobody will answer.
+
+        It answers them with a STATUS. C clients ignore a STATUS that they do not wait for; the C++
+        agent sends none.
         """
         def refused(request_ids: list[int], why: str) -> None:
-            self.fault("request refused", f"{object_label(thing.object_id)}, {why}")
+            self.fault("request refused", f"{object_label(obj.object_id)}, {why}")
             for request_id in request_ids:
                 self._status(
-                    request_id, thing.object_id, ids.STATUS_ERR_DDS_ERROR, ids.STREAM_RELIABLE
+                    request_id, obj.object_id, ids.STATUS_ERR_DDS_ERROR, ids.STREAM_RELIABLE
                 )
             self._agent.attend(self.session)
 
         return refused
 
-    def on_dropped(self, thing: XrceObject) -> Callable[[str], None]:
-        """What its endpoint calls when samples that wait for the client are too many."""
-        return lambda why: self.fault("samples dropped", f"{object_label(thing.object_id)}, {why}")
+    def on_dropped(self, obj: XrceObject) -> Callable[[str], None]:
+        """Return the callback for samples that are dropped because too many wait."""
+        return lambda why: self.fault("samples dropped", f"{object_label(obj.object_id)}, {why}")
 
     def _delete(self, r: Reader, stream: int) -> None:
         request_id, object_id = messages.pull_request(r)
@@ -298,12 +310,12 @@ class ProxyClient:
                 lambda w: messages.push_status(w, request_id, object_id, status),
             )  # fmt: skip
             return
-        thing = self.objects.get(object_id)
-        if thing is None:
+        obj = self.objects.get(object_id)
+        if obj is None:
             status = ids.STATUS_ERR_UNKNOWN_REFERENCE
         else:
             status = ids.STATUS_OK
-            self._forget(thing)
+            self._forget(obj)
             self.log(
                 INFO + 1, "ProxyClient", "delete_object", "object deleted",
                 f"object_id: 0x{object_id:04X}",
@@ -313,31 +325,42 @@ class ProxyClient:
     def recreate(
         self, object_id: int, form: int, content: str | bytes, kind: int, parent: int, little: bool
     ) -> None:
-        """Make an object of before the agent's start again. Raises what making it raises."""
+        """Create an object of before the agent's start again.
+
+        Args:
+            object_id: Its id.
+            form: The format of its representation.
+            content: The representation.
+            kind: Its kind.
+            parent: Its parent's id; the domain of a participant.
+            little: Whether a binary representation is little endian.
+
+        Errors are those of :meth:`.factory.ObjectFactory.create`.
+        """
         self._create_object(object_id, kind, form, content, parent, little, 0)
 
-    def _forget(self, thing: XrceObject) -> None:
+    def _forget(self, obj: XrceObject) -> None:
         if self._agent.session_store is not None:
-            self._agent.session_store.deleted(self, thing.object_id)
-        self.close_object(thing)
-        self._kept -= thing.kept
-        del self.objects[thing.object_id]
+            self._agent.session_store.deleted(self, obj.object_id)
+        self.close_object(obj)
+        self._kept -= obj.kept
+        del self.objects[obj.object_id]
 
-    def close_object(self, thing: XrceObject) -> None:
-        """Close what the object stands for, and the parts of an application; it stays known."""
-        for part in reversed(thing.parts):
+    def close_object(self, obj: XrceObject) -> None:
+        """Close the object's endpoint or node, and the parts of an application; it stays known."""
+        for part in reversed(obj.parts):
             if self.objects.get(part.object_id) is part:
                 self._forget(part)
-        thing.parts = []
-        thing.delivery = None
-        self.session.writers.pop(thing.object_id, None)
-        if thing.endpoint is not None:
-            if thing.endpoint.unread:
+        obj.parts = []
+        obj.delivery = None
+        self.session.writers.pop(obj.object_id, None)
+        if obj.endpoint is not None:
+            if obj.endpoint.unread:
                 self._agent.budget.freed = True
-            self._agent.close_queue.add(thing.endpoint.close)
-            thing.endpoint = None
-        node, thing.node = thing.node, None
-        if node is not None and thing.kind == ids.KIND_PARTICIPANT:
+            self._agent.close_queue.add(obj.endpoint.close)
+            obj.endpoint = None
+        node, obj.node = obj.node, None
+        if node is not None and obj.kind == ids.KIND_PARTICIPANT:
             for child in self.objects.values():
                 if child.node is node:
                     self.close_object(child)
@@ -346,7 +369,7 @@ class ProxyClient:
     # --- data ------------------------------------------------------------------
 
     def _write_data(self, flags: int, stream: int, payload: memoryview) -> bool:
-        """Requests, replies, and what the session's hot path did not take."""
+        """Handle requests, replies, and samples that the session's hot path did not take."""
         if len(payload) < data.REQUEST_SIZE:
             raise DecodeError(f"WRITE_DATA of {len(payload)} bytes")
         object_id = payload[2] << 8 | payload[3]
@@ -356,9 +379,9 @@ class ProxyClient:
             request_id = payload[0] << 8 | payload[1]
             self._status(request_id, object_id, ids.STATUS_ERR_INVALID_DATA, stream)
             return True
-        thing = self.objects.get(object_id)
-        if thing is not None and isinstance(thing.endpoint, (RequesterEndpoint, ReplierEndpoint)):
-            write, limiter = partial(thing.endpoint.write, flags), thing.settings.limiter
+        obj = self.objects.get(object_id)
+        if obj is not None and isinstance(obj.endpoint, (RequesterEndpoint, ReplierEndpoint)):
+            write, limiter = partial(obj.endpoint.write, flags), obj.settings.limiter
             try:
                 if limiter is None:
                     return write(payload)
@@ -375,9 +398,9 @@ class ProxyClient:
         request_id, object_id, stream_id, data_format, content_filter, control = (
             data.pull_read_data(r)
         )
-        thing = self.objects.get(object_id)
+        obj = self.objects.get(object_id)
         status = ids.STATUS_OK
-        if thing is None or thing.endpoint is None or isinstance(thing.endpoint, WriterEndpoint):
+        if obj is None or obj.endpoint is None or isinstance(obj.endpoint, WriterEndpoint):
             status = ids.STATUS_ERR_UNKNOWN_REFERENCE
         elif content_filter or data_format & ids.FORMAT_MASK:
             status = ids.STATUS_ERR_INVALID_DATA
@@ -388,21 +411,21 @@ class ProxyClient:
         if status != ids.STATUS_OK:
             self._status(request_id, object_id, status, ids.STREAM_RELIABLE)
             return
-        assert thing is not None
-        assert thing.endpoint is not None and not isinstance(thing.endpoint, WriterEndpoint)
+        assert obj is not None
+        assert obj.endpoint is not None and not isinstance(obj.endpoint, WriterEndpoint)
         if control is not None and control[0] == 0:
-            thing.delivery = None
+            obj.delivery = None
             if self._agent.session_store is not None:
                 self._agent.session_store.reading(self, object_id, None)
-            # C clients wait a second for this and the C++ agent never sends it;
-            # best effort, so that the numbers of the reliable stream stay as there.
+            # C clients wait a second for this, and the C++ agent never sends it. It is best effort
+            # so that the sequence numbers of the reliable stream are the C++ agent's.
             self._status(request_id, object_id, ids.STATUS_OK, ids.STREAM_BEST_EFFORT)
             return
-        self._deliver(thing, thing.endpoint, request_id, stream_id, control)
+        self._deliver(obj, obj.endpoint, request_id, stream_id, control)
 
     def _deliver(
         self,
-        thing: XrceObject,
+        obj: XrceObject,
         source: ReaderEndpoint | RequesterEndpoint | ReplierEndpoint | GraphEndpoint,
         request_id: int,
         stream_id: int,
@@ -411,42 +434,42 @@ class ProxyClient:
         now = self._agent.now()
         if isinstance(source, GraphEndpoint):
             source.anew()
-        thing.delivery = Delivery(
-            self.session, source, request_id, thing.object_id, stream_id, control, now
+        obj.delivery = Delivery(
+            self.session, source, request_id, obj.object_id, stream_id, control, now
         )
         if self._agent.session_store is not None:
             reading = request_id, stream_id, control
-            self._agent.session_store.reading(self, thing.object_id, reading)
-        self._pump(thing, now)
+            self._agent.session_store.reading(self, obj.object_id, reading)
+        self._pump(obj, now)
 
     def read(
         self, object_id: int, request_id: int, stream_id: int,
         control: tuple[int, int, int, int] | None,
     ) -> bool:  # fmt: skip
-        """Go on with a READ_DATA of before the agent's start; whether there is what it reads."""
-        thing = self.objects.get(object_id)
-        if thing is None or thing.endpoint is None or isinstance(thing.endpoint, WriterEndpoint):
+        """Continue a READ_DATA of before the agent's start; return whether its object exists."""
+        obj = self.objects.get(object_id)
+        if obj is None or obj.endpoint is None or isinstance(obj.endpoint, WriterEndpoint):
             return False
-        self._deliver(thing, thing.endpoint, request_id, stream_id, control)
+        self._deliver(obj, obj.endpoint, request_id, stream_id, control)
         return True
 
-    def _pump(self, thing: XrceObject, now: int) -> None:
-        delivery = thing.delivery
+    def _pump(self, obj: XrceObject, now: int) -> None:
+        delivery = obj.delivery
         if delivery is None:
             return
         try:
             delivery.pump(now)
         except (DecodeError, MiddlewareError) as error:
-            # The middleware calls us for all clients in turn: theirs must not fail with ours.
-            thing.delivery = None
-            self.fault("delivery ended", f"{object_label(thing.object_id)}, {error}")
+            # The middleware calls all clients in turn: the others' calls must not fail with this.
+            obj.delivery = None
+            self.fault("delivery ended", f"{object_label(obj.object_id)}, {error}")
             return
         except Exception as error:  # likewise
-            thing.delivery = None
+            obj.delivery = None
             self._agent.failed(error)
             return
         if delivery.finished(now):
-            thing.delivery = None
+            obj.delivery = None
 
     # --- the rest --------------------------------------------------------------
 
@@ -458,7 +481,7 @@ class ProxyClient:
                 self._agent.now(),
             )  # fmt: skip
             return
-        # Whatever the mask, as the C++ agent: it is the ping of eProsima's clients.
+        # The same for any mask, as with the C++ agent: eProsima's clients ping with it.
         self.session.answer(
             ids.INFO, ids.STREAM_NONE, self._agent.now(),
             lambda w: messages.push_info(w, request_id, object_id, ids.STATUS_OK, 1, []),
@@ -488,7 +511,7 @@ class ProxyClient:
         )  # fmt: skip
 
     def log(self, level: int, part: str, function: str, what: str, about: str) -> None:
-        """A line about this client."""
+        """Log a line about this client."""
         if level <= self._agent.log.level <= TRACE:
             self._agent.log(
                 level, part, function, what, f"client_key: {key_label(self.key)}, {about}"
@@ -500,7 +523,7 @@ def _deletes_client(kind: int, payload: memoryview) -> bool:
 
 
 def _hint(error: str) -> str:
-    """C clients cut what their buffers do not hold, and send what is left."""
+    """Return the remedy for text that a C client has cut to the size of its buffer."""
     if error.startswith("truncated") or "unclosed" in error:
         return " (did the client cut it? shorten its names, or raise RMW_UXRCE_REF_BUFFER_LENGTH)"
     return ""

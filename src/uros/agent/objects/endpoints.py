@@ -1,9 +1,9 @@
-"""What stands behind an XRCE object at the middleware.
+"""Endpoints of the middleware behind the datawriters, datareaders and services of a client.
 
-The session hands the samples of a datawriter to :meth:`WriterEndpoint.write`. The
-others turn samples of the middleware into payloads of the client and back:
-plain CDR, for a replier behind the 24 bytes of a SampleIdentity, for a
-requester behind the 4 bytes of the request that is answered.
+The session passes the samples of a datawriter to :meth:`WriterEndpoint.write`. The
+other endpoints convert samples of the middleware to payloads of the client and back:
+CDR, for a replier after the 24 bytes of a SampleIdentity, for a requester after
+the 4 bytes of the request that is answered.
 """
 
 from __future__ import annotations
@@ -28,22 +28,21 @@ from ..policy.memory_budget import MESSAGE_BYTES, MemoryBudget
 from ..policy.reader_backlog import Backlog
 from ..policy.rules import Limiter
 
-# Requests whose answers are still expected; a service that never answers must
-# not make the agent grow.
+# Attack: requests to a service that never answers. Those whose replies are expected.
 MAX_PENDING: Final = 256
-# Attack: a reader that keeps all, or two thousand million, and is never asked. Fast DDS keeps so
-# many, with the C++ agent; the oldest go then, so that no writer waits for a client that is slow.
+# Attack: a datareader with KEEP_ALL or a depth of 2^31 that the client never reads. Fast DDS keeps
+# so many, with the C++ agent; the oldest are dropped, so that no writer waits for a slow client.
 MAX_UNREAD: Final = 5000
-# Attack: replies nobody asked for, as fast as they can be sent. Takes of them in a row.
+# Attack: replies without a request, as fast as they can be sent. Takes of them in a row.
 _MAX_MISSES: Final = 4
 
 
 def _ignore(reason: str) -> None:
-    """Nobody is told."""
+    """Do nothing with the reason."""
 
 
 class WriterEndpoint:
-    """A datawriter: hands the client's samples to the middleware and counts them.
+    """A datawriter: passes the client's samples to the middleware and counts them.
 
     A sample passes, in this order: the gate, the limiter, the middleware's writer, the account
     of what a transient-local writer keeps for late readers, the recorder. Only a sample that the
@@ -103,7 +102,11 @@ class WriterEndpoint:
         self._choose_path()
 
     def write(self, cdr: memoryview) -> bool:
-        """Hand over one sample. False: no room now, the sample must come again."""
+        """Write one sample.
+
+        Returns:
+            False if there is no room: the sample must be given again later.
+        """
         direct = self._direct
         if direct is not None:
             done = direct(cdr)
@@ -119,7 +122,7 @@ class WriterEndpoint:
         return self._hand_over(cdr)
 
     def republish(self, cdr: bytes) -> None:
-        """Hand over the last sample of before a restart, past gate and limiter.
+        """Write the last sample of before a restart, without gate and limiter.
 
         Called before :meth:`set_recorder`: the state file has the sample already.
         """
@@ -144,7 +147,7 @@ class WriterEndpoint:
         self.unread += size
 
     def matched(self) -> int:
-        """How many readers the samples reach."""
+        """Return how many readers match the writer."""
         return self._writer.matched()
 
     def close(self) -> None:
@@ -153,16 +156,16 @@ class WriterEndpoint:
 
 
 class ReadingEndpoint:
-    """What has samples that wait for the client."""
+    """An endpoint with samples that wait for the client."""
 
     __slots__ = ("backlog", "taken")
 
     backlog: Backlog
-    taken: int  # samples, for the agent's owner
+    taken: int  # samples; shown to the agent's owner
 
     @property
     def unread(self) -> int:
-        """Octets that wait, as far as they are known."""
+        """The octets that wait, as far as they are known."""
         return self.backlog.octets
 
 
@@ -189,19 +192,28 @@ class ReaderEndpoint(ReadingEndpoint):
         self.backlog = Backlog(self._reader, max(1, qos.depth), budget, dropped)
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
+        """Return at most ``limit`` samples: (flags of DATA, payload)."""
         samples = [(sample[1] & 1, sample[4:]) for sample in self._reader.take(limit)]
         self.taken += len(samples)
         self.backlog.took(len(samples))
         return samples
 
     def close(self) -> None:
+        """Close the middleware's end."""
         self._reader.close()
 
 
 class RequesterEndpoint(ReadingEndpoint):
     """A requester: remembers which of the client's requests a reply belongs to.
 
-    ``on_refusal(request_ids, why)`` is called for requests that nobody will answer.
+    Args:
+        node: The client's node.
+        service: Its topics and types.
+        object_id: The requester's, which each reply repeats.
+        on_ready: Called when replies can be taken.
+        on_refusal: Called with the ids of requests that nobody will answer, and the reason.
+        budget: The memory account of all clients.
+        dropped: Called with the reason when replies that wait are dropped.
     """
 
     __slots__ = ("_object_id", "_on_ready", "_on_refusal", "_pending", "_requester")
@@ -229,10 +241,18 @@ class RequesterEndpoint(ReadingEndpoint):
         self._on_ready()
         if self._pending and (why := self._requester.refusal()):
             pending, self._pending = self._pending, {}
-            self._on_refusal([int.from_bytes(it, "big") for it in pending.values()], why)
+            self._on_refusal([int.from_bytes(request, "big") for request in pending.values()], why)
 
     def write(self, flags: int, payload: memoryview) -> bool:
-        """``payload``: request id, object id, body. False: no room now."""
+        """Send one request.
+
+        Args:
+            flags: The flags of WRITE_DATA.
+            payload: Request id, object id, body.
+
+        Returns:
+            False if there is no room: the request must be given again later.
+        """
         request_id = bytes(payload[:2])
         try:
             sequence = self._requester.request(bytes((0, flags & 1, 0, 0)) + payload[4:])
@@ -247,6 +267,7 @@ class RequesterEndpoint(ReadingEndpoint):
         return True
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
+        """Return at most ``limit`` replies to requests that wait: (flags of DATA, payload)."""
         out: list[tuple[int, bytes]] = []
         for _ in range(_MAX_MISSES):
             replies = self._requester.take(limit)
@@ -263,11 +284,12 @@ class RequesterEndpoint(ReadingEndpoint):
         return out
 
     def close(self) -> None:
+        """Close the middleware's end."""
         self._requester.close()
 
 
 class ReplierEndpoint(ReadingEndpoint):
-    """A replier: the identity of the asker travels to the client and back."""
+    """A replier: the client gets the identity of each request, and returns it in the reply."""
 
     __slots__ = ("_replier",)
 
@@ -281,7 +303,18 @@ class ReplierEndpoint(ReadingEndpoint):
         self.backlog = Backlog(self._replier, qos.depth, budget, dropped)
 
     def write(self, flags: int, payload: memoryview) -> bool:
-        """``payload``: request id, object id, identity, body. False: no room now."""
+        """Send one reply.
+
+        Args:
+            flags: The flags of WRITE_DATA.
+            payload: Request id, object id, identity, body.
+
+        Returns:
+            False if there is no room: the reply must be given again later.
+
+        Raises:
+            DecodeError: The payload has no identity of a request.
+        """
         if len(payload) < 4 + SAMPLE_IDENTITY_SIZE:
             raise DecodeError("a reply without the identity of its request")
         guid, sequence = pull_sample_identity(payload, 4, len(payload))
@@ -291,6 +324,7 @@ class ReplierEndpoint(ReadingEndpoint):
         return self._replier.reply(guid, sequence, bytes((0, flags & 1, 0, 0)) + body)
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
+        """Return at most ``limit`` requests: (flags of DATA, payload)."""
         out = []
         for guid, sequence, sample in self._replier.take(limit):
             identity = bytearray(SAMPLE_IDENTITY_SIZE)
@@ -301,4 +335,5 @@ class ReplierEndpoint(ReadingEndpoint):
         return out
 
     def close(self) -> None:
+        """Close the middleware's end."""
         self._replier.close()

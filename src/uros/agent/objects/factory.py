@@ -1,4 +1,4 @@
-"""What a CREATE makes on the network: nodes, endpoints, and all entities of an application."""
+"""Creates nodes and endpoints of the middleware, and all entities of an application."""
 
 from __future__ import annotations
 
@@ -65,9 +65,10 @@ class ObjectOwner(Protocol):
 
 
 class ObjectFactory:
-    """Makes what the objects of one client stand for.
+    """Creates the nodes and endpoints of one client's objects.
 
-    It does not hold the client, which holds it: that would stay until Python looks for circles.
+    It gets the client with each call and keeps no reference to it. The client has a reference to
+    the factory, and a reference cycle would keep both in memory until the garbage collector runs.
     """
 
     def __init__(
@@ -76,29 +77,44 @@ class ObjectFactory:
         self._agent = agent
         self._objects = objects
         self._known = known
-        # What the client has used of the middleware that is not given back before the end.
+        # What the middleware keeps until it is closed: types and domains that the client has used.
         self._types: set[str] = set()
         self._domains: set[int] = set()
         self._unnamed = UNNAMED
 
-    def make(self, client: ObjectOwner, thing: XrceObject) -> str:
-        """Bring the object to life; what the log says of it besides its id."""
-        spec = thing.spec
+    def create(self, client: ObjectOwner, obj: XrceObject) -> str:
+        """Create the object's node, endpoint or parts.
+
+        Args:
+            client: The client that owns the object.
+            obj: The object, which gets what is created.
+
+        Returns:
+            What the log line has of it besides its id.
+
+        Raises:
+            UnknownReference: Its parent, or what it refers to, does not exist.
+            NameRefused: The rules do not allow its name.
+            TooMany: The client would exceed a limit.
+            Taken: The id of an application's entity is in use.
+            MiddlewareError: The middleware cannot create it.
+        """
+        spec = obj.spec
         if isinstance(spec, ParticipantSpec):
-            return self._make_node(client, thing, spec)
+            return self._create_node(client, obj, spec)
         if isinstance(spec, (TypeSpec, QosProfileSpec)):
             return ""
         if isinstance(spec, ApplicationSpec):
-            self._make_parts(client, thing, spec)
-            return f", entities: {len(thing.parts)}"
-        parent = self._objects.get(thing.parent)
+            self._create_parts(client, obj, spec)
+            return f", entities: {len(obj.parts)}"
+        parent = self._objects.get(obj.parent)
         if parent is None:
             raise UnknownReference(
-                f"its {KIND_NAMES[thing.parent & 15]} {object_label(thing.parent)} does not exist"
+                f"its {KIND_NAMES[obj.parent & 15]} {object_label(obj.parent)} does not exist"
             )
         about = f", {KIND_NAMES[parent.kind]}_id: {object_label(parent.object_id)}"
         if isinstance(spec, TopicSpec):
-            parent.settings.topic(spec.name)  # refused here, and not only with its first endpoint
+            parent.settings.topic(spec.name)  # refuse it here, not with its first endpoint
             if names.split_dds(spec.name) is None and not self._agent.middleware.any_name:
                 client.log(
                     INFO, "ProxyClient", "create_topic", "not a ROS topic",
@@ -107,28 +123,28 @@ class ObjectFactory:
         if isinstance(spec, (TopicSpec, GroupSpec)):
             return about
         participant = self._participant_of(parent)
-        node, thing.settings = participant.node, participant.settings
+        node, obj.settings = participant.node, participant.settings
         assert node is not None
         if isinstance(spec, EndpointSpec):
-            thing.endpoint = self._make_endpoint(client, thing, spec, parent, node)
+            obj.endpoint = self._create_endpoint(client, obj, spec, parent, node)
         else:
-            service = thing.settings.service(spec.service())
-            thing.named = service.request_topic, service.request_type
-            ready, budget = client.on_ready(thing), self._agent.budget
-            dropped = client.on_dropped(thing)
-            if thing.kind == ids.KIND_REQUESTER:
-                thing.endpoint = RequesterEndpoint(
-                    node, service, thing.object_id, ready, client.on_refusal(thing), budget,
+            service = obj.settings.service(spec.service())
+            obj.named = service.request_topic, service.request_type
+            ready, budget = client.on_ready(obj), self._agent.budget
+            dropped = client.on_dropped(obj)
+            if obj.kind == ids.KIND_REQUESTER:
+                obj.endpoint = RequesterEndpoint(
+                    node, service, obj.object_id, ready, client.on_refusal(obj), budget,
                     dropped,
                 )
             else:
-                thing.endpoint = ReplierEndpoint(node, service, ready, budget, dropped)
-        thing.node = node
+                obj.endpoint = ReplierEndpoint(node, service, ready, budget, dropped)
+        obj.node = node
         return about
 
-    def _make_parts(self, client: ObjectOwner, thing: XrceObject, spec: ApplicationSpec) -> None:
-        """All entities of an application, or none."""
-        kinds = [thing.kind, *(it.kind for it in spec.items)]
+    def _create_parts(self, client: ObjectOwner, obj: XrceObject, spec: ApplicationSpec) -> None:
+        """Create all entities of an application, or none."""
+        kinds = [obj.kind, *(item.kind for item in spec.items)]
         check_room(self._objects, kinds, self._agent.limits)
         try:
             for item in spec.items:
@@ -136,19 +152,19 @@ class ObjectFactory:
                 if object_id is None:
                     object_id = self._unnamed << 4 | item.kind
                     self._unnamed += 1
-                elif object_id in self._objects or object_id == thing.object_id:
+                elif object_id in self._objects or object_id == obj.object_id:
                     raise Taken(f"its {object_label(object_id)} exists already")
-                made = thing.parts
+                made = obj.parts
                 parent = made[item.parent].object_id if item.kind != ids.KIND_PARTICIPANT else 0
                 own = representation.from_profile(
                     item.kind, item.profile, item.parent, self._known
                 )
                 part = XrceObject(object_id, parent, own)
-                self.make(client, part)
+                self.create(client, part)
                 self._objects[object_id] = part
                 made.append(part)
         except Exception:
-            client.close_object(thing)
+            client.close_object(obj)
             raise
 
     def _domain(self, spec: ParticipantSpec, settings: Settings) -> int:
@@ -157,7 +173,7 @@ class ObjectFactory:
                 return domain
         return self._agent.domain_of_agent if spec.domain == DOMAIN_FROM_AGENT else spec.domain
 
-    def _make_node(self, client: ObjectOwner, thing: XrceObject, spec: ParticipantSpec) -> str:
+    def _create_node(self, client: ObjectOwner, obj: XrceObject, spec: ParticipantSpec) -> str:
         agent, key = self._agent, client.key
         given = node_name(spec.name)
         settings = agent.rules.settings(
@@ -167,63 +183,63 @@ class ObjectFactory:
         domain = self._domain(spec, settings)
         use(self._domains, domain, agent.limits.domains, "domains")
         namespace, name = settings.node(*given)
-        thing.settings = settings
-        thing.named = names.join(namespace, name), str(domain)
-        thing.node = agent.middleware.create_node(domain, namespace, name, spec.localhost_only)
+        obj.settings = settings
+        obj.named = names.join(namespace, name), str(domain)
+        obj.node = agent.middleware.create_node(domain, namespace, name, spec.localhost_only)
         return f", domain_id: {domain}, node: {names.join(namespace, name)}"
 
-    def _participant_of(self, thing: XrceObject) -> XrceObject:
-        participant = thing
-        if thing.kind != ids.KIND_PARTICIPANT:
-            found = self._objects.get(thing.parent)
+    def _participant_of(self, obj: XrceObject) -> XrceObject:
+        participant = obj
+        if obj.kind != ids.KIND_PARTICIPANT:
+            found = self._objects.get(obj.parent)
             if found is None:
                 raise UnknownReference(
-                    f"its participant {object_label(thing.parent)} does not exist"
+                    f"its participant {object_label(obj.parent)} does not exist"
                 )
             participant = found
         return participant
 
-    def _make_endpoint(
+    def _create_endpoint(
         self,
         client: ObjectOwner,
-        thing: XrceObject,
+        obj: XrceObject,
         spec: EndpointSpec,
         group: XrceObject,
         node: Node,
     ) -> Endpoint:
-        topic, settings = self._topic(spec), thing.settings
+        topic, settings = self._topic(spec), obj.settings
         name = settings.topic(topic.name)
         use(self._types, topic.type_name, self._agent.limits.types, "types")
-        thing.named = name, topic.type_name
+        obj.named = name, topic.type_name
         qos = copy(spec.qos)
         if isinstance(group.spec, GroupSpec) and group.spec.partitions and not qos.partitions:
             qos.partitions = group.spec.partitions
-        qos.depth = min(qos.depth, MAX_UNREAD)  # the agent's owner may want more
+        qos.depth = min(qos.depth, MAX_UNREAD)  # rules may raise it again
         settings.apply(qos, topic.name)
-        if thing.kind == ids.KIND_DATAREADER:
+        if obj.kind == ids.KIND_DATAREADER:
             if (topic.name, topic.type_name) == (GRAPH_TOPIC, GRAPH_TYPE):
                 participant = self._objects[group.parent].spec
                 assert isinstance(participant, ParticipantSpec)
                 graph = self._agent.graphs.reader(
                     self._domain(participant, settings),
                     lambda: client.session.mtu,
-                    client.on_ready(thing),
+                    client.on_ready(obj),
                     client.key,
                 )
                 if graph is not None:
                     return graph
             return ReaderEndpoint(
-                node, name, topic.type_name, qos, client.on_ready(thing), self._agent.budget,
-                client.on_dropped(thing),
+                node, name, topic.type_name, qos, client.on_ready(obj), self._agent.budget,
+                client.on_dropped(obj),
             )  # fmt: skip
         writer = WriterEndpoint(
             node.create_writer(name, topic.type_name, qos),
             qos,
             self._agent.budget,
             settings.limiter,
-            client.on_too_large(thing.object_id),
+            client.on_too_large(obj.object_id),
         )
-        client.session.writers[thing.object_id] = writer.write
+        client.session.writers[obj.object_id] = writer.write
         return writer
 
     def _topic(self, spec: EndpointSpec) -> TopicSpec:
@@ -234,12 +250,12 @@ class ObjectFactory:
                 raise UnknownReference(f"its topic {object_label(topic_id)} does not exist")
             return found.spec
         assert spec.topic is not None
-        for thing in self._objects.values():
-            if isinstance(thing.spec, TopicSpec) and spec.topic.name in (
-                thing.spec.name,
-                thing.representation and thing.representation[1],  # any_name: its text is its name
+        for obj in self._objects.values():
+            if isinstance(obj.spec, TopicSpec) and spec.topic.name in (
+                obj.spec.name,
+                obj.representation and obj.representation[1],  # any_name: its text is its name
             ):
-                return thing.spec
+                return obj.spec
         if not spec.topic.type_name:
             raise UnknownReference(f"the type of topic {spec.topic.name!r} is not known")
         return spec.topic

@@ -1,4 +1,4 @@
-"""Kinds of a client's objects, what each is made in, and how ids are written."""
+"""The kinds of objects, the kind of each one's parent, and ids as text."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ KIND_NAMES: Final = {
     ids.KIND_QOS_PROFILE: "qos_profile",
     ids.KIND_APPLICATION: "application",
 }
-# In what an object is made; a CREATE of the other kinds names no parent.
+# The kind of an object's parent; a CREATE of the other kinds names none.
 PARENTS: Final = {
     ids.KIND_TOPIC: ids.KIND_PARTICIPANT,
     ids.KIND_PUBLISHER: ids.KIND_PARTICIPANT,
@@ -29,7 +29,7 @@ PARENTS: Final = {
     ids.KIND_REQUESTER: ids.KIND_PARTICIPANT,
     ids.KIND_REPLIER: ids.KIND_PARTICIPANT,
 }
-# Kinds that stand on a participant of the middleware, or are one.
+# Kinds that have a node of the middleware.
 WITH_NODE: Final = (
     ids.KIND_PARTICIPANT,
     ids.KIND_DATAWRITER,
@@ -40,16 +40,16 @@ WITH_NODE: Final = (
 
 
 def parent_id(kind: int, parent: int) -> int:
-    """The object id of an object's parent, whichever kind the client wrote into it; 0: none."""
+    """Return the id of an object's parent, with the right kind in its low bits; 0: none."""
     within = PARENTS.get(kind)
     return 0 if within is None else (parent & 0xFFF0) | within
 
 
 def object_label(object_id: int) -> str:
-    """As in the C++ agent's log: number and kind, ``0x000(5)``."""
+    """Return an id as the C++ agent's log has it: number and kind, ``0x000(5)``."""
     return f"0x{object_id >> 4:03X}({object_id & 15})"
 
 
 def key_label(key: int) -> str:
-    """A client's key as everything of ours writes it, and as ``--allow-key`` takes it."""
+    """Return a client key as uros always writes it, and as ``--allow-key`` takes it."""
     return f"0x{key:08X}"

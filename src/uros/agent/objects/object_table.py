@@ -1,4 +1,4 @@
-"""A client's objects: what is kept of them, their names, and where references are looked up."""
+"""The record of a client's object, the limits on objects, and the lookup of references."""
 
 from __future__ import annotations
 
@@ -25,26 +25,35 @@ UNNAMED: Final = 0x1000
 
 
 def check_room(objects: Mapping[int, XrceObject], kinds: list[int], limits: Limits) -> None:
-    """Raises TooMany where a client with these objects may not have such ones as well."""
+    """Check that a client with these objects may have more.
+
+    Args:
+        objects: The client's objects.
+        kinds: The kinds of the objects to create.
+        limits: The limits of a client.
+
+    Raises:
+        TooMany: It may not.
+    """
     if len(objects) + len(kinds) > limits.objects:
         raise TooMany(f"over {limits.objects} objects (see --max-objects)")
     new = kinds.count(ids.KIND_PARTICIPANT)
     if new and limits.participants < new + sum(
-        it.kind == ids.KIND_PARTICIPANT for it in objects.values()
+        known.kind == ids.KIND_PARTICIPANT for known in objects.values()
     ):
         raise TooMany(f"over {limits.participants} participants")
 
 
-def broken(thing: XrceObject, objects: Mapping[int, XrceObject]) -> bool:
-    """Whether what the object stood for, or a part of it, was deleted."""
-    return thing.orphaned or any(
-        objects.get(it.object_id) is not it or it.orphaned for it in thing.parts
+def broken(obj: XrceObject, objects: Mapping[int, XrceObject]) -> bool:
+    """Return whether the object's endpoint, or one of its parts, was deleted."""
+    return obj.orphaned or any(
+        objects.get(part.object_id) is not part or part.orphaned for part in obj.parts
     )
 
 
 @dataclass(eq=False)
 class XrceObject:
-    """An object of the client; ``node`` on participants and on what has an ``endpoint``."""
+    """An object of the client; participants and objects with an ``endpoint`` have a ``node``."""
 
     object_id: int
     parent: int
@@ -61,6 +70,7 @@ class XrceObject:
 
     @property
     def kind(self) -> int:
+        """The object's kind: the low four bits of its id."""
         return self.object_id & 0x0F
 
     @property
@@ -70,7 +80,7 @@ class XrceObject:
 
     @property
     def kept(self) -> int:
-        """Bytes of the representation."""
+        """The bytes of the representation that are kept."""
         return len(self.representation[1]) if self.representation is not None else 0
 
 
@@ -79,22 +89,22 @@ class Taken(Exception):
 
 
 class Known:
-    """Where a client's references are looked up: its own objects, then the agent's files."""
+    """Finds what a client refers to by name: in its own objects, then in the agent's files."""
 
     def __init__(self, objects: Mapping[int, XrceObject], references: References) -> None:
         self._objects = objects
         self._references = references
 
     def find(self, tag: str, name: str) -> Profile | None:
-        """See :class:`~uros.agent.objects.representation.Lookup`."""
+        """Return the profile; see :class:`~uros.agent.objects.representation.Lookup`."""
         if tag == "type":
-            for thing in self._objects.values():
-                if isinstance(thing.spec, TypeSpec) and name in thing.spec.names:
+            for obj in self._objects.values():
+                if isinstance(obj.spec, TypeSpec) and name in obj.spec.names:
                     return Profile(type_name=name)
         elif tag == "qos_profile":
-            for thing in self._objects.values():
-                if isinstance(thing.spec, QosProfileSpec) and name in thing.spec.named:
-                    return thing.spec.named[name]
+            for obj in self._objects.values():
+                if isinstance(obj.spec, QosProfileSpec) and name in obj.spec.named:
+                    return obj.spec.named[name]
         return self._references.find(tag, name)
 
 
@@ -102,10 +112,10 @@ _BAD_IN_NAME = re.compile(r"[^A-Za-z0-9_]")
 
 
 def node_name(given: str | None) -> tuple[str, str]:
-    """``(namespace, name)`` of the ROS node a participant's name stands for.
+    """Return the namespace and name of the ROS node for a participant's name.
 
-    micro-ROS gives ``namespace/name``; characters that ROS names cannot have
-    become underscores, and no name at all becomes ``xrce_client``.
+    micro-ROS sends ``namespace/name``. Characters that ROS names cannot have
+    become underscores; without a name the node is ``xrce_client``.
     """
     parts = [part for part in (given or "").split("/") if part]
     clean = []

@@ -1,4 +1,4 @@
-"""What a CREATE asks for, in one form whichever format described it."""
+"""Parses the representation in a CREATE, of any format, into one form."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
 from . import application, xml_profiles
 
-# Attack: a QoS profile that stands on itself.
+# Attack: a QoS profile whose base is itself.
 MAX_BASES: Final = 8
 
 NO_FILTERS: Final = "content filters are not supported: filter on the client"
 
 
 class UnknownReference(Exception):
-    """A reference that no profile answers to, or an object that does not exist."""
+    """A reference to a profile or an object that does not exist."""
 
 
 class Lookup(Protocol):
-    """Where references are looked up: what the client created, then the agent's files."""
+    """Finds references: among the client's objects, then in the agent's files."""
 
     def find(self, tag: str, name: str) -> xml_profiles.Profile | None:
-        """The profile of that kind and name; a type's has its ``type_name`` only."""
+        """Return the profile of that kind and name; a type's has its ``type_name`` only."""
 
 
 @dataclass(frozen=True)
 class ParticipantSpec:
-    """``name`` is ``namespace/name`` or a bare name; None: the client gave none."""
+    """A participant; ``name`` is ``namespace/name`` or a plain name, None where it has none."""
 
     domain: int
     name: str | None
@@ -40,6 +40,8 @@ class ParticipantSpec:
 
 @dataclass(frozen=True)
 class TopicSpec:
+    """A topic by its DDS names."""
+
     name: str
     type_name: str
 
@@ -70,6 +72,7 @@ class ServiceSpec:
     reply_type: str
 
     def service(self) -> Service:
+        """Return the service as the middleware takes it."""
         return Service(self.request_topic, self.request_type, self.reply_topic, self.reply_type)
 
 
@@ -82,14 +85,14 @@ class TypeSpec:
 
 @dataclass(frozen=True)
 class QosProfileSpec:
-    """QoS profiles that entities can stand on, by name."""
+    """QoS profiles that entities can have as their base, by name."""
 
     named: dict[str, xml_profiles.Profile]
 
 
 @dataclass(frozen=True)
 class ApplicationSpec:
-    """Entities that come and go as one, parents first."""
+    """Entities that are created and deleted as one, parents first."""
 
     items: tuple[application.Item, ...]
 
@@ -107,12 +110,12 @@ Spec = (
 
 
 def default_writer_qos() -> QoSProfile:
-    """What a datawriter without QoS gets: Fast DDS's default, as with the C++ agent."""
+    """Return the QoS of a datawriter without any: Fast DDS's default, as with the C++ agent."""
     return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def default_reader_qos() -> QoSProfile:
-    """What a datareader without QoS gets, likewise."""
+    """Return the QoS of a datareader without any: Fast DDS's default, as with the C++ agent."""
     return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -125,11 +128,21 @@ def parse(
     references: Lookup,
     any_name: bool = False,
 ) -> Spec:
-    """The specification of one object. ``any_name``: text that means nothing else is a name, as
-    with :mod:`uros.middleware.ced`.
+    """Return the specification of one object.
 
-    Raises DecodeError for content that means nothing, ProfileError for XML
-    that cannot be used, UnknownReference for a reference nobody defines.
+    Args:
+        kind: The kind of the object.
+        form: The format: BY_REFERENCE, AS_XML_STRING or IN_BINARY.
+        content: The representation.
+        parent: The parent's object id; the domain of a participant.
+        little: Whether a binary representation is little endian.
+        references: Finds profiles and types by name.
+        any_name: Whether other text is a name, as with :mod:`uros.middleware.ced`.
+
+    Raises:
+        DecodeError: The content has no meaning for the kind.
+        ProfileError: The XML cannot be used.
+        UnknownReference: It refers to what nobody has defined.
     """
     if any_name and isinstance(content, str):
         try:
@@ -184,12 +197,12 @@ _NAMED = (
     ids.KIND_PARTICIPANT, ids.KIND_TOPIC, ids.KIND_PUBLISHER, ids.KIND_SUBSCRIBER,
     ids.KIND_DATAWRITER, ids.KIND_DATAREADER,
 )  # fmt: skip
-# Of the C++ CED's topics, each has so many samples for those that read it.
+# Samples that each topic of the C++ CED keeps for its readers.
 _CED_DEPTH = 16
 
 
 def _from_name(kind: int, name: str, parent: int) -> Spec:
-    """What the C++ agent's CED makes of a text."""
+    """Return the specification that the C++ agent's CED makes of a text."""
     if kind == ids.KIND_PARTICIPANT:
         return ParticipantSpec(parent & 0xFFFF, None)
     if kind == ids.KIND_TOPIC:
@@ -201,8 +214,8 @@ def _from_name(kind: int, name: str, parent: int) -> Spec:
 
 def _from_binary(kind: int, r: Reader, parent: int, references: Lookup) -> Spec:
     if kind == ids.KIND_PARTICIPANT:
-        # By the specification a reference to a QoS profile, of which ours have nothing for
-        # participants; every client on record has the node's name there.
+        # In the specification it is a reference to a QoS profile. Profiles have nothing for
+        # participants here, and all known clients send the node's name.
         name, _ = entities.pull_binary_participant(r)
         return ParticipantSpec(parent & 0xFFFF, name)
     if kind == ids.KIND_TOPIC:
@@ -261,7 +274,7 @@ def _service(
     request_topic: str | None,
     reply_topic: str | None,
 ) -> ServiceSpec:
-    """Topics that are not named are made of the service's name, as Fast DDS does."""
+    """Derive topics without a name from the service's name, as Fast DDS does."""
     return ServiceSpec(
         request_topic or f"{name}_Request",
         request_type,
@@ -273,10 +286,10 @@ def _service(
 def _apply(
     tag: str, profile: xml_profiles.Profile, qos: QoSProfile, references: Lookup, depth: int = 0
 ) -> None:
-    """Set on ``qos`` what the profile says, after the QoS profiles that it stands on."""
+    """Set the profile's values on ``qos``, after those of its bases."""
     if profile.base is not None:
         if depth >= MAX_BASES:
-            raise xml_profiles.ProfileError(f"QoS profiles stand on each other {MAX_BASES} deep")
+            raise xml_profiles.ProfileError(f"QoS profiles have bases more than {MAX_BASES} deep")
         base = references.find("qos_profile", profile.base)
         if base is None:
             raise UnknownReference(
@@ -293,7 +306,7 @@ def _apply(
 def from_profile(
     kind: int, profile: xml_profiles.Profile, parent: int, references: Lookup
 ) -> Spec:
-    """The specification of an object by its profile. See :func:`parse`."""
+    """Return the specification of an object by its profile; see :func:`parse`."""
     if kind == ids.KIND_APPLICATION:
         if profile.element is None:
             raise xml_profiles.ProfileError("there is no <application> in it")

@@ -2,13 +2,13 @@
 
 A board of micro-ROS with ``RMW_UXRCE_GRAPH`` reads this topic (it has no ``rt/``) and answers
 ``rcl_get_node_names``, ``rcl_count_publishers`` and the like from the last sample, a
-``micro_ros_msgs/msg/Graph``. The C++ agent puts it on DDS, always; here it goes straight to the
-boards that read it, and a domain is watched as long as it has such boards.
+``micro_ros_msgs/msg/Graph``. The C++ agent always publishes it on DDS. Here it is sent to the
+boards that read it only, and a domain is watched as long as it has such boards.
 
-Nobody tells an agent how long a message a client can put together, and a C client whose buffer is
-too small for one never gets over it: its stream stands still for good. So a graph is made as long
-as micro-ROS's default allows, four messages of the client's MTU, and what matters least is left
-out: first what every node has, then services, topics, and nodes.
+A client does not announce how long a message it can reassemble, and the stream of a C client whose
+buffer is too small for one stalls for good. So a graph is at most as long as micro-ROS's default
+allows, four messages of the client's MTU, and the least important is left out: first what every
+node has, then services, topics, and nodes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SUBSCRIBER: Final = 1
 SERVICE_SERVER: Final = 2
 SERVICE_CLIENT: Final = 3
 
-# RMW_UXRCE_STREAM_HISTORY of a micro-ROS that nobody configured.
+# The default of micro-ROS's RMW_UXRCE_STREAM_HISTORY.
 MESSAGES: Final = 4
 # In each message: header with client key, and FRAGMENT's subheader; once: DATA's, and its ids.
 _PER_MESSAGE: Final = 8 + 4
@@ -44,13 +44,13 @@ MAX_TEXT: Final = 255
 # Attack: a client that comes again and again with another MTU. Graphs kept for as many MTUs.
 _MAX_CACHED: Final = 16
 
-# What every node of rclcpp and rclpy has: the first to go where room is short.
+# What every node of rclcpp and rclpy has: left out first.
 _EVERYWHERE: Final = ("rcl_interfaces/", "type_description_interfaces/")
 _EVERYWHERE_TOPICS: Final = ("/rosout", "/parameter_events")
 
 
 class Entity(NamedTuple):
-    """What a node publishes, subscribes to, serves or calls, under one name."""
+    """A topic or service of a node, in one role: publisher, subscriber, server or client."""
 
     kind: int
     name: str
@@ -58,20 +58,22 @@ class Entity(NamedTuple):
 
     @property
     def everywhere(self) -> bool:
-        """Whether every node has it."""
+        """Whether every node of rclcpp and rclpy has it."""
         if self.kind in (PUBLISHER, SUBSCRIBER):
             return self.name in _EVERYWHERE_TOPICS
-        return all(it.startswith(_EVERYWHERE) for it in self.types)
+        return all(name.startswith(_EVERYWHERE) for name in self.types)
 
 
 class GraphNode(NamedTuple):
+    """A ROS node and its entities."""
+
     namespace: str
     name: str
     entities: tuple[Entity, ...]
 
 
 def ros_nodes(source: Source) -> list[GraphNode]:
-    """The nodes by their ROS names, sorted; what is no topic or service of ROS is left out."""
+    """Return the nodes by their ROS names, sorted, with their ROS topics and services only."""
     endpoints = source.endpoints
     found = []
     for node in living_nodes(source):
@@ -94,9 +96,9 @@ def ros_nodes(source: Source) -> list[GraphNode]:
     return sorted(found, key=lambda one: (one.namespace, one.name))
 
 
-@lru_cache(8192)  # the same as a second ago, but for one or two
+@lru_cache(8192)  # nearly all are the same as a second ago
 def _entity(writes: bool, topic: str, type_name: str) -> tuple[int, str, str] | None:
-    """What an endpoint stands for: kind, name, type; None for what boards are not told."""
+    """Return an endpoint's kind, name and type; None if boards are not told of it."""
     kind, name = PUBLISHER if writes else SUBSCRIBER, names.topic_from_dds(topic)
     ros_type = names.type_from_dds(type_name)
     if name is None:
@@ -117,7 +119,7 @@ def _fits(text: str) -> bool:
 
 
 def encode(nodes: Sequence[GraphNode]) -> bytes:
-    """A ``micro_ros_msgs/msg/Graph`` as little-endian CDR without its encapsulation header."""
+    """Return a ``micro_ros_msgs/msg/Graph``: little-endian CDR without encapsulation header."""
     message = _encode(nodes, lambda entity: True, None)
     assert message is not None
     return message
@@ -126,7 +128,7 @@ def encode(nodes: Sequence[GraphNode]) -> bytes:
 def _encode(
     nodes: Sequence[GraphNode], stays: Callable[[Entity], bool], room: int | None
 ) -> bytes | None:
-    """The message with those entities that stay; None as soon as it exceeds ``room``."""
+    """Return the message with the entities that stay; None as soon as it exceeds ``room``."""
     out = bytearray()
 
     def count(value: int) -> None:
@@ -156,12 +158,12 @@ def _encode(
 
 
 def room_for(mtu: int) -> int:
-    """The bytes of a graph that a client with this MTU can put together."""
+    """Return the bytes of a graph that a client with this MTU can reassemble."""
     return MESSAGES * (mtu - _PER_MESSAGE & ~3) - _ONCE  # fragments end on four bytes
 
 
-# What is left out where room is short, from nothing on: how the log calls it, what stays.
-_DIETS: Final[tuple[tuple[str, Callable[[Entity], bool]], ...]] = (
+# What is left out to save room, from nothing on: its name in the log, and what stays.
+_CUTS: Final[tuple[tuple[str, Callable[[Entity], bool]], ...]] = (
     ("", lambda entity: True),
     (
         "the services of parameters and type descriptions",
@@ -180,8 +182,8 @@ _DIETS: Final[tuple[tuple[str, Callable[[Entity], bool]], ...]] = (
 
 
 def cut(nodes: list[GraphNode], room: int) -> tuple[bytes, str]:
-    """The message, at most ``room`` bytes long, and what was left out of it."""
-    for left_out, stays in _DIETS:
+    """Return a message of at most ``room`` bytes, and what was left out of it, as text."""
+    for left_out, stays in _CUTS:
         message = _encode(nodes, stays, room)
         if message is not None:
             return message, left_out
@@ -196,13 +198,13 @@ def cut(nodes: list[GraphNode], room: int) -> tuple[bytes, str]:
     return best, f"all topics and services and {len(nodes) - few} of {len(nodes)} nodes"
 
 
-# --- those that ask --------------------------------------------------------------------
+# --- its readers --------------------------------------------------------------------
 
 
 class GraphEndpoint:
-    """A board's datareader of the topic: always the graph of now, and each only once."""
+    """A board's datareader of the topic: it gives the present graph, and each graph once."""
 
-    unread = 0  # octets that wait: it is made when it is taken
+    unread = 0  # octets that wait: the message is encoded when it is taken
 
     def __init__(
         self, domain: _Domain, mtu: Callable[[], int], on_ready: Callable[[], None], key: int
@@ -216,10 +218,10 @@ class GraphEndpoint:
         self.taken = 0  # graphs, for the agent's owner
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        """The graph, where it is another than before."""
+        """Return the graph if it differs from the one before."""
         message, left_out = self._domain.message(room_for(self._mtu()))
         if limit < 1 or message == self._told or (self._told is None and not any(message)):
-            return []  # an empty one is no news to begin with: nothing is discovered yet
+            return []  # an empty one is not sent first: nothing is discovered yet
         self._told = message
         self.taken += 1
         if left_out != self._left_out:
@@ -228,15 +230,16 @@ class GraphEndpoint:
         return [(1, message)]
 
     def anew(self) -> None:
-        """The client asks again, maybe after a reset: it gets what it was told before."""
+        """Send the graph again even if it has not changed: the client may have been reset."""
         self._told = None
 
     def close(self) -> None:
+        """Stop watching the domain if this was its last reader."""
         self._domain.leave(self)
 
 
 class _Domain:
-    """One domain while boards ask for its graph."""
+    """One domain while boards read its graph."""
 
     def __init__(self, number: int, log: Log, over: Callable[[int], object]) -> None:
         self.readers: list[GraphEndpoint] = []
@@ -244,17 +247,17 @@ class _Domain:
         self._number = number
         self._log = log
         self._over = over
-        # By its room; boards ask whenever they acknowledge something.
+        # By their room: endpoints ask each time that a board acknowledges something.
         self._messages: dict[int, tuple[bytes, str]] = {}
 
     def changed(self) -> None:
-        """Tell all boards; the middleware calls it."""
+        """Notify all readers; the middleware calls this."""
         self._messages.clear()
         for reader in self.readers.copy():
             reader.on_ready()
 
     def message(self, room: int) -> tuple[bytes, str]:
-        """The graph in so many bytes, and what was left out of it."""
+        """Return the graph in so many bytes, and what was left out of it."""
         known = self._messages.get(room)
         if known is None:
             if len(self._messages) >= _MAX_CACHED:
@@ -281,7 +284,7 @@ class _Domain:
 
 
 class Graphs:
-    """The domains that boards want to know the graph of."""
+    """The domains whose graph boards read."""
 
     def __init__(self, middleware: Middleware, log: Log) -> None:
         self._middleware = middleware
@@ -291,9 +294,19 @@ class Graphs:
     def reader(
         self, domain: int, mtu: Callable[[], int], on_ready: Callable[[], None], key: int
     ) -> GraphEndpoint | None:
-        """A datareader of the graph for the client ``key``; None where the middleware has none.
+        """Create a datareader of the graph.
 
-        ``mtu`` says the client's. Raises MiddlewareError where the domain cannot be watched.
+        Args:
+            domain: The DDS domain.
+            mtu: Returns the client's MTU.
+            on_ready: Called when there is a new graph.
+            key: The client's key.
+
+        Returns:
+            The reader, or None if the middleware does not know the graph.
+
+        Raises:
+            MiddlewareError: The domain cannot be watched.
         """
         watched = self._domains.get(domain)
         if watched is None:

@@ -1,12 +1,12 @@
-"""XML representations and reference files, as far as they say something a board can mean.
+"""Reads XML representations and reference files: the elements that matter to boards.
 
-Two dialects say the same: Fast DDS's profile XML, which the C++ agent reads
+There are two dialects: Fast DDS's profile XML, which the C++ agent reads
 (``<data_writer profile_name="…"><qos>``), and that of DDS-XML, which the XRCE
 specification names (``<qos_library>``, ``<types>``, ``<application>``). Elements
 that are not known are passed over.
 
-Both come from outside, so nothing clever is left on: no document type, no
-entities, a limit on size, depth and number of elements.
+Both come from outside, so document types and entities are refused, and size, depth
+and number of elements are limited.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ _ALSO = {"domain_participant": "participant"}
 
 
 class ProfileError(ValueError):
-    """XML that is broken, too much, or does not say what is needed."""
+    """XML that is broken, too large, or without what is needed."""
 
 
 @dataclass
 class Profile:
-    """What one profile says; None and empty where it says nothing."""
+    """The content of one profile; None and empty where it has no value."""
 
     name: str | None = None
     localhost_only: bool = False
@@ -91,7 +91,11 @@ class References:
         self._profiles: dict[tuple[str, str], Profile] = {}
 
     def load(self, path: str | Path) -> int:
-        """Add the profiles of a file; how many. Raises ProfileError naming the file."""
+        """Add the profiles of a file, and return how many it has.
+
+        Raises:
+            ProfileError: The file cannot be read or used; the message names it.
+        """
         try:
             with Path(path).open("rb") as file:
                 # A byte more than there may be characters, at four bytes each, is too much.
@@ -107,9 +111,9 @@ class References:
                 name = element.get("profile_name")
                 if element.tag in _TAGS and name:
                     found[element.tag, name] = read_profile(element, root)
-            found.update((("qos_profile", name), it) for name, it in qos_profiles(root))
+            found.update((("qos_profile", name), profile) for name, profile in qos_profiles(root))
             found.update((("type", name), Profile(type_name=name)) for name in _types(root))
-            found.update((("application", name), it) for name, it in _applications(root))
+            found.update((("application", name), profile) for name, profile in _applications(root))
         except ProfileError as error:
             raise ProfileError(f"{path}: {error}") from error
         if not found:
@@ -121,11 +125,20 @@ class References:
         return len(found)
 
     def find(self, tag: str, name: str) -> Profile | None:
+        """Return the profile of that kind and name, or None."""
         return self._profiles.get((tag, name))
 
 
 def parse_xml(tag: str, text: str) -> Profile:
-    """The profile in an XML representation of the kind ``tag``."""
+    """Return the profile in an XML representation.
+
+    Args:
+        tag: The element that describes the kind of object.
+        text: The XML document.
+
+    Raises:
+        ProfileError: It has no such element, or cannot be used.
+    """
     root = _document(text, MAX_XML)
     element = root if root.tag == tag else root.find(f".//{tag}")
     if element is None:
@@ -134,7 +147,11 @@ def parse_xml(tag: str, text: str) -> Profile:
 
 
 def parse_types(text: str) -> frozenset[str]:
-    """The names of the types that an XML representation of one or more defines."""
+    """Return the names of the types that an XML representation defines.
+
+    Raises:
+        ProfileError: It defines none, or cannot be used.
+    """
     names = frozenset(_types(_document(text, MAX_XML)))
     if not names:
         raise ProfileError("there is no type in it: a <struct> with a name, or the like")
@@ -142,7 +159,11 @@ def parse_types(text: str) -> frozenset[str]:
 
 
 def parse_qos_profiles(text: str) -> dict[str, Profile]:
-    """The QoS profiles of an XML representation, each by all its names."""
+    """Return the QoS profiles of an XML representation, each by all its names.
+
+    Raises:
+        ProfileError: It has none, or cannot be used.
+    """
     found = dict(qos_profiles(_document(text, MAX_XML)))
     if not found:
         raise ProfileError("there is no <qos_profile> with a name in it")
@@ -209,8 +230,14 @@ def _text(element: Element, *paths: str) -> str | None:
 
 
 def read_profile(element: Element, root: Element | None = None) -> Profile:
-    """What one element says, whichever of the dialects it is in; what it refers to by name, such
-    as transports, stands in the document ``root``.
+    """Return the profile that one element of either dialect describes.
+
+    Args:
+        element: The element of the object.
+        root: The document with what the element refers to by name, such as transports.
+
+    Raises:
+        ProfileError: A value is not one of those that its element can have.
     """
     tag = _ALSO.get(element.tag, element.tag)
     profile = Profile()
@@ -237,7 +264,7 @@ def read_profile(element: Element, root: Element | None = None) -> Profile:
     profile.type_name = _text(element, "topic/dataType")
     own = element.find(_QOS_TAGS[tag])
     profile.base = None if own is None else own.get("base_name")
-    profile.content_filter = any(element.find(it) is not None for it in _FILTERS)
+    profile.content_filter = any(element.find(path) is not None for path in _FILTERS)
     _qos(element, ("qos/", _QOS_TAGS[tag] + "/"), profile.qos)
     if tag in ("publisher", "subscriber"):
         partitions = profile.qos.pop("partitions", ())
@@ -309,9 +336,9 @@ def _applications(root: Element) -> Iterator[tuple[str, Profile]]:
 
 def _only_loopback(participant: Element, root: Element | None) -> bool:
     """Whether every interface the profile allows is loopback (PX4's LocalHostOnly)."""
-    transports = [it.text.strip() for it in participant.iter("transport_id") if it.text]
+    transports = [used.text.strip() for used in participant.iter("transport_id") if used.text]
     descriptors = [] if root is None else list(root.iter("transport_descriptor"))
-    chosen = [it for it in descriptors if _text(it, "transport_id") in transports]
+    chosen = [known for known in descriptors if _text(known, "transport_id") in transports]
     allowed = [
         address.text.strip()
         for element in (participant, *chosen)
@@ -375,27 +402,27 @@ def _qos(element: Element, where: tuple[str, ...], out: dict[str, object]) -> No
     def found(*paths: str) -> Element | None:
         for path in paths:
             for start in where:
-                it = element.find(start + path)
-                if it is not None:
-                    return it
+                child = element.find(start + path)
+                if child is not None:
+                    return child
             if path.startswith("history/"):
-                it = element.find(path.replace("history/", "topic/historyQos/"))
-                if it is not None:
-                    return it
+                child = element.find(path.replace("history/", "topic/historyQos/"))
+                if child is not None:
+                    return child
         return None
 
     for key, (paths, values) in _WORDS.items():
-        it = found(*paths)
-        if it is not None and it.text and it.text.strip():
-            given = it.text.strip()
+        child = found(*paths)
+        if child is not None and child.text and child.text.strip():
+            given = child.text.strip()
             word = re.sub("_(RELIABILITY|DURABILITY|HISTORY|LIVELINESS|OWNERSHIP)_QOS$", "", given)
             if word not in values:
                 raise ProfileError(f"<{paths[0]}> is {given!r}, not one of {', '.join(values)}")
             out[key] = values[word]
     for key, paths in _NUMBERS.items():
-        it = found(*paths)
-        if it is not None and it.text and it.text.strip():
-            out[key] = _number(it.text.strip(), paths[0].split("/")[1 if key == "depth" else 0])
+        child = found(*paths)
+        if child is not None and child.text and child.text.strip():
+            out[key] = _number(child.text.strip(), paths[0].split("/")[1 if key == "depth" else 0])
     for key, paths in _PERIODS.items():
         period = found(*paths)
         if period is not None:
@@ -403,11 +430,11 @@ def _qos(element: Element, where: tuple[str, ...], out: dict[str, object]) -> No
             if milliseconds:
                 out[key] = milliseconds
     names = [
-        it.text.strip()
+        child.text.strip()
         for start in where
         for path in ("partition/names/name", "partition/name/element", "partition/name/name")
-        for it in element.iterfind(start + path)
-        if it.text
+        for child in element.iterfind(start + path)
+        if child.text
     ]
     if len(names) > MAX_PARTITIONS:
         raise ProfileError(f"{len(names)} partitions are over the limit of {MAX_PARTITIONS}")
