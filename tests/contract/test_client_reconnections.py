@@ -94,7 +94,7 @@ def moment(board, chance):
         wanted = chance.randrange(4 * TOPICS * 2)
         board.until(
             lambda: connection.state == AGENT_CONNECTED
-            or connection.session.request_id >= 10 + wanted
+            or connection.request_id >= 10 + wanted
         )
     else:  # when it has worked for a while
         before = connection.connections  # it may not have noticed the last kill yet

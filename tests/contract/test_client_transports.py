@@ -273,7 +273,7 @@ def test_samples_there_and_back(made):
     assert blobs.publish(UInt8MultiArray(data=blob))
     until(made, lambda: len(heard) >= 200 and images, (len(heard), len(images)))
     assert heard == list(range(200)) and images == [blob]
-    assert node.connection.connections == 1 and node.connection.session.dropped == 0
+    assert node.connection.connections == 1 and node.connection.dropped == 0
 
 
 def test_a_service(made):

@@ -408,7 +408,7 @@ class Play:
         assert [parts(it) for it in ours] == [parts(it) for it in theirs]
         assert self.node.state == AGENT_CONNECTED
         assert self.node.connection.held() == 0
-        assert self.node.connection.session.dropped == 0
+        assert self.node.connection.dropped == 0
 
 
 def read(type, octets):
@@ -447,7 +447,7 @@ def test_a_subscription_hears_what_that_of_micro_ros_heard():
     play.spin()
     assert heard == list(range(16))
     play.check()
-    assert play.node.connection.session._in.acknack() == (20, 0)
+    assert play.node.connection._in.acknack() == (20, 0)
 
 
 def test_a_service_answers_as_that_of_micro_ros_did():

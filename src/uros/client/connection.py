@@ -74,6 +74,8 @@ class Connection(Session):
 
     _best_us: "int"
 
+    has_agent = True
+
     def __init__(
         self,
         transport: "Transport",
@@ -144,11 +146,6 @@ class Connection(Session):
             if self._known:
                 request = self.request(ids.DELETE, ids.FLAG_LITTLE_ENDIAN, self.begin(object_id))
                 self._awaited[request] = None
-
-    @property
-    def session(self) -> "Session":
-        """The XRCE session: the connection itself."""
-        return self
 
     def transient_local(self, depth: int) -> int:
         """Return ``depth``: the caller sets QOS_TRANSIENT_LOCAL in the entity's flags.

@@ -61,7 +61,7 @@ class Entity:
             from ..qos import to_flags
 
             # Without an agent all of DDS applies.
-            self.flags = to_flags(qos, self.kinds[-1] if node.connection.session else 0)
+            self.flags = to_flags(qos, self.kinds[-1] if node.connection.has_agent else 0)
             self.depth = qos.depth
         self.connection: "Any" = node.connection
         self.number: int = self.connection.add(self)
@@ -134,7 +134,7 @@ class Publisher(Entity):
         super().__init__(node, name, type, qos)
         # The type whose messages publish() puts straight into a buffer of the session: none with
         # best effort, and none without an agent.
-        self._direct = type if self.flags & ids.QOS_RELIABLE and node.connection.session else None
+        self._direct = type if self.flags & ids.QOS_RELIABLE and node.connection.has_agent else None
         # Of a board's classes the codec itself, without what words its errors.
         self._pack: "Any" = getattr(type, "_pack", None) or getattr(type, "pack_into", None)
         number = self.object_id(ids.KIND_DATAWRITER)

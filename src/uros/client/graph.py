@@ -44,7 +44,7 @@ class Graph(Subscription):
     """
 
     def __init__(self, node: "Any", callback: "Callable[[], object] | None" = None) -> None:
-        if node.connection.session is None:
+        if not node.connection.has_agent:
             raise TypeError("a host's node has no agent to ask; see uros.host.graph_queries")
         self.known = False
         self._buf = b"\0\0\0\0"

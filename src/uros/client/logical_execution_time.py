@@ -77,8 +77,8 @@ class LetExecutor(Executor):
         self.until_deadline = False  # a Period releases
         self._depth = 0
         self._cork: "Any" = None
-        session = node.connection.session
-        if session is not None:
+        if node.connection.has_agent:
+            session: "Any" = node.connection
             self._cork = session.transport
             if not isinstance(self._cork, _Cork):
                 self._cork = _Cork(session.transport, session.limit)

@@ -87,14 +87,13 @@ try:
         """Why the last agent was lost; empty before."""
         connections: int
         """How many sessions have reached AGENT_CONNECTED."""
+        has_agent: bool
+        """Whether it is an XRCE session with an agent, a `Connection`.
 
-        @property
-        def session(self) -> "Any":
-            """The XRCE session with an agent; None where there is no agent.
-
-            Without an agent QoS profiles apply as a whole, and publishers have no buffers of
-            a session.
-            """
+        Without an agent QoS profiles apply as a whole, and publishers have no buffers of a session.
+        A plain attribute, since a property makes every store to an object of its class slower on
+        MicroPython.
+        """
 
         def add(self, entity: "Any") -> int:
             """Connect an entity now and in all sessions to come.

@@ -237,6 +237,8 @@ class Direct(NodeConnection):
 
     connections = 1
 
+    has_agent = False
+
     def __init__(self, middleware: base.Middleware, domain: int = 0) -> None:
         self.middleware = middleware
         self.domain = domain
@@ -256,11 +258,6 @@ class Direct(NodeConnection):
         atexit.register(self.close)
 
     # --- what nodes and entities ask for -------------------------------------------------------
-
-    @property
-    def session(self) -> None:
-        """None: there is no agent."""
-        return None
 
     def add(self, entity: Any) -> int:
         """Put a node into the graph, or an entity onto the network; its number.

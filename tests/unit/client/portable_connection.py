@@ -809,7 +809,7 @@ def test_strays_keep_nobody_alive() -> None:
         bench.agent.post(b"?")
         bench.run(10)
     assert [state for _, state in bench.states][2:4] == CYCLE[:2]
-    assert bench.connection.session.dropped > 100
+    assert bench.connection.dropped > 100
 
 
 # --- the end ----------------------------------------------------------------------------------

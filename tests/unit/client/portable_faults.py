@@ -455,12 +455,12 @@ def test_datagrams_of_foreign_sessions_are_counted_and_change_nothing() -> None:
     life.connect()
     agent = life.agent
     sample = built(session.push_request, 0, 0x16) + number_bytes(5)
-    before = life.node.connection.session.dropped
+    before = life.node.connection.dropped
     for other in (0x80, 0x82, 0x90, 0xFE, 0xFF):
         for stream in (0, 1, 0x80):
             agent.post(message(ids.DATA, sample, stream, 0, other))
     life.run(100)
-    assert life.heard == [] and life.node.connection.session.dropped - before == 15
+    assert life.heard == [] and life.node.connection.dropped - before == 15
     life.works()
 
 

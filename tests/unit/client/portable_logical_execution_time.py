@@ -100,7 +100,7 @@ def test_the_session_is_served_while_outputs_wait() -> None:
 def test_no_more_is_held_than_the_limit() -> None:
     bench = Bench(qos.qos_profile_sensor_data)
     LetExecutor(bench.node)
-    limit = bench.node.connection.session.limit
+    limit = bench.node.connection.limit
 
     def flood():
         for i in range(5000):

@@ -180,7 +180,7 @@ def test_a_key_is_made_of_the_name_and_the_board() -> None:
     assert 0 < board_key("a") <= 0xFFFFFFFF
     clock = FakeClock()
     node = Node("node", FakeAgent(clock), clock=clock)
-    assert 0 < node.connection.session.key <= 0xFFFFFFFF
+    assert 0 < node.connection.key <= 0xFFFFFFFF
 
 
 # --- publishers -------------------------------------------------------------------------------

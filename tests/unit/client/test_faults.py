@@ -138,7 +138,7 @@ def test_what_was_said_in_a_session_that_is_over_disturbs_no_other(seed):
         wire.start_agent()
         wire.connect()
         before = [it.connection.connections for it in wire.nodes]
-        dropped = sum(it.connection.session.dropped for it in wire.nodes)
+        dropped = sum(it.connection.dropped for it in wire.nodes)
         pair.works()
         wire.random.seed(seed)
         wire.random.shuffle(ghosts)
@@ -150,7 +150,7 @@ def test_what_was_said_in_a_session_that_is_over_disturbs_no_other(seed):
         assert pair.heard == [5] and pair.seen == [picture(5)] and pair.answers == ["gone"]
         pair.works()
         assert before == [it.connection.connections for it in wire.nodes]
-        assert sum(it.connection.session.dropped for it in wire.nodes) > dropped + 50
+        assert sum(it.connection.dropped for it in wire.nodes) > dropped + 50
 
 
 class SerialWire(Wire):

@@ -67,7 +67,7 @@ def test_a_node_survives_any_datagrams_and_works(received):
         end = clock.t + ms * 1000
         while clock.t < end:
             node.spin_once((end - clock.t) / 1000000)
-            check(node.connection.session)
+            check(node.connection)
 
     spin(100)
     assert node.state == AGENT_CONNECTED

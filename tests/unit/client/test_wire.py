@@ -29,7 +29,7 @@ def test_reliable_samples_arrive_complete_and_in_order(seed):
             UInt8MultiArray, "blobs", lambda it: images.append(bytes(it.data)), KEEP_ALL
         )
         wire.connect()
-        strays = [it.connection.session.dropped for it in wire.nodes]
+        strays = [it.connection.dropped for it in wire.nodes]
         sizes = (10, 480, 492, 500, 3000, 15000)
         sent = [0, 0]
 
@@ -48,7 +48,7 @@ def test_reliable_samples_arrive_complete_and_in_order(seed):
         assert images == [blob(i, sizes[i % len(sizes)]) for i in range(12)]
         for node in (talker, listener):
             assert node.state == AGENT_CONNECTED
-        assert strays == [it.connection.session.dropped for it in wire.nodes]
+        assert strays == [it.connection.dropped for it in wire.nodes]
         assert wire.lost > 50 and wire.doubled > 30
         assert talker.connection.held() == 0
         assert talker.connection.size() == 0

@@ -232,7 +232,7 @@ def test_with_a_transport_it_is_the_boards():
     line = UdpTransport("127.0.0.1", 8888)
     node = uros.Node("node", line, key=7)
     assert (node.state, node.domain_id) == (WAITING_AGENT, 0)
-    assert node.connection.transport is line and node.connection.session.key == 7
+    assert node.connection.transport is line and node.connection.key == 7
     node.destroy_node()
 
 
