@@ -1,11 +1,11 @@
-"""All clients of one agent: who may come in, and whose a datagram is.
+"""All clients of one agent: admits them, and assigns each message to a client.
 
-A session with an id from 0x80 on is known by the address it talks from, one
-with a lower id by the client key in every header, wherever it talks from. What
-belongs to no session can be a CREATE_CLIENT, a ping, or the farewell of a
-client that is forgotten already; everything else stays unanswered, which is
-how micro-ROS clients learn that they must start anew. Who talks with the key of
-a client that is known elsewhere waits until that is decided (:mod:`.policy.key_conflict`).
+A session with an id from 0x80 on is found by the sender's address, one with a lower id by the
+client key in every header, whatever the address. An unmatched message, which belongs to no session
+of its sender, can be a CREATE_CLIENT, a ping, or the DELETE of a client that is deleted already.
+All others get no answer, by which micro-ROS clients learn that they must create their session
+again. A message with the key of a client at another address waits for
+:mod:`.policy.key_conflict`.
 """
 
 from __future__ import annotations
@@ -46,14 +46,27 @@ from .policy.time_budget import DeferredCloseQueue, TimeBudget
 from .session.session import MIN_MTU, Session
 from .transports.base import ServerTransport
 
-# What one UDP datagram can hold; a client that can take more gets no more.
+# What one UDP datagram can hold: the largest MTU of any client.
 MAX_MTU = 65507
-# Attack: a client that makes one topic after the other with a second type.
+# Attack: a client that creates one topic after the other with a second type.
 MAX_CONFLICTS = 1000
 
 
 class Agent:
-    """See the module. One thread only: its server's."""
+    """An agent: its clients and what they share. Only its server's thread may use it.
+
+    Args:
+        middleware: Where the clients' nodes are created; its server closes it.
+        log: Where it logs.
+        references: Profiles and types that clients may name.
+        domain_of_agent: The domain of clients that ask for the agent's.
+        domain_override: The domain of all clients, whatever they ask for.
+        rules: Names, QoS and rates that the owner has set.
+        admission: Keys, networks and the number of clients that the owner admits.
+        dead_time: Seconds of silence, with unanswered probes, after which a client is deleted.
+        limits: What one client, and all together, may use.
+        clock: The time; by default the system's.
+    """
 
     def __init__(
         self,
@@ -89,13 +102,13 @@ class Agent:
         self.time_budget = TimeBudget(self.clock.monotonic)
         self.close_queue = DeferredCloseQueue(self.failed, self.clock.monotonic)
         self.heap = Heap()
-        # Where each client talks from: its transport and address there.
+        # The transport and address of each client.
         self._places: dict[int, tuple[ServerTransport, Any]] = {}
         self.eviction = EvictionPolicy()
         self.attended: set[Session] = set()
         self._scratch = bytearray(128)
-        # Sessions that have ended since the last flush, which takes them out: what they still
-        # have to say, such as that the client is deleted, goes to where it was.
+        # Sessions that have ended since the last flush, which removes them: their last messages,
+        # such as the answer to DELETE, go to the address that they had.
         self._left: dict[Session, tuple[ServerTransport, Any]] = {}
         self._conflicts: set[tuple[str, str, str]] = set()
         self.liveliness = Liveliness(self, DEAD_TIME if dead_time is None else dead_time)
@@ -111,7 +124,12 @@ class Agent:
         self, wake_at: Callable[[float, Callable[[], None]], None],
         transports: Iterable[ServerTransport],
     ) -> None:  # fmt: skip
-        """Time passes from now on; the transports are about to be opened."""
+        """Start the timers, just before the transports are opened.
+
+        Args:
+            wake_at: Calls a function once, so many seconds from now.
+            transports: What the agent will listen on.
+        """
         self.wake_at = wake_at
         for transport in transports:
             transport.admits = self.admission.admits_host if self.admission.networks else None
@@ -122,26 +140,26 @@ class Agent:
         try:
             pause = self.liveliness.check()
             if self.budget.freed:
-                self.budget.freed, self.heap.somebody_left = False, True
+                self.budget.freed, self.heap.clients_left = False, True
             self.heap.check(self.clock.monotonic())
         finally:
             self.wake_at(pause, self._check)
 
     def place(self, key: int) -> tuple[ServerTransport, Any]:
-        """Where a client talks from: the transport, and its address there."""
+        """Return a client's transport, and its address there."""
         return self._places[key]
 
     def address(self, key: int) -> str:
-        """Where a client talks from, as a person reads it."""
+        """Return a client's address as text."""
         transport, peer = self._places[key]
         return transport.address(peer)
 
     def attend(self, session: Session) -> None:
-        """The session has something to send, or a new deadline."""
+        """Note that the session has something to send, or a new deadline."""
         self.attended.add(session)
 
     def failed(self, error: Exception) -> None:
-        """Tell of an error that nobody expects; whatever it is, the other boards go on."""
+        """Log an unexpected error; the other boards are served further."""
         kept = self.faults.admit(f"internal {type(error).__name__}")
         if kept:
             frame = error.__traceback__
@@ -153,7 +171,7 @@ class Agent:
             )
 
     def _type_conflict(self, topic: str, here: str, there: str) -> None:
-        """Say once that samples of a topic do not reach each other."""
+        """Warn once that samples of a topic do not reach the endpoints of its other type."""
         conflict = topic, here, there
         if conflict not in self._conflicts and len(self._conflicts) < MAX_CONFLICTS:
             self._conflicts.add(conflict)
@@ -191,7 +209,7 @@ class Agent:
                 if self._places[client.key] != (transport, peer):
                     if self._may_continue(client, transport, peer):
                         self.key_conflicts.challenge(client, transport, peer, None)
-                    else:  # it must begin anew, with the rules of its own place
+                    else:  # it must create its session again, under the rules of its own address
                         self._unknown_session(transport, peer, session_id)
                 elif client.session.receive(buf, view, length, self.now()):
                     self.attend(client.session)
@@ -212,7 +230,7 @@ class Agent:
             )  # fmt: skip
 
     def _unknown_session(self, transport: ServerTransport, peer: Any, session_id: int) -> None:
-        """Somebody goes on with a session of another agent, or of before our start."""
+        """Warn of a message whose session another agent has, or had before this one's start."""
         address = transport.address(peer)
         if self.unmatched_faults.admit(f"{transport.name} {address}"):
             self.log.warning(
@@ -263,8 +281,13 @@ class Agent:
     def take_over(
         self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest | None
     ) -> None:
-        """Whoever is there is the client from now on. ``request`` is its CREATE_CLIENT, which
-        is answered; without one it goes on with the session that is known.
+        """Give a client's key to an address.
+
+        Args:
+            key: The client key.
+            transport: The transport of the address.
+            peer: The address.
+            request: The CREATE_CLIENT to answer; None: the known session continues there.
         """
         if request is None:
             self._move(self.clients[key], transport, peer)
@@ -272,7 +295,7 @@ class Agent:
                 self.session_store.placed(self.clients[key], transport, peer, None)
             return
         status = ids.STATUS_ERR_RESOURCES
-        if self._has_room(key, transport, peer):  # who waited may have lost it meanwhile
+        if self._has_room(key, transport, peer):  # the place may be taken since it asked
             status = ids.STATUS_OK
             self._admit(transport, peer, key, request)
         self._answer_create(key, transport, peer, request.session_id, status)
@@ -280,7 +303,7 @@ class Agent:
     def deny(
         self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
     ) -> None:
-        """Answer a CREATE_CLIENT: no."""
+        """Answer a CREATE_CLIENT with STATUS_ERR_DENIED."""
         self._answer_create(key, transport, peer, request.session_id, ids.STATUS_ERR_DENIED)
 
     def _answer_create(
@@ -292,14 +315,14 @@ class Agent:
         self._send(transport, peer, w.finish(), key)
 
     def _is_outside(self, transport: ServerTransport, peer: Any, message: memoryview) -> bool:
-        """Whether it comes from none of the networks that may talk to us: it gets no answer."""
+        """Return whether its sender is in no allowed network: then it gets no answer."""
         host = transport.host_of(peer)
         if self.admission.admits_host(host):
             return False
         count = self.unmatched_faults.admit(f"outside {host}")
         if count:
             address, what = transport.address(peer), ADDRESS_NOT_ALLOWED
-            key = key_of_newcomer(message)
+            key = requested_key(message)
             if key is not None:
                 self.refusals.note(key, what, address, self.clock.monotonic(), count)
             self.log.warning(
@@ -311,7 +334,7 @@ class Agent:
         return True
 
     def _has_room(self, key: int, transport: ServerTransport, peer: Any) -> bool:
-        """Whether the client may come in; see :mod:`.policy.eviction` for who leaves for it."""
+        """Return whether there is a place for the client; :mod:`.policy.eviction` may free one."""
         most = self.admission.max_clients
         if key in self.clients:
             return True
@@ -332,9 +355,9 @@ class Agent:
         self, transport: ServerTransport, peer: Any, key: int, request: CreateClientRequest
     ) -> None:
         session_id, mtu, properties = request
-        resident = transport.sessions.get(peer)
-        if resident is not None and resident.key != key:
-            self.delete_client(resident.key)
+        former = transport.sessions.get(peer)
+        if former is not None and former.key != key:
+            self.delete_client(former.key)
         client = self.clients.get(key)
         if client is not None and (
             client.session.session_id != session_id
@@ -350,7 +373,7 @@ class Agent:
             self.log.info("Root", "create_client", "create", about)
             client.session.heard = self.now()
         else:
-            # The same client again: its streams start anew, its objects stay.
+            # The same client again: its streams are reset, its objects stay.
             client.session.mtu = mtu
             client.session.heard = self.now()
             client.session.reset()
@@ -362,10 +385,10 @@ class Agent:
         self.liveliness.enroll(client, properties)
 
     def _may_continue(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> bool:
-        """Whether what the client has made may belong to whoever talks from there.
+        """Return whether the client may keep its objects at this address.
 
-        Its objects stand under the rules of the place where they were made, so only a place of the
-        same transport, certificate and rules will do.
+        They were created under the rules of its present address, so the new one must have the same
+        transport, certificate and rules.
         """
         known, at = self._places[client.key]
         return known is transport and (
@@ -381,8 +404,9 @@ class Agent:
     def resume(
         self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
     ) -> ProxyClient:
-        """A client of before our start, which goes on without a word. Whether it may come in is
-        asked before.
+        """Create a client of before the agent's start again, without a message from it.
+
+        The caller has checked that it is admitted.
         """
         self._admit(transport, peer, key, request)
         client = self.clients[key]
@@ -390,7 +414,7 @@ class Agent:
         return client
 
     def _move(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> None:
-        """The client talks from here now."""
+        """Set the client's address."""
         place = self._places.get(client.key)
         if place == (transport, peer):
             return
@@ -423,7 +447,7 @@ class Agent:
     def _confirm_delete(
         self, transport: ServerTransport, peer: Any, r: Reader, session_id: int, key: int
     ) -> None:
-        """A client that is forgotten says goodbye: confirm it, or it waits in vain."""
+        """Confirm the DELETE of a client that is deleted already, which would wait for it."""
         request_id, object_id = messages.pull_request(r)
         if object_id & 0x0F != ids.KIND_CLIENT:
             return
@@ -440,7 +464,7 @@ class Agent:
         transport.send(peer, datagram)
 
     def flush(self, session: Session) -> None:
-        """Send what the session has to send to where its client is, or was."""
+        """Send the session's messages to its client's address, or to the last one that it had."""
         outgoing = session.outgoing
         place = self._left.pop(session, None) or self._places.get(session.key)
         if not outgoing:
@@ -461,9 +485,9 @@ class Agent:
     # --- leaving -------------------------------------------------------------------
 
     def delete_client(self, key: int) -> bool:
-        """Forget a client and all it made; whether there was one.
+        """Delete a client and its objects; return whether it existed.
 
-        What its session still has to say is sent by the next :meth:`flush`.
+        The next :meth:`flush` sends the last messages of its session.
         """
         client = self.clients.pop(key, None)
         if client is None:
@@ -471,7 +495,7 @@ class Agent:
         if self.session_store is not None:
             self.session_store.forget(key)
         client.close()
-        self.heap.somebody_left = True
+        self.heap.clients_left = True
         place = self._places.pop(key, None)
         if place is not None:
             self.eviction.remove(client, *place)
@@ -488,7 +512,7 @@ class Agent:
         return True
 
     def _dismiss(self, key: int, held: int) -> None:
-        """The client holds more than there is for all."""
+        """Delete a client because the memory for all clients is used up."""
         times = self.faults.times("memory")
         if times is not None:
             self.log.warning(
@@ -500,24 +524,24 @@ class Agent:
         self.delete_client(key)
 
     def has_client(self, transport: ServerTransport, peer: Any) -> bool:
-        """Whether a client talks from there."""
+        """Return whether a client has this address."""
         return (transport, peer) in self._places.values()
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
-        """The peer's connection is closed: a session cannot outlive a TCP connection."""
+        """Delete the clients of a closed connection: a session ends with its TCP connection."""
         self.key_conflicts.gone(transport, peer)
         for key, place in list(self._places.items()):
             if place == (transport, peer):
                 self.delete_client(key)
 
     def close(self) -> None:
-        """Say goodbye to the network for every client."""
+        """Delete all clients."""
         for key in list(self.clients):
             self.delete_client(key)
 
 
-def key_of_newcomer(message: memoryview) -> int | None:
-    """The client key in a CREATE_CLIENT; None: the message is something else."""
+def requested_key(message: memoryview) -> int | None:
+    """Return the client key in a CREATE_CLIENT, or None if the message is another."""
     try:
         buf = bytes(message)
         _, _, _, _, start = pull_header(buf, len(buf))

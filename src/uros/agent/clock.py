@@ -1,4 +1,4 @@
-"""The agent's clock: the one place where the core of the agent takes the time from.
+"""The clock of the agent: the one place where its core reads the time.
 
 Timestamps of a session are milliseconds modulo 2^30 and are compared modulo 2^30, so two must not
 be more than 6 days apart. A process that was stopped for longer, or a virtual machine that was,
@@ -13,14 +13,14 @@ from typing import Final
 
 from ..ticks import TIME_MASK
 
-# A TIMESTAMP submessage holds no later second, and none before 1970.
+# The last second of a TIMESTAMP submessage; the first is in 1970.
 _LAST_SECOND: Final = 0x7FFFFFFF
 # The most milliseconds that ticks() advances between two calls.
 MAX_STEP: Final = 3_600_000
 
 
 class Clock:
-    """The time, as an agent and its parts see it.
+    """The time of an agent and its parts.
 
     Attributes:
         monotonic: Returns seconds that never go backwards.
@@ -42,18 +42,18 @@ class Clock:
         self._skipped = 0  # milliseconds that ticks() has not counted
 
     def ticks(self) -> int:
-        """Milliseconds modulo 2^30, at most :data:`MAX_STEP` after the call before."""
+        """Return milliseconds modulo 2^30, at most :data:`MAX_STEP` after the call before."""
         now = int(self.monotonic() * 1000)
         step = now - self._last
         self._last = now
         if step > MAX_STEP:
             self._skipped += step - MAX_STEP
-        elif step < 0:  # not on a system whose monotonic clock is one
+        elif step < 0:  # a monotonic clock never does that, but some systems' do
             self._skipped += step
         return (now - self._skipped) & TIME_MASK
 
     def wall_clock(self) -> tuple[int, int]:
-        """Seconds and nanoseconds since 1970, within the range of a TIMESTAMP submessage."""
+        """Return seconds and nanoseconds since 1970, within the range of a TIMESTAMP submessage."""
         return divmod(
             min(max(0, self.time_ns()), _LAST_SECOND * 1_000_000_000), 1_000_000_000
         )

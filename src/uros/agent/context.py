@@ -1,4 +1,4 @@
-"""What the parts of the agent use of it and of each other: AgentContext and its neighbours.
+"""Protocols of what the parts of the agent use of it and of each other.
 
 The parts (:mod:`.policy`, :mod:`.persistence`, :mod:`.objects`) import this module, and
 :mod:`.agent` and :mod:`.server` import the parts: so there is no import circle.

@@ -2,7 +2,7 @@
 
     [1763750000.123456] info     | ProxyClient        | create_topic             | topic created                  | client_key: 0x4B0CBE99, topic_id: 0x000(2), participant_id: 0x000(1)
 
-Time, level, part, function, what happened, whom it concerns. The levels of
+Time, level, part, function, event, and what it concerns. The levels of
 ``-v``: 0 off, 1 critical, 2 error, 3 warning, 4 info, 5 debug (every message's
 length), 6 trace (its bytes).
 """  # noqa: E501
@@ -33,30 +33,35 @@ _NAMES = ("off", "critical", "error", "warning", "info", "debug", "trace")
 _COLOURS = ("", "\033[1;41m", "\033[1;31m", "\033[1;33m", "\033[32m", "\033[36m", "\033[37m")
 
 
-# Lines of faults in a second, whoever is at fault.
+# Lines of faults in a second, of all kinds together.
 MAX_LINES: Final = 50
 # Lines that may wait for a terminal or pipe that takes none; then they are lost.
 _MAX_WAITING: Final = 10_000
 _MAX_CHARACTERS: Final = 16 * 1024 * 1024
-# Attack: clients that come and go, or create and delete, as fast as they can. Lines of info at
-# once, and in a second; -v 5 has all.
+# Attack: clients that connect and leave, or create and delete, as fast as they can. The lines of
+# info at once, and in a second; -v 5 has all.
 _INFO_BURST: Final = 5000
 _INFO_RATE: Final = 500
 # Attack: names of 64 kB, one line after the other. Messages as they are (-v 6) stay whole.
 _MAX_ABOUT: Final = 2000
-# What a file does not take now and may take later: no room, over its quota or size.
-_PASSING: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# Errors of a file that may pass: disk full, over its quota or size.
+_TEMPORARY: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _BLOCKED_SECONDS: Final = 0.1
-# Attack: faults of ever new kinds. So many kinds' throttled lines are counted.
+# Attack: faults of ever new kinds. The number of kinds whose throttled lines are counted.
 _MAX_KINDS: Final = 512
 
 
 class Log:
-    """Writes lines up to ``level`` to ``stream`` (standard output).
+    """Writes log lines to a stream.
 
-    A stream that can block (a file, a pipe, a terminal that was stopped with
-    Ctrl-S) is written to by a thread: boards must not wait for readers of logs. Lines that it does
-    not take, because the disk is full, are lost; the next one that it takes says how many.
+    A thread writes to a stream that can block (a file, a pipe, a terminal that was stopped with
+    Ctrl-S): boards must not wait for readers of logs. Lines are lost while the disk is full; the
+    next line that can be written says how many.
+
+    Args:
+        level: The highest level that is written.
+        stream: By default standard output.
+        clock: The time of the lines.
     """
 
     def __init__(
@@ -148,26 +153,26 @@ class Log:
             self._untaken = 0
         except (OSError, ValueError) as error:
             number = getattr(error, "errno", None)
-            if isinstance(error, OSError) and number in _PASSING:
+            if isinstance(error, OSError) and number in _TEMPORARY:
                 self._untaken += 1
                 self._why = error.strerror or str(error)
             else:
-                self.level = 0  # nobody reads us any more; boards still need us
+                self.level = 0  # the log has no reader any more; boards must be served further
 
     def _put_out(self, data: bytes) -> None:
-        """Not by the stream, whose buffer would keep what the disk did not take."""
+        """Write to the descriptor: the stream's buffer would keep what the disk did not take."""
         view = memoryview(data)
         while view:
             try:
                 done = os.write(self._fd, view)
-            except BlockingIOError:  # somebody who shares it has made it so
+            except BlockingIOError:  # another user of the file has set O_NONBLOCK
                 select.select([], [self._fd], [], _BLOCKED_SECONDS)
                 continue
             view = view[done:]
             self._torn = bool(view)
 
     def close(self) -> None:
-        """Write what is waiting, for at most a second; nothing is written after."""
+        """Write waiting lines for at most a second; nothing is written afterwards."""
         if self._thread is not None:
             self.level = 0
             try:
@@ -177,20 +182,24 @@ class Log:
             self._thread.join(1.0)
 
     def info(self, part: str, function: str, what: str, about: str = "") -> None:
+        """Log a line of the level info."""
         self(INFO, part, function, what, about)
 
     def warning(self, part: str, function: str, what: str, about: str = "") -> None:
+        """Log a line of the level warning."""
         self(WARNING, part, function, what, about)
 
     def error(self, part: str, function: str, what: str, about: str = "") -> None:
+        """Log a line of the level error."""
         self(ERROR, part, function, what, about)
 
     def debug(self, part: str, function: str, what: str, about: str = "") -> None:
+        """Log a line of the level debug."""
         self(DEBUG, part, function, what, about)
 
 
 def unexpected(error: Exception, where: str = "") -> str:
-    """What a line says of an error that nobody expects; ``where`` begins with what parts it."""
+    """Return the text for an unexpected error; ``where``, with a leading space, follows it."""
     return f"{type(error).__name__}: {error}{where} (this is a fault of uros: please report it)"
 
 

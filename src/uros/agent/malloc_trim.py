@@ -1,7 +1,7 @@
-"""Memory that clients have left goes back to the system.
+"""Returns freed memory to the system some time after clients have left.
 
-glibc keeps freed pages that lie between used ones. Where boards come and go for long, the process
-would come to hold the worst moment of each part of the heap.
+glibc keeps freed pages that lie between used ones. While boards connect and leave for a long time,
+the process would keep the largest size that each part of the heap ever had.
 """
 
 from __future__ import annotations
@@ -9,32 +9,40 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-# How often at most, in seconds: it takes 0.2 ms with a hundred boards, and 4 ms for each ten
-# megabytes that are full of holes.
+# The least time between two trims, in seconds: one takes 0.2 ms with a hundred boards, and 4 ms for
+# each ten megabytes of fragmented heap.
 PAUSE: Final = 30.0
 
 
 class Heap:
-    """Asks the C library to give back what is free, some time after clients have left."""
+    """Makes the C library return free memory, some time after clients have left.
+
+    Attributes:
+        clients_left: Whether clients have left since the last trim; the agent sets it.
+    """
 
     def __init__(self) -> None:
-        self.somebody_left = False
+        self.clients_left = False
         self._next: float | None = None
         self._trim: Callable[[int], int] | None = None
 
     def check(self, now: float) -> None:
-        """``now`` in seconds; called about once a second."""
-        if not self.somebody_left:
+        """Trim if it is time to; called about once a second.
+
+        Args:
+            now: Seconds of a monotonic clock.
+        """
+        if not self.clients_left:
             return
         if self._next is None:
             self._next = now + PAUSE
         elif now >= self._next:
             self._next = None
-            self.somebody_left = False
+            self.clients_left = False
             self.trim()
 
     def trim(self) -> None:
-        """Give back what is free; nothing where the C library is not glibc."""
+        """Return free memory to the system; does nothing if the C library is not glibc."""
         if self._trim is None:
             import ctypes
 

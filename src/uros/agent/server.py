@@ -1,9 +1,8 @@
-"""The agent's one thread: sockets, timers and middleware around an Agent.
+"""Runs an agent: one thread with its sockets, timers and middleware.
 
-The loop is plumbing. A transport drains its socket and hands messages to
-sessions; those that want attention are then acknowledged, sent for and given
-a timer, once a burst. Timers live in a heap; one that was moved is skipped
-when its old time comes.
+A transport drains its socket and passes messages to sessions. After each burst the loop
+acknowledges, sends and sets timers for the sessions that had something to do. Timers are in a
+heap; the former entry of a timer that was moved is skipped when its time comes.
 """
 
 from __future__ import annotations
@@ -28,24 +27,41 @@ from .transports.base import ServerTransport
 
 # How long timers that are due may take in one turn, in seconds.
 _MOST_DUE: Final = 0.005
-# How long nothing is asked of a middleware that failed, and how often in a row it may before, where
-# it fails to dispatch: there it may be one client's doing.
+# Seconds for which a middleware that failed is not called, and how often in a row dispatch() may
+# fail before that: one client may be the cause there.
 _AGAIN: Final = 0.1
 _PATIENCE: Final = 10
 
 
 class Attachment(Protocol):
-    """What else lives in the server's thread, from its start to its end."""
+    """What runs in the server's thread besides the agent, such as the status socket."""
 
     def open(self, server: Server) -> None:
-        """Begin. Raises TransportError, and then the agent does not start."""
+        """Start, as the server does.
+
+        Raises:
+            TransportError: It cannot; then the agent does not start.
+        """
 
     def close(self) -> None:
-        """End; also where it was not opened. Twice is once."""
+        """End, also if it was not opened. Idempotent."""
 
 
 class Server:
-    """Runs an agent on transports until :meth:`stop`."""
+    """Runs an agent on transports until :meth:`stop`.
+
+    Attributes:
+        attachments: What else to open and close with the server.
+        started: When it was created, in seconds of the agent's monotonic clock.
+        turns: How many turns the loop has had; for a watchdog.
+        asleep: Whether the loop waits for an event; for a watchdog.
+        thread: The ident of the thread of :meth:`run`, or None.
+        ready: Set when everything is open, and when :meth:`run` ends.
+
+    Args:
+        agent: The agent.
+        transports: What it listens on.
+    """
 
     def __init__(self, agent: Agent, transports: list[ServerTransport]) -> None:
         self.agent = agent
@@ -66,7 +82,6 @@ class Server:
         # A middleware that fails is asked again, but not at once.
         self._failures = 0
         self._tick_after = 0.0
-        # For a watchdog.
         self.turns = 0
         self.asleep = False
         self.thread: int | None = None
@@ -74,25 +89,28 @@ class Server:
         agent.close_queue.schedule = lambda: self.wake_at(PAUSE, agent.close_queue.work)
         self.ready = threading.Event()
 
-    # --- what transports call (see transport.base.Host) --------------------------
+    # --- what transports call (see transports.base.Host) -------------------------
 
     def now(self) -> int:
+        """Return the time in milliseconds modulo 2^30."""
         return self.agent.now()
 
     def unmatched(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
+        """Handle a message that names no session of this peer."""
         if self._message_hooks:
             self._message_hooks(transport, peer, CLIENT, view, length, 0)
         try:
             self.agent.unmatched(transport, peer, buf, view, length)
-        except Exception as error:  # whatever it is, what else is in the burst counts
+        except Exception as error:  # the rest of the burst must be handled
             self.agent.failed(error)
 
     def received(
         self, transport: ServerTransport, session: Session, buf: bytearray, view: memoryview,
         length: int, now: int,
     ) -> None:  # fmt: skip
+        """Handle a message of a session."""
         if self._message_hooks:
             peer = self.agent.place(session.key)[1]
             self._message_hooks(transport, peer, CLIENT, view, length, session.key)
@@ -104,15 +122,19 @@ class Server:
             self.agent.attended.add(session)
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
+        """Note that the connection of a peer was closed for good."""
         self.agent.gone(transport, peer)
 
     def lost(self, transport: ServerTransport) -> None:
+        """Note that the line of a transport was lost and may come back."""
         self.agent.line_loss.lost(transport)
 
     def has_client(self, transport: ServerTransport, peer: Any) -> bool:
+        """Return whether a client has this address."""
         return self.agent.has_client(transport, peer)
 
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
+        """Call ``ready`` when a descriptor can be read, or written if ``writing``."""
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if writing else 0)
         try:
             key = self._selector.get_key(fileno)
@@ -123,19 +145,22 @@ class Server:
             self._selector.modify(fileno, events, ready)
 
     def unwatch(self, fileno: int) -> None:
+        """Stop watching a descriptor. Idempotent."""
         try:
             self._selector.unregister(fileno)
         except KeyError:
             pass
 
     def note(self, level: int, part: str, function: str, what: str, about: str) -> None:
+        """Log a line."""
         self.agent.log(level, part, function, what, about)
 
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
+        """Call once, so many seconds from now."""
         heapq.heappush(self._calls, (self._monotonic() + seconds, next(self._order), call))
 
     def soon(self, call: Callable[[], None]) -> None:
-        """Call once, in the server's thread; from any thread."""
+        """Call once in the server's thread. May be used from any thread."""
         self._soon.append(call)
         self._wake.set()
 
@@ -145,7 +170,7 @@ class Server:
             self._try(self._soon.popleft())
 
     def _try(self, call: Callable[..., object], *args: Any) -> None:
-        """Call it; whatever goes wrong there, the boards go on."""
+        """Call a function; log its errors, so that boards are served further."""
         try:
             call(*args)
         except Exception as error:
@@ -154,10 +179,10 @@ class Server:
     # --- the loop -------------------------------------------------------------------
 
     def run(self) -> None:
-        """Open everything, serve until :meth:`stop`, close everything.
+        """Open everything, serve until :meth:`stop`, and close everything.
 
-        Raises TransportError where a transport cannot be opened; nothing stays
-        open then.
+        Raises:
+            TransportError: A transport cannot be opened; nothing stays open then.
         """
         middleware = self.agent.middleware
         try:
@@ -172,7 +197,7 @@ class Server:
             self.ready.set()
             while not self._stopping:
                 self._turn()
-            self._hand_over()
+            self._deliver_acknowledged()
         finally:
             self._stopping = True
             self.asleep = False
@@ -186,16 +211,17 @@ class Server:
                 self.turns += 1
             self.thread = None
 
-    def _hand_over(self) -> None:
-        """Samples of boards are acknowledged that others have not been given yet: with ``--state``
-        these sessions go on, and nobody else has them.
+    def _deliver_acknowledged(self) -> None:
+        """Dispatch samples that are acknowledged already, before shutdown.
+
+        With ``--state`` the sessions continue after it, and boards do not send these samples again.
         """
         if self.agent.session_store is not None:
             self._dispatch()
             self._attend()
 
     def stop(self) -> None:
-        """End :meth:`run` soon; from any thread or a signal handler."""
+        """End :meth:`run` soon. May be used from any thread and from a signal handler."""
         self._stopping = True
         self._wake.set()
 
@@ -205,10 +231,10 @@ class Server:
         return self._stopping
 
     def _deadline(self) -> float | None:
-        """When the middleware wants to be called."""
+        """Return when the middleware must be called."""
         try:
             deadline = self.agent.middleware.next_deadline()
-        except Exception as error:  # whatever it is, the boards go on
+        except Exception as error:  # boards must be served further
             self.agent.failed(error)
             deadline = self._tick_after = self._monotonic() + _AGAIN
         if deadline is not None and deadline < self._tick_after:
@@ -229,7 +255,7 @@ class Server:
                 self.wake_at(_AGAIN, lambda: self.watch(fileno, self._dispatch))
 
     def _turn(self) -> None:
-        """Sleep until something happens, and do it."""
+        """Wait for events and timers, and handle them."""
         middleware, agent = self.agent.middleware, self.agent
         deadline = self._deadline()
         if self._calls and (deadline is None or self._calls[0][0] < deadline):
@@ -243,7 +269,7 @@ class Server:
         for key, _ in ready:
             try:
                 key.data()
-            except Exception as error:  # whatever it is, the other boards go on
+            except Exception as error:  # the other boards must be served further
                 self.agent.failed(error)
         if deadline is not None:
             self._due(self._monotonic())
@@ -260,13 +286,13 @@ class Server:
     def _due(self, now: float) -> None:
         while self._calls and self._calls[0][0] <= now:
             if self._monotonic() - now > _MOST_DUE:
-                break  # others have their turn; the rest is due in the next
+                break  # sockets have their turn; the rest follows in the next
             self._try(heapq.heappop(self._calls)[2])
         if now < self._tick_after:
             return
         try:
             self.agent.middleware.tick()
-        except Exception as error:  # likewise: boards are told the graph from there
+        except Exception as error:  # likewise: it sends the graph to boards
             self._tick_after = now + _AGAIN
             if not isinstance(error, MiddlewareError):
                 self.agent.failed(error)
@@ -274,14 +300,14 @@ class Server:
                 self.agent.log.error("Middleware", "tick", "middleware error", f"{error}{times}")
 
     def _attend(self) -> None:
-        """Acknowledge, send and set timers for the sessions that something happened to."""
+        """Acknowledge, send and set timers for the sessions that had messages or events."""
         attended = self.agent.attended
         now = self.now()
         while attended:
             sessions = list(attended)
             attended.clear()
-            if (keeper := self.agent.session_store) is not None:
-                self._try(keeper.keep, sessions)  # what clients will be told, before they are
+            if (store := self.agent.session_store) is not None:
+                self._try(store.keep, sessions)  # before anything is acknowledged or sent
             for session in sessions:
                 try:
                     session.finish()
@@ -300,7 +326,7 @@ class Server:
         at = self._monotonic() + max(0, ticks_diff(deadline, now)) / 1000
         known = self._timers.get(client)
         if known is not None and known <= at:
-            return  # it will be looked at before that, and set anew
+            return  # it fires before that, and is set again then
         self._timers[client] = at
 
         def fire() -> None:

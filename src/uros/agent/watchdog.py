@@ -1,11 +1,11 @@
-"""Tells where the agent's one thread hangs, when it does.
+"""Logs where the agent's one thread stands when it hangs.
 
-A library that does not return, or a call of ours that takes seconds, stops all boards. Nobody can
-go on in that thread's place, but the log can say where it stands and what to do. A thread looks at
-two fields of the server twice a second; messages cost nothing.
+A library that does not return, or a call that takes seconds, stops all boards. No other thread can
+replace that one, but the log can say where it stands and what to do. The watchdog's thread reads
+two fields of the server twice a second; it adds no cost to messages.
 
-A call that also holds Python's lock stops this thread too, and a suspended machine stops all: that
-is told afterwards.
+A call that also holds the GIL stops the watchdog's thread too, and a suspended machine stops all
+threads: both are logged afterwards.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Final, Protocol
 from .log import Log
 
 HANG_SECONDS: Final = 2.0
-# How long closing may take after a signal: a library that does not return keeps the process.
+# How long closing may take after a signal: a library that does not return blocks the exit.
 END_SECONDS: Final = 10.0
 _CHECK_SECONDS: Final = 0.5
 
@@ -35,7 +35,7 @@ _OTHER: Final = "if it comes again, please report it as a fault of uros, with th
 
 
 class Watched(Protocol):
-    """What is seen of a server."""
+    """What the watchdog reads of a server."""
 
     turns: int  # of its loop
     asleep: bool  # it waits for something to happen
@@ -47,7 +47,16 @@ class Watched(Protocol):
 
 
 class Watchdog:
-    """Watches ``server`` from :meth:`start` to :meth:`stop`; ``leave`` ends the process."""
+    """Watches a server from :meth:`start` to :meth:`stop`.
+
+    Args:
+        server: The server.
+        log: Where it logs.
+        hang: Seconds without a turn after which the loop hangs.
+        end: Seconds that closing may take before the process is ended.
+        interval: Seconds between two checks.
+        leave: Ends the process with an exit status.
+    """
 
     def __init__(
         self,
@@ -72,10 +81,11 @@ class Watchdog:
         self._told = False
 
     def start(self) -> None:
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Nothing is said after. Twice is once."""
+        """Stop watching; nothing is logged afterwards. Idempotent."""
         self._over.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(1.0)
@@ -86,7 +96,11 @@ class Watchdog:
             self.check(time.monotonic())
 
     def check(self, now: float) -> None:
-        """See whether the server goes on."""
+        """Log if the server hangs, or goes on; end the process if closing hangs.
+
+        Args:
+            now: Seconds of a monotonic clock.
+        """
         server = self._server
         if now - self._seen > self._interval + self._hang:
             self._warn(
@@ -126,7 +140,7 @@ class Watchdog:
 
 
 def standing(frame: FrameType | None) -> tuple[str, str]:
-    """Where a thread stands, the calls of ours innermost first, and what to do about it."""
+    """Return where a thread stands, the calls of uros innermost first, and the remedy."""
     calls = []
     remedy = ""
     innermost = ""

@@ -42,18 +42,18 @@ def test_what_lies_between_used_pages_is_given_back():
     assert held > 40_000_000 and kept < 10_000_000, done.stdout
 
 
-def test_it_is_done_some_time_after_somebody_left_and_not_without():
+def test_it_is_done_some_time_after_clients_left_and_not_without():
     heap, done = Heap(), []
     heap._trim = done.append
     for second in range(100):
         heap.check(float(second))
     assert not done
-    heap.somebody_left = True
+    heap.clients_left = True
     for second in range(100, 100 + 3 * int(PAUSE)):
         heap.check(float(second))
     assert len(done) == 1
     for second in range(200, 200 + 4 * int(PAUSE)):  # one after the other
-        heap.somebody_left = True
+        heap.clients_left = True
         heap.check(float(second))
     assert 3 <= len(done) <= 5
 
@@ -66,6 +66,6 @@ def test_without_glibc_nothing_happens(monkeypatch):
 
 
 def test_a_client_that_leaves_is_told_to_the_heap(desk, board):
-    assert not desk.agent.heap.somebody_left
+    assert not desk.agent.heap.clients_left
     desk.agent.delete_client(board.key)
-    assert desk.agent.heap.somebody_left
+    assert desk.agent.heap.clients_left

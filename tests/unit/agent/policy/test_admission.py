@@ -23,7 +23,7 @@ from unit.agent.helpers import (
     sub,
 )
 
-from uros.agent.agent import key_of_newcomer
+from uros.agent.agent import requested_key
 from uros.agent.policy.admission import MAX_REFUSALS, Admission, Refusals, make_admission
 from uros.agent.policy.rules import ConfigError, Rules
 from uros.agent.transports.discovery import DiscoveryServer
@@ -242,13 +242,13 @@ def test_refusals_count_and_are_bounded():
 
 @given(st.binary(max_size=80))
 def test_the_key_of_whoever_knocks(data):
-    key_of_newcomer(memoryview(data))
+    requested_key(memoryview(data))
 
 
 def test_the_key_in_a_create_client():
-    assert key_of_newcomer(memoryview(create_client(0x1234))) == 0x1234
-    assert key_of_newcomer(memoryview(message([get_info()], 0))) is None
-    assert key_of_newcomer(memoryview(message([sub(0)], 0, 0, 0x80))) is None
+    assert requested_key(memoryview(create_client(0x1234))) == 0x1234
+    assert requested_key(memoryview(message([get_info()], 0))) is None
+    assert requested_key(memoryview(message([sub(0)], 0, 0, 0x80))) is None
 
 
 # --- networks, over real sockets ---------------------------------------------------------------
