@@ -1,8 +1,8 @@
-"""What the board's ends of AT modems share: a dialogue that never waits, and a queue to be sent.
+"""Base class of transports over AT modems: a non-blocking dialogue, and a send queue.
 
-A modem answers a command after milliseconds, or after seconds where it joins a network. So the
-dialogue is a generator: it is taken one step further whenever the node asks for messages, and
-stops at each ``yield`` where there is nothing to do but wait. Runs on MicroPython.
+A modem answers a command after milliseconds, or after seconds while it joins a network. Therefore
+the dialogue is a generator: it is resumed whenever the node asks for messages, and yields wherever
+it has to wait. Runs on MicroPython.
 """
 
 import errno
@@ -23,7 +23,7 @@ ERROR: Final = b"ERROR"
 _MOST_ANSWERS: Final = 8
 # Text of a modem's line that is looked at; what is longer is cut.
 _LINE: Final = 96
-# What has come is not late, but a modem that never stops must not hold a program up.
+# Most reads after the timeout: a modem that never stops must not block the program.
 _CHUNKS: Final = 16
 # A modem that works on something says so, and is asked again after this time.
 _BUSY_MS: Final = 20
@@ -32,14 +32,17 @@ _SETTLES_MS: Final = 1000
 
 
 class ModemTransport:
-    """What :class:`~.esp8266.Esp8266Transport` and :class:`~.gs2200.Gs2200Transport` have in
-    common: datagrams of at most ``mtu`` bytes to and from the agent at ``host``, ``port``.
+    """Base of :class:`~.esp8266.Esp8266Transport` and :class:`~.gs2200.Gs2200Transport`.
 
-    ``open`` begins to join and returns; ``linked`` says when the way to the agent is there. What
-    is sent before, but for the last message, is lost; so is what does not fit into ``room`` bytes
-    while others wait, and both are counted in ``dropped``. What the modem did not bring over whole
-    is in ``malformed``, answers that never came in ``mute``. Where something fails for good,
-    ``receive`` and ``send`` raise OSError with what to do, and the next ``open`` tries anew.
+    ``open`` begins to join the network and returns; ``linked`` tells whether the link to the agent
+    is up. Of the messages sent before, all but the last are lost, as are those for which the send
+    queue has no space; ``dropped`` counts both. ``malformed`` counts datagrams that the modem
+    passed incompletely, ``mute`` answers that are missing. On a permanent failure ``receive`` and
+    ``send`` raise OSError with the remedy, and the next ``open`` tries again.
+
+    Args:
+        mtu: The largest message in bytes.
+        room: Bytes of the send queue.
     """
 
     def __init__(self, mtu: int, room: int) -> None:
@@ -118,7 +121,7 @@ class ModemTransport:
         self._steps = self._talk()
 
     def close(self) -> None:
-        """Twice is once. The modem stays in its network: to open again is quick."""
+        """Close the transport; idempotent. The modem stays in its network, to reopen quickly."""
         self._steps = None
         if self._is_open:
             self._is_open = False
@@ -126,7 +129,7 @@ class ModemTransport:
         self.linked = False
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`. Without a size, all of it."""
+        """See :class:`uros.client.protocols.Transport`. Without ``size``, all of the message."""
         if size < 0:
             size = len(message)
         if not self.linked and self._to:  # a question of half a second ago
@@ -191,8 +194,10 @@ class ModemTransport:
                 self._pop(size + 2)
 
     def _pop(self, taken: int) -> None:
-        """Drop the first message. The others move up here and not where there is no room for one
-        more: the modem may be taking a message out of the queue then.
+        """Drop the first message, and move up the others.
+
+        They are moved here and not when space is needed for another one: then the modem may be
+        taking a message out of the queue.
         """
         view = memoryview(self._out)
         self._to -= taken
@@ -205,8 +210,9 @@ class ModemTransport:
     # --- commands and answers -----------------------------------------------------------------
 
     def _ask(self, command: str, timeout_ms: int, good: bytes = OK) -> "Any":
-        """Give a command: True where the answer is ``good``, False where it is another that ends
-        one, None where there was none. ``_said`` is the last line before it.
+        """Send a command; return whether its final answer is ``good``, None if there was none.
+
+        ``_said`` is the last line before the answer.
         """
         end = ticks_add(ticks_ms(), timeout_ms)
         while True:

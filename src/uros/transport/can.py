@@ -1,8 +1,8 @@
-"""A board's end of CAN FD: one message in each frame. Runs on MicroPython.
+"""Client transport over CAN FD: one message per frame. Runs on MicroPython.
 
-As in eProsima's client: extended identifiers, the same one in both directions, and in the frame
-the message's length in one byte before the message. What follows is padding: a CAN FD frame has
-one of sixteen lengths.
+As in eProsima's client, identifiers are extended ones, the same in both directions, and a frame
+holds the message's length in one byte, the message, and padding: a CAN FD frame has one of sixteen
+lengths.
 """
 
 from ..ticks import sleep_ms, ticks_add, ticks_diff, ticks_ms
@@ -20,10 +20,10 @@ try:
         """
 
         def send(self, can_id: int, data: "Buffer") -> "bool | None":
-            """An extended FD frame; False: there is no room for it. OSError: the bus is gone."""
+            """Send an extended FD frame; False: no buffer is free. OSError: the bus is gone."""
 
         def recv(self) -> "tuple[int, Buffer] | None":
-            """Identifier and data of the next extended frame, if one is there. OSError: gone."""
+            """Return identifier and data of the next extended frame, if any. OSError: gone."""
 
 except ImportError:  # MicroPython
     pass
@@ -31,12 +31,12 @@ except ImportError:  # MicroPython
 MTU: Final = 63
 MAX_ID: Final = 0x1FFFFFFF
 _LENGTHS: Final = (8, 12, 16, 20, 24, 32, 48, 64)
-# Frames for others are passed over, but a busy bus must not hold a program up.
+# Most frames read in one call: a busy bus must not block the program.
 _FRAMES: Final = 64
 
 
 def can_frame(message: "Buffer", size: int = -1) -> bytearray:
-    """The data of the frame for a message, or its first ``size`` bytes: at most MTU of them."""
+    """Return a frame's data for a message, or for its first ``size`` bytes; MTU bytes at most."""
     if size < 0:
         size = len(message)
     length = size + 1
@@ -51,11 +51,15 @@ def can_frame(message: "Buffer", size: int = -1) -> bytearray:
 
 
 class CanTransport:
-    """One board on a bus, known by its ``can_id``, which no other on the bus has.
+    """One board on a CAN bus.
 
-    Messages for which the controller has no room, and those longer than a frame, are lost and
-    counted in ``dropped``: reliable ones are sent again. Frames that are shorter than they say
-    are counted in ``malformed``.
+    Messages for which the controller has no free buffer, and those longer than a frame, are lost
+    and counted in ``dropped``; reliable ones are sent again. Frames whose length byte exceeds
+    their data are counted in ``malformed``.
+
+    Args:
+        port: See `Port`.
+        can_id: The board's identifier, unique on the bus.
     """
 
     def __init__(self, port: "Any", can_id: int = 1) -> None:
@@ -68,17 +72,17 @@ class CanTransport:
         self.malformed = 0
 
     def open(self) -> None:
-        """Raises OSError where the port has an ``open`` that does."""
+        """Open the port, if it has ``open``. Raises OSError if that does."""
         if hasattr(self.port, "open"):
             self.port.open()
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the transport; idempotent."""
         if hasattr(self.port, "close"):
             self.port.close()
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`. Without a size, all of it."""
+        """See :class:`uros.client.protocols.Transport`. Without ``size``, all of the message."""
         if size < 0:
             size = len(message)
         if size > MTU or self.port.send(self.can_id, can_frame(message, size)) is False:

@@ -1,4 +1,4 @@
-"""The port of a board's program that runs on CPython: a CAN interface, by python-can."""
+"""Port of a :class:`~uros.transport.can.CanTransport` on CPython: python-can."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from ..agent.transports.can import CHANNEL_GONE, python_can
 
 
 class CanPort:
-    """For a :class:`~uros.transport.can.CanTransport`; nothing waits but :meth:`wait`.
+    """A CAN interface; only :meth:`wait` waits.
 
-    ``options`` go to python-can as they are; ``can_filters`` spare a program on a busy bus the
-    frames of others.
+    Args:
+        channel: The interface's name, such as ``can0``.
+        interface: The type of python-can's interface.
+        options: More options of python-can; ``can_filters`` drops the frames of other boards.
     """
 
     def __init__(self, channel: str, interface: str = "socketcan", **options: Any) -> None:
@@ -22,7 +24,7 @@ class CanPort:
         self._next: Any = None
 
     def open(self) -> None:
-        """Raises OSError with a text that says what is wrong."""
+        """Open the bus. Raises OSError with a text that says what is wrong."""
         self.close()
         self._can = python_can()
         try:
@@ -34,7 +36,7 @@ class CanPort:
             ) from error
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the bus; idempotent."""
         bus, self._bus = self._bus, None
         self._next = None
         if bus is not None:
@@ -62,7 +64,7 @@ class CanPort:
         return None if message is None else (message.arbitration_id, message.data)
 
     def wait(self, timeout_ms: int) -> None:
-        """Until there is a frame, or that long."""
+        """Wait until there is a frame, for ``timeout_ms`` at most."""
         self._fill(timeout_ms / 1000)
 
     def _fill(self, timeout: float) -> None:

@@ -1,9 +1,9 @@
-"""The port of a board's program whose CAN FD controller is a ``pyb.CAN``: STM32H7 and its like.
+"""Port of a :class:`~.can.CanTransport` on ``pyb.CAN`` with CAN FD, such as the STM32H7's.
 
     can = CAN(1, CAN.NORMAL, baudrate=500000, brs_baudrate=2000000, sample_point=80)
     transport = CanTransport(PybCan(can), 0x201)
 
-Runs on MicroPython. Controllers without FD have no room for a message in a frame.
+Runs on MicroPython. Frames of controllers without FD are too short for messages.
 """
 
 import errno
@@ -17,17 +17,22 @@ except ImportError:  # MicroPython
 
 
 class PybCan:
-    """For a :class:`~.can.CanTransport`; no call waits.
+    """A CAN FD controller; no call waits.
 
-    ``can`` is set up for NORMAL mode. ``can_id``, where given, is the only one that the controller
-    lets through, which spares a program on a busy bus the frames of others. ``brs`` says whether
-    data travel at the faster rate. Raises ValueError for a controller without FD.
+    Args:
+        can: A ``pyb.CAN`` in NORMAL mode.
+        can_id: The only identifier that the controller's filter accepts; None accepts all.
+        brs: Whether data are sent at the faster bit rate.
+        fifo: The receive FIFO.
+
+    Raises:
+        ValueError: The controller has no CAN FD.
     """
 
     def __init__(
         self, can: "Any", can_id: "int | None" = None, brs: bool = True, fifo: int = 0
     ) -> None:
-        if not hasattr(can, "RANGE"):  # which filters of FD controllers have
+        if not hasattr(can, "RANGE"):  # a filter mode that only FD controllers have
             raise ValueError("this CAN controller has no CAN FD, which messages of uros need")
         self._can = can
         self._id = can_id
@@ -35,7 +40,7 @@ class PybCan:
         self._fifo = fifo
 
     def open(self) -> None:
-        """Raises OSError where the bus does not work."""
+        """Set the filter, and restart a bus that is off. Raises OSError if it stays off."""
         can = self._can
         if self._id is None:
             can.setfilter(0, can.MASK, self._fifo, (0, 0), extframe=True)

@@ -107,7 +107,7 @@ class DiscoveringTransport:
         self._until: "int | None" = None  # when we lose patience
 
     def open(self) -> None:
-        """Raises OSError where nobody can be asked: the network is down."""
+        """Begin to search. Raises OSError if no question can be sent: the network is down."""
         self.close()
         self._search = _Search(self._addresses, self._interface)
         try:
@@ -122,7 +122,7 @@ class DiscoveringTransport:
         self._search.ask()
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the transport; idempotent."""
         search, line = self._search, self._line
         self._search = self._line = self.agent = None
         self._kept = b""
@@ -132,7 +132,7 @@ class DiscoveringTransport:
             line.close()
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`. Without a size, all of it.
+        """See :class:`uros.client.protocols.Transport`. Without ``size``, all of the message.
 
         While there is no agent, the last message is kept for it, and the question is repeated.
         """
@@ -150,7 +150,7 @@ class DiscoveringTransport:
             found = self._search.take(timeout_ms)
             if not found:
                 if self._late():
-                    where = ", ".join(["%s port %d" % it for it in self._addresses])
+                    where = ", ".join(["%s port %d" % address for address in self._addresses])
                     raise OSError(errno.ETIMEDOUT, "no agent answers at %s: %s" % (where, _REMEDY))
                 return None
             self._link(found)
@@ -202,7 +202,7 @@ class _Search:
         self._socket.close()
 
     def ask(self) -> None:
-        """Raises OSError where not one question is on its way."""
+        """Send the questions. Raises OSError if none of them could be sent."""
         trouble = OSError(errno.EINVAL, "there is no address to ask for an agent: give one")
         sent = False
         for host, port in self._addresses:
@@ -233,10 +233,10 @@ class _Search:
 
 
 def _address(host: str, port: int) -> "Any":
-    """As sockets want it. Questions go over IPv4, where agents listen for them."""
-    for it in socket.getaddrinfo(host, port, 0, socket.SOCK_DGRAM):
-        if it[0] == socket.AF_INET:
-            return it[-1]
+    """Return the IPv4 address for a socket: agents listen for questions on IPv4."""
+    for info in socket.getaddrinfo(host, port, 0, socket.SOCK_DGRAM):
+        if info[0] == socket.AF_INET:
+            return info[-1]
     raise OSError(errno.EINVAL, "%s has no address of IPv4" % host)
 
 

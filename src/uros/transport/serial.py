@@ -1,6 +1,6 @@
-"""A board's end of a serial line: frames over anything that reads and writes bytes.
+"""Client transport over a serial line: frames on anything that reads and writes bytes.
 
-Runs on MicroPython: a UART, a USB-CDC interface and a terminal's file all do.
+Runs on MicroPython, on a UART, a USB-CDC interface or a terminal's file.
 """
 
 from ..ticks import sleep_ms, ticks_add, ticks_diff, ticks_ms
@@ -21,29 +21,34 @@ try:
         """
 
         def read(self, size: int) -> "bytes | None":
-            """At most ``size`` bytes; None or none: nothing is there. OSError: it is gone."""
+            """Read at most ``size`` bytes; None or b"": there are none. OSError: it is gone."""
 
         def write(self, data: "Buffer") -> "int | None":
-            """How many bytes the line took, from the first on. OSError: it is gone."""
+            """Write the first bytes that fit; return how many. OSError: it is gone."""
 
 except ImportError:  # MicroPython
     pass
 
 AGENT_ADDRESS: Final = 0
 _CHUNK: Final = 256
-# What waits in the line is not late, but a line that is never quiet must not hold a program up.
+# Most chunks read after the timeout: a line that is never quiet must not block the program.
 _CHUNKS: Final = 16
-# A longest acknowledgement, heartbeat or question about the time.
+# The longest ACKNACK, HEARTBEAT or TIMESTAMP message.
 _SHORT: Final = 32
 
 
 class StreamTransport:
-    """One board on a line. ``address`` is its own, 1 to 255, on a line that boards share.
+    """One board on a serial line.
 
-    What the line takes only in part is kept and goes out first. Of the messages that come
-    meanwhile, reliable ones wait their turn, so that a line is kept busy by what has room for less
-    than a frame, as most UARTs and USB devices; short ones go before them. Others, and those of
-    which the line takes nothing, are lost and counted in ``dropped``.
+    A frame that the port accepts only in part is kept, and its rest is sent first. Meanwhile
+    reliable messages are queued, so that the line stays busy although most UARTs and USB devices
+    buffer less than a frame; short ones are sent before them. Other messages, and those of which
+    the port accepts nothing, are lost and counted in ``dropped``.
+
+    Args:
+        port: See `Port`.
+        address: The board's address, 1 to 255, on a line that boards share.
+        mtu: The largest message in bytes.
     """
 
     def __init__(self, port: "Any", address: int = 1, mtu: int = 512) -> None:
@@ -51,7 +56,7 @@ class StreamTransport:
         self.mtu = mtu
         self.dropped = 0
         self._address = address
-        self.deframer = Deframer(address)  # its counters tell how good the line is
+        self.deframer = Deframer(address)  # its counters show the quality of the line
         self._out = bytearray(frame_size(mtu))
         self._from = 0  # _out[_from:_to] is not sent yet
         self._to = 0
@@ -61,7 +66,7 @@ class StreamTransport:
         self._messages: "list[bytes]" = []
 
     def open(self) -> None:
-        """Raises OSError where the port has an ``open`` that does."""
+        """Open the port, if it has ``open``. Raises OSError if that does."""
         self.deframer = Deframer(self._address)
         self._from = self._to = 0
         self._late.clear()
@@ -70,15 +75,15 @@ class StreamTransport:
             self.port.open()
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the transport; idempotent."""
         if hasattr(self.port, "close"):
             self.port.close()
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`. Without a size, all of it.
+        """See :class:`uros.client.protocols.Transport`. Without ``size``, all of the message.
 
-        A reliable message is left in its buffer until the line has room; a session keeps that until
-        the agent has acknowledged it. One that is in use again by then is sent as it is.
+        A queued reliable message stays in the session's buffer, which is kept until the agent has
+        acknowledged the message. A buffer in use again by then is sent with its new content.
         """
         if size < 0:
             size = len(message)
@@ -127,7 +132,7 @@ class StreamTransport:
             if sent:
                 self._from += sent
             elif not self._from and not self._lasting:
-                # Nobody listens: what was to be said then is old when they do.
+                # Nobody reads the line: the message would be outdated when somebody does.
                 self._from = self._to
                 self.dropped += 1
             if self._from < self._to:

@@ -1,4 +1,4 @@
-"""The port of a board's program that runs on CPython and is at a terminal: a serial device."""
+"""Port of a :class:`~uros.transport.serial.StreamTransport` on CPython: a serial device."""
 
 from __future__ import annotations
 
@@ -17,19 +17,29 @@ if has_termios():
 
 
 class OpenPort(Protocol):
-    """A :class:`~uros.transport.serial.Port` with everything that it may have."""
+    """A :class:`~uros.transport.serial.Port` with its optional methods."""
 
-    def open(self) -> None: ...
-    def close(self) -> None: ...
-    def read(self, size: int) -> bytes | None: ...
-    def write(self, data: bytes | bytearray | memoryview) -> int: ...
-    def wait(self, timeout_ms: int) -> None: ...
+    def open(self) -> None:
+        """Open the device. Raises OSError."""
+
+    def close(self) -> None:
+        """Close the device; idempotent."""
+
+    def read(self, size: int) -> bytes | None:
+        """See :class:`~uros.transport.serial.Port`."""
+
+    def write(self, data: bytes | bytearray | memoryview) -> int:
+        """See :class:`~uros.transport.serial.Port`."""
+
+    def wait(self, timeout_ms: int) -> None:
+        """Wait until there is something to read, for ``timeout_ms`` at most."""
 
 
 def device_port(path: str, baud: int = 115200) -> OpenPort:
-    """The port for ``path``: pyserial's for a URL or where there is no termios.
+    """Return the port for ``path``: pyserial's for a URL or on systems without termios.
 
-    Raises TransportError for what will never work.
+    Raises:
+        TransportError: The path or baud rate can never work.
     """
     if has_termios() and not is_url(path):
         return DevicePort(path, baud)
@@ -39,9 +49,10 @@ def device_port(path: str, baud: int = 115200) -> OpenPort:
 
 
 class DevicePort:
-    """For a :class:`~uros.transport.serial.StreamTransport`; nothing waits but :meth:`wait`.
+    """A serial device, by termios; only :meth:`wait` waits.
 
-    Raises TransportError for a baud rate that cannot be.
+    Raises:
+        TransportError: The baud rate is not possible.
     """
 
     def __init__(self, path: str, baud: int = 115200) -> None:
@@ -51,7 +62,7 @@ class DevicePort:
         self._poll = select.poll()
 
     def open(self) -> None:
-        """Raises OSError with a text that says what to do."""
+        """Open the device. Raises OSError with a text that says what to do."""
         self.close()
         try:
             self.fd = open_device(self.path, self._baud)
@@ -60,7 +71,7 @@ class DevicePort:
         self._poll.register(self.fd, select.POLLIN)
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the device; idempotent."""
         if self.fd >= 0:
             self._poll.unregister(self.fd)
             os.close(self.fd)
@@ -84,5 +95,5 @@ class DevicePort:
             return 0
 
     def wait(self, timeout_ms: int) -> None:
-        """Until there is something to read, or that long."""
+        """Wait until there is something to read, for ``timeout_ms`` at most."""
         self._poll.poll(timeout_ms)

@@ -1,4 +1,4 @@
-"""A board's end of TCP: each message behind its length.
+"""Client transport over TCP: each message is preceded by its length.
 
 Runs on MicroPython ports that have a network.
 """
@@ -18,20 +18,20 @@ except ImportError:  # MicroPython
     pass
 
 _CHUNK: Final = 1024
-# What has come is not late, but an agent that never stops must not hold a program up.
+# Most chunks read after the timeout: an agent that never stops must not block the program.
 _CHUNKS: Final = 16
-# "Not now", as systems say it.
+# The errors of systems for "not now".
 _LATER: Final = (errno.EAGAIN, getattr(errno, "EWOULDBLOCK", errno.EAGAIN), errno.EINPROGRESS)
 
 
 class TcpTransport:
     """Messages to and from the agent at ``host``, ``port``, of at most ``mtu`` bytes.
 
-    ``host`` is a name, or an address of IPv4 or IPv6; of a name's addresses, the next is tried
-    where nobody answers at one. Nothing waits but the look-up of a name. What the network takes
-    only in part is kept and goes out first; messages that come meanwhile are lost and counted in
-    ``dropped``: reliable ones are sent again. An agent that leaves us without an answer for
-    ``patience_ms`` is lost, and so is one that cannot be reached so long.
+    ``host`` is a name, or an address of IPv4 or IPv6; if nobody answers at one of a name's
+    addresses, the next one is tried. Only the look-up of a name waits. A message of which only a
+    part is sent is kept, and its rest is sent first; messages sent meanwhile are lost and counted
+    in ``dropped``; reliable ones are sent again. OSError is raised when the agent does not answer
+    or cannot be reached for ``patience_ms``.
     """
 
     def __init__(
@@ -42,21 +42,21 @@ class TcpTransport:
         self._host = host
         self._port = port
         self._patience_ms = patience_ms
-        self._turn = -1  # which of the addresses
-        self._heard = False  # anything, from that one
+        self._turn = -1  # index of the address in use
+        self._heard = False  # whether anything was received from it
         self._socket: "Any" = None
-        self._line: "Any" = None  # the socket, or what speaks over it, once it is connected
+        self._line: "Any" = None  # the socket or its TLS object, once it is connected
         self._poll: "Any" = None
-        self._until: "int | None" = None  # when we lose patience
+        self._until: "int | None" = None  # when the agent counts as lost
         self._out = bytearray(mtu + 2)
         self._from = 0  # _out[_from:_to] is not sent yet
         self._to = 0
-        self._writing = False  # it waits for the network, and for nothing that must come first
+        self._writing = False  # it waits for the network to accept more
         self._deframer = LengthDeframer()
         self._messages: "list[bytes]" = []
 
     def open(self) -> None:
-        """Raises OSError where the host is not known or the network is down."""
+        """Begin to connect. Raises OSError if the host is unknown or the network is down."""
         self.close()
         addresses = socket.getaddrinfo(self._host, self._port, 0, socket.SOCK_STREAM)
         if not self._heard:
@@ -84,20 +84,21 @@ class TcpTransport:
         self._poll.register(line, events)
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the transport; idempotent."""
         line, sock = self._line, self._socket
         self._line = self._socket = self._poll = None
-        # Both: where TLS has failed, MicroPython's line has let go of its socket.
-        for it in (line, sock):
-            if it is not None:
+        # Both: after a failure of TLS, MicroPython's TLS object does not close its socket.
+        for closable in (line, sock):
+            if closable is not None:
                 try:
-                    it.close()
+                    closable.close()
                 except OSError:
                     pass
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`. What is sent before there is a
-        connection goes out with it. Without a size, all of the message.
+        """See :class:`uros.client.protocols.Transport`. Without ``size``, all of the message.
+
+        A message sent before there is a connection is kept until there is one.
         """
         if self._line is not None:
             self._push()
@@ -155,7 +156,7 @@ class TcpTransport:
         return self._line is not None
 
     def _take(self) -> "bytes | None":
-        """Send what is not sent yet, and what has come; None: nothing."""
+        """Send what is not sent yet; return what was received, None: nothing."""
         self._push()
         data: "bytes | None" = self._read()
         if data is not None and not data:
@@ -173,14 +174,14 @@ class TcpTransport:
                 self._from += sent
                 self._writing = self._from < self._to
 
-    # --- what TLS does otherwise -------------------------------------------------------------
+    # --- overridden by TLS ------------------------------------------------------------------
 
     def _begin(self, sock: "Any") -> "Any":
-        """What speaks over the connection."""
+        """Return the object that reads and writes on the connection."""
         return sock
 
     def _read(self) -> "bytes | None":
-        """What has come; None: nothing, and b"": nothing ever."""
+        """Return what was received; None: nothing, b"": the connection was closed."""
         try:
             data: bytes = self._line.recv(_CHUNK)
             return data
@@ -190,7 +191,7 @@ class TcpTransport:
             raise
 
     def _write(self, data: "Buffer") -> "int | None":
-        """How much the network took; None: something must come before it takes more."""
+        """Return how much was written; None: something must be received first."""
         try:
             sent: int = self._line.send(data)
             return sent

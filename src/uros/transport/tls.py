@@ -1,9 +1,9 @@
-"""A board's end of TCP in TLS. Runs on MicroPython ports that have a network and ``ssl``.
+"""Client transport over TLS. Runs on MicroPython ports that have a network and ``ssl``.
 
     TlsTransport("agent.example", 8888, ca="ca.pem", cert="board.pem", key="board.key")
 
-A board that looks at certificates looks at their dates too: set its clock first
-(``ntptime.settime()``), since the agent can tell the time only to those who trust it.
+Certificates are checked for their dates, too: set the board's clock first
+(``ntptime.settime()``), since the agent can send its time only after the handshake.
 """
 
 import binascii
@@ -34,7 +34,7 @@ _BEGIN: Final = b"-----BEGIN "
 
 
 def _bytes_of(what: "Any") -> bytes:
-    """A file's, where it is the name of one."""
+    """Return the content of a file by its name; bytes are returned as they are."""
     if isinstance(what, str):
         with open(what, "rb") as file:
             return file.read()
@@ -43,7 +43,7 @@ def _bytes_of(what: "Any") -> bytes:
 
 
 def _der(data: bytes) -> bytes:
-    """The first thing of a PEM text, or what is DER already: all that MicroPython 1.27 knows."""
+    """Return the first object of a PEM text as DER, which is all that MicroPython 1.27 accepts."""
     at = data.find(_BEGIN)
     if data[at:].startswith(_BEGIN + b"EC PARA"):  # openssl puts these before a key
         at = data.find(_BEGIN, at + 1)
@@ -57,18 +57,29 @@ def _der(data: bytes) -> bytes:
 
 
 def _refused(error: Exception) -> OSError:
-    """For MicroPython's ValueError, of several lines."""
+    """Return OSError for MicroPython's ValueError, whose text has several lines."""
     return OSError("the agent's certificate is refused: " + str(error).strip())
 
 
 class TlsTransport(TcpTransport):
     """A :class:`~uros.transport.tcp.TcpTransport` in TLS.
 
-    ``ca`` is the certificate that the agent's must be signed with, or that itself: the name of a
-    file, or its bytes, PEM or DER. ``name`` is what the agent's certificate must be for, ``host``
-    if not given. ``cert`` and ``key`` are the board's own, for agents that ask for them: names of
-    files, PEM (on MicroPython DER too). Files are read at each :meth:`open`. ``verify=False``
-    trusts whoever answers, which is for a bench only.
+    Files are read at each :meth:`open`.
+
+    Args:
+        host: See TcpTransport, as ``port``, ``mtu`` and ``patience_ms``.
+        port: The agent's port.
+        mtu: The largest message in bytes.
+        ca: Certificate that signed the agent's, or that one itself: a file's name, or PEM or DER.
+        cert: The board's certificate, for agents that ask for one: a file's name, PEM (on
+            MicroPython DER too).
+        key: Its private key, in the same form.
+        name: The host name in the agent's certificate; ``host`` by default.
+        verify: False accepts any certificate, which is for a test bench only.
+        patience_ms: See TcpTransport.
+
+    Raises:
+        ValueError: ``ca`` is missing, or one of ``cert`` and ``key``.
     """
 
     def __init__(
@@ -89,7 +100,7 @@ class TlsTransport(TcpTransport):
         self._context: "Any" = None
 
     def open(self) -> None:
-        """Raises OSError too where a certificate cannot be used."""
+        """Begin to connect. Raises OSError also if a certificate or key cannot be used."""
         try:
             self._context = self._make_context()
         except ValueError as error:
@@ -119,7 +130,7 @@ class TlsTransport(TcpTransport):
             sock, server_hostname=self._name, do_handshake_on_connect=False
         )
 
-    # The first of these calls that find something to do make the handshake, at both Pythons.
+    # The handshake is made by the first of these calls, on both Pythons.
 
     def _read(self) -> "bytes | None":
         try:

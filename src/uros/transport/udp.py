@@ -1,4 +1,4 @@
-"""A board's end of UDP. Runs on MicroPython ports that have a network."""
+"""Client transport over UDP. Runs on MicroPython ports that have a network."""
 
 import select
 import socket
@@ -14,10 +14,10 @@ except ImportError:  # MicroPython
 class UdpTransport:
     """Messages to and from the agent at ``host``, ``port``, of at most ``mtu`` bytes.
 
-    ``host`` is a name, or an address of IPv4 or IPv6. Of a name's addresses, the next is tried
-    where one says that nobody is there: localhost can be 127.0.0.1 and ::1, the agent on one.
-    An address that has answered is kept until the next :meth:`open`: a restarted agent knows the
-    session by our port.
+    ``host`` is a name, or an address of IPv4 or IPv6. If one of a name's addresses reports that
+    its port is closed, the next one is tried: localhost may be 127.0.0.1 and ::1, with the agent on
+    one of them. An address that has answered is kept until the next :meth:`open`: a restarted agent
+    identifies the session by our port.
     """
 
     def __init__(self, host: str, port: int = 8888, mtu: int = 512) -> None:
@@ -30,21 +30,21 @@ class UdpTransport:
         self._poll: "Any" = None
 
     def open(self) -> None:
-        """Raises OSError where the host is not known or the network is down."""
+        """Open the socket. Raises OSError if the host is unknown or the network is down."""
         self.close()
         self._answered = False
         self._addresses = socket.getaddrinfo(self._agent[0], self._agent[1], 0, socket.SOCK_DGRAM)
         self._connect()
 
     def _connect(self) -> None:
-        """To the first address from the one in turn on that there is a way to."""
+        """Connect to the first reachable address, beginning with the current one."""
         trouble = OSError("no address")
         for _ in self._addresses:
             address = self._addresses[self._turn % len(self._addresses)]
             sock = None
             try:
                 sock = socket.socket(address[0], socket.SOCK_DGRAM)
-                # Connected: what others send is not ours.
+                # Connected: datagrams from other sources are not received.
                 sock.connect(address[-1])
             except OSError as error:
                 if sock is not None:
@@ -61,16 +61,16 @@ class UdpTransport:
         raise trouble
 
     def close(self) -> None:
-        """Twice is once."""
+        """Close the transport; idempotent."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`. Without a size, all of it.
+        """See :class:`uros.client.protocols.Transport`. Without ``size``, all of the message.
 
-        What the network does not take now, or has nobody to take, is lost: an agent that is not
-        there yet is no reason to close the socket.
+        A message that cannot be sent now is lost: the socket stays open for an agent that is not
+        running yet.
         """
         try:
             self._socket.send(message if size < 0 else memoryview(message)[:size])
@@ -83,12 +83,12 @@ class UdpTransport:
             return None
         try:
             data: bytes = self._socket.recv(self.mtu)
-        except OSError:  # the answer of a host with no agent: as if nothing had come
+        except OSError:  # port unreachable: as if nothing had been received
             if len(self._addresses) > 1 and not self._answered:
                 self._turn += 1
                 try:
                     self._connect()
-                except OSError:  # the socket that was there stays
+                except OSError:  # keep the current socket
                     pass
             return None
         self._answered = True

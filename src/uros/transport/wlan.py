@@ -5,8 +5,9 @@
 
     transport = Over(Station("network", "password"), UdpTransport("192.168.1.10"))
 
-Nothing waits: each ``open`` of the transport looks how far the network is, and says why not yet;
-the node asks again. Runs on MicroPython ports that have ``network``.
+Nothing waits: each ``open`` of the transport checks the state of the network, and raises OSError
+with the reason until it is up; the node tries again. Runs on MicroPython ports that have
+``network``.
 """
 
 import errno
@@ -38,8 +39,12 @@ _FOUR_WAY: Final = 15
 
 
 class Over:
-    """``transport`` on top of ``link``: a :class:`Station`, an :class:`AccessPoint`, a
-    :class:`Wired`, or whatever has ``check()``, which raises OSError while there is no network.
+    """A transport on top of a network link.
+
+    Args:
+        link: A :class:`Station`, an :class:`AccessPoint`, a :class:`Wired`, or an object with
+            ``check()``, which raises OSError while there is no network.
+        transport: Opened once the link is up.
     """
 
     def __init__(self, link: "Any", transport: "Any") -> None:
@@ -51,20 +56,20 @@ class Over:
         self.receive: "Any" = transport.receive
 
     def open(self) -> None:
-        """Raises OSError with what keeps the network from being there."""
+        """Open the transport. Raises OSError with the reason while there is no network."""
         self.link.check()
         self.transport.open()
 
     def close(self) -> None:
-        """Twice is once. The board stays in its network."""
+        """Close the transport; idempotent. The board stays in its network."""
         self.transport.close()
 
 
 class Station:
     """The board joins the access point ``ssid``; ``password`` is None where it has none.
 
-    An attempt that comes to nothing within ``timeout_ms`` is begun anew. ``hostname`` is what the
-    network is to call the board.
+    An attempt that has not succeeded within ``timeout_ms`` is repeated. ``hostname`` is the board's
+    name in the network.
     """
 
     def __init__(
@@ -82,7 +87,7 @@ class Station:
         self._until: "int | None" = None  # when the attempt that runs is given up
 
     def check(self) -> None:
-        """Raises OSError until the board has joined."""
+        """Raise OSError until the board has joined."""
         if self.wlan.isconnected():
             self._until = None
             return
@@ -124,9 +129,13 @@ class Station:
 
 
 class AccessPoint:
-    """The board is an access point ``ssid``, which the agent's computer joins; ``password`` has 8
-    to 63 characters, None for none. ``address`` is the board's own, of a network of 256 whose other
-    addresses it gives away from the next one on; without it, it is usually 192.168.4.1.
+    """The board is an access point, which the agent's computer joins.
+
+    Args:
+        ssid: Its name.
+        password: 8 to 63 characters; None for none.
+        address: The board's address, in a network of 256 whose other addresses it assigns by DHCP
+            from the next one on; by default usually 192.168.4.1.
     """
 
     def __init__(
@@ -146,7 +155,7 @@ class AccessPoint:
         self._begun = False
 
     def check(self) -> None:
-        """Raises OSError until there is an access point that somebody has joined."""
+        """Raise OSError until a station has joined the access point."""
         if not self._begun:
             settings: "dict[str, Any]" = {"ssid": self._ssid}
             if self._password is not None:
@@ -185,7 +194,7 @@ class Wired:
         self._begun = False
 
     def check(self) -> None:
-        """Raises OSError until the cable is in and there is an address."""
+        """Raise OSError until the cable is plugged in and there is an address."""
         if not self._begun:
             self.lan.active(True)
             self._begun = True
