@@ -1,4 +1,4 @@
-"""Text that others wrote, made safe to print.
+"""Escaping of untrusted text for terminals and logs.
 
 Names and types of boards and nodes, strings in messages and what a board says on its line may hold
 anything. Attack: escape sequences that a terminal obeys, line ends that forge further lines,
@@ -22,18 +22,18 @@ _LINES: Final = "\n\t"
 def is_printable(text: str, keep: str = "") -> bool:
     """Whether `printable` leaves the text as it is."""
     if text.isascii():
-        return text.isprintable() or all(it.isprintable() or it in keep for it in text)
+        return text.isprintable() or all(char.isprintable() or char in keep for char in text)
     return not _INVISIBLE.search(text) and all(
-        it.isprintable() or it in _SPACES or it in keep for it in text
+        char.isprintable() or char in _SPACES or char in keep for char in text
     )
 
 
 def printable(text: str, keep: str = "") -> str:
-    r"""The text as one line that a terminal only shows.
+    r"""Return the text as one line without effect on a terminal.
 
     Args:
-        text: anything, lone surrogates included.
-        keep: characters that stay besides, such as ``"\n"``.
+        text: Any text, lone surrogates included.
+        keep: Characters that are not escaped either, such as ``"\n"``.
 
     Returns:
         The text with escapes (``\x1b``, ``\n``, ``\u202e``) for control and format characters,
@@ -42,22 +42,23 @@ def printable(text: str, keep: str = "") -> str:
     if is_printable(text, keep):
         return text
     return "".join(
-        it if is_printable(it, keep) else it.encode("unicode_escape").decode() for it in text
+        char if is_printable(char, keep) else char.encode("unicode_escape").decode()
+        for char in text
     )
 
 
 def printable_ascii(text: str) -> str:
-    """The same with escapes for all but ASCII: for logs, which may end on anything."""
+    """Return the text as `printable` does, with escapes for all but ASCII, for logs."""
     if text.isascii() and text.isprintable():
         return text
     return "".join(
-        it if it.isascii() and it.isprintable() else it.encode("unicode_escape").decode()
-        for it in text
+        char if char.isascii() and char.isprintable() else char.encode("unicode_escape").decode()
+        for char in text
     )
 
 
 class PrintableStream:
-    """A text stream in front of ``unguarded``: everything but lines and tabs is escaped.
+    """A text stream that escapes control characters, except for line ends and tabs.
 
     What the stream's encoding lacks is escaped as well. Drawing on a terminal goes through
     `draw`.
@@ -67,6 +68,7 @@ class PrintableStream:
         self.unguarded = unguarded
 
     def write(self, text: str) -> int:
+        """Write the text, escaped."""
         text = printable(text, _LINES)
         try:
             self.unguarded.write(text)
@@ -76,6 +78,7 @@ class PrintableStream:
         return len(text)
 
     def writelines(self, lines: Any) -> None:
+        """Write each of the lines, escaped."""
         for line in lines:
             self.write(line)
 
@@ -84,12 +87,12 @@ class PrintableStream:
 
 
 def guarded(stream: TextIO) -> TextIO:
-    """The stream behind a `PrintableStream`; idempotent."""
+    """Return the stream wrapped in a `PrintableStream`; idempotent."""
     if isinstance(stream, PrintableStream):
         return stream
     return cast(TextIO, PrintableStream(stream))
 
 
 def unguarded(stream: TextIO) -> TextIO:
-    """The stream itself, for those who clean what they write: drawing, colours, the log."""
+    """Return the unwrapped stream, for code that escapes its own output: drawing, colours, log."""
     return cast(TextIO, getattr(stream, "unguarded", stream))

@@ -16,18 +16,24 @@ COMPARABLE: Final = True
 
 
 class HistoryPolicy:
+    """Which samples a writer or reader keeps."""
+
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
     KEEP_ALL = 2
 
 
 class ReliabilityPolicy:
+    """Whether lost samples are sent again."""
+
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
     BEST_EFFORT = 2
 
 
 class DurabilityPolicy:
+    """Whether late readers get samples that were written before."""
+
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
     VOLATILE = 2
@@ -36,15 +42,17 @@ class DurabilityPolicy:
 
 
 class LivelinessPolicy:
+    """How a writer asserts that it is alive."""
+
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
     MANUAL_BY_TOPIC = 3
 
 
 class QoSProfile:
-    """How samples travel. ``depth`` counts with KEEP_LAST only.
+    """A QoS profile. ``depth`` applies to KEEP_LAST only.
 
-    ``separation_ms`` is a reader's least time between samples,
+    ``separation_ms`` is a reader's minimum time between samples,
     ``ownership_strength`` a writer's (None: shared ownership); ``partitions``
     are DDS partitions.
     """
@@ -97,11 +105,12 @@ class QoSProfile:
 
     @property
     def reliable(self) -> bool:
+        """Whether the reliability is RELIABLE."""
         return self.reliability == ReliabilityPolicy.RELIABLE
 
     @property
     def transient_local(self) -> bool:
-        """Whether late readers get what was written before (any such durability)."""
+        """Whether late readers get earlier samples (TRANSIENT_LOCAL or stronger)."""
         return self.durability not in (
             DurabilityPolicy.VOLATILE,
             DurabilityPolicy.SYSTEM_DEFAULT,
@@ -141,17 +150,17 @@ _FIELDS = (
 
 
 def default_profile() -> QoSProfile:
-    """rmw_qos_profile_default: reliable, volatile, the last 10."""
+    """Return rmw_qos_profile_default: reliable, volatile, the last 10."""
     return QoSProfile()
 
 
 def sensor_data_profile() -> QoSProfile:
-    """rmw_qos_profile_sensor_data: best effort, volatile, the last 5."""
+    """Return rmw_qos_profile_sensor_data: best effort, volatile, the last 5."""
     return QoSProfile(5, ReliabilityPolicy.BEST_EFFORT)
 
 
 def services_profile() -> QoSProfile:
-    """rmw_qos_profile_services_default: as the default."""
+    """Return rmw_qos_profile_services_default, which equals the default."""
     return QoSProfile()
 
 
@@ -169,11 +178,17 @@ qos_profile_system_default = QoSProfile(0, 0, 0, 0, liveliness=0)
 
 
 def to_flags(qos: QoSProfile, kind: int = 0) -> int:
-    """The QoS flags of XRCE's binary representation (7.7.9.5).
+    """Return the QoS flags of XRCE's binary representation (7.7.9.5).
 
-    System default is what DDS has by default: a writer is reliable, a reader is not, both are
-    volatile and keep the last. With the ``kind`` of an object (``KIND_DATAWRITER`` ...) what a
-    client cannot have an agent do for it raises ValueError.
+    System default is the default of DDS: a writer is reliable, a reader is not, both are volatile
+    and keep the last.
+
+    Args:
+        qos: The profile.
+        kind: Kind of the object (``KIND_DATAWRITER`` ...), to check the profile for it.
+
+    Raises:
+        ValueError: The binary representation cannot express the profile for that kind.
     """
     if kind:
         fault = _fault(qos, kind)
@@ -199,7 +214,7 @@ def to_flags(qos: QoSProfile, kind: int = 0) -> int:
 
 
 def _fault(qos: QoSProfile, kind: int) -> str:
-    """What a client cannot have an agent do; or nothing."""
+    """Name the policy that the binary representation cannot express; "" if there is none."""
     service = kind > ids.KIND_DATAREADER
     if qos.reliability not in (0, 1, 2):
         return "that reliability"
@@ -233,7 +248,7 @@ if COMPARABLE:
     }
 
     def _remedy(fault: str, qos: QoSProfile) -> str:
-        """What to do about it."""
+        """Return the remedy for a fault, and the profile."""
         return f"{_SAY.get(fault, '; leave them to hosts and to clients of XML')}: {qos!r}"
 
 else:
@@ -243,7 +258,7 @@ else:
 
 
 def from_flags(flags: int, depth: "int | None") -> QoSProfile:
-    """The profile that binary QoS flags and an optional depth stand for."""
+    """Return the profile of binary QoS flags and an optional depth."""
     qos = QoSProfile()
     if not flags & ids.QOS_RELIABLE:
         qos.reliability = ReliabilityPolicy.BEST_EFFORT

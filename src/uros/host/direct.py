@@ -1,4 +1,4 @@
-"""What a host's nodes have in place of a session with an agent: a middleware of their own.
+"""Connection of a host's nodes: a middleware of their own, in place of a session with an agent.
 
 To nodes and entities a :class:`Direct` looks like a :class:`uros.client.connection.Connection`
 that is always connected. It makes the endpoints itself as soon as entities are added, so nobody
@@ -26,11 +26,11 @@ from ..printable import printable
 from ..qos import DurabilityPolicy, QoSProfile, services_profile
 from .interrupt import Interrupt
 
-# Most samples taken before their callbacks have their turn.
+# Most samples taken before their callbacks run.
 _BATCH: Final = 32
-# Request numbers as entities know them: two bytes, and 0 means that nothing was sent.
+# Request ids of entities have two bytes; 0 means that nothing was sent.
 _NUMBERS: Final = 0xFFFF
-# How soon an answer that found no room is tried again.
+# A reply that the middleware could not take is sent again after so long.
 _RETRY_MS: Final = 5
 _GUID: Final = 16
 # Attack: malformed samples, or replies nobody asked for, as fast as they can be sent. Takes of them
@@ -39,7 +39,7 @@ _MAX_MISSES: Final = 4
 
 
 class SystemClock(Clock):
-    """The host's own clock. There is nothing to learn from an agent."""
+    """The host's own clock, which needs no synchronization with an agent."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -77,8 +77,10 @@ class _Out:
 
 
 class _Receiving:
-    """An end that receives. It takes for its entity when that has nothing to do any more; what
-    comes before waits at the middleware, where QoS rules, and the end among the ``waiting``.
+    """A receiving endpoint, which takes samples when its entity's queue is empty.
+
+    Samples received before stay at the middleware, where QoS applies, and the endpoint stays in
+    the set ``waiting``.
     """
 
     def __init__(self, entity: Any, waiting: set[_Receiving]) -> None:
@@ -91,7 +93,7 @@ class _Receiving:
         self.fill()
 
     def fill(self) -> bool:
-        """Take, where there is room; whether the entity has got something to do by that."""
+        """Take samples if the queue is empty; return whether there may be callbacks to run."""
         if self._entity._queue:
             return False
         for _ in range(_MAX_MISSES):
@@ -155,7 +157,7 @@ class _Server(_Receiving):
 
 
 class _Failing:
-    """Stands for a future in its client's queue, and has it fail for a reason of ours."""
+    """Entry in a client's queue that makes a future fail."""
 
     def __init__(self, future: Future, why: str) -> None:
         self._future = future
@@ -260,9 +262,13 @@ class Direct(NodeConnection):
     # --- what nodes and entities ask for -------------------------------------------------------
 
     def add(self, entity: Any) -> int:
-        """Put a node into the graph, or an entity onto the network; its number.
+        """Create a node, or the endpoint of an entity.
 
-        Raises MiddlewareError where it cannot be done.
+        Returns:
+            Its number.
+
+        Raises:
+            MiddlewareError: The middleware cannot create it, or the connection is closed.
         """
         if self.state != AGENT_CONNECTED:
             raise base.MiddlewareError(f"{entity.name}: the node has been destroyed")
@@ -288,7 +294,7 @@ class Direct(NodeConnection):
         return number
 
     def matched(self, publisher: Publisher) -> int:
-        """How many subscriptions hear it."""
+        """Return the number of matched subscriptions."""
         end = self._ends[publisher.number]
         assert isinstance(end, _Out)
         return end.matched()
@@ -298,7 +304,7 @@ class Direct(NodeConnection):
         return QoSProfile(depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
     def remove(self, entity: Any, object_ids: tuple[int, ...]) -> None:
-        """Take an entity off the network, or a node with all that is in it."""
+        """Destroy the endpoint of an entity, or a node with all its endpoints."""
         if isinstance(entity, Node):
             node = self._nodes.pop(entity, None)
             if node is not None:
@@ -312,7 +318,7 @@ class Direct(NodeConnection):
             end.close()
 
     def write(self, object_id: int, message: Any, prefix: bytes, reliable: bool | int) -> int:
-        """Send a message; never waits. 0: no room now."""
+        """Send a message without waiting; return its request id or 1, 0 if it cannot be sent."""
         end = self._ends.get(object_id >> 4)
         if end is None:
             return 0
@@ -325,7 +331,7 @@ class Direct(NodeConnection):
     # --- the loop -------------------------------------------------------------------------------
 
     def pump(self, timeout_ms: int) -> None:
-        """Take what has come for the nodes, waiting for it at most so long; below 0 nothing."""
+        """Take samples for the nodes, waiting ``timeout_ms`` at most; below 0 none are taken."""
         if timeout_ms < 0:
             return
         if self.state != AGENT_CONNECTED:
@@ -372,7 +378,7 @@ class Direct(NodeConnection):
             )
 
     def close(self) -> None:
-        """Leave the network with all nodes. Twice is once."""
+        """Leave the network with all nodes; idempotent."""
         if self.state == AGENT_CONNECTED:
             self.state = AGENT_DISCONNECTED
             atexit.unregister(self.close)

@@ -26,13 +26,13 @@ NamesAndTypes = dict[str, list[str]]
 _FEEDBACK: Final = "/_action/feedback"
 _FEEDBACK_TYPE: Final = "_FeedbackMessage"
 _TYPE_HASH: Final = re.compile(rb"typehash=(RIHS\d\d_[0-9a-f]{64});")
-# The first octets of a GUID name the DDS. Only Cyclone tells the history of its endpoints.
+# The first octets of a GUID are the DDS vendor's. Only Cyclone announces the history of endpoints.
 _TELLS_HISTORY: Final = b"\x01\x10"
 
 
 @dataclass(frozen=True)
 class EndpointInfo:
-    """A publisher or a subscription. A history of SYSTEM_DEFAULT means: not known."""
+    """A publisher or a subscription; a history of SYSTEM_DEFAULT is unknown."""
 
     node_namespace: str
     node_name: str
@@ -45,7 +45,7 @@ class EndpointInfo:
 
 @dataclass(frozen=True)
 class NodeInfo:
-    """What belongs to one node: names with their types, sorted."""
+    """The endpoints of one node: names with their types, sorted."""
 
     name: str
     subscribers: NamesAndTypes
@@ -57,26 +57,28 @@ class NodeInfo:
 
 
 class Graph:
-    """Questions about the graph as it is known now; nothing is cached."""
+    """Queries of the graph as discovered so far; nothing is cached."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
 
     def topics(self) -> NamesAndTypes:
-        """All ROS topics that have a publisher or a subscription, with their types."""
+        """Return all ROS topics that have a publisher or a subscription, with their types."""
         return _collect(
             (names.topic_from_dds(end.topic), names.type_from_dds(end.type_name))
             for end in self._source.endpoints.values()
         )
 
     def publishers(self, topic: str) -> list[EndpointInfo]:
+        """Return the publishers of a topic."""
         return self._endpoints(topic, True)
 
     def subscriptions(self, topic: str) -> list[EndpointInfo]:
+        """Return the subscriptions of a topic."""
         return self._endpoints(topic, False)
 
     def services(self) -> NamesAndTypes:
-        """All services that have a server or a client, with their types."""
+        """Return all services that have a server or a client, with their types."""
         return _collect(
             (
                 names.service_from_request(end.topic) or names.service_from_reply(end.topic),
@@ -86,7 +88,7 @@ class Graph:
         )
 
     def servers(self, service: str) -> list[EndpointInfo]:
-        """What reads the requests of a service, where that answers them as well."""
+        """Return the request readers of a service in participants that write its replies, too."""
         answering = {
             end.participant
             for end in self._source.endpoints.values()
@@ -127,11 +129,11 @@ class Graph:
         return sorted(found, key=lambda one: (one.node_namespace, one.node_name, one.gid))
 
     def nodes(self) -> list[str]:
-        """Full names of all nodes, sorted; one name may be there more than once."""
+        """Return the full names of all nodes, sorted; a name may occur more than once."""
         return sorted(map(_full_name, living_nodes(self._source)))
 
     def node(self, full_name: str) -> NodeInfo | None:
-        """What belongs to the node, to one of them if several bear the name."""
+        """Return the endpoints of the node, or of one of them if several have the name."""
         for node in living_nodes(self._source):
             if _full_name(node) == full_name:
                 break
@@ -146,7 +148,7 @@ class Graph:
             _named(writers, names.topic_from_dds, names.type_from_dds),
             _named(readers, names.service_from_request, names.service_type_from_dds),
             _named(readers, names.service_from_reply, names.service_type_from_dds),
-            # A server publishes feedback, a client reads it: nothing else tells an action.
+            # A server publishes feedback, a client reads it: actions are recognized by this alone.
             _named(writers, _action, _action_type),
             _named(readers, _action, _action_type),
         )
@@ -157,7 +159,7 @@ def _full_name(node: NodeSource) -> str:
 
 
 def type_hash(user_data: bytes) -> str:
-    """The hash in an endpoint's USER_DATA, or what ros2 prints where there is none."""
+    """Return the type hash in an endpoint's USER_DATA, or what ros2 prints without one."""
     match = _TYPE_HASH.search(user_data)
     return match[1].decode() if match else NO_HASH
 

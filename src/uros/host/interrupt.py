@@ -1,4 +1,4 @@
-"""Ctrl-C that neither goes astray nor comes late while a program waits for DDS."""
+"""Safe and immediate handling of Ctrl-C while a program waits for DDS."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from contextlib import contextmanager
 
 
 class Interrupt:
-    """Ctrl-C is a KeyboardInterrupt as ever, but not between :meth:`hold` and :meth:`release`.
+    """Defers KeyboardInterrupt between :meth:`hold` and :meth:`release`.
 
-    There it ends :meth:`wait`, and is raised by :meth:`release`. Python's own way would be too
-    early, for Cyclone's binding calls Python while it takes samples, and makes another error of it
-    or crashes, or too late: what comes just before ``select`` does not end that.
+    There Ctrl-C ends :meth:`wait`, and :meth:`release` raises it. An immediate KeyboardInterrupt is
+    not safe: Cyclone's binding calls Python while it takes samples, and turns the exception into
+    another one or crashes. And a signal just before ``select`` would not end that call.
     """
 
     def __init__(self) -> None:
@@ -25,8 +25,10 @@ class Interrupt:
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """So it is within the block. It changes nothing in threads other than the main one, and
-        in programs with a handler of their own.
+        """Install the signal handler within the block.
+
+        It changes nothing in threads other than the main one, and in programs with a handler of
+        their own.
         """
         if (
             threading.current_thread() is not threading.main_thread()
@@ -54,8 +56,14 @@ class Interrupt:
         self._pressed = True
 
     def wait(self, fileno: int, seconds: float | None) -> bool:
-        """Wait until there is something to read, for a signal, or so long (None: for ever);
-        whether there is something.
+        """Wait until a file is readable, or for a signal.
+
+        Args:
+            fileno: The file.
+            seconds: The longest wait; None has no limit.
+
+        Returns:
+            Whether the file is readable.
         """
         ours = self._socket
         signals = [] if ours is None else [ours.fileno()]
@@ -65,10 +73,11 @@ class Interrupt:
         return fileno in ready
 
     def hold(self) -> None:
+        """Defer KeyboardInterrupt until `release`."""
         self._held = True
 
     def release(self) -> None:
-        """Raises KeyboardInterrupt if Ctrl-C was pressed meanwhile."""
+        """Raise KeyboardInterrupt if Ctrl-C was pressed since `hold`."""
         self._held = False
         if self._pressed:
             self._pressed = False

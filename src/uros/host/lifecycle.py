@@ -1,4 +1,4 @@
-"""A host's node with a life cycle."""
+"""Managed (lifecycle) node of a host."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from .node import Node
 
 
 class LifecycleNode(LifecycleMethods, Node):
-    """A host's :class:`~uros.host.node.Node` that is brought up and shut down as a board's:
-    see :mod:`uros.client.lifecycle`, whose names are those of rclpy.lifecycle.
+    """A host's :class:`~uros.host.node.Node` with a life cycle.
+
+    It has the interface of :mod:`uros.client.lifecycle`, whose names are those of rclpy.lifecycle.
     """
 
     def __init__(

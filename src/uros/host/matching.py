@@ -15,9 +15,17 @@ def adapt(
 ) -> list[str]:
     """Set reliability and durability of ``profile`` to the best that all publishers offer.
 
-    Reliable only if all are, transient local only if all are; the partitions are theirs. What is
-    to be kept stays, and without publishers all stays. Returns a sentence for each policy that
-    only some publishers offer.
+    It becomes reliable only if all are, and transient local only if all are; the partitions are
+    theirs. Without publishers nothing is changed.
+
+    Args:
+        profile: The profile to change.
+        offered: The profiles of the publishers.
+        keep_reliability: Leave the reliability as it is.
+        keep_durability: Leave the durability as it is.
+
+    Returns:
+        A sentence for each policy that only some publishers offer.
     """
     if not offered:
         return []

@@ -1,6 +1,6 @@
-"""One program's place in a domain: a hidden node, its graph, and the loop that serves both.
+"""A program's participant in a domain: a hidden node, its graph, and their event loop.
 
-Everything happens in the calling thread, within :meth:`Network.spin` and what calls it.
+Everything runs in the calling thread, within :meth:`Network.spin` and the methods that call it.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from .graph_queries import Graph
 from .interrupt import Interrupt
 
 DISCOVERY_SECONDS: Final = 4.0
-# Without news for so long, a graph has settled.
+# A graph without changes for so long is complete.
 _QUIET: Final = 0.25
-# The same while nobody else is there, or somebody seems to have no endpoints: a Fast DDS
-# participant tells them one second after we met, when its first offer was too early for us.
+# The same while there is no other participant, or one without endpoints: a Fast DDS participant
+# announces them again a second after discovery, if we were not ready for its first announcement.
 _SLOW: Final = 1.25
 _ASK_AGAIN: Final = 0.1
 _BATCH: Final = 64
 
 
 class Received(NamedTuple):
-    """One sample with its encapsulation header, and when it was written and taken (Unix ns)."""
+    """A sample with its encapsulation header, and the times of writing and taking (Unix ns)."""
 
     cdr: bytes
     source_ns: int
@@ -37,13 +37,16 @@ class Received(NamedTuple):
 
 
 class Network:
-    """A node ``/_uros_<pid>`` in ``domain``, and what it sees.
+    """A node ``/_uros_<pid>`` in ``domain``, and the graph that it discovers.
 
-    Raises MiddlewareError where the domain cannot be joined. Close it, or use ``with``.
+    Close it, or use ``with``.
+
+    Raises:
+        MiddlewareError: The domain cannot be joined.
     """
 
     def __init__(self, domain: int) -> None:
-        # By name and late: importing this module must not load a DDS.
+        # Imported here, since importing this module must not load a DDS.
         from ..middleware.base import MiddlewareError
 
         opened = open_middleware("dds")
@@ -72,16 +75,25 @@ class Network:
 
     @property
     def alone(self) -> bool:
-        """Whether nobody else was found in the domain."""
+        """Whether no other participant was found in the domain."""
         return len(self._discovery.participants) <= 1
 
     def listen(
         self, topic: str, type_name: str, qos: QoSProfile, on_sample: Callable[[Received], None]
     ) -> Callable[[], None]:
-        """Subscribe to a topic of a type (ROS names); the result ends it.
+        """Subscribe to a topic; the type's definition is not needed.
 
-        No definition of the type is needed. ``on_sample`` is called by :meth:`spin`. Raises
-        MiddlewareError.
+        Args:
+            topic: ROS name.
+            type_name: ROS name.
+            qos: The subscription's profile.
+            on_sample: Called by :meth:`spin` for each sample.
+
+        Returns:
+            A function that ends the subscription.
+
+        Raises:
+            MiddlewareError: The subscription cannot be created.
         """
         from ..middleware.dds import cyclone
 
@@ -93,7 +105,7 @@ class Network:
             for cdr, info in samples:
                 received = Received(cdr, info.source_timestamp, time.time_ns())
                 self._taken.append((tell, received))
-            if len(samples) == _BATCH:  # what has come has its turn first
+            if len(samples) == _BATCH:  # first pass these on
                 self._middleware.context.dispatcher.requeue(reader)
 
         def tell(received: Received) -> None:
@@ -111,14 +123,20 @@ class Network:
         return end
 
     def spin(self, done: Callable[[], bool], seconds: float | None = None) -> bool:
-        """Serve the network until ``done()``, which is asked after every event.
+        """Run the event loop until ``done()``, which is called after every event.
 
-        False: ``seconds`` went by before. Without them it waits as long as it takes.
+        Args:
+            done: Returns whether to stop.
+            seconds: The timeout; None has no limit.
+
+        Returns:
+            False after the timeout.
         """
         end = None if seconds is None else time.monotonic() + seconds
         with self._interrupt.watched():
             while True:
-                # Not from where they are taken: it may wait, for a pipe, and Ctrl-C is to end that.
+                # Called here and not where samples are taken: the callback may block on a pipe, and
+                # Ctrl-C must be able to end that.
                 while self._taken:
                     tell, received = self._taken.popleft()
                     tell(received)
@@ -131,7 +149,7 @@ class Network:
                 self._work(max(0.0, min(due) - now) if due else None)
 
     def _work(self, seconds: float | None) -> None:
-        """Wait at most so long for something to happen, and take what came."""
+        """Wait for an event, ``seconds`` at most, and handle it."""
         self._interrupt.hold()
         try:
             if self._interrupt.wait(self._middleware.fileno(), seconds):
@@ -141,8 +159,10 @@ class Network:
             self._interrupt.release()
 
     def settle(self, seconds: float = DISCOVERY_SECONDS) -> None:
-        """Discover until nothing new comes, every ROS participant told its nodes, and all their
-        endpoints are known; ``seconds`` at most.
+        """Run discovery until the graph is complete, for ``seconds`` at most.
+
+        It is complete when nothing has changed for a while, every ROS participant has announced
+        its nodes, and all their endpoints are discovered.
         """
         end = time.monotonic() + seconds
         asked: set[bytes] = set()
@@ -170,7 +190,7 @@ class Network:
         self.spin(lambda: self._changed_at != before, seconds)
 
     def close(self) -> None:
-        """Leave the domain. Twice is once."""
+        """Leave the domain; idempotent."""
         self._middleware.close()
 
     def __enter__(self) -> Network:

@@ -15,16 +15,27 @@ from .direct import Direct
 
 
 class Node(node.Node):
-    """A board's node (:class:`uros.client.node.Node`) that needs neither board nor agent::
+    """A node of a host, with the interface of a board's (:class:`uros.client.node.Node`).
+
+    ::
 
         node = uros.Node("listener")
         node.create_subscription(Temperature, "/sensors/room_temp", print)
         node.spin()
 
-    Without ``transport`` it joins the ROS network by DDS, in ``domain_id``, else ROS_DOMAIN_ID,
-    else 0, and raises MiddlewareError where that cannot be. ``transport`` may be a board's line,
-    or the ``connection`` of another node to share it; each is spun by itself. Use a node from one
-    thread. A node that is there when the program ends, by Ctrl-C too, is destroyed then.
+    Use a node from one thread. A node that still exists when the program ends, also by Ctrl-C, is
+    destroyed then.
+
+    Args:
+        name: The node's name.
+        transport: By default the node joins the ROS network by DDS. It may be a transport to an
+            agent, or the ``connection`` of another node, to share it; each node is spun by itself.
+        namespace: The node's namespace.
+        domain_id: By default ROS_DOMAIN_ID, else 0.
+        options: Those of :class:`uros.client.node.Node`.
+
+    Raises:
+        MiddlewareError: The domain cannot be joined.
     """
 
     _connections = (Connection, Direct)
@@ -50,7 +61,7 @@ class Node(node.Node):
             if opened is not None:
                 opened.close()
             raise
-        if self._owner and not isinstance(self.connection, Direct):  # that one leaves by itself
+        if self._owner and not isinstance(self.connection, Direct):  # which closes itself at exit
             atexit.register(_leave, weakref.ref(self))
 
     def destroy_node(self) -> None:
@@ -60,8 +71,13 @@ class Node(node.Node):
             super().destroy_node()
 
     def spin_once(self, timeout_sec: float | None = None) -> bool:
-        """Run one round of callbacks, waiting for something to do at most so long (None: for
-        ever); whether there was one.
+        """Run the callbacks that are ready, after waiting for one.
+
+        Args:
+            timeout_sec: The longest wait; None has no limit.
+
+        Returns:
+            Whether a callback was run.
         """
         with self._interruptible():
             return super().spin_once(timeout_sec)
@@ -82,7 +98,7 @@ class Node(node.Node):
 
 
 def _leave(node: weakref.ref[Node]) -> None:
-    """Take leave of the agent, which else would keep the node's objects for its dead time."""
+    """Destroy the node, whose objects the agent would keep until its client timeout otherwise."""
     left = node()
     if left is not None:
         left.destroy_node()
