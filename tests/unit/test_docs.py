@@ -2,6 +2,7 @@
 
 import argparse
 import ast
+import importlib
 import re
 import shutil
 import ssl
@@ -595,3 +596,22 @@ def test_names_and_policies_on_the_page_are_all_there_are():
     for policy, values in rules._POLICIES.items():
         words |= {policy, *values}
     assert not [word for word in sorted(words) if f"`{word}`" not in text]
+
+
+GLOSSARY = ROOT / "docs" / "design" / "glossary.md"
+
+
+def test_every_class_of_the_glossary_exists():
+    wrong, named = [], 0
+    for line in GLOSSARY.read_text("utf-8").splitlines():
+        if not line.startswith("|"):
+            continue
+        for module, name in re.findall(r"`(uros(?:\.[a-z_0-9]+)+)\.([A-Z]\w*)`", line):
+            named += 1
+            try:
+                found = hasattr(importlib.import_module(module), name)
+            except ImportError:
+                found = False
+            if not found:
+                wrong.append(f"{module}.{name}, in: {line[:60]}")
+    assert named > 50 and not wrong, "no such class:\n" + "\n".join(wrong)

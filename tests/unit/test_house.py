@@ -1,17 +1,23 @@
-"""Which room may import which: the table of docs/design/README.md."""
+"""The house: which room may import which, what stands where, and that its indexes are whole.
+
+docs/design has the reasons. Each rule is one test, which lists every place that breaks it.
+"""
 
 import ast
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
+from support.long_tests import LONG
+from support.paths import ROOT
 
-SOURCE = Path(__file__).resolve().parents[2] / "src" / "uros"
+SOURCE = ROOT / "src" / "uros"
 
-# What each room may import besides itself. "qos", "ticks", "names" and "printable" are single
-# modules.
+# What each room may import besides itself. A name without a folder is a single module.
 ALLOWED = {
     "wire": {"ticks"},
     "ticks": set(),
@@ -40,61 +46,235 @@ ALLOWED = {
         "host", "boards", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
     },
 }  # fmt: skip
+# Walls inside a room: what a package must not import, and why.
+INNER_WALLS = {
+    "uros.agent.transports": (
+        ("uros.agent",),
+        "a transport knows its Host, and of the agent only log and token_bucket",
+    ),
+    "uros.agent.session": (
+        ("uros.agent.objects", "uros.agent.persistence", "uros.agent.observability"),
+        "a session is streams and submessages: what is in them is for objects",
+    ),
+    "uros.agent.policy": (
+        ("uros.agent.persistence", "uros.agent.observability"),
+        "policy decides; others store and show",
+    ),
+    "uros.agent.objects": (
+        ("uros.agent.persistence", "uros.agent.observability"),
+        "objects do not know that they are stored or shown",
+    ),
+    "uros.boards.builder": (
+        ("uros.boards.deploy", "uros.boards.virtual"), "the builder writes files for any board"
+    ),
+    "uros.boards.deploy": (("uros.boards.virtual",), "deploy is for real boards"),
+    "uros.boards.virtual": (("uros.boards.deploy",), "virtual boards are not deployed to"),
+}  # fmt: skip
+# Where only these modules may stand: others belong into one of the folders beside them.
+FULL = {
+    "": {"__main__", "http_server", "moved", "names", "printable", "qos", "ticks"},
+    "agent": {
+        "agent", "clock", "context", "log", "malloc_trim", "server", "token_bucket", "watchdog",
+    },
+    "boards": set(),
+    "boards/virtual": set(),
+    "tools": {"cli", "common", "demo", "errors", "fleet", "pages", "waiting"},
+}
+# Not collected by its name: the test of the same folder that is named here runs it.
+RUN_BY_A_TEST = {"tests/interop/rclpy_middleware.py": "tests/interop/test_ros2_middleware.py"}
+# Small modules that any room of the agent may import.
+EVERYBODYS = {"uros.agent.clock", "uros.agent.log", "uros.agent.token_bucket"}
+PASSED_OVER = {"build", "dist", "venv", "node_modules", "CVS", "_darcs"}
 
 
-INDEXED = (
-    "agent", "client", "control", "drivers", "host", "interfaces", "middleware", "tools",
-    "transport", "wire",
-)  # fmt: skip
+@cache
+def modules() -> dict[str, Path]:
+    """All modules of uros, by their full names."""
+    found = {}
+    for path in SOURCE.rglob("*.py"):
+        parts = ["uros", *path.relative_to(SOURCE).with_suffix("").parts]
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
 
 
-def rooms_imported(path: Path) -> set[str]:
-    """The rooms of uros that a module imports, anywhere in it."""
-    package = ("uros", *path.relative_to(SOURCE).parent.parts)
-    found = set()
+@cache
+def imports() -> dict[str, frozenset[str]]:
+    """What each module imports of uros, wherever it does: in functions and for type checkers."""
+    return {name: frozenset(_imports(name, path)) - {name} for name, path in modules().items()}
+
+
+def _imports(name: str, path: Path) -> Iterator[str]:
+    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        names = []
         if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
+            yield from (alias.name for alias in node.names if alias.name in modules())
         elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else ()
-            stem = ".".join((*base, node.module)) if node.module else ".".join(base)
-            names = [stem] if stem != "uros" else [f"uros.{alias.name}" for alias in node.names]
-        found |= {name.split(".")[1] for name in names if name.startswith("uros.")}
-    return found - {"__version__"}
+            base = package[: len(package) - node.level + 1] if node.level else []
+            stem = ".".join([*base, *(node.module.split(".") if node.module else [])])
+            for alias in node.names:
+                full = f"{stem}.{alias.name}"
+                if full in modules():
+                    yield full
+                elif stem in modules():
+                    yield stem
 
 
-def modules() -> list[Path]:
-    return sorted(path for path in SOURCE.rglob("*.py") if path.parent != SOURCE) + [
-        SOURCE / "qos.py",
-        SOURCE / "ticks.py",
-        SOURCE / "names.py",
-        SOURCE / "moved.py",
-        SOURCE / "printable.py",
-        SOURCE / "http_server.py",
-    ]
+def room(name: str) -> str:
+    return name.split(".")[1] if "." in name else ""
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SOURCE)))
-def test_imports_stay_within_the_walls(path: Path) -> None:
-    room = path.relative_to(SOURCE).parts[0].removesuffix(".py")
-    strangers = rooms_imported(path) - ALLOWED[room] - {room}
-    assert not strangers, f"{room} may not import {', '.join(sorted(strangers))}"
+def within(name: str, package: str) -> bool:
+    return name == package or name.startswith(package + ".")
 
 
-def test_transports_of_the_agent_import_its_log_clock_and_token_buckets_only() -> None:
-    """So they need neither sessions nor policy."""
+def test_every_room_is_known() -> None:
+    there = {room(name) for name in modules()} - {"", "__main__"}
+    assert there == set(ALLOWED), "a room of src/uros is not in ALLOWED, or ALLOWED has one more"
+
+
+def test_imports_stay_within_the_walls() -> None:
     wrong = []
-    for path in sorted((SOURCE / "agent" / "transports").glob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.level == 2:
-                names = [node.module] if node.module else [alias.name for alias in node.names]
+    for name, imported in imports().items():
+        if room(name) not in ALLOWED:
+            continue
+        may = ALLOWED[room(name)] | {room(name), ""}
+        bad = sorted(it for it in imported if room(it) not in may)
+        wrong += [f"{name} imports {it}, {room(name)} may not import {room(it)}" for it in bad]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_imports_stay_within_the_inner_walls() -> None:
+    wrong = []
+    for package, (barred, why) in INNER_WALLS.items():
+        for name, imported in imports().items():
+            if within(name, package):
                 wrong += [
-                    f"{path.name}: {name}"
-                    for name in names
-                    if name not in ("log", "clock", "token_bucket")
+                    f"{name} imports {it}: {why}"
+                    for it in sorted(imported)
+                    if not within(it, package)
+                    and it not in EVERYBODYS
+                    and any(within(it, bar) for bar in barred)
                 ]
-    assert not wrong, "agent/transports imports: " + ", ".join(wrong)
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_import_circle() -> None:
+    """Imports for type checkers and imports in functions count as well."""
+    circles = [" → ".join([*circle, circle[0]]) for circle in _circles()]
+    assert not circles, "modules import each other in a circle:\n" + "\n".join(circles)
+
+
+def _circles() -> list[list[str]]:
+    """The strongly connected parts of the import graph that have more than one module (Tarjan)."""
+    found: list[list[str]] = []
+    number: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    stack: list[str] = []
+
+    def visit(name: str) -> None:
+        number[name] = lowest[name] = len(number)
+        stack.append(name)
+        for other in imports()[name]:
+            if other not in number:
+                visit(other)
+                lowest[name] = min(lowest[name], lowest[other])
+            elif other in stack:
+                lowest[name] = min(lowest[name], number[other])
+        if lowest[name] == number[name]:
+            part = stack[stack.index(name) :]
+            del stack[stack.index(name) :]
+            if len(part) > 1:
+                found.append(part)
+
+    for name in imports():
+        if name not in number:
+            visit(name)
+    return found
+
+
+def test_a_module_stands_in_a_room() -> None:
+    wrong = []
+    for folder, modules_of_it in FULL.items():
+        rooms = sorted(it.parent.name for it in (SOURCE / folder).glob("*/__init__.py"))
+        for path in (SOURCE / folder).glob("*.py"):
+            if path.stem != "__init__" and path.stem not in modules_of_it:
+                wrong.append(
+                    f"{path.relative_to(ROOT)}: put it into one of {', '.join(rooms)},"
+                    " or add it to FULL if it stands for all of them"
+                )
+    assert not wrong, "\n".join(wrong)
+
+
+def test_each_package_lists_its_modules() -> None:
+    """In the docstring of its ``__init__``: a reader finds the file for a subject there."""
+    wrong = []
+    for index in sorted(SOURCE.rglob("__init__.py")):
+        folder = index.parent
+        if folder == SOURCE or "shims" in folder.parts:  # boards have what is in shims
+            continue
+        told = ast.get_docstring(ast.parse(index.read_text("utf-8"))) or ""
+        named = set(re.findall(r"^``(\w+)``", told, re.M))
+        there = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+        there |= {path.parent.name for path in folder.glob("*/__init__.py")}
+        missing, gone = sorted(there - named), sorted(named - there)
+        if missing:
+            wrong.append(f"{index.relative_to(ROOT)} does not list {', '.join(missing)}")
+        if gone:
+            wrong.append(f"{index.relative_to(ROOT)} lists what is not there: {', '.join(gone)}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_every_folder_of_modules_is_a_package() -> None:
+    folders = {path.parent for path in SOURCE.rglob("*.py")}
+    bare = sorted(str(it.relative_to(ROOT)) for it in folders if not (it / "__init__.py").is_file())
+    assert not bare, f"no __init__.py with an index in {', '.join(bare)}"
+
+
+def test_no_folder_has_a_name_that_tools_pass_over() -> None:
+    """pytest and ruff skip such folders in silence."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    paths = listed.stdout.splitlines() or [str(it.relative_to(ROOT)) for it in SOURCE.rglob("*")]
+    wrong = {path for path in paths if PASSED_OVER & set(Path(path).parts[:-1])}
+    assert not wrong, f"name the folder otherwise: {', '.join(sorted(wrong))}"
+
+
+def test_the_long_tests_are_there() -> None:
+    gone = sorted(path for path in LONG if not (ROOT / "tests" / "unit" / path).is_file())
+    assert not gone, f"support/long_tests.py names what is not there: {', '.join(gone)}"
+
+
+COLLECTED = """
+import pytest
+found = []
+class Lister:
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_pycollect_makemodule(self, module_path, parent):
+        found.append(str(module_path))
+        return Empty.from_parent(parent, path=module_path)
+class Empty(pytest.File):
+    def collect(self):
+        return []
+pytest.main(["--collect-only", "-qq", "-p", "no:cacheprovider", "tests"], plugins=[Lister()])
+print("FOUND", *found, sep="\\n")
+"""
+
+
+def test_every_file_with_tests_is_collected() -> None:
+    """A folder or a name that pytest passes over would hide its tests."""
+    done = subprocess.run(
+        [sys.executable, "-c", COLLECTED], cwd=ROOT, capture_output=True, text=True
+    )
+    collected = {Path(line) for line in done.stdout.partition("FOUND\n")[2].splitlines()}
+    on_disk = {
+        path
+        for path in (ROOT / "tests").rglob("*.py")
+        if re.search(r"^(?:async )?def test_", path.read_text("utf-8"), re.M)
+    }
+    missed = {str(it.relative_to(ROOT)) for it in on_disk - collected}
+    for path, test in RUN_BY_A_TEST.items():
+        assert Path(path).name in (ROOT / test).read_text("utf-8")
+        missed.remove(path)
+    assert collected and not missed, f"pytest does not collect {', '.join(sorted(missed))}"
 
 
 def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
@@ -111,38 +291,29 @@ def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
     assert done.stdout.splitlines()[-1] == "HEAVY []", done.stderr
 
 
+LATE = (
+    "persistence.session_store", "persistence.restore", "persistence.journal",
+    "observability.capture", "observability.pcapng", "observability.prometheus",
+    "observability.format",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_what_an_agent_loads_late_is_there(name: str) -> None:
+    """Else the test below would hold for a name that no longer is."""
+    assert f"uros.agent.{name}" in modules()
+
+
 def test_an_agent_loads_what_its_options_ask_for_and_no_more() -> None:
     program = (
         "import sys\n"
         "from uros.tools import cli\n"
         "cli.main(['agent', 'udp4', '-p', '0', '-m', 'memory', '-v', '0', '--stop-at-eof'])\n"
-        "parts = ('keeper', 'restoring', 'state', 'capture', 'pcapng', 'metrics', 'describe')\n"
         "more = {'ssl', 'prometheus_client', 'http.server', 'asyncio', 'ctypes', 'numpy', 'yaml'}\n"
-        "more |= {'uros.agent.' + it for it in parts}\n"
+        f"more |= {{'uros.agent.' + name for name in {LATE!r}}}\n"
         "print('MORE', sorted(more & set(sys.modules)))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], stdin=subprocess.DEVNULL, capture_output=True, text=True
     )
     assert done.stdout.splitlines()[-1:] == ["MORE []"], done.stdout + done.stderr
-
-
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SOURCE)))
-def test_no_module_is_a_warehouse(path: Path) -> None:
-    assert len(path.read_text("utf-8").splitlines()) <= 700
-
-
-def test_each_package_lists_its_modules() -> None:
-    """In the docstring of its ``__init__``: a reader finds the file for a subject there."""
-    wrong = []
-    for index in SOURCE.rglob("__init__.py"):
-        folder = index.parent
-        if folder == SOURCE or folder.relative_to(SOURCE).parts[0] not in INDEXED:
-            continue
-        told = ast.get_docstring(ast.parse(index.read_text("utf-8"))) or ""
-        named = set(re.findall(r"^``(\w+)``", told, re.M))
-        there = {path.stem for path in folder.glob("*.py")} - {"__init__"}
-        there |= {path.parent.name for path in folder.glob("*/__init__.py")}
-        if named != there:
-            wrong.append(f"{folder.relative_to(SOURCE)}: {sorted(named ^ there)}")
-    assert not wrong, "an __init__.py lists too little or too much:\n" + "\n".join(wrong)
