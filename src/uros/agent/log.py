@@ -1,4 +1,6 @@
-"""Log lines in the columns of the C++ agent::
+"""Log lines in the columns of the C++ agent, and limits on how many.
+
+A line::
 
     [1763750000.123456] info     | ProxyClient        | create_topic             | topic created                  | client_key: 0x4B0CBE99, topic_id: 0x000(2), participant_id: 0x000(1)
 
@@ -91,6 +93,15 @@ class Log:
         self._thread.start()
 
     def __call__(self, level: int, part: str, function: str, what: str, about: str = "") -> None:
+        """Write a line if its level is enabled.
+
+        Args:
+            level: The level of the line.
+            part: The class or module, as in the C++ agent.
+            function: What it was doing.
+            what: The event.
+            about: What it concerns.
+        """
         if level > self.level:
             return
         if level == INFO == self.level and not self._admit_info():

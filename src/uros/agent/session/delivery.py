@@ -1,7 +1,7 @@
-"""READ_DATA at work: samples from a source to the client, as many and as fast as asked.
+"""One READ_DATA: sends samples from a source to the client, at the number and rate it asked for.
 
-Samples are taken only when the client's stream has room, so what waits, waits
-in the middleware's reader, under the QoS that the client chose.
+Samples are taken only when the client's stream has room. Until then they wait in the
+middleware's reader, under the QoS that the client chose.
 """
 
 from __future__ import annotations
@@ -19,17 +19,24 @@ _BURST: Final = 64
 
 
 class Source(Protocol):
-    """Where samples come from: an endpoint."""
+    """An endpoint that samples are taken from."""
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        """At most ``limit`` samples: (flags of DATA, payload behind the request)."""
+        """Return at most ``limit`` samples: (flags of DATA, payload after the request)."""
 
 
 class Delivery:
     """One READ_DATA of one object, until its limits are reached or it is replaced.
 
-    ``control`` is (most samples, seconds, bytes a second, ms between samples);
-    None asks for one sample.
+    Args:
+        session: The client's session.
+        source: Where its samples are taken from.
+        request_id: The request's.
+        object_id: The object that is read.
+        stream_id: The stream for the samples.
+        control: (most samples, seconds, bytes a second, milliseconds between samples); None: one
+            sample.
+        now: The time, in milliseconds modulo 2^30.
     """
 
     __slots__ = ("_bytes_per_second", "_end", "_head", "_large", "_next", "_pace",
@@ -52,27 +59,27 @@ class Delivery:
         self._remaining: int | None = None if samples == ids.MAX_SAMPLES_UNLIMITED else samples
         self._end: int | None = ticks_add(now, seconds * 1000) if seconds else None
         self._next: int | None = None  # not before, by pace or rate
-        # Samples that need fragments come one by one: the others wait where QoS rules.
+        # Samples that need fragments are taken one by one: the others wait in the reader.
         self._large = False
         self.stream_id = stream_id
 
     def finished(self, now: int) -> bool:
-        """Whether a limit is reached."""
+        """Return whether a limit is reached."""
         if self._remaining is not None and self._remaining <= 0:
             return True
         return self._end is not None and ticks_diff(now, self._end) >= 0
 
     @property
     def remaining(self) -> int | None:
-        """Samples that are still to be sent; None: no end."""
+        """Samples that are still to be sent; None: no limit."""
         return self._remaining
 
     def next_deadline(self) -> int | None:
-        """When :meth:`pump` can go on by time alone, or None."""
+        """Return when :meth:`pump` can continue by time alone, or None."""
         return self._next
 
     def pump(self, now: int) -> None:
-        """Send what there is, what the limits allow and the stream has room for."""
+        """Send samples, as many as there are, the limits allow and the stream has room for."""
         paced = bool(self._bytes_per_second or self._pace)
         reliable = self.stream_id >= ids.STREAM_RELIABLE
         sent = 0
@@ -87,7 +94,7 @@ class Delivery:
             if not reliable:
                 limit = _BATCH
                 if sent >= _BURST:
-                    self._next = now  # the rest after the others' turn
+                    self._next = now  # the rest follows after the other clients' turn
                     return
             if self._remaining is not None:
                 limit = min(limit, self._remaining)

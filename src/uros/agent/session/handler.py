@@ -1,4 +1,4 @@
-"""Who hears of what is in a client's messages."""
+"""The protocol of what a session calls for the content of messages."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from typing import Final, Protocol
 
 
 class Handler(Protocol):
-    """What a session needs of the client it belongs to."""
+    """What a session calls of the client it belongs to."""
 
     def submessage(self, kind: int, flags: int, stream: int, payload: memoryview) -> bool:
-        """Handle one submessage. False: no room for it now, give it again."""
+        """Handle one submessage; return False if there is no room and it must be given again."""
 
     def room(self, stream: int) -> None:
-        """A reliable stream can take messages again."""
+        """Note that a reliable stream can take messages again."""
 
     def fault(self, what: str, about: str) -> None:
-        """The client broke the protocol; the rest of its message is dropped."""
+        """Note that the client broke the protocol; the rest of its message is dropped."""
 
     def many_fragments(self, size: int, count: int) -> None:
-        """For the first time, a message needs more fragments than SAFE_FRAGMENTS of a session."""
+        """Note that a message needs more than SAFE_FRAGMENTS fragments; once a session."""
 
 
 class _Gone:
-    """In a client's place after its end: nothing may be made, and nothing is told."""
+    """Replaces the client of a session that has ended, and does nothing."""
 
     def submessage(self, kind: int, flags: int, stream: int, payload: memoryview) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""Which message the fragments of a reliable stream make, where a client gave one up half-way.
+"""Finds the message in fragments of a reliable stream after a client gave up another half-way.
 
 A C client writes a long message piece by piece (``uxr_prepare_output_stream_fragmented``). Where
 that runs out of time its first fragments stay in the stream, each as long as a message of the
@@ -37,16 +37,20 @@ NONE: Final = -1
 
 
 def surplus(whole: bytearray, start: int = 0) -> int:
-    """Octets behind the submessage at ``start``, modulo 2^16; 0 where its length is not told."""
+    """Return the octets after the submessage at ``start``, modulo 2^16; 0 if it has no length."""
     announced = whole[start + 2] | whole[start + 3] << 8
     size = len(whole) - start - 4
     return (size - announced) & 0xFFFF if announced or size <= 0xFFFF else 0
 
 
 def fits(whole: bytearray, start: int, first: int, last: int) -> bool:
-    """Whether ``whole[start:]`` can be one submessage of a C client, by the first's length.
+    """Return whether ``whole[start:]`` can be one submessage of a C client, by its length.
 
-    ``first`` and ``last``: lengths of its first fragment, 0 where that is not known, and its last.
+    Args:
+        whole: The reassembled fragments.
+        start: Where the submessage starts.
+        first: The length of its first fragment, 0 if unknown.
+        last: The length of its last fragment.
     """
     size = len(whole) - start - 4
     if (whole[start + 2] | whole[start + 3] << 8) > size:
@@ -56,8 +60,16 @@ def fits(whole: bytearray, start: int, first: int, last: int) -> bool:
 
 
 def beginning(whole: bytearray, first: int, last: int, writers: Container[int]) -> int:
-    """Where in ``whole`` its last message begins; 0 where it is one. NONE: where nobody can tell,
-    but it is more than one.
+    """Return where the last message in ``whole`` begins.
+
+    Args:
+        whole: The reassembled fragments.
+        first: The length of the first fragment, 0 if unknown.
+        last: The length of the last fragment.
+        writers: The ids of the client's datawriters.
+
+    Returns:
+        0 if ``whole`` is one message; NONE if it is more than one and the last cannot be found.
     """
     whole_fits = fits(whole, 0, first, last)
     told = whole[2] or whole[3] or len(whole) - 4 <= 0xFFFF
@@ -66,7 +78,7 @@ def beginning(whole: bytearray, first: int, last: int, writers: Container[int]) 
     otherwise = 0 if whole_fits else NONE
     if len(whole) < _HEAD or (whole_fits and not first):
         return otherwise
-    # After a restart of the agent nobody knows where a fragment began: anywhere, to the octet.
+    # After a restart of the agent the fragments' length is unknown: any octet may begin one.
     step = first or 1
     request = whole[4] << 8 | whole[5]
     kinds = whole[step::step]
@@ -81,7 +93,7 @@ def beginning(whole: bytearray, first: int, last: int, writers: Container[int]) 
             and whole[start : start + 2] == whole[:2]
             and (
                 (whole[start + 6] << 8 | whole[start + 7]) in writers
-                # Where it is sure that there are two, what is looked for may be less so.
+                # If there are two messages for certain, the test for the second may be weaker.
                 or (not whole_fits and whole[start + 7] & 0x0F in _SERVICES)
             )
             and sequence_after(whole[start + 4] << 8 | whole[start + 5], request)
@@ -92,10 +104,15 @@ def beginning(whole: bytearray, first: int, last: int, writers: Container[int]) 
 
 
 def long_stop(stop: int, start: int, end: int) -> int:
-    """Where a submessage ends that has more than 64 kB of message before it.
+    """Return where a submessage of over 64 kB ends.
 
-    C clients say 0, and it runs to the end, or the low 16 bits of its length, and then up
-    to 3 bytes of padding follow. ``stop`` is what they would mean in a short message.
+    C clients write the length 0, and it ends with the message, or the low 16 bits of its length,
+    and up to 3 octets of padding follow.
+
+    Args:
+        stop: Where it would end if its length were the whole one.
+        start: Where its payload starts.
+        end: Where the message ends.
     """
     padding = (end - stop) & 0xFFFF
     return end - padding if stop != start and padding < 4 else end

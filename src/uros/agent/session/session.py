@@ -1,15 +1,15 @@
 """One client's XRCE session at the agent: streams, submessages, acknowledgements.
 
-Fed with datagrams, it calls its handler for what is inside them and collects
-what must go back in :attr:`Session.outgoing`. It knows neither sockets nor the
-clock: the caller gives ``now`` in integer milliseconds modulo 2^30.
+It takes datagrams, calls its handler for their content, and collects the answers in
+:attr:`Session.outgoing`. It uses neither sockets nor a clock: the caller gives ``now``
+in integer milliseconds modulo 2^30.
 
 WRITE_DATA to a datawriter is the hot path: its four bytes of ids become the
 encapsulation header in place, and the writer gets a memoryview of the receive
 buffer. Where a writer has no room, the reliable stream stalls: nothing further
 is handled and nothing acknowledged until :meth:`Session.poll` gets it through.
 
-Whatever a client sends, nothing is raised: its handler hears of it by ``fault``.
+No message of a client raises an error: its faults go to ``fault`` of the handler.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ WriteSample = Callable[[memoryview], bool]
 
 # Smaller than this, not even a STATUS or one byte of a fragment would fit.
 MIN_MTU: Final = 32
-# A client that answers no heartbeat for so long gets no more until it is heard again,
-# which is looked at every SILENT_CHECK_MS.
+# A client that answers no heartbeat for so long gets no more until it is heard again, which is
+# checked every SILENT_CHECK_MS.
 SILENT_MS: Final = 30_000
 SILENT_CHECK_MS: Final = 1000
 # Attack: one client opens all 255 streams with a window of messages in each.
@@ -61,8 +61,8 @@ MAX_ANSWERS: Final = 1024 * 1024
 # A stalled message is tried again so soon, and less and less often while nothing gets through.
 STALL_RETRY_MS: Final = 5
 STALL_RETRY_MOST_MS: Final = 40
-# A C client puts together what fits the history of its stream, 4 messages by default; one that
-# gets more stands still for ever. It does not tell how many.
+# A C client reassembles what fits the history of its stream, 4 messages by default; with more the
+# stream stalls for good. It does not announce how many.
 SAFE_FRAGMENTS: Final = 4
 
 
@@ -92,38 +92,23 @@ class _In:
 
 
 class Session:
-    """See the module."""
+    """A session; see the module.
+
+    Args:
+        key: The client key.
+        session_id: The id of the session.
+        mtu: The longest message that the client can take, in octets.
+        handler: Called for the content of messages.
+        budget: The memory account that what it keeps is charged to.
+        limit: The longest message in both directions, in octets.
+    """
 
     __slots__ = (
-        "_best_effort_in",
-        "_best_effort_out",
-        "_budget",
-        "_asking_since",
-        "_handler",
-        "_heard_before",
-        "_in",
-        "_limit",
-        "_out",
-        "_resumed",
-        "_retry_at",
-        "_retry_ms",
-        "_scratch",
-        "_warned",
-        "dropped",
-        "given_up",
-        "heard",
-        "key",
-        "lost",
-        "mtu",
-        "outgoing",
-        "received",
-        "received_bytes",
-        "resent",
-        "sent",
-        "sent_bytes",
-        "session_id",
-        "writers",
-    )
+        "_asking_since", "_best_effort_in", "_best_effort_out", "_budget", "_handler",
+        "_heard_before", "_in", "_limit", "_out", "_resumed", "_retry_at", "_retry_ms", "_scratch",
+        "_warned", "dropped", "given_up", "heard", "key", "lost", "mtu", "outgoing", "received",
+        "received_bytes", "resent", "sent", "sent_bytes", "session_id", "writers",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -134,14 +119,13 @@ class Session:
         budget: MemoryBudget | None = None,
         limit: int = MAX_MESSAGE,
     ) -> None:
-        """``limit``: the longest message either way. What it keeps is charged to ``budget``."""
         self._budget = budget or unlimited()
         self._limit = limit
         self.key = key
         self.session_id = session_id
         self.mtu = mtu
         self.heard = 0
-        # What an agent's owner may ask, see snapshot.py. What is sent the agent counts.
+        # Counters of the snapshot; the agent counts what is sent.
         self.received = 0  # messages, and their bytes
         self.received_bytes = 0
         self.lost = 0  # numbers of best-effort streams that never came, or came too late
@@ -171,15 +155,16 @@ class Session:
         self._asking_since = 0
 
     def end(self) -> None:
-        """The client is gone: hold nothing of it, but what is still to be sent.
+        """Release what the session keeps, except messages that are still to be sent.
 
-        Nor the client, which holds us: it would stay until Python looks for circles.
+        The reference to the client is released too: the reference cycle would keep both in memory
+        until the garbage collector runs.
         """
         self._clear()
         self._handler = GONE
 
     def reset(self) -> None:
-        """Forget all streams: the client starts anew (RESET, CREATE_CLIENT)."""
+        """Reset all streams, at RESET and CREATE_CLIENT of the client."""
         freed = list(self._out)
         self._clear()
         self.outgoing.clear()
@@ -191,9 +176,14 @@ class Session:
     def receive(self, buf: bytearray, view: memoryview, length: int, now: int) -> bool:
         """Handle the datagram in ``buf[:length]``, whose header names this session.
 
-        ``view`` is a memoryview of ``buf``; both are the caller's again after.
-        True: the session wants :meth:`finish`, has something to send, or a new
-        deadline.
+        Args:
+            buf: The datagram, which may be changed; the caller may use it again afterwards.
+            view: A memoryview of ``buf``.
+            length: Its octets.
+            now: The time, in milliseconds modulo 2^30.
+
+        Returns:
+            Whether the session needs :meth:`finish`, has something to send, or a new deadline.
         """
         self.heard = now
         self.received += 1
@@ -267,7 +257,7 @@ class Session:
         stream_id: int,
         now: int,
     ) -> bool:
-        """Handle one message of a reliable stream. False: stalled in it."""
+        """Handle one message of a reliable stream; return False if it stalled."""
         try:
             self._submessages(buf, view, start, end, stream_id, now)
         except _Stalled as stalled:
@@ -284,12 +274,14 @@ class Session:
     def _submessages(
         self, buf: bytearray, view: memoryview, offset: int, end: int, stream_id: int, now: int
     ) -> None:
-        """Handle the submessages in ``buf[offset:end]``, in order; they start at
-        multiples of 4, and so does ``offset``.
+        """Handle the submessages in ``buf[offset:end]``, in order.
 
-        On a reliable stream raises _Stalled with the offset where to go on, the
-        one that found no room; on another drops that. DecodeError where the bytes mean
-        nothing; what came before counts.
+        They start at multiples of 4, and so does ``offset``. Where there is no room for one it is
+        dropped, except on a reliable stream.
+
+        Raises:
+            _Stalled: There is no room for one of a reliable stream; it has the offset of that one.
+            DecodeError: A submessage is invalid; those before it have been handled.
         """
         while offset + 4 <= end:
             kind = buf[offset]
@@ -346,7 +338,7 @@ class Session:
             offset = stop + (-stop & 3)
 
     def _fragment(self, stream_id: int, flags: int, part: memoryview, now: int) -> bool:
-        """Handle one fragment. False: what it made whole stalled, and is kept."""
+        """Handle one fragment; return False if the message that it completes stalled."""
         incoming = self._in.get(stream_id)
         if incoming is None:
             raise DecodeError("a fragment outside of a reliable stream")
@@ -363,7 +355,8 @@ class Session:
             incoming.first_fragment = len(part)
         if len(self._in) > 1:  # all streams together hold no more than one may
             kept = sum(
-                it.fragments.pending + sum(map(len, it.stalled)) for it in self._in.values()
+                known.fragments.pending + sum(map(len, known.stalled))
+                for known in self._in.values()
             )
             incoming.fragments.limit = self._limit - kept + incoming.fragments.pending
         whole = incoming.fragments.add(part, last)
@@ -429,7 +422,7 @@ class Session:
             )
 
     def _catch_up(self, incoming: _In, stream_id: int, now: int) -> None:
-        """Handle the messages that have become the next ones."""
+        """Handle messages that came early and whose turn it is now."""
         while True:
             body = incoming.stream.pop()
             if body is None:
@@ -441,7 +434,7 @@ class Session:
     # --- time ----------------------------------------------------------------
 
     def finish(self) -> None:
-        """After a burst of datagrams: acknowledge what came, once a stream."""
+        """Acknowledge, after a burst of datagrams, what came: once a stream."""
         for stream_id, incoming in self._in.items():
             if incoming.ack_due and not incoming.stalled:
                 incoming.ack_due = False
@@ -451,20 +444,21 @@ class Session:
                 )
 
     def held(self) -> int:
-        """Bytes kept for the client, about."""
+        """Return about how many bytes are kept for the client."""
         return sum(
             stream.size + MESSAGE_BYTES * len(stream) for stream in self._out.values()
         ) + sum(
-            it.fragments.pending
-            + sum(len(message) + MESSAGE_BYTES for message in it.stalled)
-            + sum(len(message) + MESSAGE_BYTES for message in it.stream.waiting.values())
-            for it in self._in.values()
+            incoming.fragments.pending
+            + sum(len(message) + MESSAGE_BYTES for message in incoming.stalled)
+            + sum(len(message) + MESSAGE_BYTES for message in incoming.stream.waiting.values())
+            for incoming in self._in.values()
         )
 
     def streams(self) -> tuple[dict[int, _In], dict[int, ReliableOut], dict[int, int]]:
-        """Reliable ones from and to the client, and the next numbers of best-effort ones to it.
+        """Return the streams, whose state the session store saves.
 
-        For the keeper, which writes down how far they are. Other dictionaries: they are new.
+        They are the reliable ones from the client and to it, and the next sequence numbers of the
+        best-effort ones to it. After a reset these are other dictionaries.
         """
         return self._in, self._out, self._best_effort_out
 
@@ -475,11 +469,15 @@ class Session:
         best_effort: Mapping[int, int],
         now: int,
     ) -> None:
-        """Go on where an agent before us has ended.
+        """Continue the session of an agent that has ended.
 
-        ``incoming``: the next number, an unfinished fragmented message, whether its rest is to be
-        dropped. ``outgoing``: first number not acknowledged, next to be sent, next to be given,
-        and the messages from the first on.
+        Args:
+            incoming: By stream: the next number, an incomplete fragmented message, and whether its
+                rest is to be dropped.
+            outgoing: By stream: the first number not acknowledged, the next to send, the next to
+                assign, and the messages from the first on.
+            best_effort: The next number by stream.
+            now: The time, in milliseconds modulo 2^30.
         """
         self._resumed = True
         for stream_id, (number, part, skip) in incoming.items():
@@ -493,10 +491,10 @@ class Session:
         self._best_effort_out.update(best_effort)
 
     def request_retransmit(self) -> None:
-        """Ask for all that the client holds on its reliable streams.
+        """Request all messages that the client keeps on its reliable streams.
 
-        A C client that looks at its session more often than each 100 ms sends no HEARTBEAT, ever:
-        what was lost with the agent before us would be missing, and it would wait for us.
+        A C client that runs its session more often than each 100 ms never sends a HEARTBEAT. So
+        messages that were lost with the former agent would never be sent again.
         """
         for stream_id, incoming in self._in.items():
             if not incoming.stalled:
@@ -507,18 +505,21 @@ class Session:
                 )
 
     def queues(self) -> tuple[int, int, int, int]:
-        """What it holds: messages not acknowledged, messages that wait for a writer's room,
-        messages that came early, and bytes of fragments.
+        """Return the sizes of its queues.
+
+        Returns:
+            Messages that are not acknowledged, messages that wait for room in a writer, messages
+            that came early, and bytes of fragments.
         """
         return (
             sum(len(stream) for stream in self._out.values()),
-            sum(len(it.stalled) for it in self._in.values()),
-            sum(len(it.stream.waiting) for it in self._in.values()),
-            sum(it.fragments.pending for it in self._in.values()),
+            sum(len(incoming.stalled) for incoming in self._in.values()),
+            sum(len(incoming.stream.waiting) for incoming in self._in.values()),
+            sum(incoming.fragments.pending for incoming in self._in.values()),
         )
 
     def next_deadline(self) -> int | None:
-        """When :meth:`poll` has something to do, or None."""
+        """Return when :meth:`poll` has something to do, or None."""
         soonest = self._retry_at
         for stream in self._out.values():
             deadline = stream.deadline
@@ -527,7 +528,7 @@ class Session:
         return soonest
 
     def poll(self, now: int) -> None:
-        """Send the heartbeats that are due, try stalled writes again."""
+        """Send heartbeats that are due, and try stalled writes again."""
         if self._retry_at is not None and ticks_diff(now, self._retry_at) >= 0:
             self._retry_at = None
             self._retry_ms = min(2 * self._retry_ms, STALL_RETRY_MOST_MS)
@@ -547,9 +548,10 @@ class Session:
                 self.outgoing.append(w.finish())
 
     def _silent(self, now: int) -> bool:
-        """Whether nothing was heard in SILENT_MS of heartbeats.
+        """Return whether nothing was heard in SILENT_MS of heartbeats.
 
-        What was heard long ago says nothing: a subscriber may have had nothing to say.
+        Silence before the first heartbeat does not count: a subscriber may have had nothing to
+        send.
         """
         asking = any(stream.deadline is not None for stream in self._out.values())
         if self.heard != self._heard_before:
@@ -581,10 +583,10 @@ class Session:
         return w
 
     def probe(self) -> None:
-        """Ask for a sign of life, which any message is.
+        """Ask the client to answer; any message of it counts.
 
-        C clients answer GET_INFO. Others may know HEARTBEAT only, where they have a reliable
-        stream; it announces nothing but what is in it.
+        C clients answer GET_INFO. Others may answer HEARTBEAT only, if they have a reliable
+        stream; it announces the messages that are in the stream.
         """
         w = self._message(ids.GET_INFO)
         push_get_info(w, 0, ids.OBJECT_CLIENT, 0)
@@ -596,19 +598,19 @@ class Session:
         self.outgoing.append(w.finish())
 
     def room(self, stream_id: int) -> int:
-        """How many messages the stream would send at once. Best effort: always some."""
+        """Return how many messages the stream would send at once; 1 if it is best effort."""
         if stream_id < ids.STREAM_RELIABLE:
             return 1
         stream = self._out.get(stream_id)
         return stream.available() if stream is not None else 16
 
     def last_received(self, stream_id: int) -> int:
-        """The number of the last message handled on a reliable stream; 0xFFFF before any."""
+        """Return the number of the last message handled on a reliable stream; 0xFFFF: none."""
         incoming = self._in.get(stream_id)
         return 0xFFFF if incoming is None else (incoming.stream.next - 1) & 0xFFFF
 
     def last_acknowledged(self, stream_id: int) -> int:
-        """The number of the last message the client has acknowledged, likewise."""
+        """Return the number of the last message that the client acknowledged; 0xFFFF: none."""
         stream = self._out.get(stream_id)
         return 0xFFFF if stream is None else (stream.acked - 1) & 0xFFFF
 
@@ -619,10 +621,13 @@ class Session:
         self.send(kind, ids.FLAG_LITTLE_ENDIAN, stream_id, bytes(self._scratch[: w.offset]), now)
 
     def send(self, kind: int, flags: int, stream_id: int, payload: bytes, now: int) -> bool:
-        """Send one submessage on a stream, in fragments where it needs them.
+        """Send one submessage on a stream, in fragments if it is longer than a message.
 
-        False: it is lost, being too large for the stream. Raises LimitError where
-        the client never acknowledges what it is sent.
+        Returns:
+            False if it is dropped because it is too large for the stream.
+
+        Raises:
+            LimitError: Too many messages are not acknowledged.
         """
         head = header_size(self.session_id)
         size = len(payload)

@@ -76,9 +76,11 @@ class _ProbeReader:
 
     @property
     def until(self) -> float:
+        """When it is to be deleted."""
         return self.created_at + _LIFE
 
     def delete(self) -> None:
+        """Delete the reader."""
         self.participant.delete_reader(self.entity, self.topic, self.type_name, self.qos)
 
 
@@ -162,7 +164,7 @@ class LateWriterHeartbeats:
         self.due = min(times, default=None)
 
     def _is_done(self, handle: int, writer: _LateWriter, now: float) -> bool:
-        """Have a writer match a probe reader; False where that is to be done at its new ``due``."""
+        """Make a writer match a probe reader; return False to try again at its new ``due``."""
         reader = self._matching_reader(handle, writer.topic)
         if reader is None:
             if writer.checked:
@@ -191,8 +193,8 @@ class LateWriterHeartbeats:
     def _matching_reader(self, handle: int, topic: str) -> TopicReader | None:
         """A reliable reader of ours that is matched with the writer.
 
-        A transient-local one where there is one: the heartbeat for a volatile reader would not
-        offer the samples written before, and all readers would give them up.
+        A transient-local one where there is one. The heartbeat for a volatile reader begins after
+        the samples that were written before, and all readers would take these for unavailable.
         """
         reliable = [reader for reader in self._readers(topic) if reader.needs_heartbeat]
         reliable.sort(key=lambda reader: not reader.qos.transient_local)
