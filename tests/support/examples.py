@@ -6,7 +6,7 @@ profiles stand in ``tests/conftest.py``.
 
 from hypothesis import settings
 
-SCALE = {"quick": 0.1, "daily": 1, "deep": 4}
+SCALE = {"quick": 0.1, "daily": 1, "deep": 3}
 
 
 def examples(daily: int) -> int:

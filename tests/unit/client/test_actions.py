@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.board import KEY, FakeAgent, FakeClock
+from support.examples import examples
 from uros.interfaces.test_msgs.action import Fibonacci
 
 from uros.client import AGENT_CONNECTED
@@ -193,7 +194,7 @@ def _cancel(uuid, sec, nanosec):
 AFTER = {1: {1, 2, 3, 4, 5, 6}, 2: {2, 3, 4, 5, 6}, 3: {3, 4, 5, 6}, 4: {4}, 5: {5}, 6: {6}}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.lists(requests, max_size=30))
 def test_a_server_whatever_comes(steps):
     board = Board()
@@ -246,7 +247,7 @@ samples = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.lists(samples, max_size=30))
 def test_a_client_whatever_comes(steps):
     board = Board()

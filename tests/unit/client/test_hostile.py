@@ -3,6 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.board import KEY, FakeAgent, FakeClock, built, message, number_bytes
+from support.examples import examples
 from support.recorder import Recorder
 from uros.interfaces.std_msgs.msg import Int32, String
 from uros.interfaces.std_srvs.srv import Trigger
@@ -10,7 +11,7 @@ from uros.interfaces.std_srvs.srv import Trigger
 from uros.client import AGENT_CONNECTED, Node
 from uros.wire import session
 
-EXAMPLES = settings(max_examples=400, deadline=None)
+EXAMPLES = settings(max_examples=examples(400), deadline=None)
 
 kinds = st.sampled_from(range(17))
 streams = st.sampled_from([0, 0, 1, 2, 0x7F, 0x80, 0x80, 0x80, 0x81, 0xFF])

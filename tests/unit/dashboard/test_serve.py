@@ -10,6 +10,7 @@ from importlib import resources
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from support.waiting import eventually
 
 from uros import http_server as http_server
@@ -203,7 +204,7 @@ def test_a_query_of_many_fields_is_refused(pages, capfd):
     assert capfd.readouterr().err == ""
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(max_size=200), st.booleans())
 def test_any_octets_are_answered_or_dropped(pages, octets, headed):
     with socket.create_connection(("127.0.0.1", pages.port)) as one:

@@ -7,6 +7,7 @@ import sys
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from unit.interfaces import samples
 
 from uros.interfaces import InterfaceError, load, registry, write_package
@@ -94,7 +95,7 @@ def test_offsets_stale_buffers_and_truncation(name):
         other.cdr_size()  # still a valid message
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.sampled_from(NAMES), st.binary(max_size=200), st.booleans(), st.booleans())
 def test_random_bytes(name, data, little, again):
     """Whatever arrives, InterfaceError is the only exception, and a message stays one."""
@@ -108,7 +109,7 @@ def test_random_bytes(name, data, little, again):
     assert to_cdr(type(msg).unpack_from(to_cdr(msg), 4, 4, 4 + msg.cdr_size())[0]) == to_cdr(msg)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1))
 def test_seconds_in_halves(sec, nanosec):
     for cls in (_classes["builtin_interfaces/msg/Time"], load("builtin_interfaces/Time")):

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
+from support.examples import examples
 from unit.interfaces import samples
 from unit.interfaces.vectors import VECTORS, build
 
@@ -160,7 +161,7 @@ def attempt(cls, data):
         pass
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.sampled_from(CASES), st.binary(max_size=200), st.booleans())
 def test_random_bytes(name, data, little):
     """Whatever arrives, InterfaceError is the only exception."""

@@ -5,6 +5,7 @@ import string
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from uros.interfaces import InterfaceError, dynamic, parse
 from uros.interfaces import load as load_generated
@@ -144,7 +145,7 @@ def same(a, b):
     return repr(a) == repr(b)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(definitions(), st.data())
 def test_random_definitions(text, data):
     generated, loaded = both(text)
@@ -171,7 +172,7 @@ def test_random_definitions(text, data):
     assert loaded.unpack_from(buf, 5, 5, end) == (again, end)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(definitions(), st.data())
 def test_big_endian_and_damage(text, data):
     generated, loaded = both(text)
@@ -238,7 +239,7 @@ SPELLINGS = st.lists(
 ).map("".join)  # fmt: skip
 
 
-@settings(max_examples=1500, deadline=None)
+@settings(max_examples=examples(1500), deadline=None)
 @given(SPELLINGS)
 def test_any_text(text):
     """What one parser takes, the other takes as well, and for the same."""

@@ -5,6 +5,7 @@ import random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from support.modem import AGENT, NETWORK, PASSWORD, FakeTime, Line, drain, link_up, until
 
 from uros.boards.virtual.modems.esp8266 import Esp8266
@@ -70,7 +71,7 @@ def seen(transport):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(data=st.data())
 def test_any_bytes_in_any_pieces(kind, data):
     """Nothing is raised, nothing grows without bounds, and the pieces make no difference."""
@@ -88,7 +89,7 @@ def test_any_bytes_in_any_pieces(kind, data):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(data=st.data())
 def test_datagrams_between_lines_arrive_whole_and_in_order(kind, data):
     messages = data.draw(st.lists(st.binary(min_size=1, max_size=MTU), max_size=10))
@@ -107,7 +108,7 @@ def test_datagrams_between_lines_arrive_whole_and_in_order(kind, data):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(data=st.data())
 def test_after_any_bytes_a_datagram_comes_through_again(kind, data):
     """At the latest when the line has been silent for a moment, or 9999 bytes have come."""

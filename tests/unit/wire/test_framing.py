@@ -2,6 +2,7 @@
 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from uros.wire.framing import Deframer, LengthDeframer, crc16, frame, frame_size
 
@@ -85,7 +86,7 @@ def test_text_without_flags_costs_nothing(
     assert deframer.crc_errors == 0
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(
     noise=st.lists(st.tuples(OCTETS, st.binary(max_size=20), st.integers(0, 40)), max_size=5),
     payload=OCTETS,
@@ -105,7 +106,7 @@ def test_the_next_sound_frame_is_found_after_anything(
     assert deframer._size == 0
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(pieces=st.lists(st.one_of(OCTETS, OCTETS.map(framed)), max_size=8), chunks=CHUNKS)
 def test_every_byte_is_accounted_for(pieces: list[bytes], chunks: list[int]) -> None:
     """fed = in sound frames + skipped + in the frame that is still open, after every byte."""

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.conversation import decode, decode_binary, unpack
+from support.examples import examples
 from support.portable import PULLS
 
 from uros.wire import data, entities, header, ids, session, streams
@@ -68,7 +69,7 @@ def take_apart(message: bytes) -> None:
             pass  # bytes left over
 
 
-@settings(deadline=None, max_examples=500)
+@settings(deadline=None, max_examples=examples(500))
 @given(OCTETS)
 def test_any_message(message: bytes) -> None:
     try:
@@ -101,7 +102,7 @@ def test_recorded_payloads_truncated_everywhere() -> None:
     assert refused > 4000
 
 
-@settings(deadline=None, max_examples=1000)
+@settings(deadline=None, max_examples=examples(1000))
 @given(
     text=st.sampled_from(DATAGRAMS),
     changes=st.lists(st.tuples(st.integers(0, 600), st.integers(0, 255)), min_size=1, max_size=4),

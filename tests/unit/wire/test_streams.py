@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from uros.ticks import TIME_MASK
 from uros.wire.streams import (
@@ -134,7 +135,7 @@ class Link:
         )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(
     seed=st.integers(0, 1 << 32),
     first=NUMBERS,
@@ -158,7 +159,7 @@ def test_everything_arrives_once_and_in_order(
     assert took < 2000 + count * 1000
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=examples(20))
 @given(
     seed=st.integers(0, 1 << 32),
     first=NUMBERS,
@@ -195,7 +196,7 @@ def test_without_loss_nothing_is_sent_twice() -> None:
 NEAR = st.one_of(st.integers(-40, 40), st.sampled_from([0x7FFE, 0x7FFF, 0x8000, 0x8001]))
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(
     first=NUMBERS,
     calls=st.lists(
@@ -233,7 +234,7 @@ def test_a_hostile_sender(first: int, calls: list[tuple[str, int, int]]) -> None
         assert stream.receive(stream.next, b"x")
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(
     first=NUMBERS,
     epoch=TIMES,

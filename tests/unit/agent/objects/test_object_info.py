@@ -5,6 +5,7 @@ import struct
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from unit.agent import helpers
 from unit.agent.helpers import (
     APPLICATION,
@@ -230,7 +231,7 @@ def test_what_info_needs_is_bounded(board):
     assert of(board)._kept == kept
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.binary(max_size=16), st.sampled_from([0, 1, 0x80]))
 def test_any_question_is_answered_or_a_fault(payload, stream):
     desk = Desk()

@@ -4,6 +4,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from unit.agent import helpers
 from unit.agent.helpers import (
     APPLICATION,
@@ -357,7 +358,7 @@ def written(element):
     return f"<{tag}{said}>{''.join(map(written, inner))}</{tag}>"
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.lists(ELEMENTS, max_size=4))
 def test_any_application_is_made_whole_or_not_at_all(inside):
     desk = Desk()

@@ -12,6 +12,7 @@ from functools import lru_cache
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from uros.agent.persistence import journal as state
 from uros.agent.persistence.journal import (
@@ -122,7 +123,7 @@ def test_what_is_behind_the_slots_count_was_promised_to_nobody(tmp_path):
     same(found[1], 1)
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_damage(tmp_path, data):
     """Never anything but JournalError; who comes back is as it was; one place harms one client."""
@@ -154,7 +155,7 @@ def test_any_damage(tmp_path, data):
         assert len(found) >= 2
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.lists(st.one_of(st.binary(max_size=80), st.tuples(
     st.integers(0, 9), st.integers(0, 9), st.binary(max_size=60))), max_size=30))  # fmt: skip
 def test_records_are_found_among_anything(parts):
@@ -168,7 +169,7 @@ def test_records_are_found_among_anything(parts):
     assert records_in(stream) == expected
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(
     st.lists(st.one_of(st.binary(max_size=40), st.sampled_from(
         [b"C{}", b"C[]", b"Cnull", b"O[1]\n", b"O[[],1,1,1,1,1]\nx", b"R[1,2,3,[1]]", b"R{}",

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from support.stubborn import StubbornClient
 from unit.agent import helpers
 from unit.agent.helpers import Desk
@@ -1258,7 +1259,7 @@ def test_more_clients_than_slots(world, monkeypatch):
 # --- killed at any moment -------------------------------------------------------------------------
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     steps=st.lists(st.integers(0, 5), min_size=5, max_size=30),
     deaths=st.lists(st.integers(1, 400), max_size=6, unique=True),

@@ -10,6 +10,7 @@ import struct
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from unit.agent.session.test_session import OTHER, WRITER, Talk
 
 from uros.agent.session import reassembly
@@ -98,7 +99,7 @@ def test_every_good_message_of_a_c_client_is_taken(talk, form, capacity):
     assert not talk.handler.faults and talk.session.given_up == 0
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(
     st.sampled_from(["buffered", "continuous", "continuous_2_0", "small"]),
     st.integers(16, 600).map(lambda it: it * 4),

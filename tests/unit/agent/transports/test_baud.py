@@ -9,6 +9,7 @@ import tty
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from uros.agent.transports import baud as module
 from uros.agent.transports.base import TransportError
@@ -73,7 +74,7 @@ def test_an_input_rate_of_its_own_does_not_stay(line):
 
 
 @on_linux
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(st.integers())
 def test_every_number_is_a_rate_or_refused(rate):
     if 0 < rate <= MAX_BAUD or rate in BAUD_RATES:

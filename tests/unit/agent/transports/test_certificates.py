@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.certificates import Authority
+from support.examples import examples
 
 from uros.agent.transports import certificates as module
 from uros.agent.transports.base import TransportError
@@ -164,7 +165,7 @@ def test_files_that_change(authority, files):
     assert made.context() is made.context()
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_whatever_a_file_holds_it_is_used_or_refused(files, data):
     pieces = st.sampled_from(

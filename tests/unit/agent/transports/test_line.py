@@ -7,6 +7,7 @@ import socket
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from support.lines import SerialLine
 from support.portable import framed
 from unit.agent.transports.bare_host import BareHost
@@ -144,7 +145,7 @@ def test_bytes_without_frames_are_told_and_frames_end_the_suspicion(pair):
     assert len(pair.host.warnings()) == 3
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.lists(st.one_of(st.binary(max_size=60), st.sampled_from([BAD, framed(b"ok", 3)]))))
 def test_whatever_comes_is_counted_and_nothing_raises(pieces):
     pair = Pair()

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from support.agent import RunningAgent, running_agent, serving
 from support.certificates import Authority, authority, own_certificates
 from support.client import XrceClient
+from support.examples import examples
 from support.lines import SECONDS, TlsLine
 from unit.agent.helpers import create_client
 from unit.agent.transports import test_tcp as plain
@@ -275,7 +276,9 @@ def recorded_hello():
 
 
 @settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(150),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(data=st.data())
 def test_whatever_comes_instead_of_a_handshake(agent, bystanders, data):

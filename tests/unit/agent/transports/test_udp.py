@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.agent import running_agent
 from support.client import XrceClient
+from support.examples import examples
 from unit.agent.helpers import (
     PARTICIPANT,
     READER,
@@ -303,7 +304,7 @@ def messages(draw):
 
 @given(st.lists(messages() | anything, max_size=20))
 @settings(
-    max_examples=150, deadline=None, derandomize=True,
+    max_examples=examples(150), deadline=None, derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )  # fmt: skip
 def test_any_datagrams(agent, bystanders, datagrams):

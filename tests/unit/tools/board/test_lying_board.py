@@ -7,6 +7,7 @@ from contextlib import closing
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from support.lying_board import BANNER, GONE, SILENCE, Endless, LyingBoard, QuickTime
 from support.screen import HOSTILE, seen
 
@@ -233,7 +234,7 @@ octets = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(25), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.dictionaries(st.tuples(st.sampled_from(STEPS), st.integers(0, 20)), octets, max_size=4))
 def test_any_lies(deploy, lies):
     check(deploy, lambda step, count, honest: lies.get((step, count), honest))

@@ -6,6 +6,7 @@ from datetime import datetime, timezone
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from uros.boards.virtual.devices.gnss import Gnss, angle, sentence
 from uros.boards.virtual.world.outdoors import Motion, Outdoors
@@ -250,7 +251,7 @@ def test_every_place_and_time_round_trips(latitude, longitude, altitude, decimal
     assert nmea.seconds == epoch
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(
     st.lists(
         st.one_of(

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from uros.boards.virtual.devices.bh1750 import Bh1750
 from uros.boards.virtual.devices.lis3mdl import Lis3mdl
@@ -250,7 +251,7 @@ def test_tfluna_may_change_while_it_is_read():
 
 
 @pytest.mark.parametrize("name", MAKERS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(data=st.data())
 def test_whatever_is_sent(name, data):
     address, make = MAKERS[name]
