@@ -78,7 +78,7 @@ class Network:
 
     def turn(self, seconds):
         """Wait for work and do it. False: there was none."""
-        ready = select.select([it.fileno() for it in self.middlewares], [], [], seconds)[0]
+        ready = select.select([item.fileno() for item in self.middlewares], [], [], seconds)[0]
         for middleware in self.middlewares:
             if middleware.fileno() in ready:
                 self.dispatched += 1
@@ -440,7 +440,7 @@ def test_sizes_of_what_waits_are_told_once_and_what_comes_next_is_announced(netw
     inbox = Inbox(node, "rt/chatter", limit=0)
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     sent = [cdr("x" * (4 * count - 1)) for count in range(1, 7)]
-    sizes = [len(it) for it in sent]
+    sizes = [len(item) for item in sent]
     for sample in sent[:5]:
         writer.write(sample)
     seen = []
@@ -481,7 +481,7 @@ def test_sizes_are_told_some_at_a_time_and_depth_holds(network):
         while network.turn(0):
             told += inbox.reader.arrived(2)
             inbox.calls = 0
-    assert told == [len(it) for it in sent]
+    assert told == [len(item) for item in sent]
     assert inbox.reader.take(100) == sent[-5:]
 
 

@@ -47,13 +47,13 @@ class ClientState(Protocol):
     def recreate(
         self, object_id: int, form: int, content: str | bytes, kind: int, parent: int, little: bool
     ) -> None:
-        """Create an object of before the agent's start again."""
+        """Create an object again that a former run of the agent had."""
 
     def read(
         self, object_id: int, request_id: int, stream_id: int,
         control: tuple[int, int, int, int] | None,
     ) -> bool:  # fmt: skip
-        """Continue a READ_DATA of before the agent's start; whether its object exists."""
+        """Continue a READ_DATA of a former run; return whether its object exists."""
 
 
 class Persistence(Protocol):
@@ -106,7 +106,7 @@ class AgentContext(Protocol):
 
     @property
     def clients(self) -> Mapping[int, ClientState]:
-        """All clients by key."""
+        """The clients by key."""
 
     def now(self) -> int:
         """The time in milliseconds modulo 2^30."""
@@ -118,13 +118,13 @@ class AgentContext(Protocol):
         """Note that the session has something to send, or a new deadline."""
 
     def place(self, key: int) -> tuple[ServerTransport, Any]:
-        """A client's transport, and its address there."""
+        """Return a client's transport, and its address there."""
 
     def address(self, key: int) -> str:
-        """A client's address as text."""
+        """Return a client's address as text."""
 
     def delete_client(self, key: int) -> bool:
-        """Delete a client and its objects; whether it existed."""
+        """Delete a client and its objects; return whether it existed."""
 
     def take_over(
         self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest | None
@@ -139,7 +139,7 @@ class AgentContext(Protocol):
     def resume(
         self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
     ) -> ClientState:
-        """Create a client of before the agent's start again, without a message from it."""
+        """Create a client of a former run again, without a message from it."""
 
 
 class ServerContext(Protocol):

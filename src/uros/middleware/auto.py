@@ -9,8 +9,8 @@ rmw_cyclonedds_cpp, that form is the one wanted.
 
 Importing rclpy takes long, and other boards are to be served meanwhile. Where a data plane runs
 this (it sets ``batching``), endpoints of a service whose type is not loaded yet are
-:mod:`~uros.middleware.services.pending_endpoints`. A host program waits for the import: it serves
-nobody else.
+:mod:`~uros.middleware.services.pending_endpoints`. A host program waits for the import: it has no
+other boards to serve.
 
 In the ROS graph a board is one node. The rclpy node behind its services has a hidden name, and the
 board's node lists their endpoints as its own: readers of the graph find them by GUID, whichever

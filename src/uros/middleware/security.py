@@ -1,4 +1,4 @@
-"""ROS 2's security variables (SROS 2): they have no effect here, and the user is told so.
+"""ROS 2's security variables (SROS 2): they have no effect here, and the user is warned.
 
 Neither boards nor this agent have DDS Security. A user who enables it for ROS 2 must not find out
 later that everything was sent in the clear.

@@ -359,7 +359,7 @@ class Desk:
                 for client in self.agent.clients.values()
                 if client.next_deadline() is not None and client.next_deadline() <= end
             ]
-            at, client = min(due, key=lambda it: it[0], default=(end + 1, None))
+            at, client = min(due, key=lambda item: item[0], default=(end + 1, None))
             if self.timers and self.timers[0][0] <= min(at, end):
                 when, _, call = heapq.heappop(self.timers)
                 self.clock = max(self.clock, when)
@@ -395,8 +395,8 @@ class Board:
         self.expected = {}
         self.inbox = []  # (kind, flags, payload)
         self._parts = bytearray()
-        answers = [parse(it) for _, it in desk.hear(create_client(key, session_id, mtu), peer)]
-        assert [it[0] for it in answers[0][1]] == [ids.STATUS_AGENT]
+        answers = [parse(item) for _, item in desk.hear(create_client(key, session_id, mtu), peer)]
+        assert [answer[0] for answer in answers[0][1]] == [ids.STATUS_AGENT]
         assert answers[0][1][0][2][0] == ids.STATUS_OK
         desk.boards[peer] = self
 
@@ -449,8 +449,8 @@ class Board:
 
     def got(self, kind):
         """Payloads of that kind that came, in order; they are gone from the inbox then."""
-        found = [payload for it, _, payload in self.inbox if it == kind]
-        self.inbox = [it for it in self.inbox if it[0] != kind]
+        found = [payload for item, _, payload in self.inbox if item == kind]
+        self.inbox = [item for item in self.inbox if item[0] != kind]
         return found
 
     def statuses(self):

@@ -337,7 +337,7 @@ def test_clients_that_made_something_stay_and_new_ones_are_refused(desk):
 
 
 def test_clients_that_leave_in_one_turn_all_hear_of_it(desk):
-    boards = [Board(desk, 1 + it, KEY + it) for it in range(5)]
+    boards = [Board(desk, 1 + item, KEY + item) for item in range(5)]
     for number, board in enumerate(boards):
         stream = ids.STREAM_RELIABLE if number & 1 else ids.STREAM_NONE
         request = message(

@@ -72,11 +72,11 @@ def test_a_process_that_stood_still_for_days_goes_on(monkeypatch, days):
         one._put(
             ids.WRITE_DATA, b"\0\1" + writer.to_bytes(2, "big") + b"lost", ids.STREAM_RELIABLE, 1
         )
-        one.until(lambda: any(it[4] == ids.DATA for it in seen), "no sample")
+        one.until(lambda: any(item[4] == ids.DATA for item in seen), "no sample")
         clock.ahead += days * DAY
         server.server._wake.set()
         seen.clear()
-        one.until(lambda: any(it[4] == ids.HEARTBEAT for it in seen), "no heartbeat")
+        one.until(lambda: any(item[4] == ids.HEARTBEAT for item in seen), "no heartbeat")
         one.take = take
         assert one.sample(reader) == b"lost"
         assert one.ping() == 1

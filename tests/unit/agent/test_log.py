@@ -46,7 +46,7 @@ def test_the_time_is_in_seconds_since_1970(monkeypatch):
 @pytest.mark.parametrize("level", range(7))
 def test_levels(level):
     names = ["critical", "error", "warning", "info", "debug", "trace"]
-    got = lines(level, *[(it + 1, "p", "f", "w", "about") for it in range(6)])
+    got = lines(level, *[(number + 1, "p", "f", "w", "about") for number in range(6)])
     assert [LINE.fullmatch(line)[2].strip() for line in got] == names[:level]
 
 
@@ -55,8 +55,8 @@ def test_shortcuts():
     log = Log(6, out)
     for name in ("info", "warning", "error", "debug"):
         getattr(log, name)("p", "f", name, "about")
-    found = [LINE.fullmatch(it) for it in out.getvalue().splitlines()]
-    assert [it[2].strip() for it in found] == [it[5].strip() for it in found]
+    found = [LINE.fullmatch(line) for line in out.getvalue().splitlines()]
+    assert [item[2].strip() for item in found] == [item[5].strip() for item in found]
 
 
 def test_a_clients_words_stay_on_their_line_and_are_plain():
@@ -104,10 +104,10 @@ def test_a_full_disk_costs_lines_and_not_the_log(number, tmp_path, monkeypatch):
         log.close()
         assert log._untaken == 0
     *first, torn, said, a, b, c = path.read_text().splitlines()
-    assert [LINE.fullmatch(it)[6] for it in first] == [f"first {i}" for i in range(40 - lost)]
+    assert [LINE.fullmatch(item)[6] for item in first] == [f"first {i}" for i in range(40 - lost)]
     assert not LINE.fullmatch(torn)
     assert said == f"({lost} lines of the log were lost: {os.strerror(number)})"
-    assert [LINE.fullmatch(it)[6] for it in (a, b, c)] == ["then 0", "then 1", "then 2"]
+    assert [LINE.fullmatch(item)[6] for item in (a, b, c)] == ["then 0", "then 1", "then 2"]
 
 
 def test_a_reader_that_has_gone_ends_the_log(tmp_path):

@@ -172,7 +172,7 @@ def test_heartbeats_come_by_the_clock(server):
     one._put(
         ids.WRITE_DATA, b"\0\1" + writer.to_bytes(2, "big") + b"lost", ids.STREAM_RELIABLE, 1
     )
-    one.until(lambda: sum(it[4] == ids.HEARTBEAT for it in seen) >= 2, "no heartbeat")
+    one.until(lambda: sum(item[4] == ids.HEARTBEAT for item in seen) >= 2, "no heartbeat")
     one.take = take
     assert one.sample(reader) == b"lost"  # it comes again, being asked for
 
@@ -307,7 +307,7 @@ def test_a_type_that_differs_on_dds_is_a_warning_with_both_types(own_domain_id):
         second.reader("b", "rt/a", other)
         wait_for(agent.said.getvalue, "type differs")
         assert second.ping() == 1
-    (line,) = [it for it in agent.said.getvalue().splitlines() if "type differs" in it]
+    (line,) = [row for row in agent.said.getvalue().splitlines() if "type differs" in row]
     assert " warning " in line and "topic: rt/a, " in line and TYPE in line and other in line
 
 
@@ -376,7 +376,7 @@ def test_an_attachment_that_cannot_open_ends_the_agent_with_all_closed():
     running.server.attachments += [one, two]
     with pytest.raises(TransportError, match="no"):
         running.server.run()
-    assert [it[0] for it in one.said + two.said] == ["open", "close", "close"]
+    assert [item[0] for item in one.said + two.said] == ["open", "close", "close"]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", running.udp.port))  # it is free again
 
@@ -397,7 +397,7 @@ def test_calls_from_other_threads_come_in_order_and_a_faulty_one_harms_none():
 @pytest.mark.parametrize("transport", ["udp", "tcp"])
 def test_sixty_clients_that_leave_together_all_hear_of_it_at_once(transport):
     with running() as agent:
-        clients = [agent.client(1 + it, transport) for it in range(60)]
+        clients = [agent.client(1 + number, transport) for number in range(60)]
         with agent.held():
             for one in clients:
                 one._send(

@@ -169,14 +169,14 @@ def ids_of(writer):
 
 
 def test_a_stopped_process_says_so_when_it_goes_on():
-    with process("udp4", "--port", "0", "-m", "memory") as it:
-        it.until("port: (\\d+)")
-        os.kill(it.popen.pid, signal.SIGSTOP)
+    with process("udp4", "--port", "0", "-m", "memory") as agent:
+        agent.until("port: (\\d+)")
+        os.kill(agent.popen.pid, signal.SIGSTOP)
         try:
-            os.waitid(os.P_PID, it.popen.pid, os.WSTOPPED)
+            os.waitid(os.P_PID, agent.popen.pid, os.WSTOPPED)
             # Nothing tells how long another process has stood still but the time.
             threading.Event().wait(2.7)
         finally:
-            os.kill(it.popen.pid, signal.SIGCONT)
-        it.until("the process stood still")
-        assert it.end() == 0
+            os.kill(agent.popen.pid, signal.SIGCONT)
+        agent.until("the process stood still")
+        assert agent.end() == 0

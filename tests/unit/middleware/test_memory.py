@@ -38,7 +38,7 @@ def watched(middleware):
 
 def test_a_type_that_differs_is_reported_to_who_comes_second(made):
     first, second = map(watched, made)
-    one, two = [it.create_node(0, "/", "n") for it in made]
+    one, two = [item.create_node(0, "/", "n") for item in made]
     one.create_writer("rt/a", INT32, QoSProfile())
     two.create_reader("rt/a", STRING, QoSProfile(), print)
     two.create_reader("rt/b", STRING, QoSProfile(), print)
@@ -47,7 +47,7 @@ def test_a_type_that_differs_is_reported_to_who_comes_second(made):
 
 def test_services_are_compared_too(made):
     _, second = map(watched, made)
-    one, two = [it.create_node(0, "/", "n") for it in made]
+    one, two = [item.create_node(0, "/", "n") for item in made]
     one.create_replier(Service("rq/a", "A", "rr/a", "B"), QoSProfile(), print)
     two.create_requester(Service("rq/a", "A", "rr/a", "C"), QoSProfile(), print)
     assert second == [("rr/a", "C", "B")]

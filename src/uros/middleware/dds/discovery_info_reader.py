@@ -18,7 +18,7 @@ class DiscoveryInfoReader:
 
     Attributes:
         intake: What has been read.
-        due: When :meth:`tick` creates the reader anew (``time.monotonic``), or None.
+        due: When :meth:`tick` creates the reader again (``time.monotonic``), or None.
 
     Args:
         context: What the parts of the middleware share.
@@ -98,7 +98,7 @@ class DiscoveryInfoReader:
             self._on_change()
 
     def tick(self, now: float) -> None:
-        """Create the reader anew: the token bucket has filled up."""
+        """Create the reader again: the token bucket has filled up."""
         self.due = None
         self._create()
 

@@ -1,8 +1,9 @@
-"""The waitset, the thread that sleeps in it, and the readers that are told of their samples.
+"""The waitset, the thread that sleeps in it, and the readers whose samples it reports.
 
-The thread sits in Cyclone's waitset without the GIL. When something arrives it notes which readers,
-makes the wakeup descriptor readable and sleeps on a lock until the data plane has dispatched. The
-data plane's thread takes the samples itself, and nothing of Python runs in Cyclone's own threads.
+The thread waits in Cyclone's waitset without the GIL. When something arrives it notes which
+readers, makes the wakeup descriptor readable and waits for a lock until the data plane has
+dispatched. The data plane's thread takes the samples itself, and no Python runs in Cyclone's own
+threads.
 """
 
 from __future__ import annotations

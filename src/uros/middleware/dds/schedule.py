@@ -15,7 +15,7 @@ class Scheduled(Protocol):
     due: float | None
 
     def tick(self, now: float) -> None:
-        """Do what is due, and set :attr:`due` anew."""
+        """Do what is due, and set :attr:`due` to the next time."""
 
 
 class Schedule:

@@ -31,7 +31,7 @@ from ..services.names import service_name, service_type
 from . import profiles, rcl, types
 from .domain import EntityListener, RosDomain
 
-# Attack: requests that nobody answers. Identities kept.
+# Attack: requests that are never answered. Identities kept.
 MAX_UNANSWERED: Final = 1024
 # Takes in a row that may bring nothing: replies to other clients of a service, which all its
 # clients get, as many as the reader of a service keeps.

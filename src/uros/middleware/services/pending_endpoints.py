@@ -140,6 +140,6 @@ class PendingReplier(PendingEndpoint[Replier], Replier):
         return [] if self._endpoint is None else self._endpoint.arrived(limit)
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
-        """Send a reply; dropped while pending, as nobody can have sent a request then."""
+        """Send a reply; dropped while pending, as no request can have come then."""
         endpoint = self._created()
         return True if endpoint is None else endpoint.reply(guid, sequence, cdr)

@@ -90,13 +90,13 @@ XML = {
     ids.KIND_PUBLISHER: ("", GROUP_XML.format("publisher")),
     ids.KIND_SUBSCRIBER: ("", GROUP_XML.format("subscriber")),
     ids.KIND_DATAWRITER: tuple(
-        ENDPOINT_XML.format("data_writer", it) for it in ("ShapeType", "Other")
+        ENDPOINT_XML.format("data_writer", item) for item in ("ShapeType", "Other")
     ),
     ids.KIND_DATAREADER: tuple(
-        ENDPOINT_XML.format("data_reader", it) for it in ("ShapeType", "Other")
+        ENDPOINT_XML.format("data_reader", item) for item in ("ShapeType", "Other")
     ),
-    ids.KIND_REQUESTER: tuple(SERVICE_XML.format("requester", it) for it in ("a", "b")),
-    ids.KIND_REPLIER: tuple(SERVICE_XML.format("replier", it) for it in ("a", "b")),
+    ids.KIND_REQUESTER: tuple(SERVICE_XML.format("requester", item) for item in ("a", "b")),
+    ids.KIND_REPLIER: tuple(SERVICE_XML.format("replier", item) for item in ("a", "b")),
 }
 MORE_REFS = REFS.replace(
     "</profiles>",
@@ -181,7 +181,7 @@ def test_all_kinds_in_one_format(refs_board, form):
 def test_creating_what_exists(refs_board, form, kind, flags, equal, other):
     board = refs_board
     client = board.desk.agent.clients[board.key]
-    board.ask(*[specimen(form, it) for it in KINDS])
+    board.ask(*[specimen(form, item) for item in KINDS])
     before = client.objects[oid(1, kind)]
     for second, status in ((False, equal), (True, other)):
         answer = board.ask(specimen(form, kind, flags, second))
@@ -223,7 +223,7 @@ def test_a_topic_of_the_xml_writer_is_found_by_its_name(board):
 
 def test_a_topic_that_ros_does_not_see_is_made_and_told(board):
     assert board.ask(participant(), topic(name="rt/a"), topic(oid(2, 2), name="Square")) == [OK] * 3
-    (told,) = [it for it in board.desk.log().splitlines() if "not a ROS topic" in it]
+    (told,) = [line for line in board.desk.log().splitlines() if "not a ROS topic" in line]
     assert "topic: Square," in told
 
 
@@ -233,7 +233,7 @@ def test_a_topic_that_ros_does_not_see_is_made_and_told(board):
 @pytest.mark.parametrize("kind", KINDS[1:], ids=lambda kind: KIND_NAMES[kind])
 def test_unknown_parents(board, kind):
     before = KINDS[: KINDS.index(kind)]
-    board.ask(*[specimen("binary", it) for it in before])
+    board.ask(*[specimen("binary", item) for item in before])
     client = board.desk.agent.clients[board.key]
     parent = (PARENTS[kind] & 0xF) | 0x70
     wrong = specimen("binary", kind)
@@ -370,8 +370,8 @@ def test_delete_in_any_order(board, turn, backwards):
     if backwards:
         order.reverse()
     assert board.ask(*ALL) == [OK] * 8
-    assert board.ask(*[delete(it) for it in order]) == [OK] * 8
-    assert board.ask(*[delete(it) for it in order]) == [UNKNOWN] * 8
+    assert board.ask(*[delete(item) for item in order]) == [OK] * 8
+    assert board.ask(*[delete(item) for item in order]) == [UNKNOWN] * 8
     bus = board.desk.middleware.bus
     assert not bus.nodes and not any(bus.writers.values()) and not any(bus.readers.values())
     assert not board.desk.agent.clients[board.key].session.writers
@@ -478,7 +478,7 @@ def test_most_samples_and_a_new_request(pair):
     assert second.samples() == [b"a", b"b"]
     second.send(read_data(READER, control=(2, 0, 0, 0), request=2))
     publish(first, second, b"d", b"e")
-    assert [it[:2] + it[4:] for it in second.got(ids.DATA)] == [b"\0\2c", b"\0\2d"]
+    assert [item[:2] + item[4:] for item in second.got(ids.DATA)] == [b"\0\2c", b"\0\2d"]
 
 
 def test_a_request_replaces_the_one_before(pair):
@@ -496,8 +496,8 @@ def test_cancelling_is_confirmed_on_the_best_effort_stream(pair):
     sent = second.desk.hear(
         message([read_data(READER, control=(0, 0, 0, 0), request=9)], 0x80, 2, 0x81, second.key), 2
     )
-    heads = [parse(it)[0] for _, it in sent]
-    statuses = [s for _, it in sent for s in parse(it)[1] if s[0] == ids.STATUS]
+    heads = [parse(item)[0] for _, item in sent]
+    statuses = [s for _, item in sent for s in parse(item)[1] if s[0] == ids.STATUS]
     assert (0x81, 1, 0) in heads
     assert statuses == [(ids.STATUS, 1, b"\0\x09\0\x16\0\0")]
     publish(first, second, b"a")
@@ -607,7 +607,7 @@ def test_write_data_in_other_formats(board, flags):
 
 def test_partitions_of_the_publisher_count_for_its_writers(board):
     board.ask(participant(), topic(), group(partitions=["a", "b"]), endpoint())
-    (writers,) = [it for it in board.desk.middleware.bus.writers.values() if it]
+    (writers,) = [writer for writer in board.desk.middleware.bus.writers.values() if writer]
     assert writers[0].qos.partitions == ("a", "b")
 
 
@@ -653,7 +653,7 @@ def test_answers_reach_only_who_asked_and_late_ones_too():
     for request in reversed(requests):
         server.send(write_data(REPLIER, request[4:28] + b"re: " + request[28:]))
     server.settle()
-    assert [it[4:6] + it[8:] for it in asker.got(ids.DATA)] == [
+    assert [item[4:6] + item[8:] for item in asker.got(ids.DATA)] == [
         b"\0\2re: 5678", b"\0\1re: 1234"
     ]  # fmt: skip
     assert other.got(ids.DATA) == []
@@ -674,7 +674,7 @@ def test_others_answers_do_not_hide_ones_own():
         server.send(write_data(REPLIER, request[4:28] + b"re: " + request[28:]))
     asker.got(ids.DATA)
     asker.send(read_data(REQUESTER, control=None))
-    assert [it[8:] for it in asker.got(ids.DATA)] == [b"re: mine"]
+    assert [item[8:] for item in asker.got(ids.DATA)] == [b"re: mine"]
     desk.close()
 
 
@@ -774,7 +774,7 @@ def test_statuses_go_by_the_stream_of_their_kind(board):
         (0x81, 1, 0), [(ids.STATUS, 1, bytes.fromhex("0304" "0012" "0000"))]
     )  # fmt: skip
     sent = board.desk.hear(message([group()], 0x85, 0), 1)
-    assert (0x81, 0x80, 1) in [parse(it)[0] for _, it in sent]
+    assert (0x81, 0x80, 1) in [parse(item)[0] for _, item in sent]
 
 
 # --- types that differ -----------------------------------------------------------------------
@@ -785,7 +785,7 @@ def test_a_topic_of_another_type_is_named_with_both_types():
     desk, elsewhere = Desk(bus), Desk(bus)
     Board(elsewhere).ask(*subscriber_entities(type_name=STRING))
     Board(desk).ask(*publisher_entities(type_name=INT32))
-    warnings = [it for it in desk.log().splitlines() if "type differs" in it]
+    warnings = [line for line in desk.log().splitlines() if "type differs" in line]
     assert len(warnings) == 1
     assert " warning " in warnings[0]
     for word in ("rt/chatter", f"type: {INT32}", f"elsewhere on the network: {STRING}"):

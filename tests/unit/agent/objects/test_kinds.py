@@ -15,7 +15,7 @@ from uros.wire import ids
 
 
 def test_every_kind_that_can_be_created_has_a_name_of_its_own():
-    kinds = {it for name, it in vars(ids).items() if name.startswith("KIND_")}
+    kinds = {item for name, item in vars(ids).items() if name.startswith("KIND_")}
     others = {ids.KIND_INVALID, ids.KIND_AGENT, ids.KIND_CLIENT, ids.KIND_OTHER}
     assert set(KIND_NAMES) == kinds - others
     assert len(set(KIND_NAMES.values())) == len(KIND_NAMES)

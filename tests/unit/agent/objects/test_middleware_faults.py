@@ -163,7 +163,9 @@ def test_a_write_that_fails_costs_its_sample(bad, error):
         client._out.put(b"")
         client._out.take(now_ms())
         client.line.send(
-            message([write_data(*it) for it in both], 0x80, number, client.session_id, client.key)
+            message(
+                [write_data(*item) for item in both], 0x80, number, client.session_id, client.key
+            )
         )
         assert client.sample(ear) == b"not lost"
         bad.armed = False

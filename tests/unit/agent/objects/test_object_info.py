@@ -195,7 +195,7 @@ def test_the_ping_is_answered_alike_whatever_the_mask(board, mask):
     """Recorded in tests/captures: eProsima's clients ask for the activity and get both."""
     payload = helpers.built(session.push_get_info, 10, ids.OBJECT_AGENT, mask)
     sent = board.desk.hear(message([sub(ids.GET_INFO, payload)], 0, 0), 1)
-    assert [it for _, it in sent] == [
+    assert [item for _, item in sent] == [
         bytes.fromhex(  # recorded: ping
             "8100000006011c00000afffd0001010d585243450100010f00010d000100000000000000"
         )
@@ -251,7 +251,7 @@ def test_long_answers_that_nobody_acknowledges_are_not_kept_without_end(desk, mo
     payload = helpers.built(session.push_get_info, 1, TYPE, BOTH)
     for _ in range(100):
         board.send(sub(ids.GET_INFO, payload))
-    held = sum(it.size for it in of(board).session._out.values())
+    held = sum(item.size for item in of(board).session._out.values())
     assert 10_000 < held < 13_000
     assert "over 10000 bytes of answers are not acknowledged" in desk.log()
     board.acknowledge()

@@ -66,8 +66,8 @@ from uros.wire.cdr import Writer
 def refs_board(tmp_path):
     file = tmp_path / "agent.refs"
     inside = "".join(
-        it.replace("<dds>", "").replace("</dds>", "")
-        for it in (TYPES_XML, QOS_XML, APPLICATION_XML)
+        item.replace("<dds>", "").replace("</dds>", "")
+        for item in (TYPES_XML, QOS_XML, APPLICATION_XML)
     )
     file.write_text(f"<dds>{inside}</dds>")
     desk = Desk(refs=file)
@@ -228,16 +228,17 @@ def test_any_text_is_profiles_or_an_error(text):
 def test_an_application_makes_all_it_lists_and_takes_it_away(board):
     bus = board.desk.middleware.bus
     assert board.ask(xml(APPLICATION, APPLICATION_XML)) == [OK], board.desk.log()
-    assert [(it.domain, it.full_name) for it in bus.nodes] == [(3, "/arm/left"), (4, "/right")]
+    nodes = [(node.domain, node.full_name) for node in bus.nodes]
+    assert nodes == [(3, "/arm/left"), (4, "/right")]
     assert sum(map(len, bus.writers.values())) == 3  # one of them the service's
     assert sum(map(len, bus.readers.values())) == 2
     mine = of(board).objects
-    assert [mine[it].kind for it in (0x11, 0x33, 0x45, 0x56, 0x65, 0x78)] == [1, 3, 5, 6, 5, 8]
+    assert [mine[item].kind for item in (0x11, 0x33, 0x45, 0x56, 0x65, 0x78)] == [1, 3, 5, 6, 5, 8]
     board.send(read_data(0x56))
     ground = board.desk.middleware.create_node(3, "/", "ground")
     out = ground.create_reader("rt/joints", "T", QoSProfile(), lambda: None)
     board.send(write_data(0x45, b"one"), write_data(0x65, b"two"))
-    assert [it[4:] for it in out.take(9)] == [b"one", b"two"]
+    assert [item[4:] for item in out.take(9)] == [b"one", b"two"]
     ground.create_writer("rt/orders", "T", QoSProfile()).write(b"\0\1\0\0go")
     board.settle()
     assert board.samples() == [b"go"]
@@ -326,7 +327,7 @@ def test_the_domain_of_an_application_that_names_none():
     desk = Desk(domain_of_agent=7)
     board = Board(desk)
     assert board.ask(xml(APPLICATION, "<application><participant/></application>")) == [OK]
-    assert [it.domain for it in desk.middleware.bus.nodes] == [7]
+    assert [node.domain for node in desk.middleware.bus.nodes] == [7]
     desk.close()
 
 

@@ -60,7 +60,7 @@ def test_names_of_any_length(tmp_path, length, form):
     reference = "r" * length
     file = tmp_path / "agent.refs"
     named = f' profile_name="{reference}"'
-    file.write_text("<dds>" + "".join(it.format(named) for it in texts.values()) + "</dds>")
+    file.write_text("<dds>" + "".join(item.format(named) for item in texts.values()) + "</dds>")
     desk = Desk(refs=file)
     board = Board(desk, mtu=60_000)
     if form == "binary":
@@ -71,15 +71,15 @@ def test_names_of_any_length(tmp_path, length, form):
             ), PARTICIPANT),
         ]  # fmt: skip
     elif form == "xml":
-        made = [xml(it, text.format(""), parents[it]) for it, text in texts.items()]
+        made = [xml(item, text.format(""), parents[item]) for item, text in texts.items()]
         made.insert(2, group())
     else:
-        made = [by_reference(it, reference, parents[it]) for it in texts]
+        made = [by_reference(item, reference, parents[item]) for item in texts]
         made.insert(2, group())
     assert board.ask(*made) == [OK] * 5, desk.log()
     bus = desk.middleware.bus
     assert bus.nodes[0].full_name == "/" + node
-    assert {name, f"{name}_Reply"} == {key[1] for key, it in bus.writers.items() if it}
+    assert {name, f"{name}_Reply"} == {key[1] for key, item in bus.writers.items() if item}
     assert writer_of(board).type_name == type_name
     desk.close()
 
@@ -140,8 +140,8 @@ def test_endpoints_without_qos_have_fast_ddss_defaults(board):
         for object_id, tag, parent in (
             (WRITER, "data_writer", PUBLISHER), (READER, "data_reader", SUBSCRIBER),
         ):  # fmt: skip
-            it = content.format(tag, tag) if isinstance(content, str) else content
-            assert board.ask(create(object_id, form, it, parent, flags=REPLACE)) == [OK]
+            text = content.format(tag, tag) if isinstance(content, str) else content
+            assert board.ask(create(object_id, form, text, parent, flags=REPLACE)) == [OK]
         assert said_of(writer_of(board).qos) == ("reliable", "local", "last", 1)
         qos = of(board).objects[READER].endpoint._reader.qos
         assert said_of(qos) == ("best effort", "volatile", "last", 1)
@@ -270,5 +270,5 @@ def test_a_reader_that_keeps_all_is_bounded(board, monkeypatch):
     board.send(helpers.read_data(READER))
     for _ in range(20):
         board.settle()
-    got = [int.from_bytes(it, "little") for it in board.samples()]
+    got = [int.from_bytes(sample, "little") for sample in board.samples()]
     assert got == list(range(150, 250))

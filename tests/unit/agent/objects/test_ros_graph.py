@@ -105,7 +105,10 @@ def test_rosbags_reads_and_writes_the_same(oracle, nodes):
         GraphNode(
             node.node_namespace,
             node.node_name,
-            tuple(Entity(it.entity_type, it.name, tuple(it.types)) for it in node.entities),
+            tuple(
+                Entity(entity.entity_type, entity.name, tuple(entity.types))
+                for entity in node.entities
+            ),
         )
         for node in read.nodes
     ] == nodes
@@ -202,14 +205,14 @@ def test_a_service_over_ros2_is_its_boards_and_told_once():
     network.node("/", "_gate", ("r", "rt/in", STRING))
     network.node("/ns", "_out", ("r", "rt/in", STRING))
     network.node("/ns", "out", ("r", "rt/in", STRING))
-    found = {(it.namespace, it.name): [end.name for end in it.entities]
-             for it in ros_graph.ros_nodes(network)}  # fmt: skip
+    found = {(node.namespace, node.name): [end.name for end in node.entities]
+             for node in ros_graph.ros_nodes(network)}  # fmt: skip
     assert found == {
         ("/ns", "gate"): ["/out", "/serve"], ("/ns", "_ros2cli_7"): ["/out"],
         ("/", "_gate"): ["/in"], ("/ns", "_out"): ["/in"], ("/ns", "out"): ["/in"],
     }  # fmt: skip
     twin.readers, twin.writers = [], []  # its last service is gone, and it still there
-    assert ("/ns", "_gate") not in {it[:2] for it in ros_graph.ros_nodes(network)}
+    assert ("/ns", "_gate") not in {node[:2] for node in ros_graph.ros_nodes(network)}
 
 
 def test_what_a_c_client_cannot_read_is_left_out():
@@ -243,7 +246,7 @@ FULL = [
 
 def what_is_in(message, oracle):
     read = oracle.deserialize_cdr(b"\0\1\0\0" + message, "micro_ros_msgs/msg/Graph")
-    return [(node.node_name, [it.name for it in node.entities]) for node in read.nodes]
+    return [(node.node_name, [entity.name for entity in node.entities]) for node in read.nodes]
 
 
 def test_what_matters_least_goes_first(oracle):
@@ -261,8 +264,8 @@ def test_what_matters_least_goes_first(oracle):
         ["/scan"],
         [],
     ]
-    assert [it[1] for it in seen[1:5]] == [[(name, some) for name in names] for some in kept]
-    assert [[name for name, _ in it[1]] for it in seen[5:]] == [["one", "two"], ["one"], []]
+    assert [item[1] for item in seen[1:5]] == [[(name, some) for name in names] for some in kept]
+    assert [[name for name, _ in item[1]] for item in seen[5:]] == [["one", "two"], ["one"], []]
     assert seen[5][0] == "all topics and services and 1 of 3 nodes"
 
 

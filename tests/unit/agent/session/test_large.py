@@ -107,7 +107,7 @@ def test_what_follows_a_large_submessage_in_the_next_message_is_its_own(size):
     for part in parts[:-1]:
         board.send(fragment(part))
     board.send(fragment(parts[-1], last=True), write_data(WRITER, b"behind"))
-    taken = [it[4:] for it in reader.take(10)]
+    taken = [item[4:] for item in reader.take(10)]
     assert taken == [pattern(size - 4), b"behind"]
     desk.close()
 
@@ -168,7 +168,7 @@ def test_fragments_carry_one_submessage(size):
         "rt/chatter", "std_msgs::msg::dds_::Int32_", QoSProfile(), lambda: None
     )
     sample = pattern(size - 4)
-    raw = b"".join(as_c_clients(write_data(WRITER, it)) for it in (sample, b"old!"))
+    raw = b"".join(as_c_clients(write_data(WRITER, item)) for item in (sample, b"old!"))
     send(board, raw.ljust(len(raw) + -len(raw) % 1000, b"\xee"))
-    assert [it[4:] for it in reader.take(10)] == [sample]
+    assert [item[4:] for item in reader.take(10)] == [sample]
     desk.close()

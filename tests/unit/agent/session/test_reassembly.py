@@ -71,7 +71,7 @@ class C:
 
 def picture(size, seed=1):
     """Octets in which no header of a WRITE_DATA stands."""
-    return bytes((it * 7 + seed) % 251 | 8 for it in range(size))
+    return bytes((number * 7 + seed) % 251 | 8 for number in range(size))
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_every_good_message_of_a_c_client_is_taken(talk, form, capacity):
 @settings(max_examples=examples(300), deadline=None)
 @given(
     st.sampled_from(["buffered", "continuous", "continuous_2_0", "small"]),
-    st.integers(16, 600).map(lambda it: it * 4),
+    st.integers(16, 600).map(lambda item: item * 4),
     st.integers(0, 140_000),
     st.binary(min_size=1, max_size=40),
 )

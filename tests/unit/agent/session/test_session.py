@@ -76,7 +76,7 @@ class Talk:
         return True
 
     def samples(self):
-        return [it[4:] for it in self.written]
+        return [item[4:] for item in self.written]
 
     def raw(self, datagram):
         buf = bytearray(datagram)
@@ -93,7 +93,7 @@ class Talk:
         """What the session sends, after it was asked to finish."""
         self.session.finish()
         sent, self.session.outgoing[:] = list(self.session.outgoing), []
-        return [parse(it) for it in sent]
+        return [parse(item) for item in sent]
 
     def wait(self, milliseconds):
         """Time passes; the session is polled when it asks for it."""
@@ -179,7 +179,7 @@ def test_write_data_too_short_for_a_sample_does_not_reach_the_writer(talk, size)
     payload = b"\0\0\0\x15"[:size]
     talk.hear(sub(ids.WRITE_DATA, payload), write_data(WRITER, b"next"))
     assert talk.samples() == [b"next"]
-    assert [it[3] for it in talk.handler.seen] == [payload]
+    assert [item[3] for item in talk.handler.seen] == [payload]
 
 
 def test_a_writer_that_fails_is_a_fault_and_the_rest_is_written(talk):
@@ -282,7 +282,7 @@ def test_a_late_heartbeat_of_an_earlier_session_changes_nothing(talk, ends):
         talk.hear(write_data(WRITER, b"%d" % number), sequence=number)
         talk.hear(heartbeat(*ends), stream=0)
         # C clients believe any acknack: one of 500 would end their stream.
-        assert [it[0] for it in acks(talk.out())] == [1]
+        assert [ack[0] for ack in acks(talk.out())] == [1]
         talk.now += 5000
     talk.hear(write_data(WRITER, b"1"), sequence=1)
     assert talk.samples() == [b"0", b"1", b"2", b"3"]
@@ -314,7 +314,7 @@ def test_a_best_effort_stream_is_heard_again_after_a_jump(talk):
         talk.hear(write_data(WRITER, b"%d" % number), stream=1, sequence=number)
         talk.hear(write_data(WRITER, b"doubled"), stream=1, sequence=number)
         talk.now += 100
-    assert talk.samples() == [b"0", b"1"] + [b"%d" % it for it in range(40022, 40032)]
+    assert talk.samples() == [b"0", b"1"] + [b"%d" % item for item in range(40022, 40032)]
     assert talk.session.lost < 100
 
 
@@ -387,7 +387,7 @@ def test_all_streams_together_keep_no_more_than_one_message(talk):
     for _ in range(MAX_MESSAGE // 60_000 // 4):
         for stream in range(0x80, 0x88):
             talk.hear(part, stream=stream)
-    assert sum(it.fragments.pending for it in talk.session._in.values()) <= MAX_MESSAGE
+    assert sum(item.fragments.pending for item in talk.session._in.values()) <= MAX_MESSAGE
     assert any("over" in about for _, about in talk.handler.faults)
     for stream in range(0x80, 0x88):
         talk.hear(fragment(b"", True), stream=stream)
@@ -572,7 +572,7 @@ def test_a_stall_in_the_middle_of_a_message_goes_on_there(talk):
         return seen.count(b"b") != 1 or cdr[4:] != b"b"
 
     talk.session.writers[WRITER] = write
-    talk.hear(*[write_data(WRITER, it) for it in (b"a", b"b", b"c")])
+    talk.hear(*[write_data(WRITER, item) for item in (b"a", b"b", b"c")])
     assert seen == [b"a", b"b"]
     talk.wait(module.STALL_RETRY_MS)
     assert seen == [b"a", b"b", b"b", b"c"]

@@ -67,7 +67,7 @@ class Ours:
             self.middleware.tick()
 
     def names(self, other):
-        return [it.name for it in self.reader.intake.nodes.get(other.guid, ())]
+        return [item.name for item in self.reader.intake.nodes.get(other.guid, ())]
 
 
 @pytest.fixture

@@ -163,7 +163,8 @@ def test_a_writer_before_the_first_reader_gets_no_probe_reader(world):
     world.writer()
     world.reader()
     world.hear()
-    assert [it._late_writers is not None for it in world.middleware._domains.values()] == [True]
+    domains = world.middleware._domains.values()
+    assert [domain._late_writers is not None for domain in domains] == [True]
     world.settled()
     assert world.made == 0
 

@@ -90,8 +90,8 @@ def test_changes_are_announced_at_most_ten_times_a_second_and_the_last_one_too(
         middleware.tick()
     last = decode(listener.take()[-1])
     assert last is not None
-    busy = [it for it in last[1] if it.name == "busy"]
-    assert [it.writers for it in busy] == [[writer.guid for writer in writers]]
+    busy = [item for item in last[1] if item.name == "busy"]
+    assert [item.writers for item in busy] == [[writer.guid for writer in writers]]
     clock.now += 3600
     middleware.tick()
     assert listener.take() == []  # nothing new, nothing said
@@ -139,7 +139,7 @@ def test_a_node_that_leaves_is_announced_no_more(middleware, own_domain_id, monk
         change()
         clock.now += 1
         middleware.tick()
-        names.append([(it.namespace, it.name) for it in decode(listener.take()[-1])[1]])
+        names.append([(item.namespace, item.name) for item in decode(listener.take()[-1])[1]])
     assert names == [[("/", "listener"), ("/ns", "board")], [("/", "listener")]]
 
 

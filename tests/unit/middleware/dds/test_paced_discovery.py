@@ -47,7 +47,7 @@ def test_nodes_come_and_go(middleware, own_domain_id):
         def seen():
             other.tick()
             return changes and [
-                (it.namespace, it.name, it.writers) for it in living_nodes(graph)
+                (node.namespace, node.name, node.writers) for node in living_nodes(graph)
             ] == [("/garden", "weather", [writer.guid])]
 
         serve(middleware, seen, wait=0.02)
@@ -96,7 +96,7 @@ def test_two_watch_one_domain_and_each_its_own(middleware, own_domain_id, domain
     calls.clear()
     middleware.create_node(own_domain_id, "/", "m")
     serve(middleware, lambda: own_domain_id in calls)
-    assert [it.name for it in living_nodes(graphs[1])] == ["n", "m"]
+    assert [living_node.name for living_node in living_nodes(graphs[1])] == ["n", "m"]
 
 
 def test_a_domain_that_does_not_exist(middleware):

@@ -129,7 +129,7 @@ def test_a_request_of_a_client_with_no_known_form_is_not_taken(node, middleware)
     for _ in range(3):
         wrong.write(request)
     right.write(request)
-    assert [it[1:] for it in collect(middleware, replier, 1)] == [(7, BODY[:4] + b"abcd")]
+    assert [item[1:] for item in collect(middleware, replier, 1)] == [(7, BODY[:4] + b"abcd")]
     (notice,) = middleware.notices
     assert notice.startswith("a client of /add gets no answer")
 
@@ -158,10 +158,10 @@ def test_both_ways_are_written_as_disposed_data_which_only_cyclone_reads(node, m
     for number in range(1, 6):  # many at once are many
         assert requester.request(BODY) == number
     taken = collect(middleware, replier, 5)
-    assert [it[1] for it in taken] == [1, 2, 3, 4, 5]
+    assert [item[1] for item in taken] == [1, 2, 3, 4, 5]
     for guid, sequence, body in taken:
         replier.reply(guid, sequence, body)
-    assert [it[0] for it in collect(middleware, requester, 5)] == [1, 2, 3, 4, 5]
+    assert [item[0] for item in collect(middleware, requester, 5)] == [1, 2, 3, 4, 5]
     for spy in (requests, replies):
         states = [info.instance_state for _, info in cyclone.take(spy.entity, 10)]
         assert states == [DISPOSED] * 5

@@ -33,7 +33,7 @@ class Peer:
         for sample, _ in cyclone.take(self._reader, 100):
             guid, nodes, _ = decode(sample)
             self.count += guid == OTHER
-            self.nodes[guid] = [it.name for it in nodes]
+            self.nodes[guid] = [node.name for node in nodes]
 
 
 @pytest.fixture

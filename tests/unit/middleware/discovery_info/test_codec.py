@@ -135,11 +135,11 @@ def test_rosbags_decodes_what_we_encode_and_the_reverse(oracle, guid, nodes):
 
     assert bytes(read.gid.data) == guid + pad
     assert [
-        (it.node_namespace, it.node_name, seen(it.reader_gid_seq), seen(it.writer_gid_seq))
-        for it in read.node_entities_info_seq
+        (item.node_namespace, item.node_name, seen(item.reader_gid_seq), seen(item.writer_gid_seq))
+        for item in read.node_entities_info_seq
     ] == [
-        (it.namespace, it.name, [g + pad for g in it.readers], [g + pad for g in it.writers])
-        for it in nodes
+        (one.namespace, one.name, [g + pad for g in one.readers], [g + pad for g in one.writers])
+        for one in nodes
     ]
 
     def gid(raw):
@@ -149,14 +149,17 @@ def test_rosbags_decodes_what_we_encode_and_the_reverse(oracle, guid, nodes):
         gid(guid),
         [
             types["rmw_dds_common/msg/NodeEntitiesInfo"](
-                it.namespace, it.name, [gid(g) for g in it.readers], [gid(g) for g in it.writers]
+                one.namespace,
+                one.name,
+                [gid(g) for g in one.readers],
+                [gid(g) for g in one.writers],
             )
-            for it in nodes
+            for one in nodes
         ],
     )
     back = decode(bytes(store.serialize_cdr(message, name)))
     assert back is not None and (back[0], back[2]) == (guid, size)
-    assert [vars(it) for it in back[1]] == [vars(it) for it in nodes]
+    assert [vars(item) for item in back[1]] == [vars(node) for node in nodes]
 
 
 @given(st.binary(max_size=200), st.booleans(), st.sampled_from([16, 24]))

@@ -200,7 +200,7 @@ def test_announcements_do_not_displace_each_other_before_they_are_taken(ours, ow
     """The topic has no key: a reader that keeps one sample would keep that of one participant."""
     heard = ParticipantDiscovery(ours.middleware.context, ours.node.participant, lambda: None)
     others = [OtherParticipant(own_domain_id, 16) for _ in range(5)]
-    ours.until(lambda: {it.guid for it in others} <= heard.announced.keys())
+    ours.until(lambda: {other.guid for other in others} <= heard.announced.keys())
     heard.close()
 
 

@@ -162,7 +162,7 @@ def test_endpoints_have_no_room_until_they_are_created_one_a_turn(
     node = middleware.create_node(own_domain_id, "/", "node")
     callers = [node.create_requester(service(f"add{i}"), QOS, lambda: None) for i in range(3)]
     server = node.create_replier(service("serve"), QOS, lambda: None)
-    assert [it.request(REQUEST) for it in callers] == [None] * 3
+    assert [caller.request(REQUEST) for caller in callers] == [None] * 3
     assert callers[0].take(9) == server.take(9) == []
     assert server.reply(bytes(16), 1, REQUEST)  # to nobody: nobody has asked
     rclpy.go.set()
@@ -174,7 +174,7 @@ def test_endpoints_have_no_room_until_they_are_created_one_a_turn(
         made = [what for what, _ in rclpy.made]
     assert made == ["rq/add0Request", "rq/add1Request", "rq/add2Request", "rr/serveReply"]
     assert rclpy.nodes == ["_node"] and rclpy.asked == ["Add"]
-    assert [it.request(REQUEST) for it in callers] == [1, 1, 1]
+    assert [caller.request(REQUEST) for caller in callers] == [1, 1, 1]
     rclpy.made[0][1].given = [(1, REQUEST)]
     rclpy.made[3][1].given = [(bytes(16), 1, REQUEST)]
     assert callers[0].take(9) == [(1, REQUEST)]
