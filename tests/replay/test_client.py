@@ -131,7 +131,7 @@ class Player:
         kind, flags, payload = submessages[0]
         one = self.session
         if kind == ids.CREATE_CLIENT:
-            one.hello()
+            one.create_session()
         elif kind == ids.GET_INFO:
             one.ping(session_id != ids.SESSION_NONE_WITHOUT_KEY)
         elif kind == ids.TIMESTAMP:
