@@ -47,58 +47,63 @@ class Reader:
         return at
 
     def remaining(self) -> int:
-        """Bytes not read yet."""
+        """Return the number of bytes not read yet."""
         return self.end - self.offset
 
     def u8(self) -> int:
+        """Read an unsigned octet."""
         return self.buf[self._next(1, 1)]
 
     def boolean(self) -> bool:
-        """One octet, 0 or 1; anything else is a fault, not True."""
+        """Read one octet, 0 or 1. Raises DecodeError for other values."""
         value = self.u8()
         if value > 1:
             raise DecodeError("a boolean is 0 or 1, not %d" % value)
         return value == 1
 
     def u16(self) -> int:
+        """Read an unsigned 16-bit number."""
         at = self._next(2, 2)
         if self.little:
             return self.buf[at] | self.buf[at + 1] << 8
         return self.buf[at] << 8 | self.buf[at + 1]
 
     def i16(self) -> int:
+        """Read a signed 16-bit number."""
         value = self.u16()
         return value - 0x10000 if value & 0x8000 else value
 
     def u32(self) -> int:
+        """Read an unsigned 32-bit number."""
         at = self._next(4, 4)
         value: int = unpack_from("<I" if self.little else ">I", self.buf, at)[0]
         return value
 
     def i32(self) -> int:
+        """Read a signed 32-bit number."""
         at = self._next(4, 4)
         value: int = unpack_from("<i" if self.little else ">i", self.buf, at)[0]
         return value
 
     def octets(self, size: int) -> bytes:
-        """``size`` octets, copied, with no alignment."""
+        """Read ``size`` octets as a copy, without alignment."""
         at = self._next(size, 1)
         return bytes(self.buf[at : at + size])
 
     def be16(self) -> int:
-        """Two octets as one big-endian number, never aligned: ids are octets."""
+        """Read a big-endian 16-bit number without alignment, as of ids."""
         at = self._next(2, 1)
         return self.buf[at] << 8 | self.buf[at + 1]
 
     def sequence(self, limit: int = MAX_STRING) -> bytes:
-        """A sequence of octets: a 32-bit length, then the octets."""
+        """Read a sequence of octets: a 32-bit length, then the octets."""
         size = self.u32()
         if size > limit:
             raise LimitError("a sequence of %d bytes is over the limit of %d" % (size, limit))
         return self.octets(size)
 
     def string(self, limit: int = MAX_STRING) -> str:
-        """A string: a 32-bit length that counts the closing NUL, then UTF-8."""
+        """Read a string: a 32-bit length that counts the closing NUL, then UTF-8."""
         raw = self.sequence(limit)
         end = raw.find(b"\x00")
         if end >= 0:
@@ -134,58 +139,64 @@ class Writer:
         return at + pad
 
     def u8(self, value: int) -> None:
+        """Write an unsigned octet."""
         if not 0 <= value <= 0xFF:
             raise EncodeError("%d does not fit an octet" % value)
         self.buf[self._next(1, 1)] = value
 
     def boolean(self, value: bool) -> None:
+        """Write one octet, 0 or 1."""
         self.buf[self._next(1, 1)] = 1 if value else 0
 
     def u16(self, value: int) -> None:
+        """Write an unsigned 16-bit number."""
         if not 0 <= value <= 0xFFFF:
             raise EncodeError("%d does not fit 16 bits" % value)
         pack_into("<H", self.buf, self._next(2, 2), value)
 
     def i16(self, value: int) -> None:
+        """Write a signed 16-bit number."""
         if not -0x8000 <= value <= 0x7FFF:
             raise EncodeError("%d does not fit 16 signed bits" % value)
         self.u16(value & 0xFFFF)
 
     def u32(self, value: int) -> None:
+        """Write an unsigned 32-bit number."""
         if not 0 <= value <= 0xFFFFFFFF:
             raise EncodeError("%d does not fit 32 bits" % value)
         pack_into("<I", self.buf, self._next(4, 4), value)
 
     def i32(self, value: int) -> None:
+        """Write a signed 32-bit number."""
         if not -0x80000000 <= value <= 0x7FFFFFFF:
             raise EncodeError("%d does not fit 32 signed bits" % value)
         pack_into("<i", self.buf, self._next(4, 4), value)
 
     def octets(self, value: "Buffer") -> None:
-        """Octets as they are, with no alignment and no length."""
+        """Write octets, without alignment and without a length."""
         size = len(value)
         at = self._next(size, 1)
         self.buf[at : at + size] = value
 
     def array(self, value: "Buffer", size: int) -> None:
-        """Octets of a field that has room for exactly ``size`` of them."""
+        """Write octets, of which there must be exactly ``size``."""
         if len(value) != size:
             raise EncodeError("%d octets where %d belong" % (len(value), size))
         self.octets(value)
 
     def be16(self, value: int) -> None:
-        """A 16-bit number as two octets, high first, never aligned."""
+        """Write a big-endian 16-bit number without alignment."""
         if not 0 <= value <= 0xFFFF:
             raise EncodeError("%d does not fit 16 bits" % value)
         pack_into(">H", self.buf, self._next(2, 1), value)
 
     def sequence(self, value: "Buffer") -> None:
-        """A 32-bit length, then the octets."""
+        """Write a 32-bit length, then the octets."""
         self.u32(len(value))
         self.octets(value)
 
     def string(self, value: str) -> None:
-        """A 32-bit length that counts the closing NUL, then UTF-8, then NUL."""
+        """Write a 32-bit length that counts the closing NUL, then UTF-8, then NUL."""
         try:
             raw = value.encode()
         except ValueError:  # half of a surrogate pair

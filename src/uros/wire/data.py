@@ -1,4 +1,4 @@
-"""READ_DATA, and the identity that travels with a service request.
+"""READ_DATA, and the sample identity of service requests.
 
 WRITE_DATA and DATA are a request (:func:`~uros.wire.session.push_request`)
 followed by the sample: plain CDR with no encapsulation header, aligned from
@@ -29,7 +29,7 @@ def push_read_data(
     content_filter: "str | None" = None,
     control: "tuple[int, int, int, int] | None" = None,
 ) -> None:
-    """Ask for samples of a datareader, requester or replier on ``stream_id``.
+    """Write READ_DATA: a request for samples of a datareader, requester or replier.
 
     ``control`` is (most samples, seconds, bytes a second, ms between samples);
     0xFFFF samples and 0 elsewhere mean no limit, 0 samples stop the reading.
@@ -59,9 +59,9 @@ def pull_read_data(
 
 
 def push_sample_identity(buf: bytearray, offset: int, guid: bytes, sequence: int) -> None:
-    """16 octets of GUID, then the 64-bit sequence number as high and low words.
+    """Write 16 octets of GUID, then the 64-bit sequence number as high and low words.
 
-    The number is another DDS peer's, so a negative one goes through too.
+    The number is another DDS peer's, so a negative one is written, too.
     """
     if len(guid) != 16:
         raise EncodeError("a GUID has 16 octets, not %d" % len(guid))

@@ -31,7 +31,7 @@ def push_create(
     content: "str | bytes",
     parent: int,
 ) -> None:
-    """One CREATE payload; the kind is the low four bits of ``object_id``.
+    """Write a CREATE payload; the kind is the low four bits of ``object_id``.
 
     ``content`` is text for BY_REFERENCE and AS_XML, octets for IN_BINARY.
     ``parent`` is the object id of the parent, for a participant its domain;
@@ -115,7 +115,7 @@ def pull_binary_topic(r: Reader) -> "tuple[str, str | None]":
 
 
 def push_binary_group(w: Writer, name: "str | None", partitions: "list[str] | None") -> None:
-    """A publisher or a subscriber: they look the same."""
+    """Write a publisher or a subscriber, whose formats are the same."""
     _push_optional(w, name)
     w.boolean(partitions is not None)
     if partitions is not None:
@@ -154,7 +154,7 @@ def push_binary_endpoint(
     user_data: "bytes | None" = None,
     reader: bool = False,
 ) -> None:
-    """A datawriter or a datareader with its QoS (``QOS_…`` flags)."""
+    """Write a datawriter or a datareader with its QoS (``QOS_…`` flags)."""
     w.be16(topic_id)
     w.boolean(True)
     w.u16(flags)
@@ -176,10 +176,12 @@ def push_binary_endpoint(
 def pull_binary_endpoint(
     r: Reader, reader: bool
 ) -> "tuple[int, tuple[int, int | None, int | None, int | None, bytes | None, int | None, str | None] | None]":  # noqa: E501
-    """``(topic id, qos)``; qos is None where the client left it out, else
-    ``(flags, depth, deadline ms, lifespan ms, user data, extra, filter)``:
-    ``extra`` is a writer's ownership strength or a reader's minimum separation
-    in ms, ``filter`` a reader's content filter expression.
+    """Read ``(topic id, qos)`` of a datawriter or a datareader.
+
+    ``qos`` is None if the client left it out, else ``(flags, depth, deadline ms,
+    lifespan ms, user data, extra, filter)``: ``extra`` is a writer's ownership
+    strength or a reader's minimum separation in ms, ``filter`` a reader's
+    content filter expression.
     """
     topic_id = r.be16()
     if not r.boolean():
@@ -203,7 +205,7 @@ def push_binary_service(
     request_topic: "str | None" = None,
     reply_topic: "str | None" = None,
 ) -> None:
-    """A requester or a replier: they look the same."""
+    """Write a requester or a replier, whose formats are the same."""
     w.string(name)
     w.string(request_type)
     w.string(reply_type)

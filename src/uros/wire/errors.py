@@ -1,4 +1,4 @@
-"""What can go wrong between bytes and meaning, and who is at fault.
+"""Errors of encoding and decoding; the class says which peer is at fault.
 
 ::
 
@@ -16,7 +16,7 @@ class WireError(ValueError):
 
 
 class DecodeError(WireError):
-    """The peer's bytes are truncated or do not mean anything."""
+    """The peer's bytes are truncated or malformed."""
 
 
 class LimitError(DecodeError):

@@ -1,10 +1,10 @@
-"""Frames: where one message ends on a line that is only a stream of bytes.
+"""Framing: message boundaries on byte streams.
 
 Serial lines (eProsima's stream framing, after HDLC)::
 
     7E  source  destination  length (2, little endian)  payload  CRC (2, little endian)
 
-Every byte after the 7E that is 7E or 7D goes out as 7D and itself xor 20. The
+After the 7E, a byte 7E or 7D is sent as 7D followed by the byte xor 20. The
 CRC is CRC-16/ARC (reflected 0x8005, start 0) of the payload. Anything between
 frames, such as a board's ``printf``, is skipped.
 
@@ -41,7 +41,7 @@ for _i in range(256):
 
 
 def crc16(data: "Buffer", start: int, stop: int, crc: int = 0) -> int:
-    """CRC-16/ARC of ``data[start:stop]`` ("123456789" gives 0xBB3D)."""
+    """Return CRC-16/ARC of ``data[start:stop]`` ("123456789" gives 0xBB3D)."""
     table = _CRC
     for i in range(start, stop):
         crc = crc >> 8 ^ table[(crc ^ data[i]) & 0xFF]
@@ -49,7 +49,7 @@ def crc16(data: "Buffer", start: int, stop: int, crc: int = 0) -> int:
 
 
 def frame_size(payload: "Buffer | int") -> int:
-    """Upper bound of the framed length of a payload, or of one so long: every byte escaped."""
+    """Return the largest framed length of a payload, or of one of that length."""
     size = payload if isinstance(payload, int) else len(payload)
     return 1 + 2 * (size + _OVERHEAD)
 
@@ -57,8 +57,20 @@ def frame_size(payload: "Buffer | int") -> int:
 def frame(
     payload: "Buffer", source: int, destination: int, out: bytearray, size: int = -1
 ) -> int:
-    """Frame ``payload``, or its first ``size`` bytes, into ``out`` (at least
-    :func:`frame_size` long); the framed length. Boards are 1 and up, the agent is 0.
+    """Write a frame of ``payload``, or of its first ``size`` bytes.
+
+    Args:
+        payload: The message.
+        source: Address of the sender: boards are 1 and up, the agent is 0.
+        destination: Address of the receiver.
+        out: The buffer, at least :func:`frame_size` long.
+        size: Length of the message; all of ``payload`` by default.
+
+    Returns:
+        The framed length.
+
+    Raises:
+        EncodeError: The payload is over 65535 bytes, or ``out`` is too short.
     """
     if size < 0:
         size = len(payload)
@@ -94,15 +106,15 @@ def _escape(out: bytearray, at: int, byte: int) -> int:
 
 
 class Deframer:
-    """Finds frames for one address in a stream of bytes, skipping all else.
+    """Parser of frames for one address in a byte stream; all else is skipped.
 
-    Feed it what arrives, in any pieces. It never raises and holds at most one
-    frame (64 kB). A flag is never part of a frame, so whatever came before, the
-    next sound frame is found.
+    Feed it received bytes, in any pieces. It never raises and holds at most one
+    frame (64 kB). A flag byte never occurs within a frame, so the parser
+    finds the next valid frame after any input.
 
-    Every byte fed is either part of a sound frame, or of the one that is still
-    open, or counted in ``skipped``; a whole frame that is skipped because of
-    its CRC also counts in ``crc_errors``, a sound one for another address in
+    Every byte fed is either part of a valid frame, or of the incomplete one, or
+    counted in ``skipped``; a whole frame that is skipped because of
+    its CRC also counts in ``crc_errors``, a valid one for another address in
     ``foreign``.
     """
 
@@ -130,7 +142,7 @@ class Deframer:
         self._size = 0  # bytes of the open frame as they came, escapes and flag included
 
     def feed(self, data: "Buffer") -> "list[bytes]":
-        """The messages that ``data`` completes, in order."""
+        """Return the messages that ``data`` completes, in order."""
         data = bytes(data)  # the others have no find() everywhere
         out: "list[bytes]" = []
         at = 0
@@ -197,10 +209,10 @@ class Deframer:
 
 
 class LengthDeframer:
-    """Finds the messages of a TCP stream: a 16-bit length, then the message.
+    """Parser of a TCP stream of messages, each after its 16-bit length.
 
-    It holds at most one message that is not whole. Whatever comes is read as
-    lengths and messages: a TCP stream has no place to start again at.
+    It holds at most one incomplete message. All input is read as lengths and
+    messages: a TCP stream has no point to resynchronize at.
     """
 
     __slots__ = ("_buf",)
@@ -209,7 +221,7 @@ class LengthDeframer:
         self._buf = bytearray()
 
     def feed(self, data: "Buffer") -> "list[bytes]":
-        """The messages that ``data`` completes, in order; empty ones are left out."""
+        """Return the messages that ``data`` completes, in order, without empty ones."""
         buf = self._buf
         buf.extend(data)
         out = []

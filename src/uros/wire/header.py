@@ -15,14 +15,14 @@ MAX_HEADER_SIZE: Final = 8
 
 
 def header_size(session_id: int) -> int:
-    """4 bytes, or 8 where the session id is below 0x80 and the key travels along."""
+    """Return 4 bytes, or 8 if the session id is below 0x80 and the header has the key."""
     return 4 if session_id & 0x80 else MAX_HEADER_SIZE
 
 
 def push_header(
     buf: bytearray, session_id: int, stream_id: int, sequence: int, key: int = 0
 ) -> int:
-    """Write a message header at the start of ``buf``; the offset after it.
+    """Write a message header at the start of ``buf``; return the offset after it.
 
     ``key`` is the 32-bit client key, first octet on the wire highest; it goes
     out only with session ids below 0x80.
@@ -62,7 +62,7 @@ def pull_header(buf: "Buffer", end: int) -> "tuple[int, int, int, int | None, in
 
 
 def push_subheader(buf: bytearray, offset: int, kind: int, flags: int, length: int) -> int:
-    """Write a submessage header at ``offset`` (a multiple of 4); the offset after it.
+    """Write a submessage header at ``offset`` (a multiple of 4); return the end.
 
     The length is always little endian; one over 65535 goes out as its low 16
     bits, as C clients and agents do (its data then runs to the message's end).
@@ -134,6 +134,6 @@ class MessageWriter(Writer):
             self._body = 0
 
     def finish(self) -> bytes:
-        """The whole message."""
+        """Return the whole message."""
         self._close()
         return bytes(memoryview(self.buf)[: self.offset])

@@ -116,7 +116,7 @@ _ERRORS: Final = (
 
 
 def status_name(status: int) -> str:
-    """The specification's name of a status value, or its number in hex."""
+    """Return the specification's name of a status value, or its number in hex."""
     if NAMES_STATUS:
         if status == STATUS_OK:
             return "OK"

@@ -77,7 +77,7 @@ def _pull_properties(r: "Reader") -> "list[tuple[str, str]]":
 
 
 def push_status_agent(w: "Writer", status: int, implementation: int = 0) -> None:
-    """The answer to CREATE_CLIENT: a result and who the agent is."""
+    """Write the answer to CREATE_CLIENT: a result, and the agent's identity."""
     w.u8(status)
     w.u8(implementation)
     _push_agent(w)
@@ -106,7 +106,7 @@ def _pull_agent(r: "Reader") -> None:
 
 
 def push_request(w: "Writer", request_id: int, object_id: int) -> None:
-    """A bare request id and object id: all of DELETE, the head of most others."""
+    """Write request id and object id: all of DELETE, the head of most others."""
     w.be16(request_id)
     w.be16(object_id)
 
@@ -119,7 +119,7 @@ def pull_request(r: "Reader") -> "tuple[int, int]":
 def push_status(
     w: "Writer", request_id: int, object_id: int, status: int, implementation: int = 0
 ) -> None:
-    """The answer to CREATE, DELETE and failed requests."""
+    """Write the answer to CREATE, DELETE and failed requests."""
     push_request(w, request_id, object_id)
     w.u8(status)
     w.u8(implementation)
@@ -131,7 +131,7 @@ def pull_status(r: "Reader") -> "tuple[int, int, int, int]":
 
 
 def push_get_info(w: "Writer", request_id: int, object_id: int, mask: int) -> None:
-    """A question about an object; about OBJECT_AGENT it is the ping."""
+    """Write GET_INFO of an object; that of OBJECT_AGENT is the ping."""
     push_request(w, request_id, object_id)
     w.u32(mask)
 
@@ -149,11 +149,11 @@ def push_info(
     implementation: int,
     locators: "list[tuple[bytes, int]]",
 ) -> None:
-    """What the agent is: the pong.
+    """Write INFO of the agent, the answer to a ping.
 
     ``locators`` are (address, port), the address of 4 bytes (IPv4) or of 16
-    (IPv6). ``implementation`` is 1 where the asker has a session, 0 where not:
-    eProsima's clients tell by it whether they must reconnect.
+    (IPv6). ``implementation`` is 1 if the client has a session, 0 if not:
+    eProsima's clients decide by it whether to reconnect.
     """
     push_status(w, request_id, object_id, status, implementation)
     w.boolean(True)
@@ -208,8 +208,9 @@ def pull_info(r: "Reader") -> "tuple[int, int, int, int, list[tuple[bytes, int]]
 
 
 def push_acknack(w: "Writer", first_unacked: int, missing: int, stream_id: int) -> None:
-    """Everything before ``first_unacked`` arrived; bit i of the 16-bit
-    ``missing`` asks for ``first_unacked + i`` again.
+    """Write ACKNACK: everything before ``first_unacked`` was received.
+
+    Bit i of the 16-bit ``missing`` requests ``first_unacked + i`` again.
     """
     w.u16(first_unacked)
     w.be16(missing)
@@ -219,7 +220,7 @@ def push_acknack(w: "Writer", first_unacked: int, missing: int, stream_id: int) 
 def acknack_message(
     session_id: int, key: int, first_unacked: int, missing: int, stream_id: int
 ) -> bytes:
-    """A whole ACKNACK message, header included: one goes out for every burst received."""
+    """Return an ACKNACK message with its header; one is sent for every burst received."""
     # Octet by octet: a struct's format each would take more of a board's heap.
     body = bytes(
         (
@@ -246,7 +247,7 @@ def pull_acknack(r: "Reader") -> "tuple[int, int, int]":
 
 
 def push_heartbeat(w: "Writer", first_unacked: int, last_sent: int, stream_id: int) -> None:
-    """What the sender still holds: ``first_unacked`` to ``last_sent``."""
+    """Write HEARTBEAT: the sender holds ``first_unacked`` to ``last_sent``."""
     w.u16(first_unacked)
     w.u16(last_sent)
     w.u8(stream_id)
@@ -258,7 +259,7 @@ def pull_heartbeat(r: "Reader") -> "tuple[int, int, int]":
 
 
 def push_timestamp(w: "Writer", seconds: int, nanoseconds: int) -> None:
-    """The client's clock when it sent this, in seconds since 1970 or since it started.
+    """Write the client's time of sending, in seconds since 1970 or since its start.
 
     The field is a signed one in the C sources and has no agreed meaning from
     2038 on; here it counts on to 2106.
@@ -278,8 +279,9 @@ def push_timestamp_reply(
     receive: "tuple[int, int]",
     originate: "tuple[int, int]",
 ) -> None:
-    """The agent's clock on sending and on receiving, and the client's own
-    stamp; each (seconds since 1970, nanoseconds).
+    """Write the agent's times of sending and receiving, and the client's stamp.
+
+    Each is (seconds since 1970, nanoseconds).
     """
     for seconds, nanoseconds in (transmit, receive, originate):
         push_timestamp(w, seconds, nanoseconds)
