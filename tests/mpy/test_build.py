@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 from mpy.harness import MicroPython, portable_sources, portable_tests, shared_sources, tree
+from mpy.measures import CORE
 
 from uros.boards.builder.file_system import build
+from uros.boards.builder.pipeline import PASSES
 from uros.interfaces import write_package
 
 # Modules of a user's program whose meaning hangs on what a rewriting may lose.
@@ -161,6 +163,17 @@ def test_a_program_does_the_same(
     micropython.install(tree(tmp_path / "out"))
     assert micropython.run("import main") == expected
     assert len(expected.splitlines()) == 8
+
+
+@pytest.mark.parametrize("name", [step.name for step in PASSES])
+def test_the_client_starts_without_a_pass(
+    micropython: MicroPython, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / "program").mkdir()
+    (tmp_path / "program" / "app.py").write_text(CORE)
+    build(tmp_path / "program", tmp_path / "out", "mpy", without=[name])
+    micropython.install(tree(tmp_path / "out"))
+    assert micropython.run("import app; print(app.Node is not None)") == "True\n"
 
 
 @pytest.mark.parametrize("what", OWN)

@@ -110,68 +110,70 @@ def _order_names(whole: Module, others: list[Module]) -> None:
 PASSES: Final = (
     Pass(
         "terse-errors",
-        "shortens errors, and leaves out comparing and printing",
-        "modules of uros; for a virtual board those of uros.interfaces keep all; classes of errors"
-        " that the program names stay classes of their own",
+        "shortens errors, and omits comparing and printing messages",
+        "modules of uros; a build for a virtual board keeps those of uros.interfaces whole; classes"
+        " of errors that the program names stay classes of their own",
         _terse_errors,
     ),
     Pass(
         "constants",
-        "puts named numbers where their names stand",
-        "names bound once, Final or private, that nothing sets as an attribute; whole numbers,"
-        " bools, texts of up to 16 characters; no name that an inner scope binds",
+        "replaces the names of constants by their values",
+        "names bound once, Final or private, that nothing sets as an attribute and no inner scope"
+        " binds; integers, bools, strings of up to 16 characters",
         _constants,
     ),
     Pass(
         "tree-shake",
         "drops what the program does not reach",
-        "by names: a method stays if its name stands anywhere on a receiver of unknown class;"
-        " a class with a base that is not uros's stays whole; a name put together at run time is"
-        " not seen",
+        "reachability is name-based: a method lives if its name appears on any receiver of unknown"
+        " class; a class with a base outside of uros keeps all its methods; a name that is put"
+        " together at run time is not seen",
         _tree_shake,
     ),
     Pass(
         "bundle",
-        "makes one module of all; the passes below work on that",
+        "joins all modules into one, which the passes below change",
         "refuses a program that sets a name of a module of uros, or uses such a module as a value",
         _bundle,
         bytecode=True,
     ),
     Pass(
         "link-imports",
-        "lets modules import from the bundle itself",
-        "statements 'from module import name' alone; not in main.py and boot.py, which stay text",
+        "lets the program's modules import from the bundle itself",
+        "'from module import name' alone; not in main.py and boot.py, which stay text",
         _link_imports,
         bytecode=True,
     ),
     Pass(
         "merge-classes",
-        "makes one class of a class and its only subclass",
-        "nothing but the subclass names the base; both bodies only bind methods and constants,"
-        " each name once; super() stands only in calls of an overridden method",
+        "merges a class with its only subclass",
+        "only the subclass names the base; both bodies only bind methods and constants, each name"
+        " once; super() appears only in calls of an overridden method",
         _on_bundle(_merge_classes),
         bytecode=True,
     ),
     Pass(
         "inline-methods",
-        "puts a method where its only call is",
-        "the class calls it once, on self and not for a value; each variable is bound before it is"
-        " read; no inner scope, generator, coroutine or global",
+        "replaces the only call of a method by its body",
+        "its own class calls it once, on self, and ignores its value; each variable is bound before"
+        " it is read; no inner scope, generator, coroutine or global statement",
         _on_bundle(_inline_methods),
         bytecode=True,
     ),
     Pass(
         "mangle",
-        "gives names that nobody sees shorter ones",
+        "renames internals to shorter names, or to names in MicroPython's ROM",
         "names that neither the program nor a module beside the bundle has, as a name or in a"
-        " string; no name of an exception, of MicroPython's own objects or of a foreign base",
+        " string; no exception, no attribute of a module, of MicroPython's own objects or of a"
+        " class with a base outside of uros",
         _on_bundle(mangle),
         bytecode=True,
     ),
     Pass(
         "order-names",
-        "gives the names used most the shortest numbers",
-        "every bundle: it adds one statement that does nothing",
+        "gives the names used most the shortest numbers in the bytecode",
+        "every bundle; adds one statement without effect, which costs a very small program more"
+        " than it saves",
         _on_bundle(_order_names),
         bytecode=True,
     ),

@@ -97,7 +97,12 @@ def test_each_pass_can_be_left_out(name, program, tmp_path, capsys):
     folder = program(text)
     (folder / "app.py").write_text(
         "from uros.client import Node\nfrom uros.transport.serial import StreamTransport\n"
-        "def node(port):\n    return Node('n', StreamTransport(port))\n"
+        "def node(port):\n"
+        "    node = Node('n', StreamTransport(port))\n"
+        "    publisher = node.create_publisher(None, 'topic', 10)\n"
+        "    node.create_subscription(None, 'topic', print, 10)\n"
+        "    node.create_timer(1.0, lambda: publisher.publish(None))\n"
+        "    node.spin()\n"
     )
     made = {}
     for out, options in {"all": [], "without": ["--without", name]}.items():

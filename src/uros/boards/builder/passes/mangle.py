@@ -218,20 +218,22 @@ def _families(classes: list[ast.ClassDef]) -> dict[str, str]:
 
 
 def _of_modules(tree: ast.Module) -> set[str]:
-    """The attributes that are asked of modules."""
+    """Return the attributes of modules and of what modules hold: ``sys.implementation.name``."""
     modules = {
         alias.asname or alias.name.partition(".")[0]
         for node in ast.walk(tree)
         if isinstance(node, ast.Import)
         for alias in node.names
     }
-    return {
-        node.attr
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute)
-        and isinstance(node.value, ast.Name)
-        and node.value.id in modules
-    }
+    found = set()
+    for node in ast.walk(tree):
+        value = node
+        while isinstance(value, ast.Attribute):
+            value = value.value
+        if isinstance(node, ast.Attribute) and isinstance(value, ast.Name):
+            if value.id in modules:
+                found.add(node.attr)
+    return found
 
 
 def _is_ours(base: ast.expr, ours: set[str]) -> bool:
