@@ -30,6 +30,7 @@ board:
 quick:
 	@$(PYTHON) scripts/env.py dev
 	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
 	.venv/bin/mypy
 	@.venv/bin/pytest -q -n 2 --dist loadfile -m "not slow and not long" \
 	    --hypothesis-profile=quick tests/unit $(ARGS)
@@ -58,6 +59,7 @@ soak:
 lint:
 	@$(PYTHON) scripts/env.py dev
 	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
 	.venv/bin/mypy
 	.venv/bin/python scripts/lint_boards.py
 	@.venv/bin/python scripts/long_files.py

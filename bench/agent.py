@@ -87,6 +87,7 @@ def bench_cpu(seconds: float, runs: int) -> list[tuple[str, float, float]]:
                 else:
                     board = Board(PORT, 0x1000)
                     sock, datagram, at = board.sock, board.sample(text(SIZE), False), 2
+
                 def burst(count: int, rate: float) -> float:
                     return paced_send(sock, datagram, at, count, rate)  # noqa: B023
 

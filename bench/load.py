@@ -165,9 +165,7 @@ def _count_up(datagram: bytearray, at: int) -> None:
     datagram[at + 1] = number >> 8 & 0xFF
 
 
-def paced_send(
-    sock: socket.socket, datagram: bytearray, at: int, count: int, rate: float
-) -> float:
+def paced_send(sock: socket.socket, datagram: bytearray, at: int, count: int, rate: float) -> float:
     """Send ``count`` copies with rising numbers at ``rate`` a second (0: as fast as
     possible); the seconds it took."""
     send, clock = sock.send, time.perf_counter

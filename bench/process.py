@@ -115,9 +115,7 @@ def wait_matched(counter: Process, send) -> None:  # type: ignore[no-untyped-def
     settled(counter)
 
 
-def show(
-    what: str, relay_value: float, agent_value: float, goal: str, digits: int = 1
-) -> None:
+def show(what: str, relay_value: float, agent_value: float, goal: str, digits: int = 1) -> None:
     """A row of the table."""
     ratio = f"{agent_value / relay_value:6.2f} ×" if relay_value else ""
     known = f"{relay_value:12.1f}" if relay_value else " " * 12

@@ -192,10 +192,9 @@ def fuzz(target: str, seconds: float, jobs: int) -> int:
         log = (folder / f"job-{job}.log").open("wb")
         command = [sys.executable, __file__, target, "--work", str(job), *arguments]
         # A session of its own: Ctrl-C is for us, and we tell them.
-        workers.append(
-            subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
-        )
+        workers.append(subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True))
         log.close()
+
     def cut(*_: object) -> None:
         raise KeyboardInterrupt
 

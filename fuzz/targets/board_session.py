@@ -336,17 +336,33 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     for how in (0, 1, 2, 7):
         said = [(RELIABLE, it) for it in bodies] + [(OTHER | SKIP, it) for it in bodies]
         yield f"bodies_{how}", bytes((how,)) + records.pack([*said, (TIME, ms(500))])
-        yield f"samples_{how}", bytes((how,)) + records.pack(
-            [(SAMPLE, bytes((at,)) + it) for at, it in enumerate(samples)] + [(TIME, ms(500))]
+        yield (
+            f"samples_{how}",
+            bytes((how,))
+            + records.pack(
+                [(SAMPLE, bytes((at,)) + it) for at, it in enumerate(samples)] + [(TIME, ms(500))]
+            ),
         )
         does = [(PROGRAM | what << 3, b"five!") for what in range(8)]
         yield f"program_{how}", bytes((how,)) + records.pack([*does, (TIME, ms(900)), *does])
         changes = [(AGENT | what << 3, b"\x85\0") for what in range(8)]
-        yield f"changes_{how}", bytes((how,)) + records.pack(
-            [it for change in changes for it in (change, (TIME, ms(300)), does[0], change)]
+        yield (
+            f"changes_{how}",
+            bytes((how,))
+            + records.pack(
+                [it for change in changes for it in (change, (TIME, ms(300)), does[0], change)]
+            ),
         )
-    yield "raw", b"\0" + records.pack(
-        [(RAW, message(ids.INFO, bytes(8), session_id=0x80)), (EARLY, bodies[0]), (RAW, b"\x81")]
+    yield (
+        "raw",
+        b"\0"
+        + records.pack(
+            [
+                (RAW, message(ids.INFO, bytes(8), session_id=0x80)),
+                (EARLY, bodies[0]),
+                (RAW, b"\x81"),
+            ]
+        ),
     )
     clocks = [(AGENT | 5 << 3, ms(it)) for it in (1, 0x7FFF, 0x8001, 0xFFFF)]
     yield "clocks", b"\4" + records.pack(
@@ -355,8 +371,12 @@ def seeds() -> Iterator[tuple[str, bytes]]:
             (SAMPLE, b"\x0b" + samples[3]), (TIME, ms(100)),
         )]
     )  # fmt: skip
-    yield "goals", b"\4" + records.pack(
-        [(PROGRAM | 3 << 3, b""), *[(SAMPLE, bytes((n,)) + samples[11]) for n in range(24)]]
+    yield (
+        "goals",
+        b"\4"
+        + records.pack(
+            [(PROGRAM | 3 << 3, b""), *[(SAMPLE, bytes((n,)) + samples[11]) for n in range(24)]]
+        ),
     )
 
 

@@ -149,22 +149,25 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     said = list(_short())
     frames: list[records.Record] = [(1 | peer << 4, message) for peer, message in said]
     yield "talk", records.pack(frames[:30])
-    yield "kinds", records.pack(
-        [
-            (0, b"\x05\0\0\0\x3f" + bytes(8)),
-            (0, b"\x05\0\0\0"),
-            (3, b"\x02\x40\0\0\0"),
-            (3, b"\x02\0\x01\0\0"),
-            (3, b"\x04"),
-            (3, b"\x01"),
-            (2, b"\x01"),
-            (1, BARE_PING),
-            (4, b"\xff\x04"),
-            (2, b"\x02"),
-            (1, BARE_PING),
-            (2, b"\x03"),
-            (1, BARE_PING),
-        ]
+    yield (
+        "kinds",
+        records.pack(
+            [
+                (0, b"\x05\0\0\0\x3f" + bytes(8)),
+                (0, b"\x05\0\0\0"),
+                (3, b"\x02\x40\0\0\0"),
+                (3, b"\x02\0\x01\0\0"),
+                (3, b"\x04"),
+                (3, b"\x01"),
+                (2, b"\x01"),
+                (1, BARE_PING),
+                (4, b"\xff\x04"),
+                (2, b"\x02"),
+                (1, BARE_PING),
+                (2, b"\x03"),
+                (1, BARE_PING),
+            ]
+        ),
     )
 
 

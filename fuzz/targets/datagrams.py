@@ -96,9 +96,7 @@ class _Play:
             for _ in range(8):  # each may bring more
                 if stream.acked == stream.sent:
                     break
-                body = submessage(
-                    ids.ACKNACK, built(push_acknack, stream.sent, 0, stream_id)
-                )
+                body = submessage(ids.ACKNACK, built(push_acknack, stream.sent, 0, stream_id))
                 self.say(peer, 0, body, False)
 
     def do(self, op: int, body: bytes) -> None:
@@ -181,57 +179,78 @@ def made() -> Iterator[tuple[str, list[records.Record]]]:
     reliable, polite = RELIABLE << 2, RELIABLE << 2 | POLITE
     sample = h.write_data(h.WRITER, b"\x07\0\0\0")
     yield "publisher", [(reliable, body(*h.publisher_entities())), (polite, body(sample, sample))]
-    yield "subscriber", [
-        (polite, body(*h.subscriber_entities())),
-        (polite, body(h.read_data(h.READER))),
-        (SAMPLE << 2 | POLITE, b"\0\x05\0\0\0"),
-        (SAMPLE << 2, b"\0" + bytes(3000)),
-        (TIME << 2, (900).to_bytes(3, "little")),
-        (polite, body(h.read_data(h.READER, control=(0, 0, 0, 0)))),
-        (polite, body(h.delete(h.READER), h.delete(h.PARTICIPANT))),
-    ]
-    yield "limited_reader", [
-        (polite, body(*h.subscriber_entities())),
-        (polite, body(h.read_data(h.READER, control=(3, 500, 10, 5)))),
-        (SAMPLE << 2 | POLITE, b"\0\x05\0\0\0"),
-        (TIME << 2 | POLITE, (700).to_bytes(3, "little")),
-        (TIME << 2, (31_000).to_bytes(3, "little")),
-    ]
-    yield "services", [
-        (polite, body(h.participant(), h.service(h.REPLIER))),
-        (polite, body(h.read_data(h.REPLIER))),
-        (polite | 2, body(h.participant(), h.service(h.REQUESTER))),
-        (polite | 2, body(h.read_data(h.REQUESTER), h.write_data(h.REQUESTER, bytes(16)))),
-        (polite, body(h.write_data(h.REPLIER, bytes(32)))),
-    ]
-    yield "documents", [
-        (polite, body(h.xml(h.TYPE, h.TYPES_XML), h.xml(h.QOS, h.QOS_XML))),
-        (polite, body(h.xml(h.APPLICATION, h.APPLICATION_XML))),
-        (polite, body(h.by_reference(h.oid(3, ids.KIND_DATAWRITER), "kept", h.PUBLISHER))),
-        (polite, body(h.delete(h.APPLICATION))),
-    ]
-    yield "again", [
-        (polite, body(*h.publisher_entities(flags=h.REUSE))),
-        (polite, body(*h.publisher_entities(flags=h.REPLACE))),
-        (polite, body(*h.publisher_entities(flags=h.REUSE | h.REPLACE))),
-        (GONE << 2, b""),
-        (RAW << 2, h.create_client(key_of(1))),
-        (RAW << 2, h.create_client(key_of(2))),
-    ]
+    yield (
+        "subscriber",
+        [
+            (polite, body(*h.subscriber_entities())),
+            (polite, body(h.read_data(h.READER))),
+            (SAMPLE << 2 | POLITE, b"\0\x05\0\0\0"),
+            (SAMPLE << 2, b"\0" + bytes(3000)),
+            (TIME << 2, (900).to_bytes(3, "little")),
+            (polite, body(h.read_data(h.READER, control=(0, 0, 0, 0)))),
+            (polite, body(h.delete(h.READER), h.delete(h.PARTICIPANT))),
+        ],
+    )
+    yield (
+        "limited_reader",
+        [
+            (polite, body(*h.subscriber_entities())),
+            (polite, body(h.read_data(h.READER, control=(3, 500, 10, 5)))),
+            (SAMPLE << 2 | POLITE, b"\0\x05\0\0\0"),
+            (TIME << 2 | POLITE, (700).to_bytes(3, "little")),
+            (TIME << 2, (31_000).to_bytes(3, "little")),
+        ],
+    )
+    yield (
+        "services",
+        [
+            (polite, body(h.participant(), h.service(h.REPLIER))),
+            (polite, body(h.read_data(h.REPLIER))),
+            (polite | 2, body(h.participant(), h.service(h.REQUESTER))),
+            (polite | 2, body(h.read_data(h.REQUESTER), h.write_data(h.REQUESTER, bytes(16)))),
+            (polite, body(h.write_data(h.REPLIER, bytes(32)))),
+        ],
+    )
+    yield (
+        "documents",
+        [
+            (polite, body(h.xml(h.TYPE, h.TYPES_XML), h.xml(h.QOS, h.QOS_XML))),
+            (polite, body(h.xml(h.APPLICATION, h.APPLICATION_XML))),
+            (polite, body(h.by_reference(h.oid(3, ids.KIND_DATAWRITER), "kept", h.PUBLISHER))),
+            (polite, body(h.delete(h.APPLICATION))),
+        ],
+    )
+    yield (
+        "again",
+        [
+            (polite, body(*h.publisher_entities(flags=h.REUSE))),
+            (polite, body(*h.publisher_entities(flags=h.REPLACE))),
+            (polite, body(*h.publisher_entities(flags=h.REUSE | h.REPLACE))),
+            (GONE << 2, b""),
+            (RAW << 2, h.create_client(key_of(1))),
+            (RAW << 2, h.create_client(key_of(2))),
+        ],
+    )
     large = h.write_data(h.WRITER, bytes(range(200)) * 8)
-    yield "fragments", [
-        (polite, body(*h.publisher_entities())),
-        (FRAGMENTS << 2, b"\x10" + h.whole(large)),
-        (FRAGMENTS << 2 | SKIP, b"\x02" + h.whole(sample)),
-        (BARE << 2, body(h.heartbeat(0, 20), h.acknack(0, 0xFFFF))),
-        (reliable, body((ids.RESET, 1, b""))),
-    ]
-    yield "inspection", [
-        (polite, body(*h.publisher_entities())),
-        (polite, body(h.get_info(), h.get_info(h.WRITER), h.get_info(h.PARTICIPANT))),
-        (BARE << 2, body((ids.TIMESTAMP, 1, bytes(8)))),
-        (BEST_EFFORT << 2, body(sample, h.delete(ids.OBJECT_CLIENT))),
-    ]
+    yield (
+        "fragments",
+        [
+            (polite, body(*h.publisher_entities())),
+            (FRAGMENTS << 2, b"\x10" + h.whole(large)),
+            (FRAGMENTS << 2 | SKIP, b"\x02" + h.whole(sample)),
+            (BARE << 2, body(h.heartbeat(0, 20), h.acknack(0, 0xFFFF))),
+            (reliable, body((ids.RESET, 1, b""))),
+        ],
+    )
+    yield (
+        "inspection",
+        [
+            (polite, body(*h.publisher_entities())),
+            (polite, body(h.get_info(), h.get_info(h.WRITER), h.get_info(h.PARTICIPANT))),
+            (BARE << 2, body((ids.TIMESTAMP, 1, bytes(8)))),
+            (BEST_EFFORT << 2, body(sample, h.delete(ids.OBJECT_CLIENT))),
+        ],
+    )
 
 
 _material: list[records.Record] = []

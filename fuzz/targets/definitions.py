@@ -149,9 +149,7 @@ _ENDS = (b"\0\0\0\0", b"\1\0\0\0", b"\xff\xff\xff\xff", b"\2\0\0\0a\0\0\0", b"\0
 
 
 def _packed(kind: int, *parts: "str | bytes") -> bytes:
-    return bytes((kind,)) + b"\0".join(
-        it if isinstance(it, bytes) else it.encode() for it in parts
-    )
+    return bytes((kind,)) + b"\0".join(it if isinstance(it, bytes) else it.encode() for it in parts)
 
 
 def seeds() -> Iterator[tuple[str, bytes]]:

@@ -330,30 +330,58 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     for how, name in ((0x40, "esp"), (0x42, "nonos"), (0x41, "gs"), (0x43, "sender")):
         kind = how & 1
         yield f"{name}_talks", bytes((how,)) + records.pack(common * 3)
-        yield f"{name}_opens", bytes((how,)) + records.pack(
-            [(OPEN, b""), (OPEN | 8, b""), *common, (OPEN | 8, b""), (TIME, ms(3000)), *common]
+        yield (
+            f"{name}_opens",
+            bytes((how,))
+            + records.pack(
+                [(OPEN, b""), (OPEN | 8, b""), *common, (OPEN | 8, b""), (TIME, ms(3000)), *common]
+            ),
         )
         faults = [(FAULT | number << 3, b"") for number in range(8)]
-        yield f"{name}_faults", bytes((how,)) + records.pack(
-            [it for fault in faults for it in (fault, (SEND, b"x"), (TIME, ms(2000)), fault)]
+        yield (
+            f"{name}_faults",
+            bytes((how,))
+            + records.pack(
+                [it for fault in faults for it in (fault, (SEND, b"x"), (TIME, ms(2000)), fault)]
+            ),
         )
         said = [(SAY, word) for word in _WORDS[kind]]
-        yield f"{name}_says", bytes((how,)) + records.pack(
-            [it for word in said for it in (word, (SEND, b"x"), (RECEIVE, ms(20)))]
+        yield (
+            f"{name}_says",
+            bytes((how,))
+            + records.pack([it for word in said for it in (word, (SEND, b"x"), (RECEIVE, ms(20)))]),
         )
     yield "esp_small", b"\x50" + records.pack([*common, (LINE, b"\0\0\x01\xff\0\x80"), *common])
-    yield "gs_bus", b"\x41" + records.pack(
-        [it for raw in _HEADERS for it in ((LINE, raw), (SEND, b"x"), (TIME, ms(100)))]
+    yield (
+        "gs_bus",
+        b"\x41"
+        + records.pack(
+            [it for raw in _HEADERS for it in ((LINE, raw), (SEND, b"x"), (TIME, ms(100)))]
+        ),
     )
     # A modem by script: it says what it likes, whatever it is asked.
     script = [it for _ in range(12) for it in ((SAY, b"\r\nOK\r\n"), (TIME, ms(40)))]
     yield "esp_script", b"\0" + records.pack([(FAULT, b""), (FAULT | 8, b""), *script])
     for how, name in ((0x40, "esp"), (0x41, "gs")):
-        yield f"{name}_floods", bytes((how,)) + records.pack(
-            [(SAY, b"\r\nOK\r\n" * 40), (RECEIVE, ms(1)), (SAY, b"x" * 400), (TIME, ms(500))]
+        yield (
+            f"{name}_floods",
+            bytes((how,))
+            + records.pack(
+                [(SAY, b"\r\nOK\r\n" * 40), (RECEIVE, ms(1)), (SAY, b"x" * 400), (TIME, ms(500))]
+            ),
         )
-    yield "esp_prompts", b"\x40" + records.pack(
-        [(FAULT | 3 << 3, b""), (SEND, b"abc"), (SAY, b"> "), (RECEIVE, ms(1)), (SAY, b"ERROR\r\n")]
+    yield (
+        "esp_prompts",
+        b"\x40"
+        + records.pack(
+            [
+                (FAULT | 3 << 3, b""),
+                (SEND, b"abc"),
+                (SAY, b"> "),
+                (RECEIVE, ms(1)),
+                (SAY, b"ERROR\r\n"),
+            ]
+        ),
     )
 
 

@@ -51,9 +51,7 @@ def one_input(data: bytes) -> None:
         return
     try:
         parser = parser_for(data, str(path))
-        pieces = [
-            it for at in range(0, len(data), 7) for it in parser.feed(data[at : at + 7])
-        ]
+        pieces = [it for at in range(0, len(data), 7) for it in parser.feed(data[at : at + 7])]
     except RecordingError as error:
         must(False, f"in pieces it is broken: {error}")
     must(pieces == whole, "in pieces it is another one")

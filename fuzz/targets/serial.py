@@ -179,8 +179,12 @@ def seeds() -> Iterator[tuple[str, bytes]]:
                 found.append((1 | peer << 4, message))
             found += [(2, b"\x09" + said[0][1]), (5, b"\xff\x04"), (7, said[0][1])]
             yield name, b"\x13" + records.pack(found)
-    yield "slow", b"\xff" + records.pack(
-        [(4, b"\x03\0"), (1, BARE_PING), (4, b"\0\0"), (1, BARE_PING), (6, b""), (1, BARE_PING)]
+    yield (
+        "slow",
+        b"\xff"
+        + records.pack(
+            [(4, b"\x03\0"), (1, BARE_PING), (4, b"\0\0"), (1, BARE_PING), (6, b""), (1, BARE_PING)]
+        ),
     )
     yield "raw", b"\0" + records.pack([(0, framed(BARE_PING, 1) + b"\x7e\x7d\x7e\x00\x00\xff\xff")])
 

@@ -25,9 +25,7 @@ def pack(parts: list[tuple[int, int, bytes]]) -> bytes:
     return b"".join(submessage(kind, payload, flags) for kind, flags, payload in parts)
 
 
-def change(
-    body: bytes, random: Random, mutate_bytes: MutateBytes, material: list[bytes]
-) -> bytes:
+def change(body: bytes, random: Random, mutate_bytes: MutateBytes, material: list[bytes]) -> bytes:
     """Another body of a message; most of the time its lengths are right."""
     if random.random() < 0.1:
         return mutate_bytes(body)

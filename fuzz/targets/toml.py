@@ -97,7 +97,7 @@ def seeds() -> Iterator[tuple[str, bytes]]:
         for line in rule.splitlines():
             if line:
                 name = "".join(it if it.isalnum() else "_" for it in line[:12])
-                yield f"{number}_{name}", f'[[client]]\ndomain = 1\n{line}\n'.encode()
+                yield f"{number}_{name}", f"[[client]]\ndomain = 1\n{line}\n".encode()
 
 
 _WORDS = (

@@ -124,9 +124,11 @@ def seeds() -> Iterator[tuple[str, bytes]]:
         yield name + "_file", bytes((_FILE,)) + text.encode()
     yield "refs", bytes((_FILE,)) + h.REFS.encode()
     yield "writer", bytes((KINDS.index(ids.KIND_DATAWRITER),)) + _WRITER.encode()
-    yield "reader", bytes((KINDS.index(ids.KIND_DATAREADER),)) + _WRITER.replace(
-        "data_writer", "data_reader"
-    ).encode()
+    yield (
+        "reader",
+        bytes((KINDS.index(ids.KIND_DATAREADER),))
+        + _WRITER.replace("data_writer", "data_reader").encode(),
+    )
     yield "participant", bytes((KINDS.index(ids.KIND_PARTICIPANT),)) + _PARTICIPANT.encode()
     yield "glued", bytes((KINDS.index(ids.KIND_REQUESTER),)) + _GLUED.encode()
     yield "publisher", bytes((KINDS.index(ids.KIND_PUBLISHER),)) + _PUBLISHER.encode()
@@ -192,4 +194,3 @@ def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> by
         start, stop = sorted((at, random.randrange(1, len(parts))))
         parts[at:at] = parts[start : stop + 1]
     return head + b"".join(parts)[1:]
-

@@ -47,7 +47,7 @@ def step():
         time.sleep_ms(1000)
 '''
 BLOCKS = {
-    "camera": 'Camera(**config.CAMERA); Camera(**config.CAMERA); Camera(**config.CAMERA)',
+    "camera": "Camera(**config.CAMERA); Camera(**config.CAMERA); Camera(**config.CAMERA)",
     "sleep": "time.sleep(3)",
     "loop": "while True: pass",
     "error": "raise RuntimeError('a callback')",

@@ -93,8 +93,7 @@ def moment(board, chance):
         board.until(lambda: connection.state == AGENT_AVAILABLE, 3 * SECONDS)
         wanted = chance.randrange(4 * TOPICS * 2)
         board.until(
-            lambda: connection.state == AGENT_CONNECTED
-            or connection.request_id >= 10 + wanted
+            lambda: connection.state == AGENT_CONNECTED or connection.request_id >= 10 + wanted
         )
     else:  # when it has worked for a while
         before = connection.connections  # it may not have noticed the last kill yet

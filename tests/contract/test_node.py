@@ -149,9 +149,7 @@ def test_a_service_answers(nodes):
 
 def test_everyone_gets_the_answers_to_what_he_asked(nodes):
     nodes("server").create_service(GetParameterTypes, "/lengths", lengths)
-    clients = [
-        nodes(f"asker{i}").create_client(GetParameterTypes, "/lengths") for i in range(2)
-    ]
+    clients = [nodes(f"asker{i}").create_client(GetParameterTypes, "/lengths") for i in range(2)]
     nodes.connect()
     futures = {
         (i, n): clients[i].call_async(ask("x" * i, "x" * n)) for n in range(5) for i in range(2)

@@ -116,8 +116,11 @@ class BoardPeer(Peer):
                 TransitionEvent, f"{node}/transition_event", self.steps.append, 10
             )
         )
-        return {"publishers": self.wait(seconds, lambda: self.node.count_publishers(
-            f"{node}/transition_event"))}
+        return {
+            "publishers": self.wait(
+                seconds, lambda: self.node.count_publishers(f"{node}/transition_event")
+            )
+        }
 
     def do_steps(self, count, seconds=15):
         """The next so many steps."""

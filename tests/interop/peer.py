@@ -114,9 +114,11 @@ class Peer:
         node = self.node
         unused = self.wait(
             seconds,
-            lambda: not (
-                node.get_publishers_info_by_topic(topic)
-                or node.get_subscriptions_info_by_topic(topic)
+            lambda: (
+                not (
+                    node.get_publishers_info_by_topic(topic)
+                    or node.get_subscriptions_info_by_topic(topic)
+                )
             ),
         )
         return {"unused": unused}

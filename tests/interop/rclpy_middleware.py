@@ -440,7 +440,8 @@ def test_the_boards_node_announces_the_services_and_no_more_when_they_go(auto, o
 
         return {
             f"{node.namespace.rstrip('/')}/{node.name}": (
-                topics(node.readers), topics(node.writers)
+                topics(node.readers),
+                topics(node.writers),
             )
             for nodes in seen.announced.values()
             for node in nodes
@@ -461,8 +462,10 @@ def test_the_boards_node_announces_the_services_and_no_more_when_they_go(auto, o
         node.create_requester(SET, QoSProfile(), lambda: None),
     ]
     wait(
-        lambda: listed().get("/garden/gate")
-        == (["rq/triggerRequest", "rr/setReply"], ["rq/setRequest", "rr/triggerReply"])
+        lambda: (
+            listed().get("/garden/gate")
+            == (["rq/triggerRequest", "rr/setReply"], ["rq/setRequest", "rr/triggerReply"])
+        )
     )
     ends[0].close()
     wait(lambda: listed().get("/garden/gate") == (["rr/setReply"], ["rq/setRequest"]))

@@ -67,9 +67,7 @@ def test_a_host_hears_what_rclpy_publishes(peer, domain, type, reliability):
 
     def publish(*messages):
         cdr = [to_cdr(message).hex() for message in messages]
-        answer = peer.do(
-            "publish", topic=topic, type=type._TYPE, cdr=cdr, reliability=reliability
-        )
+        answer = peer.do("publish", topic=topic, type=type._TYPE, cdr=cdr, reliability=reliability)
         assert answer["subscribers"] >= 1  # a second reader may be there; see dds/offers.py
 
     with spinning(node):

@@ -151,9 +151,7 @@ def test_a_boards_call_gets_a_status_and_the_log_says_why(peer, agent):
     board = XrceClient(agent.line(0), key=0x62000001)
     assert board.open() == ids.STATUS_OK
     one = service("/board", BASIC)
-    thing = board.service(
-        ids.KIND_REQUESTER, "caller", "/board", one.request_type, one.reply_type
-    )
+    thing = board.service(ids.KIND_REQUESTER, "caller", "/board", one.request_type, one.reply_type)
     board.read(thing)
     # The first may be too early to know that server; then its status comes when it is known.
     for _ in range(2):

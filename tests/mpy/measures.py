@@ -141,7 +141,8 @@ def timed(function):
 # A node that is connected to an agent by script; from then on its line takes everything and
 # makes nothing. `again` is a turn of a program that goes on: it stamps, publishes, and spins; and
 # every other turn the agent acknowledges.
-_RUNNING = """
+_RUNNING = (
+    """
 import gc, time
 from sensor_msgs.msg import Temperature
 from geometry_msgs.msg import Twist
@@ -254,7 +255,9 @@ def oom_count():
 
 def stamped():
     return message.header.stamp.sec // 1000
-""" + _TWIST
+"""
+    + _TWIST
+)
 
 
 def running(board: MicroPython, form: str = "mpy") -> None:

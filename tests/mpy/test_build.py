@@ -79,7 +79,7 @@ OWN = {
         """,
 }
 
-PROGRAM = '''
+PROGRAM = """
 from sensor_msgs.msg import Imu, Temperature
 from std_srvs.srv import Trigger
 from uros.interfaces import InterfaceError
@@ -128,7 +128,7 @@ def main():
 
 
 main()
-'''
+"""
 
 MODEM = "support/modem.py"
 WORDS = "terse-errors"
@@ -177,9 +177,7 @@ def test_the_client_starts_without_a_pass(
 
 
 @pytest.mark.parametrize("what", OWN)
-def test_a_users_module_means_the_same(
-    micropython: MicroPython, tmp_path: Path, what: str
-) -> None:
+def test_a_users_module_means_the_same(micropython: MicroPython, tmp_path: Path, what: str) -> None:
     """As text, and as `build` makes it by default for ``--mpy``."""
     text = textwrap.dedent(OWN[what])
     expected = micropython.run(text)

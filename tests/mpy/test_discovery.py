@@ -197,7 +197,10 @@ assert socket.made[-1].closed == 1
 
 def test_what_the_build_of_a_boards_files_makes_of_it(tmp_path: Path) -> None:
     """Shrunk, shaken and in one module, with a node beside it."""
-    program = COMMON + WAITING + """
+    program = (
+        COMMON
+        + WAITING
+        + """
 from uros.client import Node
 
 def run():
@@ -210,6 +213,7 @@ def run():
     line = socket.made[-1]
     assert line.peer == ("numeric", "192.0.2.7", 8888) and line.sent[0][4] == 2
 """
+    )
     with board_with(built(tmp_path, program)) as board:
         board.run("import program\nprogram.run()")
 

@@ -12,7 +12,8 @@ SOURCE = ROOT / "tests/unit/interfaces/portable_reuse.py"
 TESTS = [
     node.name
     for node in ast.parse(SOURCE.read_text(encoding="utf-8")).body
-    if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+    if isinstance(node, ast.FunctionDef)
+    and node.name.startswith("test_")
     and node.name != "test_big_endian"  # lean builds refuse that, see below
 ]
 

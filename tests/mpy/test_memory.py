@@ -51,9 +51,7 @@ CORE_LIMITS = {
 
 
 @pytest.mark.parametrize(("what", "form"), CORE_LIMITS)
-def test_heap_of_the_client(
-    micropython: MicroPython, what: str, form: str
-) -> None:
+def test_heap_of_the_client(micropython: MicroPython, what: str, form: str) -> None:
     cost = heap_of_program(micropython, {"core": CORE, "sensor": SENSOR}[what], form)
     print(f"\nclient, {what}, .{form}: {cost} bytes")
     assert cost <= CORE_LIMITS[what, form]

@@ -15,29 +15,46 @@ def run(port):
     node.create_timer(1.0, lambda: publisher.publish(None))
     node.spin()
 """
-PARAMETERS = BASE + """
+PARAMETERS = (
+    BASE
+    + """
     node.declare_parameter("rate", 1)
     print(node.get_parameter("rate").value)
 """
-KEPT = """
+)
+KEPT = (
+    """
 from uros.client.parameter_file import ParameterFile
 from uros.client.parameters import IntegerRange, Parameter, ParameterDescriptor, ParameterServer
-""" + BASE + """
+"""
+    + BASE
+    + """
     ParameterServer(node, persist=ParameterFile("params.json"))
     rules = ParameterDescriptor(integer_range=[IntegerRange(0, 5)])
     print(node.declare_parameter("rate", 1, rules).value)
     node.add_on_set_parameters_callback(print)
     node.set_parameters([Parameter("rate", value=2)])
 """
-LOG = BASE + """
+)
+LOG = (
+    BASE
+    + """
     node.get_logger().info("started")
 """
-LIFECYCLE = BASE.replace("from uros.client import Node", """
+)
+LIFECYCLE = BASE.replace(
+    "from uros.client import Node",
+    """
 from uros.client.lifecycle import LifecycleNode as Node
-""".strip()).replace("create_publisher", "create_lifecycle_publisher")
-TF = "from uros.client.tf import TransformBroadcaster\n" + BASE + """
+""".strip(),
+).replace("create_publisher", "create_lifecycle_publisher")
+TF = (
+    "from uros.client.tf import TransformBroadcaster\n"
+    + BASE
+    + """
     TransformBroadcaster(node).sendTransform(None)
 """
+)
 STATIC = TF.replace("TransformBroadcaster", "StaticTransformBroadcaster")
 
 # Bytes over the node without it: what it takes today and a tenth more. The QoS profiles that

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 from mpy.harness import MicroPython, portable_sources
 
-SOCKET = '''
+SOCKET = """
 import errno
 
 AF_INET, SOCK_STREAM = 2, 1
@@ -56,8 +56,8 @@ class socket:
 
     def close(self):
         self.closed += 1
-'''
-SELECT = '''
+"""
+SELECT = """
 POLLIN, POLLOUT, POLLERR, POLLHUP = 1, 4, 8, 16
 polled = []
 
@@ -75,8 +75,8 @@ class poll:
         if sock.refused:
             return [(self.it, POLLERR | POLLHUP)]
         return [(self.it, POLLOUT)] if sock.connected and self.events & POLLOUT else []
-'''
-SSL = '''
+"""
+SSL = """
 PROTOCOL_TLS_CLIENT, CERT_NONE, CERT_REQUIRED = 0, 0, 2
 made = []
 refusal = None
@@ -137,8 +137,7 @@ class SSLSocket:
         if self.sock is not None:
             self.sock.close()
             self.sock = None
-'''
-
+"""
 
 
 @pytest.fixture
@@ -170,7 +169,9 @@ def raises(call, *arguments):
 
 
 def test_tcp(board: MicroPython) -> None:
-    board.run(COMMON + """
+    board.run(
+        COMMON
+        + """
 t = TcpTransport("agent.local")
 t.open()
 sock = socket.made[-1]
@@ -200,11 +201,14 @@ assert "nobody answers at agent.local" in raises(t.receive, 0)
 t = TcpTransport("agent.local", patience_ms=30)
 t.open()
 assert "no answer from agent.local" in raises(t.receive, 1000)
-""")
+"""
+    )
 
 
 def test_tls(board: MicroPython) -> None:
-    board.run(COMMON + """
+    board.run(
+        COMMON
+        + """
 t = TlsTransport("agent.local", ca="/lib/ca.pem", cert=b"0cert", key="/lib/board.key")
 t.open()
 sock = socket.made[-1]
@@ -233,11 +237,14 @@ assert sock.closed
 t.open()  # and again
 assert socket.made[-1] is not sock
 t.close()
-""")
+"""
+    )
 
 
 def test_a_certificate_that_is_refused(board: MicroPython) -> None:
-    board.run(COMMON + """
+    board.run(
+        COMMON
+        + """
 t = TlsTransport("agent.local", ca="/lib/ca.pem", name="robot")
 t.open()
 sock = socket.made[-1]
@@ -259,7 +266,8 @@ free.open()
 socket.made[-1].connected = True
 free.receive(0)
 assert ssl.made[-1].context.verify_mode == ssl.CERT_NONE
-""")
+"""
+    )
 
 
 def test_what_its_import_takes_of_the_heap(board: MicroPython) -> None:

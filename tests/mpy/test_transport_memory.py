@@ -24,8 +24,7 @@ KINDS = {
     "tcp": ("from uros.transport.tcp import TcpTransport", "TcpTransport('h')", 3400),
     "stream": ("from uros.transport.serial import StreamTransport", "StreamTransport(port)", 3000),
     "can": (
-        "from uros.transport.can import CanTransport\n"
-        "from uros.transport.can_pyb import PybCan",
+        "from uros.transport.can import CanTransport\nfrom uros.transport.can_pyb import PybCan",
         "CanTransport(PybCan(port))",
         2100,
     ),

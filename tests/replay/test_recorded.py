@@ -82,9 +82,7 @@ def recorded_messages(records, client=0):
 
 
 UDP = sorted(
-    path.stem
-    for path in CAPTURES.glob("*.jsonl")
-    if not path.stem.startswith(("serial", "tcp"))
+    path.stem for path in CAPTURES.glob("*.jsonl") if not path.stem.startswith(("serial", "tcp"))
 )
 
 

@@ -362,9 +362,7 @@ class AgentProcess:
                 name, port = self.ports.get(timeout=0.1)
             except queue.Empty:
                 if self.ended or time.monotonic() > end:
-                    raise SystemExit(
-                        f"soak: the agent does not start: {self.complaints}"
-                    ) from None
+                    raise SystemExit(f"soak: the agent does not start: {self.complaints}") from None
                 continue
             found[name] = port
         return found

@@ -49,9 +49,7 @@ _PULL = {
 
 
 def _push_create_client(w, cookie, version, vendor, key, session_id, properties, mtu):
-    session.push_create_client(
-        w, key, session_id, mtu, properties or None, vendor, version, cookie
-    )
+    session.push_create_client(w, key, session_id, mtu, properties or None, vendor, version, cookie)
 
 
 _PUSH = {

@@ -267,9 +267,7 @@ class Replay:
         """Both sides of a stream from just before where they part."""
         expected, got = self.expected[key], self.got[key]
         same = 0
-        while (
-            same < min(len(expected), len(got)) and expected[same].message == got[same].message
-        ):
+        while same < min(len(expected), len(got)) and expected[same].message == got[same].message:
             same += 1
         lines = [f"  the first {same} answers are the same"]
         for it in expected[max(0, same - 2) : same]:

@@ -114,9 +114,7 @@ class StubbornClient:
     def write(self, thing, cdr):
         """WRITE_DATA; the number of messages that must be acknowledged until it is."""
         self._request = (self._request + 1) & 0x7FFF or 1
-        self.put(
-            ids.WRITE_DATA, self._request.to_bytes(2, "big") + thing.to_bytes(2, "big") + cdr
-        )
+        self.put(ids.WRITE_DATA, self._request.to_bytes(2, "big") + thing.to_bytes(2, "big") + cdr)
         return self.acknowledged + len(self._out)
 
     def write_best_effort(self, thing, cdr):
@@ -256,9 +254,7 @@ class StubbornClient:
     # --- what it does once -------------------------------------------------------------------
 
     def _open(self):
-        w = MessageWriter(
-            bytearray(128), self.session_id & 0x80, ids.STREAM_NONE, 0, self.key
-        )
+        w = MessageWriter(bytearray(128), self.session_id & 0x80, ids.STREAM_NONE, 0, self.key)
         w.begin(ids.CREATE_CLIENT)
         session.push_create_client(w, self.key, self.session_id, 512)
         self._send(w.finish())
@@ -281,9 +277,7 @@ class StubbornClient:
         w = Writer(bytearray(1024))
         push(w, *values, **named)
         content = bytes(w.buf[: w.offset])
-        return self.request(
-            ids.CREATE, entities.push_create, thing, ids.IN_BINARY, content, parent
-        )
+        return self.request(ids.CREATE, entities.push_create, thing, ids.IN_BINARY, content, parent)
 
     def topic(self, name, type_name):
         """A participant and a topic, numbered 1."""
@@ -298,7 +292,5 @@ class StubbornClient:
         self.create(0x14, 0x11, entities.push_binary_group, None, None)
         self.create(0x16, 0x14, entities.push_binary_endpoint, 0x12, qos, 200, reader=True)
         control = (ids.MAX_SAMPLES_UNLIMITED, 0, 0, 0)
-        self.request(
-            ids.READ_DATA, data.push_read_data, 0x16, stream, 0, None, control, wait=False
-        )
+        self.request(ids.READ_DATA, data.push_read_data, 0x16, stream, 0, None, control, wait=False)
         return 0x16

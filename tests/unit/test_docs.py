@@ -74,8 +74,11 @@ def happenings():
 
 @pytest.mark.parametrize(
     "page",
-    [README, *(ROOT / "docs" / f"{it}.md" for it in ("boards", "virtual_boards")),
-     *sorted((ROOT / "firmware").rglob("README.md"))],
+    [
+        README,
+        *(ROOT / "docs" / f"{it}.md" for it in ("boards", "virtual_boards")),
+        *sorted((ROOT / "firmware").rglob("README.md")),
+    ],
     ids=name_of,
 )
 def test_what_a_page_makes_happen_to_boards_can_happen_and_the_boards_exist(page):

@@ -74,7 +74,14 @@ INNER_WALLS = {
 FULL = {
     "": {"__main__", "http_server", "moved", "names", "printable", "qos", "ticks"},
     "agent": {
-        "agent", "clock", "context", "log", "malloc_trim", "server", "token_bucket", "watchdog",
+        "agent",
+        "clock",
+        "context",
+        "log",
+        "malloc_trim",
+        "server",
+        "token_bucket",
+        "watchdog",
     },
     "boards": set(),
     "boards/virtual": set(),

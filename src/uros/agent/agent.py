@@ -166,9 +166,7 @@ class Agent:
             while frame is not None and frame.tb_next is not None:
                 frame = frame.tb_next
             where = f"{frame.tb_frame.f_code.co_filename}:{frame.tb_lineno}" if frame else "?"
-            self.log.error(
-                "Server", "run", "internal error", unexpected(error, f" at {where}")
-            )
+            self.log.error("Server", "run", "internal error", unexpected(error, f" at {where}"))
 
     def _type_conflict(self, topic: str, here: str, there: str) -> None:
         """Warn once that samples of a topic do not reach the endpoints of its other type."""
@@ -395,9 +393,7 @@ class Agent:
             at == peer
             or (
                 client.certificate == transport.certificate_of(peer)
-                and self.rules.same_rules(
-                    client.key, known.address(at), transport.address(peer)
-                )
+                and self.rules.same_rules(client.key, known.address(at), transport.address(peer))
             )
         )
 

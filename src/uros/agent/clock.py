@@ -54,6 +54,4 @@ class Clock:
 
     def wall_clock(self) -> tuple[int, int]:
         """Return seconds and nanoseconds since 1970, within the range of a TIMESTAMP submessage."""
-        return divmod(
-            min(max(0, self.time_ns()), _LAST_SECOND * 1_000_000_000), 1_000_000_000
-        )
+        return divmod(min(max(0, self.time_ns()), _LAST_SECOND * 1_000_000_000), 1_000_000_000)

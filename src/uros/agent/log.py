@@ -111,9 +111,7 @@ class Log:
         clock = self._clock
         now = clock.time_ns() // 1000
         name = f"{_NAMES[level]:<8}"
-        if self._left_out and (
-            level != INFO or self._info_limit.available(clock.monotonic()) > 1
-        ):
+        if self._left_out and (level != INFO or self._info_limit.available(clock.monotonic()) > 1):
             about += f" ({self._left_out} lines of info were left out before: too many at once)"
             self._left_out = 0
         if self._colour:

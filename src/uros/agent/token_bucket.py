@@ -102,4 +102,3 @@ class KeyedTokenBuckets:
         }
         # The next search only after as many keys again: the cost of each key stays constant.
         self._forget_at = max(_MIN_KEYS, 2 * len(self._buckets))
-

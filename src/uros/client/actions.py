@@ -119,9 +119,7 @@ class End:
         self.node.forget(self)
         for part in self.made:
             part.created = False
-            self.node.connection.remove(
-                part, tuple([part.object_id(kind) for kind in part.kinds])
-            )
+            self.node.connection.remove(part, tuple([part.object_id(kind) for kind in part.kinds]))
 
     def topic(self, name: str) -> str:
         """The full name of one of its topics."""
@@ -142,4 +140,3 @@ class End:
         except Exception as error:
             self.node.executor._fail(error)
             return None
-

@@ -88,4 +88,3 @@ class Clock:
         self.low = seconds & 0xFFFF
         self._us = us
         self.synchronized = True
-

@@ -251,9 +251,7 @@ class Connection(Session):
         if not self._times:
             self._next_time = ticks_add(self._next_time, _TIME_PERIOD_MS)
 
-    def on_data(
-        self, object_id: int, buf: "Buffer", start: int, stop: int, little: bool
-    ) -> None:
+    def on_data(self, object_id: int, buf: "Buffer", start: int, stop: int, little: bool) -> None:
         """Pass a sample to its entity."""
         entity = self._by_id.get(object_id)
         if entity is not None:
@@ -368,9 +366,7 @@ class Connection(Session):
             seconds, nanoseconds = self.clock.now()
             self._asked_us = self.clock.us()
             self.ask_time(seconds, nanoseconds)
-        if self.state == AGENT_AVAILABLE and not (
-            self._todo or self._awaited or self._times
-        ):
+        if self.state == AGENT_AVAILABLE and not (self._todo or self._awaited or self._times):
             self.connections += 1
             self.trim()  # free the buffers of the requests
             self._awaited = {}  # a cleared dict would keep its memory
@@ -379,8 +375,10 @@ class Connection(Session):
 
     def _feed(self) -> None:
         """Create what is not created yet, as far as the window reaches."""
-        while self._todo and self.available() and (
-            self.state == AGENT_CONNECTED or len(self._awaited) < _UNANSWERED
+        while (
+            self._todo
+            and self.available()
+            and (self.state == AGENT_CONNECTED or len(self._awaited) < _UNANSWERED)
         ):
             entity = self._todo[0]
             try:

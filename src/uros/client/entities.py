@@ -96,9 +96,7 @@ class Entity:
         if step < len(kinds):
             self._create(connection, step, self.object_id(kinds[step]))
         else:
-            connection.listen(
-                self, self.object_id(kinds[-1]), self.flags & ids.QOS_RELIABLE
-            )
+            connection.listen(self, self.object_id(kinds[-1]), self.flags & ids.QOS_RELIABLE)
         self.created = step == last
         return self.created
 

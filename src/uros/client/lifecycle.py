@@ -275,9 +275,7 @@ class LifecycleMethods:
         self, msg_type: "Any", topic: str, qos_profile: "Any" = 10
     ) -> LifecyclePublisher:
         node: "Any" = self
-        publisher = LifecyclePublisher(
-            node, node.resolve_topic_name(topic), msg_type, qos_profile
-        )
+        publisher = LifecyclePublisher(node, node.resolve_topic_name(topic), msg_type, qos_profile)
         publisher.is_activated = self._machine.state == ACTIVE
         node._entities.append(publisher)
         self._managed.append(publisher)

@@ -86,9 +86,7 @@ class Node:
 
     def create(self, connection: "Any", step: int) -> bool:
         name = self.name if self.namespace == "/" else self.namespace + "/" + self.name
-        connection.create(
-            self, self.object_id, self.domain_id, push_binary_participant, name, None
-        )
+        connection.create(self, self.object_id, self.domain_id, push_binary_participant, name, None)
         return True
 
     def on_lost(self) -> None:

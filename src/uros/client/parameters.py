@@ -275,9 +275,7 @@ class ParameterServer:
         """``callback(parameters)`` gives those that are to be set in their place."""
         self._before.insert(0, callback)
 
-    def add_on_set_parameters_callback(
-        self, callback: "Callable[[list[Parameter]], Any]"
-    ) -> None:
+    def add_on_set_parameters_callback(self, callback: "Callable[[list[Parameter]], Any]") -> None:
         """``callback(parameters)`` gives a SetParametersResult. It decides, and changes nothing:
         the next one may still refuse.
         """

@@ -18,9 +18,7 @@ class StatusLed:
     again when that is another.
     """
 
-    def __init__(
-        self, node: "Any", led: "Any", say: "Callable[[str], object]" = print
-    ) -> None:
+    def __init__(self, node: "Any", led: "Any", say: "Callable[[str], object]" = print) -> None:
         self._connection: "Any" = node.connection
         self._led = led
         self._say = say

@@ -72,9 +72,7 @@ def streaming(publisher: "Any") -> bool:
 class Streamed:
     """A message of which only the ``head`` is there."""
 
-    def __init__(
-        self, connection: "Any", head: bytearray, length: int, source: "Any"
-    ) -> None:
+    def __init__(self, connection: "Any", head: bytearray, length: int, source: "Any") -> None:
         self.connection = connection
         self.head = head
         self.length = length

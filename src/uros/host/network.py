@@ -62,9 +62,7 @@ class Network:
         try:
             self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
             self._changed_at = time.monotonic()
-            self._discovery = GraphDiscovery(
-                opened.context, self.node.participant, self._on_change
-            )
+            self._discovery = GraphDiscovery(opened.context, self.node.participant, self._on_change)
         except BaseException:
             opened.close()
             raise
@@ -176,8 +174,7 @@ class Network:
                     self._discovery.reread_discovery_info()
                     continue
             elif not (
-                self._discovery.without_discovery_info()
-                or self._discovery.undiscovered_endpoints()
+                self._discovery.without_discovery_info() or self._discovery.undiscovered_endpoints()
             ):
                 slow = self.alone or self._discovery.without_endpoints()
                 look_at = self._changed_at + (_SLOW if slow else _QUIET)

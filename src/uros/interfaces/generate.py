@@ -86,9 +86,7 @@ class Parts(NamedTuple):
     """Attributes that are no fields are refused: see `checked`. Not together with ``lean``."""
 
 
-def generate_together(
-    definitions: Sequence[Message | Service | Action], parts: Parts
-) -> str:
+def generate_together(definitions: Sequence[Message | Service | Action], parts: Parts) -> str:
     """The source of one board module, ``std_msgs.msg``, with the classes of many of its types.
 
     It costs a board less than a module for each. Types come after those of the same module that

@@ -80,9 +80,7 @@ def modules(
         together.setdefault(f"{package}.{kind}", {})[definition.type_name] = definition
     named = {registry.file_type(registry.normalize(name)) for name in names}
     parts = _parts(wanted, named, lean)._replace(reused=reused, checked=checked)
-    return {
-        name: generate_together(_inner_first(types), parts) for name, types in together.items()
-    }
+    return {name: generate_together(_inner_first(types), parts) for name, types in together.items()}
 
 
 def _parts(wanted: list[Definition], named: set[str], lean: bool) -> Parts:

@@ -89,9 +89,7 @@ class MemoryWriter(Writer):
         with self._bus.lock:
             if self not in self._bus.writers.get(self._key, ()):
                 return 0
-            return sum(
-                reader.matches(self) for reader in self._bus.readers.get(self._key, ())
-            )
+            return sum(reader.matches(self) for reader in self._bus.readers.get(self._key, ()))
 
     def close(self) -> None:
         """Leave the topic; idempotent."""

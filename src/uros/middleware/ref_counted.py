@@ -17,9 +17,7 @@ class RefCounted(Generic[Key, Value]):
         destroy: Called with the value when its last user has released it.
     """
 
-    def __init__(
-        self, create: Callable[[Key], Value], destroy: Callable[[Value], object]
-    ) -> None:
+    def __init__(self, create: Callable[[Key], Value], destroy: Callable[[Value], object]) -> None:
         self._create = create
         self._destroy = destroy
         self._values: dict[Key, tuple[Value, int]] = {}  # value, number of users

@@ -45,11 +45,7 @@ def demangle(topic: str, prefix: str, suffix: str) -> str:
         MiddlewareError: The topic has no such form.
     """
     name = topic[len(prefix) : len(topic) - len(suffix)]
-    if (
-        len(topic) > _MAX_LENGTH
-        or topic != prefix + name + suffix
-        or _NAME.fullmatch(name) is None
-    ):
+    if len(topic) > _MAX_LENGTH or topic != prefix + name + suffix or _NAME.fullmatch(name) is None:
         shown = topic if len(topic) <= _MAX_LENGTH else topic[:_MAX_LENGTH] + "…"
         raise MiddlewareError(
             f"{shown!r} is no ROS topic ({prefix}/…{suffix}), and the ros2 middleware carries"

@@ -99,9 +99,7 @@ _ROOT: Final = Group(
             },
         ),
         "trace": Verb("print the messages between boards and agent", "capture.trace"),
-        "replay": Verb(
-            "play a capture to an agent and compare its answers", "capture.replay"
-        ),
+        "replay": Verb("play a capture to an agent and compare its answers", "capture.replay"),
         "board": Group(
             "run virtual boards; build and deploy programs for real ones",
             {

@@ -40,9 +40,7 @@ class Reader:
     def _next(self, size: int, align: int) -> int:
         at = self.offset + (-(self.offset - self.start) & (align - 1))
         if at + size > self.end:
-            raise DecodeError(
-                "truncated: %d bytes wanted, %d left" % (size, max(0, self.end - at))
-            )
+            raise DecodeError("truncated: %d bytes wanted, %d left" % (size, max(0, self.end - at)))
         self.offset = at + size
         return at
 

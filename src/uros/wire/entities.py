@@ -134,9 +134,7 @@ def pull_binary_group(r: Reader) -> "tuple[str | None, list[str]]":
         if r.boolean():
             count = r.u32()
             if count > MAX_PARTITIONS:
-                raise LimitError(
-                    "%d partitions are over the limit of %d" % (count, MAX_PARTITIONS)
-                )
+                raise LimitError("%d partitions are over the limit of %d" % (count, MAX_PARTITIONS))
             for _ in range(count):
                 partitions.append(r.string())
         if r.boolean():

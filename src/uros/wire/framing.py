@@ -54,9 +54,7 @@ def frame_size(payload: "Buffer | int") -> int:
     return 1 + 2 * (size + _OVERHEAD)
 
 
-def frame(
-    payload: "Buffer", source: int, destination: int, out: bytearray, size: int = -1
-) -> int:
+def frame(payload: "Buffer", source: int, destination: int, out: bytearray, size: int = -1) -> int:
     """Write a frame of ``payload``, or of its first ``size`` bytes.
 
     Args:

@@ -68,9 +68,7 @@ def _pull_properties(r: "Reader") -> "list[tuple[str, str]]":
     if r.boolean():
         count = r.u32()
         if count > MAX_PROPERTIES:
-            raise LimitError(
-                "%d properties are over the limit of %d" % (count, MAX_PROPERTIES)
-            )
+            raise LimitError("%d properties are over the limit of %d" % (count, MAX_PROPERTIES))
         for _ in range(count):
             properties.append((r.string(), r.string()))
     return properties

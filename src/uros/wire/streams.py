@@ -205,9 +205,7 @@ class ReliableOut:
         """Return how many messages would be sent at once if given now."""
         return max(0, self.window - len(self._held))
 
-    def export(
-        self, first: "int | None" = None
-    ) -> "tuple[int, int, int, dict[int, bytes]]":
+    def export(self, first: "int | None" = None) -> "tuple[int, int, int, dict[int, bytes]]":
         """Return the stream's state as plain values; `restore` takes them.
 
         Args:
@@ -266,10 +264,7 @@ class ReliableOut:
     def take(self, now: int) -> "list[bytes]":
         """What may go out now: the window's worth of messages not sent yet."""
         out = []
-        while (
-            self.sent != self.next
-            and (self.sent - self.acked) & SEQUENCE_MASK < self.window
-        ):
+        while self.sent != self.next and (self.sent - self.acked) & SEQUENCE_MASK < self.window:
             out.append(self._held[self.sent])
             self._sent_at[self.sent] = now
             self.sent = (self.sent + 1) & SEQUENCE_MASK

@@ -37,7 +37,10 @@ def start():
     # A picture is larger than what a board keeps by default.
     node = Node(NAME, StreamTransport(port), namespace=NAME, limit=65536)
     for type, name in (
-        (Int32, "number"), (String, "text"), (Twist, "twist"), (CompressedImage, "picture"),
+        (Int32, "number"),
+        (String, "text"),
+        (Twist, "twist"),
+        (CompressedImage, "picture"),
     ):
         echo(type, name)
     node.create_service(Trigger, "trigger", serve)

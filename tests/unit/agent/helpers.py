@@ -166,9 +166,7 @@ def group(object_id=PUBLISHER, parent=PARTICIPANT, partitions=None, **more):
 
 def endpoint(object_id=WRITER, topic_id=TOPIC, parent=PUBLISHER, qos=RELIABLE_10, depth=10, **more):
     reader = object_id & 15 == ids.KIND_DATAREADER
-    content = built(
-        lambda w: entities.push_binary_endpoint(w, topic_id, qos, depth, reader=reader)
-    )
+    content = built(lambda w: entities.push_binary_endpoint(w, topic_id, qos, depth, reader=reader))
     return create(object_id, ids.IN_BINARY, content, parent, **more)
 
 

@@ -340,9 +340,7 @@ def test_clients_that_leave_in_one_turn_all_hear_of_it(desk):
     boards = [Board(desk, 1 + item, KEY + item) for item in range(5)]
     for number, board in enumerate(boards):
         stream = ids.STREAM_RELIABLE if number & 1 else ids.STREAM_NONE
-        request = message(
-            [delete(ids.OBJECT_CLIENT)], stream, 0, board.session_id, board.key
-        )
+        request = message([delete(ids.OBJECT_CLIENT)], stream, 0, board.session_id, board.key)
         buf = bytearray(request)
         desk.place.deliver(desk, board.peer, buf, memoryview(buf), len(buf), desk.clock)
     for peer, datagram in desk.settle():
@@ -359,9 +357,10 @@ def test_what_a_session_still_says_goes_to_its_own_place_and_not_to_the_next_one
     buf = bytearray(create_client())  # another board with its key, in the same turn
     desk.place.deliver(desk, 2, buf, memoryview(buf), len(buf), desk.clock)
     sent = desk.settle()
-    assert sorted(
-        (peer, kind) for peer, datagram in sent for kind, _, _ in parse(datagram)[1]
-    ) == [(1, ids.STATUS), (2, ids.STATUS_AGENT)]
+    assert sorted((peer, kind) for peer, datagram in sent for kind, _, _ in parse(datagram)[1]) == [
+        (1, ids.STATUS),
+        (2, ids.STATUS_AGENT),
+    ]
     assert desk.agent.place(first.key) == (desk.place, 2)
 
 

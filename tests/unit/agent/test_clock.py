@@ -63,8 +63,9 @@ def test_a_process_that_stood_still_for_days_goes_on(monkeypatch, days):
     clock = Time(monkeypatch)
     with running() as server:
         one = server.client(3)
-        writer, reader = one.writer("a", "rt/a", "a::msg::dds_::A_"), one.reader(
-            "a", "rt/a", "a::msg::dds_::A_"
+        writer, reader = (
+            one.writer("a", "rt/a", "a::msg::dds_::A_"),
+            one.reader("a", "rt/a", "a::msg::dds_::A_"),
         )
         one.read(reader)
         take, seen = one.take, []

@@ -35,9 +35,7 @@ print(held, resident() - before)
 
 
 def test_what_lies_between_used_pages_is_given_back():
-    done = subprocess.run(
-        [sys.executable, "-c", HOLES], check=True, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", HOLES], check=True, capture_output=True, text=True)
     held, kept = map(int, done.stdout.split())
     assert held > 40_000_000 and kept < 10_000_000, done.stdout
 

@@ -64,7 +64,6 @@ class Running:
             self.server._wake.set()
         return out[0] if out else None
 
-
     @contextmanager
     def held(self):
         """The server's thread stands still inside the block: what comes is one turn's."""
@@ -169,9 +168,7 @@ def test_heartbeats_come_by_the_clock(server):
     seen = []
     take = one.take
     one.take = lambda datagram: seen.append(datagram)
-    one._put(
-        ids.WRITE_DATA, b"\0\1" + writer.to_bytes(2, "big") + b"lost", ids.STREAM_RELIABLE, 1
-    )
+    one._put(ids.WRITE_DATA, b"\0\1" + writer.to_bytes(2, "big") + b"lost", ids.STREAM_RELIABLE, 1)
     one.until(lambda: sum(item[4] == ids.HEARTBEAT for item in seen) >= 2, "no heartbeat")
     one.take = take
     assert one.sample(reader) == b"lost"  # it comes again, being asked for
@@ -400,9 +397,7 @@ def test_sixty_clients_that_leave_together_all_hear_of_it_at_once(transport):
         clients = [agent.client(1 + number, transport) for number in range(60)]
         with agent.held():
             for one in clients:
-                one._send(
-                    ids.DELETE, struct.pack(">HH", 1, ids.OBJECT_CLIENT), ids.STREAM_RELIABLE
-                )
+                one._send(ids.DELETE, struct.pack(">HH", 1, ids.OBJECT_CLIENT), ids.STREAM_RELIABLE)
         for one in clients:
             one.until(lambda one=one: one.statuses, "it waits in vain")
             assert one.statuses == {(1, ids.OBJECT_CLIENT): ids.STATUS_OK}

@@ -284,9 +284,7 @@ class ServerDesk(Desk):
         ]
 
     def feedback(self):
-        return [
-            (it.goal_id.uuid[0], it.feedback.n) for it in self.told(FEEDBACK, FeedbackMessage)
-        ]
+        return [(it.goal_id.uuid[0], it.feedback.n) for it in self.told(FEEDBACK, FeedbackMessage)]
 
 
 def counting(goal):

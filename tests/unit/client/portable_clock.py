@@ -119,7 +119,6 @@ def test_nanoseconds_may_be_a_second_or_more() -> None:
         assert clock.now() == (seconds, nanoseconds % 1000000000)
 
 
-
 def test_time_stays_what_a_stamp_can_say() -> None:
     clock = FakeClock()
     for seconds, shown in ((0x7FFFFFFF, 0x7FFFFFFF), (0x80000000, 0), (0xFFFFFFFF, 0x7FFFFFFF)):

@@ -312,7 +312,6 @@ def test_a_slow_line_takes_its_time_over_many_entities() -> None:
     assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
 
 
-
 def test_numbers_count_up_for_each_first_kind() -> None:
     bench = Bench()
     kinds = [

@@ -341,9 +341,7 @@ def test_times_that_have_passed_are_left_out_and_counted() -> None:
     ticking.run(250)
     ticking.clock.sleep(1000)
     ticking.run(500)
-    assert ticking.times == [100000, 200000, 1250000] + [
-        1300000 + 100000 * n for n in range(5)
-    ]
+    assert ticking.times == [100000, 200000, 1250000] + [1300000 + 100000 * n for n in range(5)]
     assert ticking.timer.missed == 9
     ticking = Ticking(0.1, takes_ms=250)  # longer than its period
     ticking.run(2000)
@@ -519,7 +517,6 @@ def test_the_longest_period_and_the_shortest() -> None:
         except ValueError:
             continue
         raise AssertionError(period)
-
 
 
 def test_a_due_timer_whose_trigger_says_no_is_no_reason_to_hurry() -> None:

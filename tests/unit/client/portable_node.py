@@ -40,9 +40,7 @@ class Bench:
     def __init__(self, name="node", namespace="", domain_id=0, connect=True, **options):
         self.clock = FakeClock()
         self.agent = FakeAgent(self.clock)
-        self.node = Node(
-            name, self.agent, namespace, domain_id, KEY, clock=self.clock, **options
-        )
+        self.node = Node(name, self.agent, namespace, domain_id, KEY, clock=self.clock, **options)
         self.states = []
         self.node.on_state = self.states.append
         self.node.connection.log = self.no_word
@@ -322,7 +320,6 @@ def test_what_cannot_be_read_is_told_once_and_a_full_queue_is_not_overfull() -> 
     for size in (1, 2, 3):
         subscription._queue.append(Number(size))
         assert subscription.overfull() == (size > 2)
-
 
 
 def test_the_short_way_of_a_sample_sends_what_the_long_way_does() -> None:

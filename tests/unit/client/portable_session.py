@@ -301,7 +301,6 @@ def test_an_acknack_that_misses_more_than_was_sent_brings_what_was_sent() -> Non
     assert bench.take() == [] and bench.session.in_flight() == 0
 
 
-
 def test_what_is_missing_is_sent_again_as_soon_as_it_may_be() -> None:
     bench = Bench()
     bench.request(now=100)
@@ -309,7 +308,6 @@ def test_what_is_missing_is_sent_again_as_soon_as_it_may_be() -> None:
     for now, again in ((200, 1), (209, 0), (210, 1), (211, 0), (219, 0), (220, 1)):
         bench.acknack(0, 1, now=now)
         assert bench.take() == sent * again, now
-
 
 
 def test_publishing_never_waits_and_stops_at_the_limit() -> None:

@@ -303,9 +303,7 @@ def test_slow_callbacks_leave_samples_to_the_middleware(node, other):
 
 def test_everything_arrives_of_what_all_is_kept(node, other):
     came = []
-    node.create_subscription(
-        Int32, "/x", came.append, QoSProfile(history=HistoryPolicy.KEEP_ALL)
-    )
+    node.create_subscription(Int32, "/x", came.append, QoSProfile(history=HistoryPolicy.KEEP_ALL))
     writer = other.create_writer("rt/x", INT32, QoSProfile(10))
     for i in range(1000):
         writer.write(int32(i))

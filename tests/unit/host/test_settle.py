@@ -24,9 +24,7 @@ def other(network):
 
 def info_writer(entity):
     topic = cyclone.create_topic(entity, codec.TOPIC, codec.TYPE)
-    return cyclone.create_writer(
-        cyclone.create_group("publisher", entity), topic, codec.qos(), b""
-    )
+    return cyclone.create_writer(cyclone.create_group("publisher", entity), topic, codec.qos(), b"")
 
 
 def announce(entity, writer, writers):

@@ -63,9 +63,7 @@ def test_as_a_host(name):
         assert reused == msg
         assert to_cdr(reused) == want
         oracle = samples.oracle_name(registry.message(name))
-        big = samples.store().serialize_cdr(
-            samples.as_oracle(host), oracle, little_endian=False
-        )
+        big = samples.store().serialize_cdr(samples.as_oracle(host), oracle, little_endian=False)
         assert from_cdr(cls, bytes(big)) == msg
         host_reused = load(name)()
         assert host_reused.unpack_into(want, 4, 4, len(want)) == len(want)

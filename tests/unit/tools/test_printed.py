@@ -395,7 +395,9 @@ def board_deploy(output, tmp_path, monkeypatch):
         HOSTILE.encode(),
         b"raw REPL; CTRL-B to exit\r\n>soft reboot\r\n" + HOSTILE.encode(),
         b"raw REPL; CTRL-B to exit\r\n>soft reboot\r\nraw REPL; CTRL-B to exit\r\n>R\x01\x80\0\x04"
-        + b"\x04" + HOSTILE.encode() + b"\x04>",
+        + b"\x04"
+        + HOSTILE.encode()
+        + b"\x04>",
     )
     for data in answers:
         with saying(data) as device:

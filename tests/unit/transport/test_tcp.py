@@ -282,9 +282,13 @@ def test_through_software_that_is_not_ours(tmp_path):
                "-cert", cert, "-key", key, "-CAfile", made.ca, "-Verify", "1",
                "-verify_return_error"]  # fmt: skip
     board_cert, board_key = made.issue("board")
-    with running_agent("tcp", "memory") as plain, subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    ) as server, socket.create_connection(("127.0.0.1", plain.transport.port)) as inside:
+    with (
+        running_agent("tcp", "memory") as plain,
+        subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as server,
+        socket.create_connection(("127.0.0.1", plain.transport.port)) as inside,
+    ):
 
         def to_agent():
             while chunk := server.stdout.read1(65536):

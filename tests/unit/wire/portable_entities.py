@@ -89,9 +89,7 @@ def test_create_requester_and_replier_by_xml() -> None:
 
 def test_create_by_reference() -> None:
     # by hand
-    create(
-        "000a 0011 01 01 0000 08000000" + text("default") + "0700", 10, 0x11, 1, "default", 7
-    )
+    create("000a 0011 01 01 0000 08000000" + text("default") + "0700", 10, 0x11, 1, "default", 7)
     create("000b 1235 05 01 0000 02000000" + text("w") + "1233", 11, 0x1235, 1, "w", 0x1233)
 
 
@@ -260,8 +258,7 @@ def test_binary_writer_and_reader() -> None:
     writer_and_reader("0002 01 00 0300 01 00 0a00 00 00 00 00", 2, 3, 10, None, None, None)
     # by hand: everything that push can say
     writer_and_reader(
-        "0012 01 00 0000 01 00 0500 01 00 64000000 01 000000 e8030000 01 000000"
-        "02000000 abcd 00",
+        "0012 01 00 0000 01 00 0500 01 00 64000000 01 000000 e8030000 01 00000002000000 abcd 00",
         0x12,
         0,
         5,
@@ -296,7 +293,16 @@ def test_binary_endpoint_that_does_not_fit() -> None:
         (1, 0, None, None, -1),
     ):
         w = Writer(bytearray(64))
-        refused(EncodeError, entities.push_binary_endpoint, w, topic_id, flags, depth, deadline, lifespan)  # noqa: E501
+        refused(
+            EncodeError,
+            entities.push_binary_endpoint,
+            w,
+            topic_id,
+            flags,
+            depth,
+            deadline,
+            lifespan,
+        )  # noqa: E501
 
 
 def test_binary_requester_and_replier() -> None:

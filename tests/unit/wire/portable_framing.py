@@ -167,8 +167,7 @@ def test_what_a_frame_holds_is_handed_over() -> None:
 
 # recorded: tcp_publish, CREATE_CLIENT and its answer, each with the length before it
 TCP = bytes.fromhex(
-    "18008000000000011000585243450100010faaaabbbb8100fc01"
-    "13008100000004010b000000585243450100010f00"
+    "18008000000000011000585243450100010faaaabbbb8100fc0113008100000004010b000000585243450100010f00"
 )
 
 

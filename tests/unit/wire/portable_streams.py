@@ -394,7 +394,9 @@ def test_export_and_restore_of_a_reliable_output_stream() -> None:
         stream.acknack(number(first + 2), 0, 1000)
         acked, sent, after, held = stream.export()
         assert (acked, sent, after) == (
-            number(first + 2), number(first + WINDOW + 2), number(first + WINDOW + 3)
+            number(first + 2),
+            number(first + WINDOW + 2),
+            number(first + WINDOW + 3),
         )
         assert held == {number(first + i): content(number(first + i)) for i in range(2, 19)}
         last = number(after - 1)
@@ -408,7 +410,8 @@ def test_export_and_restore_of_a_reliable_output_stream() -> None:
         # A heartbeat at once; what the peer misses is sent again, then what had waited.
         assert restored.heartbeat(5000) == (acked, number(sent - 1))
         assert restored.acknack(number(acked + 1), 1, 5000) == [
-            content(number(acked + 1)), content(number(after - 1))
+            content(number(acked + 1)),
+            content(number(after - 1)),
         ]
         put(restored, 1)
         assert restored.export(after)[3] == {after: content(after)}

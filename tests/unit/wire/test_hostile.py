@@ -16,9 +16,7 @@ from uros.wire.cdr import MAX_STRING, Reader
 from uros.wire.errors import DecodeError, LimitError
 
 # Small numbers make lengths and flags that are believed.
-OCTETS = st.lists(
-    st.one_of(st.integers(0, 3), st.integers(0, 255)), max_size=120
-).map(bytes)
+OCTETS = st.lists(st.one_of(st.integers(0, 3), st.integers(0, 255)), max_size=120).map(bytes)
 
 CAPTURES = Path(__file__).resolve().parents[2] / "captures"
 DATAGRAMS = sorted(

@@ -109,9 +109,7 @@ def _endpoint(
     profile.topic_name = topics.get(profile.topic_name) or profile.topic_name
 
 
-def _add(
-    found: list[Item], element: Element, kind: int, parent: int, needed: bool = False
-) -> int:
+def _add(found: list[Item], element: Element, kind: int, parent: int, needed: bool = False) -> int:
     """Append one entity, and return its index."""
     if len(found) >= MAX_ITEMS:
         raise ProfileError(f"an application of over {MAX_ITEMS} entities")

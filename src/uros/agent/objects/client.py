@@ -178,9 +178,7 @@ class ProxyClient:
     def _create(self, r: Reader, flags: int, stream: int) -> None:
         request_id, object_id, kind, form, content, parent = entities.pull_create(r)
         try:
-            status = self._create_object(
-                object_id, kind, form, content, parent, r.little, flags
-            )
+            status = self._create_object(object_id, kind, form, content, parent, r.little, flags)
         except UnknownReference as error:
             status = ids.STATUS_ERR_UNKNOWN_REFERENCE
             self._refused(kind, object_id, str(error))
@@ -267,6 +265,7 @@ class ProxyClient:
 
     def on_ready(self, obj: XrceObject) -> Callable[[], None]:
         """Return the callback for samples that wait in the object's endpoint."""
+
         def ready() -> None:
             endpoint = obj.endpoint
             backlog = endpoint.backlog if isinstance(endpoint, ReadingEndpoint) else None
@@ -286,6 +285,7 @@ class ProxyClient:
         It answers them with a STATUS. C clients ignore a STATUS that they do not wait for; the C++
         agent sends none.
         """
+
         def refused(request_ids: list[int], why: str) -> None:
             self.fault("request refused", f"{object_label(obj.object_id)}, {why}")
             for request_id in request_ids:

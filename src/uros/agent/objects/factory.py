@@ -71,9 +71,7 @@ class ObjectFactory:
     the factory, and a reference cycle would keep both in memory until the garbage collector runs.
     """
 
-    def __init__(
-        self, agent: AgentContext, objects: dict[int, XrceObject], known: Known
-    ) -> None:
+    def __init__(self, agent: AgentContext, objects: dict[int, XrceObject], known: Known) -> None:
         self._agent = agent
         self._objects = objects
         self._known = known
@@ -134,7 +132,12 @@ class ObjectFactory:
             dropped = client.on_dropped(obj)
             if obj.kind == ids.KIND_REQUESTER:
                 obj.endpoint = RequesterEndpoint(
-                    node, service, obj.object_id, ready, client.on_refusal(obj), budget,
+                    node,
+                    service,
+                    obj.object_id,
+                    ready,
+                    client.on_refusal(obj),
+                    budget,
                     dropped,
                 )
             else:
@@ -156,9 +159,7 @@ class ObjectFactory:
                     raise Taken(f"its {object_label(object_id)} exists already")
                 made = obj.parts
                 parent = made[item.parent].object_id if item.kind != ids.KIND_PARTICIPANT else 0
-                own = representation.from_profile(
-                    item.kind, item.profile, item.parent, self._known
-                )
+                own = representation.from_profile(item.kind, item.profile, item.parent, self._known)
                 part = XrceObject(object_id, parent, own)
                 self.create(client, part)
                 self._objects[object_id] = part
@@ -193,9 +194,7 @@ class ObjectFactory:
         if obj.kind != ids.KIND_PARTICIPANT:
             found = self._objects.get(obj.parent)
             if found is None:
-                raise UnknownReference(
-                    f"its participant {object_label(obj.parent)} does not exist"
-                )
+                raise UnknownReference(f"its participant {object_label(obj.parent)} does not exist")
             participant = found
         return participant
 

@@ -303,9 +303,7 @@ def _apply(
     profile.apply(qos)
 
 
-def from_profile(
-    kind: int, profile: xml_profiles.Profile, parent: int, references: Lookup
-) -> Spec:
+def from_profile(kind: int, profile: xml_profiles.Profile, parent: int, references: Lookup) -> Spec:
     """Return the specification of an object by its profile; see :func:`parse`."""
     if kind == ids.KIND_APPLICATION:
         if profile.element is None:

@@ -211,8 +211,8 @@ def _document(text: str, limit: int) -> Element:
     except expat.ExpatError as error:
         raise ProfileError(f"broken XML: {error}") from error
     except (AssertionError, ValueError) as error:
-        raise error if isinstance(error, ProfileError) else ProfileError(
-            f"broken XML: {error}"
+        raise (
+            error if isinstance(error, ProfileError) else ProfileError(f"broken XML: {error}")
         ) from error
     return root
 

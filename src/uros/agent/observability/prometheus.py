@@ -105,9 +105,7 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
         for transport in snapshot["transports"]
     ]
     for name, about, field in _TRANSPORT:
-        family = CounterMetricFamily(
-            f"uros_transport_{name}", about, labels=["transport", "where"]
-        )
+        family = CounterMetricFamily(f"uros_transport_{name}", about, labels=["transport", "where"])
         for labels, transport in transports:
             if field in transport:
                 family.add_metric(labels, transport[field])

@@ -143,9 +143,7 @@ def snapshot(server: Server) -> dict[str, Any]:
     return made
 
 
-def gather(
-    server: Server, done: Callable[[str], None], wanted: Callable[[], bool]
-) -> None:
+def gather(server: Server, done: Callable[[str], None], wanted: Callable[[], bool]) -> None:
     """Make a snapshot in the server's thread while boards are served; pass its JSON to ``done``.
 
     It stops when it is no longer ``wanted``.

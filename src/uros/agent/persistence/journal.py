@@ -464,8 +464,7 @@ def _checked(path: str, fd: int) -> Journal:
             return Journal(path, fd)  # treated as damaged, as its head is missing
         if not first.startswith(_MAGIC):
             raise JournalError(
-                f"--state {path}: it is no state file of uros and is not changed:"
-                " give another path"
+                f"--state {path}: it is no state file of uros and is not changed: give another path"
             )
         version = first[len(_MAGIC) :].split(b"\n")[0]
         if version != _VERSION:

@@ -314,9 +314,7 @@ class ClientRecords:
         payloads += [number_payload(b"B", *item) for item in self.best_effort.items()]
         slot = bytearray(SLOT_SIZE)
         for index, (stream_id, outgoing) in enumerate(self.outgoing.items()):
-            payloads += [
-                number_payload(b"T", stream_id, *item) for item in outgoing.held.items()
-            ]
+            payloads += [number_payload(b"T", stream_id, *item) for item in outgoing.held.items()]
             payloads.append(number_payload(b"N", stream_id, outgoing.next))
             SLOT_OUT.pack_into(
                 slot, SLOT_OUT_AT + index * SLOT_OUT.size,

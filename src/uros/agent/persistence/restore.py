@@ -168,8 +168,6 @@ def _restore_objects(cursor: WriteCursor, agent: AgentContext, log: Log) -> None
             del records.reads[object_id]
 
 
-def _open_with(
-    readers: int, until: float, monotonic: Callable[[], float]
-) -> Callable[[int], bool]:
+def _open_with(readers: int, until: float, monotonic: Callable[[], float]) -> Callable[[int], bool]:
     """Return a gate that opens when so many readers have matched, or at ``until``."""
     return lambda matched: matched >= readers or monotonic() >= until

@@ -220,9 +220,7 @@ class SessionStore:
             self._fail(lost=True)
         self._free.append(index)
 
-    def created(
-        self, client: ClientState, obj: XrceObject, what: Representation
-    ) -> None:
+    def created(self, client: ClientState, obj: XrceObject, what: Representation) -> None:
         """Record an object that was created by this representation."""
         cursor = self._cursor(client)
         if cursor is not None:
@@ -513,4 +511,3 @@ class SessionStore:
 def _name(transport: ServerTransport) -> str:
     """The name of a transport in the file; "" where sessions end with their connections."""
     return f"{transport.name} {transport.label()}" if transport.lasting else ""
-

@@ -120,9 +120,7 @@ def _add(made: Admission, table: Mapping[str, Any]) -> None:
         if name in table and not listed(table[name]):
             raise ConfigError(f"{name} is empty, which admits nobody: leave it out to admit all")
     made.keys |= {key_of(key) for key in listed(table.get("keys", []))}
-    made.networks += tuple(
-        _network(network) for network in listed(table.get("networks", []))
-    )
+    made.networks += tuple(_network(network) for network in listed(table.get("networks", [])))
     if "max_clients" in table:
         made.max_clients = whole(table["max_clients"], "max_clients", 1, MAX_CLIENTS)
 

@@ -402,9 +402,7 @@ def parse_rule(table: Mapping[str, Any]) -> Rule:
 def _rate(value: Any) -> float:
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not number or not 0.0 < value < 1e9:
-        raise ConfigError(
-            f"max_rate is {shown(value)}, not a number of messages a second above 0"
-        )
+        raise ConfigError(f"max_rate is {shown(value)}, not a number of messages a second above 0")
     return float(value)
 
 

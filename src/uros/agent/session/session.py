@@ -291,8 +291,7 @@ class Session:
             if stop > end or end - start > 0xFFFF:
                 if end - start <= 0xFFFF:
                     raise DecodeError(
-                        f"submessage {kind} announces {stop - start} bytes,"
-                        f" {end - start} are there"
+                        f"submessage {kind} announces {stop - start} bytes, {end - start} are there"
                     )
                 stop = long_stop(stop, start, end)
             write = None
@@ -651,9 +650,7 @@ class Session:
         push_subheader(whole, 0, kind, flags, size)
         whole[4:] = payload
         for start, stop, fragment_flags in parts:
-            self._put(
-                stream_id, ids.FRAGMENT, fragment_flags, bytes(whole[start:stop]), now
-            )
+            self._put(stream_id, ids.FRAGMENT, fragment_flags, bytes(whole[start:stop]), now)
         return True
 
     def _too_large(self, size: int, stream_id: int) -> bool:

@@ -300,9 +300,7 @@ class CanServer(ServerTransport):
             )  # fmt: skip
         elif what & _RESTARTED and self._off:
             self._off = False
-            self._host.note(
-                INFO, self.name, "receive", "bus on again", f"device: {self._device}"
-            )
+            self._host.note(INFO, self.name, "receive", "bus on again", f"device: {self._device}")
 
     # --- sending ---------------------------------------------------------------------------
 

@@ -355,6 +355,4 @@ def _module(name: str) -> ModuleType:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # others' code
-        raise TransportError(
-            errno.EINVAL, f"{name} cannot be imported: {_said(error)}"
-        ) from error
+        raise TransportError(errno.EINVAL, f"{name} cannot be imported: {_said(error)}") from error

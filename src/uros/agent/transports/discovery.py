@@ -72,9 +72,7 @@ def write_answer(question: tuple[int, int, int, int], locators: list[tuple[bytes
 
 def answer_limit() -> KeyedTokenBuckets:
     """Make the limit of answers, by the address that asks."""
-    return KeyedTokenBuckets(
-        (MAX_ANSWERS, MAX_ANSWERS), (MAX_ANSWERS_IN_ALL, MAX_ANSWERS_IN_ALL)
-    )
+    return KeyedTokenBuckets((MAX_ANSWERS, MAX_ANSWERS), (MAX_ANSWERS_IN_ALL, MAX_ANSWERS_IN_ALL))
 
 
 class DiscoveryServer(ServerTransport):
@@ -100,7 +98,8 @@ class DiscoveryServer(ServerTransport):
         self._servers = sorted(
             found,
             key=lambda server: (
-                server.kind != "UDP", family_of(server.listens_on) == socket.AF_INET6
+                server.kind != "UDP",
+                family_of(server.listens_on) == socket.AF_INET6,
             ),
         )
         self._limit = answer_limit()

@@ -152,9 +152,7 @@ class TlsServer(TcpServer):
         while self._waiting and self._seconds_left(now) > 0.0:
             connection = min(
                 self._waiting,
-                key=lambda waiting: (
-                    self._spent.get(waiting.network, 0.0), self._shaking[waiting]
-                ),
+                key=lambda waiting: (self._spent.get(waiting.network, 0.0), self._shaking[waiting]),
             )
             self._waiting.discard(connection)
             self._step(connection)

@@ -281,6 +281,7 @@ class Program:
         suffix = "" if kinds[at] == "message" else "_" + kinds[at].capitalize()
         return instance(type_[1] + suffix)
 
+
 class _Collector(ast.NodeVisitor):
     """Notes the scopes of a module, and what binds each name and attribute."""
 

@@ -177,7 +177,13 @@ def look(repl: RawRepl) -> Device:
     )
     match answer:
         case (
-            str(name), str(version), str(platform), str(machine), mpy, str(root), space,
+            str(name),
+            str(version),
+            str(platform),
+            str(machine),
+            mpy,
+            str(root),
+            space,
             bool(hashes),
         ) if all(len(it) <= _LONGEST_WORD for it in (name, version, platform, machine, root)):
             pass

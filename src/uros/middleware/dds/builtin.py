@@ -25,9 +25,7 @@ Qos = TypeVar("Qos")
 
 _int32, _void_p, _int64, _size = ctypes.c_int32, ctypes.c_void_p, ctypes.c_int64, ctypes.c_size_t
 
-_create_reader = function(
-    "dds_create_reader", _int32, _int32, _int32, _void_p, _void_p
-)
+_create_reader = function("dds_create_reader", _int32, _int32, _int32, _void_p, _void_p)
 _free = function("dds_free", None, _void_p)
 _qget_userdata = function(
     "dds_qget_userdata", ctypes.c_bool, _void_p, ctypes.POINTER(_void_p), ctypes.POINTER(_size)
@@ -92,9 +90,7 @@ def take_endpoints(
     return _take_endpoints(reader, limit, read_qos)
 
 
-def take_types(
-    reader: int, limit: int
-) -> list[tuple[bytes, tuple[bytes, str, str, None] | None]]:
+def take_types(reader: int, limit: int) -> list[tuple[bytes, tuple[bytes, str, str, None] | None]]:
     """Take endpoints as :func:`take_endpoints` does, without the QoS, which is the costly part."""
     return _take_endpoints(reader, limit, lambda _pointer: None)
 

@@ -84,9 +84,7 @@ _qset_partition = function(
     "dds_qset_partition", None, _void_p, ctypes.c_uint32, ctypes.POINTER(ctypes.c_char_p)
 )
 _create_domain = function("dds_create_domain", _int32, ctypes.c_uint32, ctypes.c_char_p)
-_create_participant = function(
-    "dds_create_participant", _int32, ctypes.c_uint32, _void_p, _void_p
-)
+_create_participant = function("dds_create_participant", _int32, ctypes.c_uint32, _void_p, _void_p)
 _create_group = {
     kind: function(f"dds_create_{kind}", _int32, _int32, _void_p, _void_p)
     for kind in ("publisher", "subscriber")
@@ -100,12 +98,8 @@ _get_guid = function("dds_get_guid", _int32, _int32, _void_p)
 _get_instance_handle = function(
     "dds_get_instance_handle", _int32, _int32, ctypes.POINTER(ctypes.c_uint64)
 )
-_get_entity_sertype = function(
-    "dds_get_entity_sertype", _int32, _int32, ctypes.POINTER(_void_p)
-)
-_get_domainid = function(
-    "dds_get_domainid", _int32, _int32, ctypes.POINTER(ctypes.c_uint32)
-)
+_get_entity_sertype = function("dds_get_entity_sertype", _int32, _int32, ctypes.POINTER(_void_p))
+_get_domainid = function("dds_get_domainid", _int32, _int32, ctypes.POINTER(ctypes.c_uint32))
 _create_topic_sertype = function(
     "dds_create_topic_sertype", _int32,
     _int32, ctypes.c_char_p, ctypes.POINTER(_void_p), _void_p, _void_p, _void_p,

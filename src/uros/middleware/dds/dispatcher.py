@@ -133,9 +133,7 @@ class Dispatcher:
         failed = self._dispatch_written()
         for key in ready:
             listener = self._listeners.get(key)
-            if listener is None or (
-                listener.local_only and not self._has_remote_writers(listener)
-            ):
+            if listener is None or (listener.local_only and not self._has_remote_writers(listener)):
                 continue
             if not listener.paused:
                 failed = self._notify(listener) or failed

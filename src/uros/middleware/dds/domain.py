@@ -31,9 +31,7 @@ class DdsDomain:
         self.number = number
         self.participants: list[SharedParticipant] = []
         self._context = context
-        self._gid_size = GidSizeSelector(
-            number, gid_size, self._on_gid_size, context.notice
-        )
+        self._gid_size = GidSizeSelector(number, gid_size, self._on_gid_size, context.notice)
         self._peers: ParticipantDiscovery | None = None
         self._late_writers: LateWriterHeartbeats | None = None
         self._suppressed: SuppressedNodes | None = None
@@ -48,10 +46,7 @@ class DdsDomain:
         self._context.schedule.add(participant)
         if self._peers is None:
             self._peers = ParticipantDiscovery(self._context, participant, self._on_peers)
-        if (
-            len(self.participants) == 1
-            and self._context.middleware.on_type_conflict is not None
-        ):
+        if len(self.participants) == 1 and self._context.middleware.on_type_conflict is not None:
             TypeConflictDetector(self._context, participant, self.owns)
         return participant
 

@@ -171,9 +171,7 @@ class DdsReader(TopicReader, Reader):
             topic, type_name, qos, data + user_data.type_hash(type_name)
         )
         self.guid = cyclone.guid(entity)
-        super().__init__(
-            dispatcher, entity, on_ready, participant, type_name, qos, needs_heartbeat
-        )
+        super().__init__(dispatcher, entity, on_ready, participant, type_name, qos, needs_heartbeat)
         node.register(self)
         local_readers = context.readers.acquire((participant.domain, topic))
         local_readers.append(self)

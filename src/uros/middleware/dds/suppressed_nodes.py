@@ -46,9 +46,7 @@ class SuppressedNodes:
             entity = self._participant.create_writer(codec.TOPIC, codec.TYPE, codec.qos(), b"")
             self._writers[guid] = entity
             cyclone.wake_on(entity, cyclone.STATUS_PUBLICATION_MATCHED)
-            listener = ReaderListener(
-                self._dispatcher, entity, lambda: self._on_matched(listener)
-            )
+            listener = ReaderListener(self._dispatcher, entity, lambda: self._on_matched(listener))
         self._restart()
 
     def _on_matched(self, listener: ReaderListener) -> None:

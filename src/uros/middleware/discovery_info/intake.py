@@ -87,11 +87,7 @@ class Intake:
         if self._kept.get(guid) == fingerprint:
             return
         self.forget(guid)
-        if (
-            size > MAX_SAMPLE
-            or self._size + size > MAX_KEPT
-            or len(self._kept) >= MAX_PARTICIPANTS
-        ):
+        if size > MAX_SAMPLE or self._size + size > MAX_KEPT or len(self._kept) >= MAX_PARTICIPANTS:
             self._notice(
                 f"domain {self._domain}: a participant writes more to {TOPIC} than is kept"
                 f" ({size} bytes; {MAX_SAMPLE} a sample, {MAX_KEPT} in all): its nodes are not"

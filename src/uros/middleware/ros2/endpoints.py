@@ -145,9 +145,7 @@ class _Taking:
             self._node.domain.resume(listener)
         return taken
 
-    def _sizes(
-        self, one: Callable[[], Any], size: Callable[[Any], int], limit: int
-    ) -> list[int]:
+    def _sizes(self, one: Callable[[], Any], size: Callable[[Any], int], limit: int) -> list[int]:
         """Move samples that ``one`` returns to those that wait; return their sizes."""
         waiting, self._waiting = self._waiting, deque()
         try:

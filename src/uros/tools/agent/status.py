@@ -141,9 +141,7 @@ def _transports(snapshot: Snapshot) -> list[list[str]]:
 
 
 def _clients(snapshot: Snapshot, before: Snapshot | None) -> list[list[str]]:
-    rows = [
-        ["BOARD", "ADDRESS", "NODES", "HEARD", "IN/S", "OUT/S", "LOST", "RESENT", "WAITING"]
-    ]
+    rows = [["BOARD", "ADDRESS", "NODES", "HEARD", "IN/S", "OUT/S", "LOST", "RESENT", "WAITING"]]
     earlier = {client["key"]: client for client in before["clients"]} if before else {}
     for client in snapshot["clients"]:
         rate_in, rate_out = _rates(client, earlier.get(client["key"]))

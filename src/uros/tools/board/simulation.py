@@ -352,9 +352,7 @@ class Simulation:
         elif kind == "happened":
             seat.faults = event["faults"]
             part = event["spec"].partition(":")[0] + ":"
-            others = [
-                one for one in seat.faults if one.startswith(part) and one != event["spec"]
-            ]
+            others = [one for one in seat.faults if one.startswith(part) and one != event["spec"]]
             done = f"done: {event['spec']}"
             if others:
                 done += f"; other faults of this part: {', '.join(others)}"

@@ -352,9 +352,7 @@ class Player:
         first, last, stream = messages.pull_heartbeat(r)
         if stream < ids.STREAM_RELIABLE:
             return
-        board.answers.reliable.setdefault(stream, ReliableIn()).heartbeat(
-            first, last, _now()
-        )
+        board.answers.reliable.setdefault(stream, ReliableIn()).heartbeat(first, last, _now())
         self._acknowledge(board, stream)
 
     def _acknowledge(self, board: _Board, stream: int) -> None:

@@ -82,9 +82,7 @@ def boards(snapshots: Sequence[Snapshot]) -> list[tuple[Snapshot, dict[str, Any]
 def check_agents(snapshots: Sequence[Snapshot]) -> Finding:
     """Report which agents run, and how many boards each has."""
     if not snapshots:
-        return note(
-            "agents", "no uros agent runs under this user", "uros agent udp4 --port 8888"
-        )
+        return note("agents", "no uros agent runs under this user", "uros agent udp4 --port 8888")
     told = []
     for snapshot in snapshots:
         count = len(snapshot.get("clients", []))

@@ -228,9 +228,7 @@ class Doctor:
         self._found(found)
         if found[-1].state == OK:
             line = serial.DeviceLine(args.dev)
-            self._found(
-                [serial.check_line(args.dev, line, args.baudrate, args.seconds, self._say)]
-            )
+            self._found([serial.check_line(args.dev, line, args.baudrate, args.seconds, self._say)])
 
     # --- discovery ------------------------------------------------------------------------------
 

@@ -119,8 +119,7 @@ def _listen(network: Network, args: argparse.Namespace, printer: Printer) -> Non
 def _only_type(topic: str, types: list[str]) -> str:
     if len(types) > 1:
         raise ToolError(
-            f"{topic} has several types: {', '.join(types)};"
-            f" give one: uros topic echo {topic} TYPE"
+            f"{topic} has several types: {', '.join(types)}; give one: uros topic echo {topic} TYPE"
         )
     return types[0]
 

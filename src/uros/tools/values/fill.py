@@ -215,9 +215,7 @@ def _shown(node: Node) -> str:
 
 def constructed(message: Any) -> str:
     """Return the message as rclpy's ``repr`` prints it, but without numpy's name for arrays."""
-    parts = [
-        f"{name}={_constructed(value, kind)}" for name, kind, value in plain.fields(message)
-    ]
+    parts = [f"{name}={_constructed(value, kind)}" for name, kind, value in plain.fields(message)]
     return f"{message._TYPE.replace('/', '.')}({', '.join(parts)})"
 
 

@@ -327,8 +327,10 @@ def test_truncated_creations_do_no_harm(board, cut):
 def test_domains(asked, agent, override, domain, form):
     desk = Desk(domain_of_agent=agent, domain_override=override)
     board = Board(desk)
-    content = "" if form == ids.AS_XML else helpers.built(
-        helpers.entities.push_binary_participant, None, None
+    content = (
+        ""
+        if form == ids.AS_XML
+        else helpers.built(helpers.entities.push_binary_participant, None, None)
     )
     assert board.ask(create(PARTICIPANT, form, content, asked)) == [OK]
     assert [node.domain for node in desk.middleware.bus.nodes] == [domain]

@@ -1,6 +1,5 @@
 """Types, QoS profiles, applications, GET_INFO about them all, and what no object may ask for."""
 
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -151,7 +150,7 @@ def test_names_of_types():
 
 def with_qos(tag, base, inside=""):
     return (
-        f'<dds><{tag}><topic><name>rt/q</name><dataType>T</dataType></topic>'
+        f"<dds><{tag}><topic><name>rt/q</name><dataType>T</dataType></topic>"
         f'<{tag.replace("_", "")}_qos base_name="{base}">{inside}</{tag.replace("_", "")}_qos>'
         f"</{tag}></dds>"
     )

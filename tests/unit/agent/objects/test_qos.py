@@ -1,6 +1,5 @@
 """QoS and names as clients send them, in every format, and what is created of them."""
 
-
 import pytest
 from unit.agent import helpers
 from unit.agent.helpers import (

@@ -89,9 +89,7 @@ def oracle():
 
 
 NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
-ENTITIES = st.builds(
-    Entity, st.integers(0, 3), NAMES, st.lists(NAMES, max_size=3).map(tuple)
-)
+ENTITIES = st.builds(Entity, st.integers(0, 3), NAMES, st.lists(NAMES, max_size=3).map(tuple))
 GRAPHS = st.lists(
     st.builds(GraphNode, NAMES, NAMES, st.lists(ENTITIES, max_size=4).map(tuple)), max_size=5
 )

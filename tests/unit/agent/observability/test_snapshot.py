@@ -235,9 +235,7 @@ def test_early_stalled_dropped_and_half(owner):
     assert owner.client()["queues"] == {
         "unacknowledged": 0, "stalled": 0, "early": 2, "fragments": 0
     }  # fmt: skip
-    owner.desk.hear(
-        message([fragment(b"\7" * 24)], ids.STREAM_RELIABLE, number, SESSION, KEY)
-    )
+    owner.desk.hear(message([fragment(b"\7" * 24)], ids.STREAM_RELIABLE, number, SESSION, KEY))
     assert owner.client()["queues"]["fragments"] == 24
     of(board).session.writers[WRITER] = lambda view: False
     best_effort(owner, 0)

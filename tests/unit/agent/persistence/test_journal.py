@@ -238,6 +238,7 @@ def test_a_file_that_may_not_be_written(tmp_path, monkeypatch):
         (errno.EACCES, "may not write"), (errno.EROFS, "read-only"), (errno.ENOSPC, "disk is full"),
         (errno.EIO, "Input/output"),
     ):  # fmt: skip
+
         def fails(*_args, number=number, **_more):
             raise OSError(number, os.strerror(number))
 
@@ -285,9 +286,7 @@ def test_a_huge_file_is_read_to_the_limit_only(tmp_path, monkeypatch):
     os.truncate(path, 1 << 30)  # holes
     read = []
     pread = os.pread
-    monkeypatch.setattr(
-        state.os, "pread", lambda *args: read.append(pread(*args)) or read[-1]
-    )
+    monkeypatch.setattr(state.os, "pread", lambda *args: read.append(pread(*args)) or read[-1])
     monkeypatch.setattr(state, "MAX_JOURNAL", 1 << 20)
     found, content = load(path)
     assert sum(map(len, read)) < 2 << 20
@@ -357,9 +356,13 @@ def test_a_real_full_disk(tmp_path):
     run = f"exec {sys.executable} -c '{REAL}' {tmp_path}/f disk"
     script = f"mount -t tmpfs -o size=1M none {tmp_path} && {run}"
     unshare = shutil.which("unshare")
-    possible = unshare and subprocess.run(
-        [unshare, "-rm", "mount", "-t", "tmpfs", "none", str(tmp_path)], capture_output=True
-    ).returncode == 0
+    possible = (
+        unshare
+        and subprocess.run(
+            [unshare, "-rm", "mount", "-t", "tmpfs", "none", str(tmp_path)], capture_output=True
+        ).returncode
+        == 0
+    )
     if not possible:
         pytest.skip("not on this platform: mounting in a namespace of one's own")
     done = subprocess.run(

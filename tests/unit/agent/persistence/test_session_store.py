@@ -857,6 +857,7 @@ def full(monkeypatch, *names):
     room = monkeypatch.context()
     patch = room.__enter__()
     for name in names:
+
         def fails(self, *args, **more):
             self.error = "No space left on device"
             return False

@@ -35,9 +35,7 @@ from uros.wire import ids
 OK, INVALID = ids.STATUS_OK, ids.STATUS_ERR_INVALID_DATA
 NAME = "<dds><topic><name>{}</name><dataType>t::T</dataType></topic></dds>"
 
-QUADRATIC = (
-    '<!DOCTYPE a [<!ENTITY x "' + "x" * 20_000 + '">]>' + NAME.format("&x;" * 10_000)
-)
+QUADRATIC = '<!DOCTYPE a [<!ENTITY x "' + "x" * 20_000 + '">]>' + NAME.format("&x;" * 10_000)
 BOMBS = {
     "billion laughs": LAUGHS,
     "quadratic": QUADRATIC[:MAX_XML - 100],

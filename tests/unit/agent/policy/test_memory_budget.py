@@ -161,9 +161,7 @@ def fill(desk, count, each=60_000):
     for number in range(count):
         key = 0x7000 + number
         desk.hear(create_client(key, session_id=0x01, mtu=65507), peer=2)
-        desk.hear(
-            message([fragment(bytes(each))], 0x80, 0, 0x01, key), peer=2
-        )
+        desk.hear(message([fragment(bytes(each))], 0x80, 0, 0x01, key), peer=2)
         desk.agent.budget.settle(desk.clock)
 
 

@@ -320,8 +320,10 @@ def test_a_file_that_cannot_be_read(tmp_path):
 
 _ANY = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3)
-    | st.dictionaries(st.sampled_from(["/a", "depth", "reliability", ""]), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["/a", "depth", "reliability", ""]), inner, max_size=3)
+    ),
     max_leaves=6,
 )
 _WORDS = ["key", "address", "node", "domain", "namespace", "remap", "qos", "max_rate", "max_size"]

@@ -211,9 +211,7 @@ def _made(form, name):
         ]
     if form == "reference":
         return start + [by_reference(it, f"p{it}", PARENTS[it]) for it in PARENTS]
-    parts = "".join(
-        text.format(f' object_id="0x{it:04X}"') for it, text in _profiles(name).items()
-    )
+    parts = "".join(text.format(f' object_id="0x{it:04X}"') for it, text in _profiles(name).items())
     inside = f'<domain_participant name="n">{parts}</domain_participant>'
     text = f'<application name="x">{inside}</application>'
     return [xml(APPLICATION, f"<dds><application_library>{text}</application_library></dds>")]
@@ -226,9 +224,7 @@ def _topics(desk):
 
 def _desk(tmp_path, name):
     file = tmp_path / "agent.refs"
-    texts = [
-        text.format(f' profile_name="p{it}"') for it, text in _profiles(name).items()
-    ]
+    texts = [text.format(f' profile_name="p{it}"') for it, text in _profiles(name).items()]
     file.write_text("<profiles>" + "".join(texts) + "</profiles>")
     return Desk(refs=file)
 

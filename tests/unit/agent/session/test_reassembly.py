@@ -31,9 +31,7 @@ class C:
 
     def head(self, length, writer):
         self.request += 1
-        return struct.pack("<BBH", 7, 1, length & 0xFFFF) + struct.pack(
-            ">HH", self.request, writer
-        )
+        return struct.pack("<BBH", 7, 1, length & 0xFFFF) + struct.pack(">HH", self.request, writer)
 
     def send(self, flags, part):
         datagram = struct.pack("<BBHBBH", 0x81, 0x80, self.number, 13, 1 | flags, len(part)) + part

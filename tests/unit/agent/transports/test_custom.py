@@ -572,5 +572,3 @@ def test_the_pipes_of_the_docs_work(folder):
         assert data.startswith(b"\x7e\0\1")
     os.close(out)
     os.close(back)
-
-

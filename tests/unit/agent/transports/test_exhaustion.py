@@ -309,6 +309,7 @@ def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
 def test_all_sessions_there_are_from_one_socket(kind):
     """4,096 sessions with an object each: no board came in for five minutes after."""
     with attacked("-m", "memory") as agent:
+
         def datagrams():
             for key in range(1, 4201):
                 yield create_client(key, session_id=0x01)

@@ -625,5 +625,3 @@ def test_boards_that_come_all_at_once():
         assert not failed and len(agent.agent.clients) == 40
         for line in lines:
             line.close()
-
-

@@ -1,6 +1,5 @@
 """Fields that a program misspells are found when it is built, and nothing else is."""
 
-
 import pytest
 from support.paths import ROOT
 
@@ -8,7 +7,6 @@ from uros.boards.builder.errors import FieldError
 from uros.boards.builder.file_system import build
 
 CLONE = ROOT
-
 
 
 def faults(tmp_path, text, **others):

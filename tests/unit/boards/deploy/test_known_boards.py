@@ -1,6 +1,5 @@
 """The boards that there are to buy, and what is said of those that cannot run uros."""
 
-
 import pytest
 from support.paths import ROOT
 

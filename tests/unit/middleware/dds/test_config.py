@@ -111,7 +111,7 @@ def test_the_users_own_configuration_comes_last():
     assert general.find("Interfaces/NetworkInterface").get("address") == "127.0.0.1"
 
 
-OWN = '<General><Interfaces><NetworkInterface {}/></Interfaces></General>'
+OWN = "<General><Interfaces><NetworkInterface {}/></Interfaces></General>"
 OLD = "<General><NetworkInterfaceAddress>{}</NetworkInterfaceAddress></General>"
 
 

@@ -92,9 +92,7 @@ def test_a_big_endian_request_is_the_same_request(middleware, node, monkeypatch)
 
 def test_a_request_of_ours_is_as_defined_and_its_reply_understood(middleware, node):
     requester = node.create_requester(SERVICE, QoSProfile(), nothing)
-    requests = node.create_reader(
-        SERVICE.request_topic, SERVICE.request_type, A_SERVER, nothing
-    )
+    requests = node.create_reader(SERVICE.request_topic, SERVICE.request_type, A_SERVER, nothing)
     assert requester.request(bytes.fromhex("000100000a0b0c0d")) == 1
     assert requester.request(bytes.fromhex("000100000a0b0c0d")) == 2
     first, second = take(middleware, requests), take(middleware, requests)

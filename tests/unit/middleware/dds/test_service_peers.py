@@ -85,9 +85,7 @@ def test_which_endpoints_use_the_header(guid, user_data, role, expected):
 
 def test_a_request_is_not_written_where_a_server_has_no_known_form(node, middleware):
     requester = node.create_requester(SERVICE, services_profile(), nothing)
-    foreign = node.create_reader(
-        SERVICE.request_topic, SERVICE.request_type, QoSProfile(), nothing
-    )
+    foreign = node.create_reader(SERVICE.request_topic, SERVICE.request_type, QoSProfile(), nothing)
     assert requester.refusal().startswith("/add is not called")
     with pytest.raises(MiddlewareError, match="another form of services"):
         requester.request(BODY)
@@ -136,9 +134,7 @@ def test_a_request_of_a_client_with_no_known_form_is_not_taken(node, middleware)
 
 def test_a_reply_of_a_server_with_no_known_form_is_not_taken(node, middleware):
     requester = node.create_requester(SERVICE, services_profile(), nothing)
-    requests = node.create_reader(
-        SERVICE.request_topic, SERVICE.request_type, SERVER, nothing
-    )
+    requests = node.create_reader(SERVICE.request_topic, SERVICE.request_type, SERVER, nothing)
     requester.request(BODY)
     request = collect(middleware, requests, 1)[0]
     wrong = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, QoSProfile())

@@ -78,9 +78,7 @@ class Ours:
     def settle(self, other):
         """Wait until the other's message has been read."""
         peers = self.middleware._domains[self.node.participant.domain]._peers
-        self.until(
-            lambda: other.guid in peers.gid_sizes and other.guid in peers.participants
-        )
+        self.until(lambda: other.guid in peers.gid_sizes and other.guid in peers.participants)
 
 
 @pytest.fixture

@@ -156,9 +156,7 @@ def test_other_boards_are_served_while_rclpy_is_imported(rclpy):
         assert all(end.closed for _, end in rclpy.made)
 
 
-def test_endpoints_have_no_room_until_they_are_created_one_a_turn(
-    rclpy, middleware, own_domain_id
-):
+def test_endpoints_have_no_room_until_they_are_created_one_a_turn(rclpy, middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "node")
     callers = [node.create_requester(service(f"add{i}"), QOS, lambda: None) for i in range(3)]
     server = node.create_replier(service("serve"), QOS, lambda: None)

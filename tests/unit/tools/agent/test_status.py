@@ -60,8 +60,7 @@ def snapshot(**more):
     }  # fmt: skip
 
 
-def test_the_page():
-    assert "\n".join(page(snapshot(), width=120)) == """\
+PAGE = """\
 agent 4711, up 2 h 5 min, middleware auto, CPU 12 s, RSS 61.0 MB, 23 fds
 
 TRANSPORT    WHERE         MESSAGES   BYTES
@@ -76,6 +75,10 @@ REFUSED     ADDRESS           TIMES       LAST  WHY
 0x00000007  192.168.1.8:2018     12  3.0 s ago  client key in use
   client key in use: another board answers with this key: give each its own (uros: key=, micro-ROS:
   rmw_uros_options_set_client_key), or switch that one off"""  # noqa: E501
+
+
+def test_the_page():
+    assert "\n".join(page(snapshot(), width=120)) == PAGE
 
 
 def test_each_board_with_all_it_has():

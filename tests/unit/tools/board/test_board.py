@@ -228,9 +228,7 @@ def test_nothing_is_left_however_it_ends(run, tmp_path, number):
 
 
 def test_a_board_with_its_agent(run, own_domain_id):
-    board = run(
-        "ra6m5_sensor_node", env=dict(os.environ, ROS_DOMAIN_ID=str(own_domain_id))
-    )
+    board = run("ra6m5_sensor_node", env=dict(os.environ, ROS_DOMAIN_ID=str(own_domain_id)))
     assert board.until("Ctrl-C")[-1] == "board: an agent runs too; Ctrl-C ends everything"
     assert f"domain_id: {own_domain_id}" in board.until("domain overridden")[-1]
     for _ in range(7):

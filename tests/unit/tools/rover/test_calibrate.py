@@ -124,9 +124,7 @@ def test_each_step_of_a_turn_is_on_the_way_of_an_arc():
             twist=SimpleNamespace(twist=SimpleNamespace(linear=zero, angular=zero)),
         )
         rover.heard(message, 0.0)
-    assert steps == [
-        pytest.approx(it) for it in ((2.0, 1.0), (3.0, 1.5), (2.0, 1.0), (5.0, 2.5))
-    ]
+    assert steps == [pytest.approx(it) for it in ((2.0, 1.0), (3.0, 1.5), (2.0, 1.0), (5.0, 2.5))]
     assert rover.theta == pytest.approx(6.0)
 
 

@@ -52,7 +52,8 @@ def test_values_from_standard_input(monkeypatch, capsys):
         (["/x", "std_msgs/Bool", "data: 2"], 1, "Bool.data takes true or false, 1 or 0 (bool)"),
         (["/x", "std_msgs/Bool", "{data:1}"], 1, "a blank is missing behind the colon"),
         (
-            ["/x", "geometry_msgs/msg/Twist", "{linear: {x: 0.0, y: 0.0, z:0.0}}"], 1,
+            ["/x", "geometry_msgs/msg/Twist", "{linear: {x: 0.0, y: 0.0, z:0.0}}"],
+            1,
             "a blank is missing behind the colon of 'z:0.0'",
         ),
         (["/x", "geometry_msg/msg/Twist"], 1, "did you mean geometry_msgs/msg/Twist"),

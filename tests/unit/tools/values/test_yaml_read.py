@@ -171,9 +171,7 @@ CHARACTERS = st.characters(codec="utf-8", exclude_characters="\x85")
 TEXTS = st.text(CHARACTERS, max_size=20) | st.sampled_from(
     ["yes", "1", "- a", "a: b", "x\n\ny ", "'", '"', "#", "{", "0x1", "~", "2020-01-01", "<<"]
 )
-SCALARS = (
-    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | TEXTS
-)
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | TEXTS
 NAMES = st.text("abcdefgh_0", min_size=1, max_size=6).filter(lambda it: resolve(it) == it)
 DOCUMENTS = st.recursive(
     SCALARS,

@@ -52,9 +52,7 @@ def bundle(modules: dict[str, Module]) -> dict[str, Module]:
     return {**left, BUNDLE: whole, **fronts}
 
 
-def _only_takes_names(
-    module: Module, modules: dict[str, Module], parts: dict[str, Module]
-) -> None:
+def _only_takes_names(module: Module, modules: dict[str, Module], parts: dict[str, Module]) -> None:
     """Raises `NotBundled` where a module of the program does more with uros's than take names."""
     held: dict[str, str] = {}  # by the name here, the module that it is
     for node in ast.walk(module.tree):
@@ -74,9 +72,7 @@ def _only_takes_names(
     seen = _Seen()
     seen.visit(module.tree)
     above = {
-        id(child): node
-        for node in ast.walk(module.tree)
-        for child in ast.iter_child_nodes(node)
+        id(child): node for node in ast.walk(module.tree) for child in ast.iter_child_nodes(node)
     }
     for node in ast.walk(module.tree):
         if not isinstance(node, ast.Name) or node.id not in held:

@@ -238,9 +238,7 @@ def _of_modules(tree: ast.Module) -> set[str]:
 
 def _is_ours(base: ast.expr, ours: set[str]) -> bool:
     """Whether a base class is of the bundle; those of Python itself have names that are known."""
-    return isinstance(base, ast.Name) and (
-        base.id in ours or base.id in CLASSES
-    )
+    return isinstance(base, ast.Name) and (base.id in ours or base.id in CLASSES)
 
 
 def _rename_members(node: ast.ClassDef, new: dict[str, str]) -> None:

@@ -190,9 +190,7 @@ def _is_constant(node: ast.expr) -> bool:
 
 
 def _is_replaceable(node: ast.stmt) -> bool:
-    return isinstance(node, ast.Assign) or (
-        isinstance(node, FUNCTIONS) and not node.decorator_list
-    )
+    return isinstance(node, ast.Assign) or (isinstance(node, FUNCTIONS) and not node.decorator_list)
 
 
 def _is_super(node: ast.expr) -> bool:

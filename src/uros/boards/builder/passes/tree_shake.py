@@ -190,9 +190,7 @@ class _Shaker:
         """Whether anything may ask for the member of the class."""
         assert isinstance(unit.node, ast.ClassDef)
         family = self.families.get(unit.node.name, "")
-        return any(
-            name in self.used or (family, name) in self.typed for name in member.names
-        )
+        return any(name in self.used or (family, name) in self.typed for name in member.names)
 
     def run(self) -> None:
         """Go on until nothing new is reached."""

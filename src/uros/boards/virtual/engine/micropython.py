@@ -94,9 +94,7 @@ class MicroPythonEngine:
     second core. :meth:`stop` and :meth:`ask_heap` may come from another thread.
     """
 
-    def __init__(
-        self, root: Path, host: BoardHost, measure: bool = False, core: str = ""
-    ) -> None:
+    def __init__(self, root: Path, host: BoardHost, measure: bool = False, core: str = "") -> None:
         node, module = find()
         self._host = host
         requests, theirs = os.pipe()

@@ -200,9 +200,7 @@ class BoardProcess:
         root = Path(self._folder.name) / "flash"
         # As a board has it where that is what is looked at: as bytecode, or for its memory.
         checked = options.form == "py" and not options.measure
-        build(
-            Path(options.program), root, options.form, checked=checked, provided=["second_core"]
-        )
+        build(Path(options.program), root, options.form, checked=checked, provided=["second_core"])
         if options.reads:
             for bus in board.i2c.values():
                 bus.on_read = self._read
@@ -217,9 +215,7 @@ class BoardProcess:
             board.usb.wait(1.0)  # its bridge has power already
         happenings = [it.spec for it in (*board.acts(), *board.faults())]
         self._tell_parts()  # before it is ready, so that who waits for that can look
-        self.send(
-            "ready", path=str(board.usb.path), happenings=happenings, faults=self._faults()
-        )
+        self.send("ready", path=str(board.usb.path), happenings=happenings, faults=self._faults())
         host.usb_state()
         threading.Thread(target=self._obey, name="commands", daemon=True).start()
         threading.Thread(target=self._look, name="parts", daemon=True).start()

@@ -7,11 +7,13 @@ import _board  # type: ignore[import-not-found]
 
 class PixelFormat:
     """The pixel formats."""
+
     JPEG = 4
 
 
 class FrameSize:
     """The frame sizes."""
+
     QQVGA = 1
     QVGA = 5
     VGA = 8
@@ -19,6 +21,7 @@ class FrameSize:
 
 class GrabMode:
     """The modes of grabbing frames."""
+
     WHEN_EMPTY = 0
     LATEST = 1
 

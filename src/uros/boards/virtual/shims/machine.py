@@ -113,9 +113,7 @@ class Pin:
         self._irq = 0
         self.init(mode, pull, value=value)
 
-    def init(
-        self, mode: int = -1, pull: "int | None" = -1, *, value: "int | None" = None
-    ) -> None:
+    def init(self, mode: int = -1, pull: "int | None" = -1, *, value: "int | None" = None) -> None:
         """Set mode, pull and level; -1 leaves mode or pull unchanged."""
         try:
             if value is not None:

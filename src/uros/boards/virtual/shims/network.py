@@ -33,6 +33,7 @@ def hostname(name: str | None = None) -> str:
 
 class WLAN:
     """The WLAN radio, as a station or as an access point."""
+
     IF_STA = STA_IF
     IF_AP = AP_IF
     SEC_OPEN = 0

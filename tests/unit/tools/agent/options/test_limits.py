@@ -42,9 +42,7 @@ def test_the_help_tells_the_defaults():
         ("--max-memory", Limits().memory // 1024 // 1024),
     ):
         (udp,) = [it for it in parser()._actions if it.dest == "transport"]
-        (found,) = [
-            it for it in udp.choices["udp4"]._actions if name in it.option_strings
-        ]
+        (found,) = [it for it in udp.choices["udp4"]._actions if name in it.option_strings]
         assert f"(default: {default})" in found.help
 
 

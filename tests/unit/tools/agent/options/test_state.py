@@ -258,9 +258,7 @@ def test_the_second_agent_is_told_that_the_file_is_in_use(agent, own_domain_id, 
 def test_a_transient_local_writer_has_its_last_sample_after_a_kill(agent, far_end, own_domain_id):
     client = connect(agent, 0xD001)
     client.topic("rt/latched", TYPE)
-    writer = client.writer(
-        ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL, depth=1
-    )
+    writer = client.writer(ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL, depth=1)
     for number in range(3):
         client.write(writer, struct.pack("<I", number))
     wait(lambda: not client._out, "not acknowledged", [client])
