@@ -45,10 +45,15 @@ def peer(ros_python, domain):
 
 
 @pytest.fixture
-def node(domain):
-    middleware = DdsMiddleware()
-    yield middleware.create_node(domain, "/", "form")
-    middleware.close()
+def middleware():
+    opened = DdsMiddleware()
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def node(middleware, domain):
+    return middleware.create_node(domain, "/", "form")
 
 
 def service(name, type_name):
@@ -67,24 +72,26 @@ def until(middleware, done, seconds=SECONDS):
         middleware.tick()
 
 
-def test_a_request_is_refused_while_a_real_server_is_there(peer, node):
+def test_a_request_is_refused_while_a_real_server_is_there(peer, middleware, node):
     peer.do("count", name="/refused", type=BASIC)
     requester = node.create_requester(service("/refused", BASIC), services_profile(), print)
-    until(node.middleware, requester.refusal)
+    until(middleware, requester.refusal)
     with pytest.raises(MiddlewareError, match=REFUSED):
         requester.request(REQUEST)
     assert peer.do("counted", name="/refused", seconds=QUIET)["requests"] == []
 
 
 @pytest.mark.parametrize("write", ["plain", "disposed"])
-def test_a_request_that_discovery_was_too_late_for_is_not_executed(peer, node, monkeypatch, write):
+def test_a_request_that_discovery_was_too_late_for_is_not_executed(
+    peer, middleware, node, monkeypatch, write
+):
     """Written as plain data it is: that is what the way it is written is for."""
     name = f"/late_{write}"
     peer.do("count", name=name, type=BASIC)
     if write == "plain":
         monkeypatch.setattr(cyclone, "write_disposed", cyclone.write)
     requester = node.create_requester(service(name, BASIC), services_profile(), print)
-    until(node.middleware, requester.refusal)
+    until(middleware, requester.refusal)
     monkeypatch.setattr(service_peers.MatchedServers, "has_incompatible", lambda self: False)
     for _ in range(5):
         requester.request(REQUEST)
@@ -95,9 +102,9 @@ def test_a_request_that_discovery_was_too_late_for_is_not_executed(peer, node, m
         assert got == []
 
 
-def test_a_real_clients_request_does_not_reach_our_server(peer, node):
+def test_a_real_clients_request_does_not_reach_our_server(peer, middleware, node):
     told = []
-    node.middleware.on_notice = told.append
+    middleware.on_notice = told.append
     replier = node.create_replier(service("/ours", TRIGGER), services_profile(), print)
     taken, answers = [], []
 
@@ -108,7 +115,7 @@ def test_a_real_clients_request_does_not_reach_our_server(peer, node):
     call = {"name": "/ours", "type": TRIGGER, "cdr": "0001000000"}
     calling = threading.Thread(target=lambda: answers.append(peer.do("call", **call, seconds=4)))
     calling.start()
-    until(node.middleware, heard)
+    until(middleware, heard)
     calling.join()
     assert taken == []
     assert "a client of /ours gets no answer" in told[0]
