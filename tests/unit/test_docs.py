@@ -618,3 +618,12 @@ def test_every_class_of_the_glossary_exists():
             if not found:
                 wrong.append(f"{module}.{name}, in: {line[:60]}")
     assert named > 50 and not wrong, "no such class:\n" + "\n".join(wrong)
+
+
+def test_the_names_of_code_on_the_page_of_where_to_add_exist():
+    """Constants and classes in backquotes: a reader looks for them in the file that is named."""
+    page = (ROOT / "docs" / "design" / "where_to_add.md").read_text("utf-8")
+    source = "\n".join(path.read_text("utf-8") for path in (ROOT / "src").rglob("*.py"))
+    names = set(re.findall(r"`(_?[A-Z][A-Za-z_]+)`", page))
+    gone = [name for name in sorted(names) if not re.search(rf"\b{name}\b", source)]
+    assert len(names) > 10 and not gone, f"no such name in src: {', '.join(gone)}"
