@@ -1,21 +1,22 @@
-"""Puts the body of a method where its only call stands.
+"""Replaces the only call of a method by the body of the method.
 
-A method costs a board some 50 bytes besides its body. One that the class itself calls in one place,
-for what it does and not for a value, and that nobody else can name, is taken apart: its parameters
-and variables become variables of the caller.
+A method costs a board some 50 bytes besides its body. A method is inlined if its class calls it in
+one place, as a statement, and nobody else can name it: its parameters and variables become
+variables of the caller.
 
-A call stays a call unless the result can be seen to be the same:
+A call is inlined only if the result is provably the same:
 
-- Both are plain methods: no other scope in them, no generator, no coroutine, no ``global``, no
-  ``del``, no import, no ``raise`` without an error. In both, the first parameter is ``self``, and
-  stays what it is.
-- Arguments are evaluated where the call stands, in their order, into variables of their own. Only
-  a constant, or a parameter of the caller, stands for the method's parameter itself: the method
-  cannot change it, and it is always bound. A module's name may mean something else a line later.
-- Each variable of the method is bound before it is read, on every path (`_is_bound_first`). What
-  one turn of a loop left in it, the next could read.
-- The method returns nothing, and not out of a loop, a ``try`` or a ``with``.
-- A name of the module that either reads is no variable of the other.
+- Caller and method are plain methods: no inner scope, no generator, no coroutine, no ``global``, no
+  ``del``, no import, no ``raise`` without an error. The first parameter of both is ``self``, and
+  neither binds ``self`` again.
+- Arguments are evaluated at the call, in their order, into variables of their own. Only a constant
+  or a parameter of the caller is used in place of the method's parameter: the method cannot change
+  it, and it is always bound. A global cannot be used so, since it may be rebound between the call
+  and its use.
+- Each variable of the method is bound before it is read, on every path (`_is_bound_first`).
+  Otherwise an iteration of a loop in the caller could read what the previous one left there.
+- The method returns no value, and does not return from within a loop, a ``try`` or a ``with``.
+- A global that one of the two methods reads is not a variable of the other.
 """
 
 from __future__ import annotations
@@ -34,7 +35,12 @@ _INNER: Final = (
 
 
 def inline_methods(tree: ast.Module, named: Iterable[str]) -> None:
-    """Unfold methods of a bundle; those that others may know by a name of ``named`` stay."""
+    """Inline methods of a bundle.
+
+    Args:
+        tree: The bundle; it is changed.
+        named: Names that other modules may use; methods with these names stay.
+    """
     kept = set(named)
     while _once(tree, kept):
         pass
@@ -71,7 +77,7 @@ def _once(tree: ast.Module, kept: set[str]) -> bool:
 
 
 def _is_plain(method: ast.FunctionDef) -> bool:
-    """Whether the method may be taken apart, wherever it is called."""
+    """Return whether the method may be inlined, wherever its call is."""
     args = method.args
     if method.decorator_list or method.name.startswith("__") or args.defaults:
         return False
@@ -86,7 +92,7 @@ def _is_plain(method: ast.FunctionDef) -> bool:
 
 
 def _has_self(method: ast.FunctionDef) -> bool:
-    """Whether it is one scope, in which self is what the method was called on."""
+    """Return whether the method is one scope, in which ``self`` is the receiver throughout."""
     if any(isinstance(n, _INNER) for n in ast.walk(method) if n is not method):
         return False
     first = [arg.arg for arg in method.args.args[:1]]
@@ -94,7 +100,7 @@ def _has_self(method: ast.FunctionDef) -> bool:
 
 
 def _returns_nothing(body: list[ast.stmt]) -> bool:
-    """Whether the body returns nothing, and not out of a loop or a try."""
+    """Return whether the body returns no value, and not from within a loop or a ``try``."""
     for node in ast.walk(ast.Module(body, [])):
         if isinstance(node, ast.Return) and node.value is not None:
             return False
@@ -105,9 +111,10 @@ def _returns_nothing(body: list[ast.stmt]) -> bool:
 
 
 def _is_bound_first(name: str, body: list[ast.stmt]) -> bool:
-    """Whether a block binds the name before it reads it, on every path.
+    """Return whether a block binds the name before it reads it, on every path.
 
-    Each statement with the name does so by itself, up to one that assigns to it.
+    The statements are checked in order. An assignment to the name ends the check. Each statement
+    before it that contains the name must itself bind the name before it reads it.
     """
     for node in body:
         if isinstance(node, ast.Assign) and not _count(name, [node.value]):
@@ -119,8 +126,10 @@ def _is_bound_first(name: str, body: list[ast.stmt]) -> bool:
 
 
 def _binds_itself(name: str, node: ast.stmt) -> bool:
-    """Whether each block in a statement binds the name first. A loop over the name has bound it in
-    its body, and so has a handler that gives it to an error.
+    """Return whether each block in a statement binds the name before it reads it.
+
+    The body of ``for name in …`` finds the name bound, and so does the body of an
+    ``except … as name``.
     """
     if isinstance(node, ast.For) and name in _plain_names(node.target):
         return not _count(name, [node.iter, *node.orelse])
@@ -154,7 +163,7 @@ def _count(name: str, nodes: Iterable[ast.AST]) -> int:
 
 
 class _Put(ast.NodeTransformer):
-    """Puts the method's body where the caller calls it; ``done`` says whether it could."""
+    """Replaces the call by the method's body; ``done`` tells whether that was possible."""
 
     def __init__(self, method: ast.FunctionDef, caller: ast.FunctionDef) -> None:
         self.method = method
@@ -223,7 +232,7 @@ class _Put(ast.NodeTransformer):
 
 
 def _is_undecorated(caller: ast.FunctionDef) -> bool:
-    """Whether what it is called on is its self: properties are, static methods are not."""
+    """Return whether a method gets its receiver as ``self``: static methods do not."""
     return all(
         (isinstance(it, ast.Name) and it.id == "property")
         or (isinstance(it, ast.Attribute) and it.attr == "setter")
@@ -232,7 +241,7 @@ def _is_undecorated(caller: ast.FunctionDef) -> bool:
 
 
 def _flat(body: list[ast.stmt]) -> list[ast.stmt]:
-    """Without the ``if True`` in which an unfolded body came."""
+    """Remove the ``if True`` around an inlined body."""
     out: list[ast.stmt] = []
     for node in body:
         for field in ("body", "orelse", "finalbody"):

@@ -1,18 +1,17 @@
-"""Makes one class of a base and its only heir, where nothing but the heir names the base.
+"""Merges a base class with its only subclass, if only the subclass names the base.
 
-A class costs a board 150 bytes, and each step from an heir to its base some time. The heir keeps
-its name and place; what it calls by ``super()`` and the base had becomes a method of another name.
+A class costs a board 150 bytes, and each look-up that goes from a subclass to its base takes time.
+The subclass keeps its name and place. A method of the base that the subclass calls by ``super()``
+becomes a method of another name.
 
-Two classes are joined only where the result can be seen to be the same, and stay as they are
-otherwise:
+Two classes are merged only if the result is provably the same:
 
-- Each class statement does nothing but bind: methods, and constants with one target. Their values
-  need no name of the class or of the module, so it does not matter when and in which class body
-  they are evaluated, nor that one which the heir replaces is not evaluated at all.
-- Each name is bound once in each body, but for a property with its setter. What both bind is a
-  plain method or a constant in both.
-- The heir asks ``super()`` for what the base binds only in a call, from a method of its own, for a
-  method that it overrides.
+- Both class bodies only bind methods and constants with one target. The values of the constants use
+  no name of the class or of the module. So it does not matter when and in which body they are
+  evaluated, nor that a constant which the subclass overrides is not evaluated at all.
+- Each body binds each name once, except a property with its setter. A name that both bind is a
+  plain method in both, or a constant in both.
+- The subclass uses ``super()`` only to call, from a method of its own, a method that it overrides.
 - The names of both classes, and of the base's base, are bound once in the module.
 """
 
@@ -29,7 +28,12 @@ _DECORATORS: Final = {"property", "staticmethod", "classmethod"}
 
 
 def merge_classes(tree: ast.Module, named: Iterable[str]) -> None:
-    """Flatten the classes of a bundle; those that others may know by a name of ``named`` stay."""
+    """Merge classes of a bundle.
+
+    Args:
+        tree: The bundle; it is changed.
+        named: Names that other modules may use; classes with these names stay.
+    """
     kept = set(named)
     while _once(tree, kept):
         pass

@@ -1,12 +1,17 @@
 """Drops what a board's program does not reach, by names.
 
-Kept is, in modules of uros and of interfaces: what the program imports or names, what that names in
-turn, and so on. An attribute may belong to anything, but for those of ``self`` and of annotated
-parameters, so a method is kept when anything that is kept has an attribute, or a string (for
-getattr), of its name, but for a string that only bounds something (``char <= "z"``); so is what a
-module binds, if the module itself is at hand as an object; all methods, where a class has a base
-that is not ours. What such a reading cannot see is a name that is put together at run time: keep
-that by ``roots``. Imports and plain assignments are taken to do nothing but bind.
+Reachability is based on names. It starts at the program's own modules and at ``roots``, and covers
+modules of uros and of interfaces:
+
+- A definition is live if live code imports or names it.
+- A method is live if live code has an attribute of its name on any receiver whose class is not
+  known. The class of ``self`` and of an annotated parameter is known. A string of that name counts
+  as well (``getattr``), except a bound of a comparison such as ``char <= "z"``.
+- A name that a module binds is live by the same rule, if live code holds the module as an object.
+- Every method of a class is live if a base of the class is not ours, since that base may call it.
+
+A name that is put together at run time cannot be seen: name it in ``roots``. Imports and plain
+assignments are assumed to do nothing but bind their names.
 """
 
 from __future__ import annotations
@@ -25,10 +30,14 @@ _ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 
 
 def tree_shake(modules: dict[str, Module], roots: Iterable[str] = ()) -> dict[str, Module]:
-    """The modules that are left, with what is left of each; the program's own stay whole.
+    """Return the modules that are reached, without the code that is not.
 
-    ``roots`` are further modules (``uros.wire.session``) or names in them
-    (``uros.wire.session:push_info``) to keep, classes with all their methods.
+    The program's own modules stay whole.
+
+    Args:
+        modules: All modules by their names.
+        roots: Further modules (``uros.wire.session``) or names in them
+            (``uros.wire.session:push_info``) to keep; classes with all their methods.
     """
     shaker = _Shaker(modules)
     for module in modules.values():
@@ -72,7 +81,7 @@ class _Shaker:
     # What is reached
 
     def load(self, name: str) -> None:
-        """The module runs, and the packages it is in before it."""
+        """Mark a module as executed, and the packages that contain it."""
         while name and name not in self.loaded:
             if name in self.modules:
                 self.loaded.add(name)
@@ -83,11 +92,13 @@ class _Shaker:
             name = name.rpartition(".")[0]
 
     def hold(self, name: str) -> None:
+        """Mark a module as held as an object, so that attributes may reach its names."""
         if name in self.modules and name not in self.objects:
             self.objects.add(name)
             self.changed = True
 
     def keep(self, name: str, attribute: str) -> None:
+        """Mark a module, or one name in it, as live with all that belongs to it: a root."""
         self.load(name)
         self.hold(name)
         for unit in self.units.get(name, ()):
@@ -96,12 +107,13 @@ class _Shaker:
                 self.revive(self.modules[name], unit)
 
     def use(self, name: str, attribute: str) -> None:
-        """Something names what a module binds."""
+        """Mark what a module binds to a name as live: live code names it."""
         for unit in self.units.get(name, ()):
             if attribute in unit.names:
                 self.revive(self.modules[name], unit)
 
     def revive(self, module: Module, unit: _Unit) -> None:
+        """Mark a statement as live, and scan it once."""
         if unit.live:
             return
         unit.live = True
@@ -136,7 +148,7 @@ class _Shaker:
         return True
 
     def bring(self, module: Module, node: ast.stmt, alias: ast.alias) -> None:
-        """One alias of an import that is live."""
+        """Follow one alias of a live import to the module that it names."""
         if isinstance(node, ast.Import):
             self.load(alias.name)
             name = alias.name
@@ -156,7 +168,7 @@ class _Shaker:
             self.use(base, alias.name)
 
     def scan(self, module: Module, root: ast.AST) -> None:
-        """All that a piece of live code names."""
+        """Mark all that a piece of live code names."""
         bounds: set[ast.expr] = set()
         for node in ast.walk(root):  # a comparison comes before what it compares
             if isinstance(node, ast.Compare):
@@ -177,23 +189,25 @@ class _Shaker:
                     self.bring(module, node, alias)
 
     def note(self, attribute: str) -> None:
+        """Record an attribute of a receiver whose class is not known."""
         if attribute not in self.used:
             self.used.add(attribute)
             self.changed = True
 
     def note_typed(self, family: str, attribute: str) -> None:
+        """Record an attribute of a receiver whose family of classes is known."""
         if (family, attribute) not in self.typed:
             self.typed.add((family, attribute))
             self.changed = True
 
     def is_used(self, unit: _Unit, member: _Unit) -> bool:
-        """Whether anything may ask for the member of the class."""
+        """Return whether live code may use the member of the class."""
         assert isinstance(unit.node, ast.ClassDef)
         family = self.families.get(unit.node.name, "")
         return any(name in self.used or (family, name) in self.typed for name in member.names)
 
     def run(self) -> None:
-        """Go on until nothing new is reached."""
+        """Mark what is reached, until a round reaches nothing new."""
         self.changed = True
         while self.changed:
             self.changed = False
@@ -216,6 +230,7 @@ class _Shaker:
     # What is left
 
     def left(self) -> dict[str, Module]:
+        """Return the live modules, each without its dead statements."""
         kept: dict[str, Module] = {}
         for name, module in self.modules.items():
             if name not in self.loaded:
@@ -229,9 +244,11 @@ class _Shaker:
 
 
 def _families(trees: Iterable[ast.Module]) -> dict[str, str]:
-    """Each class's name, and one for all that it has bases or heirs in common with.
+    """Return for each class the name of its family.
 
-    Only those whose bases are all known, and that have a name for themselves.
+    Classes that derive from each other, directly or not, are one family; one of their names stands
+    for it. A family is left out if one of its classes has an unknown base, or shares its name with
+    another class.
     """
     bases: dict[str, list[str]] = {}
     open_: set[str] = set()
@@ -290,7 +307,10 @@ def _units(body: list[ast.stmt]) -> list[_Unit]:
 
 
 def _class_scope(node: ast.stmt) -> set[str]:
-    """The names that a member looks up in the class's own scope: not those in a function's body."""
+    """Return the names that a member looks up in the scope of the class.
+
+    Those in the body of a function are not among them.
+    """
     parts: list[ast.AST] = [node]
     if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
         parts = [*node.decorator_list, node.args]
@@ -303,12 +323,12 @@ def _class_scope(node: ast.stmt) -> set[str]:
 
 
 def _is_dunder(name: str) -> bool:
-    """Whether Python itself looks the name up; MicroPython does not for __slots__."""
+    """Return whether Python itself looks the name up; MicroPython does not look up __slots__."""
     return name.startswith("__") and name.endswith("__") and name != "__slots__"
 
 
 def _changed(node: ast.stmt) -> set[str]:
-    """The names whose things an assignment changes: ``TABLE[1] = 2``, ``function.x = 3``."""
+    """Return the names whose values an assignment changes: ``TABLE[1] = 2``, ``function.x = 3``."""
     targets = node.targets if isinstance(node, ast.Assign) else []
     names = set()
     for target in targets:
@@ -320,7 +340,7 @@ def _changed(node: ast.stmt) -> set[str]:
 
 
 def _bounds(node: ast.Compare) -> list[ast.expr]:
-    """The operands that are compared for their order alone."""
+    """Return the operands of a comparison that are compared only by their order."""
     return [
         operand
         for at, operand in enumerate((node.left, *node.comparators))
