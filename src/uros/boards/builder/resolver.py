@@ -140,7 +140,7 @@ class Resolver:
 
     def uros_names(self, wanted: Wanted, by: Module) -> None:
         """Raises where the program imports a name that nothing in the module can have bound:
-        `shake` would drop the module for want of a user.
+        `tree_shake` would drop the module, which nothing uses.
         """
         module = self.modules.get(wanted.module)
         if module is None:

@@ -1,9 +1,10 @@
-"""Gives names that nobody outside of the bundle can see the names that MicroPython has in its ROM.
+"""Renames what nobody outside of the bundle can see to names that MicroPython has in its ROM.
 
-A new name costs a board some 20 bytes, one that MicroPython itself uses costs none, and one of two
-letters half. Renamed are parameters that no call names, and attributes, functions and classes that
-neither the program nor a module beside the bundle names; exceptions never. A traceback shows the
-new names. As with `shake`, a name that is put together at run time is not seen.
+A new name costs a board some 20 bytes, a name that MicroPython itself uses costs none, and one of
+two letters costs half. The pass renames parameters that no call names, and attributes, functions
+and classes that neither the program nor a module beside the bundle names; exceptions are never
+renamed. A traceback shows the new names. As with `tree_shake`, a name that is put together at run
+time cannot be seen.
 """
 
 from __future__ import annotations

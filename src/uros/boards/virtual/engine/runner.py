@@ -157,7 +157,7 @@ class RunningBoard:
             raise
 
     def stop(self) -> None:
-        """Switch it off. Twice is once."""
+        """Switch the board off; idempotent."""
         process = self._process
         if process is None or self._reader is None:
             return
