@@ -5,7 +5,7 @@ The rules (XRCE 8.4), as state:
 * Numbers are 16 bits and wrap; the first of a stream is 0. ``a`` comes before
   ``b`` where ``b - a`` modulo 2^16 is below 2^15.
 * Best effort: a message is accepted when its number is after the last accepted,
-  or when the stream is elsewhere (see below).
+  or when the sender's numbers have jumped (see below).
 * Reliable in: messages are handed on in order, each once; up to ``depth`` ahead
   of the next expected are kept, the others dropped (they come again). An
   acknack tells the next expected number and which of the 16 from there on are
@@ -46,7 +46,8 @@ RESEND_HOLD_MS: Final = 10
 DOUBTS: Final = 8
 DOUBT_MS: Final = 2000
 
-# Numbers in use at once must be fewer than half of all, or before and after are lost.
+# Fewer than half of all numbers may be in use at once: with more, the order of two numbers would be
+# ambiguous.
 MAX_HELD: Final = 0x7FFF
 
 # Attack: fragments that never end. The largest messages on record are camera
@@ -70,12 +71,12 @@ def _doubted(stream: "BestEffortIn | ReliableIn", now: int) -> bool:
 
 
 class BestEffortIn:
-    """Receiving end of a best-effort stream: drops what is old or doubled.
+    """Receiving end of a best-effort stream: drops old and duplicate messages.
 
-    Where nothing but old messages keeps coming, the sender is elsewhere: more
-    than half of all numbers were lost, or ``last`` is from an earlier session.
-    The stream then goes on from there. What is doubled or was overtaken by less
-    than ``WINDOW`` says nothing.
+    If only messages with old numbers keep coming, the sender's numbers have jumped:
+    more than half of all numbers were lost, or ``last`` is from an earlier session.
+    The stream then continues at the sender's number. Duplicates, and messages that
+    others have overtaken by less than ``WINDOW``, do not count as such.
     """
 
     __slots__ = ("doubts", "last", "since")
@@ -86,7 +87,7 @@ class BestEffortIn:
         self.doubts = 0
 
     def accept(self, sequence: int, now: int) -> bool:
-        """Whether the message is news."""
+        """Return whether the message is a new one, and is to be handed on."""
         back = (self.last - sequence) & SEQUENCE_MASK
         if back <= 0x8000 and (back < WINDOW or not _doubted(self, now)):
             return False
@@ -143,11 +144,15 @@ class ReliableIn:
         return body
 
     def heartbeat(self, first: int, last: int, now: int) -> bool:
-        """The sender holds ``first`` to ``last``, and the others are acknowledged.
+        """Take a heartbeat: the sender holds ``first`` to ``last``; all before is acknowledged.
 
-        True: many heartbeats have said what cannot be true here, so the sender
-        has given messages up or counts anew. Before that nothing is changed: a C
-        client believes an acknack of any number, and loses what it has not sent.
+        A range without ``next`` contradicts this stream. One such heartbeat may be a late
+        one of an earlier session, so it changes nothing: a C client accepts an acknack of
+        any number, and drops messages that it has not sent yet.
+
+        Returns:
+            Whether so many heartbeats in a row contradict this stream that the sender must have
+            dropped messages or restarted its numbers; the caller restarts the stream then.
         """
         held = (last + 1 - first) & SEQUENCE_MASK
         if held <= MAX_HELD:
@@ -159,7 +164,7 @@ class ReliableIn:
         return False
 
     def restart(self, first: int, last: int) -> None:
-        """Expect ``first`` to ``last`` next. What of them came early comes again."""
+        """Expect ``first`` to ``last`` next; what was kept ahead is dropped and requested again."""
         self.next = first
         self.announced = last
         self.waiting.clear()
@@ -321,8 +326,8 @@ class Fragments:
 
     def __init__(self, limit: int = MAX_MESSAGE) -> None:
         self.limit = limit
-        # One buffer and no list of parts: four million parts of one byte or none weigh more
-        # than their sum.
+        # One buffer, not a list of parts. Attack: millions of fragments of one byte or none, whose
+        # objects would take many times the memory of their bytes, which the limit counts.
         self._whole: "bytearray" = _NOTHING
         self._skip = False  # the rest of a submessage that is not whole
 
@@ -335,9 +340,9 @@ class Fragments:
         """Return the state as plain values; `restore` takes them.
 
         Returns:
-            The bytes of a submessage that is not whole yet, in the buffer itself: the same one
-            grows with each of its fragments, another one is of another submessage. And whether
-            the rest of a submessage is being dropped.
+            The bytes of an incomplete submessage, and whether the rest of a submessage is being
+            dropped. The bytes are in the stream's own buffer: each fragment extends that object,
+            and the next submessage begins another one, so its identity tells the two apart.
         """
         return self._whole, self._skip
 

@@ -19,7 +19,8 @@ LONGEST: Final = 16
 def inline_constants(modules: dict[str, Module]) -> None:
     """Put the values of Final constants where their names stand, in all modules but the program's.
 
-    Private constants that no name refers to any more are dropped; public ones stay, for `tree_shake`.
+    Private constants that no name refers to any more are dropped; public ones stay, for
+    `tree_shake`.
     """
     known: dict[str, dict[str, Scalar]] = {name: {} for name in modules}
     stored = {
