@@ -188,7 +188,8 @@ class SessionStore:
         cursor.records.info = info
         self._add(cursor, info.payload())
         self._renew(cursor)
-        # Without the state of its streams, which is written when its samples were passed on.
+        # The state of the client's streams is not written here: a message counts as received only
+        # when its samples have been passed on.
         self._seal(cursor)
         self._commit()
 
@@ -287,8 +288,9 @@ class SessionStore:
             inbound = cursor.inbound_cursors.get(stream_id) or cursor.inbound(stream_id)
             number = stream.stream.next
             if stream.stalled:
-                # A stalled message is not acknowledged and will be retransmitted as a whole;
-                # those before it are written. It may take seconds: nothing is written twice.
+                # A stalled message is not acknowledged, and the client retransmits it as a whole:
+                # the number written is that of the message before. Fragments are written only
+                # once, however long the message stays stalled.
                 if not inbound.is_whole(stream.fragments):
                     continue
                 number = (number - 1) & 0xFFFF
@@ -354,7 +356,7 @@ class SessionStore:
             if message is not None:
                 self._add(cursor, number_payload(b"T", stream_id, outbound.next, message))
             outbound.next = (outbound.next + 1) & 0xFFFF
-        if gap:  # acknowledged before it was sent
+        if gap:  # the last message was acknowledged before it was written
             self._add(cursor, number_payload(b"N", stream_id, outbound.next))
 
     def _reserve(self, cursor: WriteCursor, best_effort: dict[int, int]) -> None:
@@ -418,7 +420,8 @@ class SessionStore:
             cursor.fill()
             slot, encoded, count = cursor.records.encode(cursor.serial)
             cursor.records.incoming, cursor.records.outgoing = {}, {}
-            # The streams are in the slot in the order in which they were added, here as there.
+            # `fill` has added the streams in the order of the cursor, so the offsets in the new
+            # slot are those that the cursor knows.
             slots[cursor.index] = slot
             journal.append(bytes(encoded))
             counts.append((cursor, count, slot))

@@ -7,13 +7,14 @@ gets no answer (C clients repeat CREATE_CLIENT each second). Any message of the 
 half a second refuses the claimant; otherwise the claimant takes over.
 
 The key of a client that showed a certificate goes only to a claimant with the same certificate,
-however silent the incumbent is: it must leave, or be forgotten. A claimant inherits the objects of
+even if the incumbent answers no probe: for others the key is free when the incumbent has deleted its
+session, or was deleted for its silence. A claimant inherits the objects of
 the incumbent only where transport, certificate and rules are the same
 (:meth:`uros.agent.agent.Agent.take_over`).
 
-After an incumbent has answered, it is not probed again for :data:`DEFENDED_MS`, in which all
-claimants are refused at once: a flood of claimants costs the incumbent a few small messages and,
-where its network loses some of them, not its session.
+After an incumbent has answered, it is not probed again for :data:`DEFENDED_MS`, and claimants are
+refused at once. So a flood of claimants costs the incumbent only a few small messages. Without that
+pause it could also cost the session: on a lossy network all three probes of some round would be lost.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from .admission import KEY_IN_USE
 WAIT_MS: Final = (150, 150, 200)
 # How long an incumbent that answered is not probed again, in milliseconds.
 DEFENDED_MS: Final = 5000
-# Attack: claimants for all clients at once. So many keys are probed; other claimants wait.
+# Attack: claimants for all clients at once. At most this many keys are probed at a time; claimants
+# for other keys get no answer and repeat their request.
 MAX_PROBES: Final = 256
 
 
@@ -55,7 +57,7 @@ class _TakeoverProbe:
         self.probes = 0  # sent so far
         self.due = now
         if incumbent.session.heard == now:
-            # A message in this same millisecond must make a difference.
+            # A message that comes in this same millisecond must change `heard`, too.
             incumbent.session.heard = ticks_add(now, -1)
         self.heard = incumbent.session.heard
 
@@ -132,7 +134,7 @@ class KeyConflicts:
             probe.due = ticks_add(now, wait)
             incumbent.session.probe()
             agent.attend(incumbent.session)
-            # One more: timers fire in the millisecond before, too.
+            # One millisecond more, since a timer may fire up to a millisecond early.
             agent.wake_at((wait + 1) / 1000, lambda: self._check(key, probe))
         else:
             del self._probes[key]
