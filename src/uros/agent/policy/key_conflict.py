@@ -7,14 +7,14 @@ gets no answer (C clients repeat CREATE_CLIENT each second). Any message of the 
 half a second refuses the claimant; otherwise the claimant takes over.
 
 The key of a client that showed a certificate goes only to a claimant with the same certificate,
-even if the incumbent answers no probe: for others the key is free when the incumbent has deleted its
-session, or was deleted for its silence. A claimant inherits the objects of
-the incumbent only where transport, certificate and rules are the same
-(:meth:`uros.agent.agent.Agent.take_over`).
+even if the incumbent answers no probe: for others the key is free when the incumbent has deleted
+its session, or was deleted for its silence. A claimant inherits the objects of the incumbent only
+where transport, certificate and rules are the same (:meth:`uros.agent.agent.Agent.take_over`).
 
 After an incumbent has answered, it is not probed again for :data:`DEFENDED_MS`, and claimants are
-refused at once. So a flood of claimants costs the incumbent only a few small messages. Without that
-pause it could also cost the session: on a lossy network all three probes of some round would be lost.
+refused at once. So a flood of claimants costs the incumbent only a few small messages. Without
+that pause it could also cost the session: on a lossy network, all three probes of some round would
+be lost.
 """
 
 from __future__ import annotations
