@@ -38,6 +38,7 @@ ROOT = Path(__file__).resolve().parents[2]
 if __name__ == "__main__":
     sys.path[:0] = [str(ROOT / "src")]
 
+import uros  # noqa: E402
 from uros.client import AGENT_CONNECTED, Node  # noqa: E402
 from uros.interfaces import load  # noqa: E402
 from uros.transport.serial import StreamTransport  # noqa: E402
@@ -464,7 +465,7 @@ class Soak:
             for slot, kind in enumerate(kinds)
         ]
         network = Direct(open_middleware("dds"), self.domain)
-        outside = Node("listener", network, "soak", self.domain)
+        outside = uros.Node("listener", network, "soak", self.domain)
         outside.create_subscription(String, "all", lambda message: self._outside())
         orders = outside.create_publisher(Int32, "orders")
         # What DDS opens for its first node stays open.
