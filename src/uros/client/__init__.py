@@ -1,6 +1,6 @@
-"""The ROS 2 node of a board: an XRCE session, entities, an executor.
+"""ROS 2 node of a board: XRCE session, entities, executor.
 
-Everything here runs unchanged on CPython and on MicroPython. Modules, from the bottom up:
+All modules run unchanged on CPython and on MicroPython. From the lowest layer up:
 
 ==============  ==================================================================================
 ``clock``       The board's ticks, and epoch time synchronized with the agent.
@@ -12,8 +12,7 @@ Everything here runs unchanged on CPython and on MicroPython. Modules, from the 
 ``protocols``   What node, connection and transport need of each other, for type checkers.
 ==============  ==================================================================================
 
-What not every program needs is in modules of its own, which cost nothing where they are not
-imported:
+Optional features are separate modules, which take memory only if imported:
 
 ==========================  ======================================================================
 ``triggers``                When the executor runs its callbacks: all ready, one ready, always.

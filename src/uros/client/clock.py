@@ -1,4 +1,4 @@
-"""A board's ticks, and the time since 1970 that it learns from its agent."""
+"""Clock of a board: ticks, and epoch time synchronized with the agent."""
 
 from ..ticks import TIME_MASK, sleep_ms, ticks_ms, ticks_us
 
@@ -7,17 +7,18 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# A correction beyond this is made at once, backwards too: the agent's own clock was set.
+# A correction beyond this is made at once, also backwards: the agent's own clock was set.
 STEP_US: Final = 1000000
 
 
 class Clock:
-    """Ticks, and epoch time of which every part stays a small integer on a board: ``high`` and
-    ``low``, 16 bits each, are its seconds.
+    """Ticks and epoch time.
 
-    Until :meth:`set` epoch time counts from when the clock was made. It must be asked for at
-    least every eight minutes, as a spinning node does: the ticks wrap. Small corrections
-    backwards are made by going at half speed, so that stamps never jump back.
+    The seconds are kept as ``high`` and ``low``, 16 bits each, so that every part is a small
+    integer on a board. Until :meth:`set` is called, epoch time counts from the creation of the
+    clock. The time must be read at least every eight minutes, as a spinning node does, because the
+    ticks wrap. Small corrections backwards are made by running at half speed, so that stamps never
+    go back.
     """
 
     def __init__(self) -> None:
@@ -25,16 +26,16 @@ class Clock:
         self.high = self.low = 0
         self._last = self.us()
         self._us = 0
-        self._ahead = 0  # microseconds that time is still too late by being early
+        self._ahead = 0  # microseconds by which the time is ahead and still to be slowed
 
-    # Milliseconds and microseconds modulo 2^30; doing nothing for so many milliseconds.
+    # Ticks in milliseconds and in microseconds, modulo 2^30; sleep for some milliseconds.
     ms = staticmethod(ticks_ms)
     us = staticmethod(ticks_us)
     sleep = staticmethod(sleep_ms)
 
     @property
     def seconds(self) -> int:
-        """Since 1970, once :attr:`synchronized`; as of the last time it was asked for."""
+        """Seconds since 1970, if :attr:`synchronized`, as of the last time it was read."""
         return self.high << 16 | self.low
 
     def _update(self) -> None:
@@ -54,15 +55,16 @@ class Clock:
         self._us = us
 
     def now(self) -> "tuple[int, int]":
-        """Seconds since 1970 and nanoseconds, once :attr:`synchronized`."""
+        """Return seconds since 1970, if :attr:`synchronized`, and nanoseconds."""
         self._update()
         return self.seconds, self._us * 1000
 
     def stamp(self, time: "Any") -> bool:
-        """Write the time into a ``builtin_interfaces/Time``; allocates nothing.
+        """Write the time into a ``builtin_interfaces/Time``, without allocating.
 
-        False: it is not :attr:`synchronized` yet, and nothing is written. A message that is
-        stamped now and published later must then be left out.
+        Returns:
+            False if the clock is not :attr:`synchronized` yet; then nothing is written, and the
+            program must not publish the message.
         """
         if self.synchronized:
             self._update()
@@ -72,8 +74,10 @@ class Clock:
         return self.synchronized
 
     def set(self, seconds: int, nanoseconds: int) -> None:
-        """This is the time now; the nanoseconds may be more than a second. ROS's seconds end in
-        January 2038 and begin anew at 0 here, so that a clock which is wrong stops no publisher.
+        """Set the time; the nanoseconds may be more than a second.
+
+        ROS's seconds end in January 2038; then they restart at 0 here, so that a wrong clock does
+        not stop a publisher.
         """
         self._update()
         us = nanoseconds // 1000

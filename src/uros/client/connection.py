@@ -33,11 +33,12 @@ AGENT_AVAILABLE: Final = 1
 AGENT_CONNECTED: Final = 2
 AGENT_DISCONNECTED: Final = 3
 
-# Most datagrams taken before the callbacks have their turn.
+# Most datagrams received in one pump, before callbacks run.
 _BURST: Final = 16
-# The first synchronization takes the best of so many replies; later ones must be as quick.
+# Number of replies for the first synchronization, which uses the one with the shortest round trip;
+# later ones must be about as fast.
 _FIRST_TIMES: Final = 3
-_TIME_RETRY_MS: Final = 100  # doubled each time, for slow lines
+_TIME_RETRY_MS: Final = 100  # doubled at each retry, for slow lines
 _TIME_AGAIN_MS: Final = 2000
 _TIME_PERIOD_MS: Final = 30000
 # A reply whose round trip is longer by this than the best one is rejected. Each rejection raises
@@ -56,19 +57,19 @@ _UNANSWERED: Final = 7
 
 
 class Connection(Session):
-    """A board's connection to its agent. Everything happens in :meth:`pump`; there are no threads.
+    """Connection of a board to its agent; all work is done in :meth:`pump`, without threads.
 
     ``connections`` counts the sessions that reached AGENT_CONNECTED, ``unconfirmed`` the messages
     not acknowledged when an agent was lost, ``oom_count`` the steps skipped for lack of memory,
-    whose messages are lost as on a bad line; ``reason`` says why the last agent was lost.
+    whose messages are lost as on a faulty line. ``reason`` says why the last agent was lost.
 
     Args:
         transport: See :class:`~uros.client.protocols.Transport`.
-        key: The client key; two boards on one agent must not share it.
+        key: The client key; two boards at one agent must not share it.
         clock: The board's clock.
         limit: Most bytes that may wait in either direction.
         ping_ms: Period of pings, see the module.
-        silence_ms: An agent that is silent for so long is lost.
+        silence_ms: Time without messages after which an agent is lost.
         wait_ms: Period of pings while no agent is known.
     """
 
@@ -102,7 +103,7 @@ class Connection(Session):
         self._numbers: "dict[int, int]" = {}
         self._todo: "list[Any]" = []  # entities not created yet in this session
         self._step_of = 0  # requests made for the first of them
-        # By request: the entity that the agent is creating, None for what it is deleting.
+        # By request id: the entity that the agent is creating, or None for a DELETE.
         self._awaited: "dict[int, Any]" = {}
         self._open = False  # the transport
         self._known = False  # the session, to the agent
@@ -120,7 +121,7 @@ class Connection(Session):
             entity: See :class:`~uros.client.protocols.ConnectedEntity`.
 
         Returns:
-            Its number, unique among the entities with the same first kind.
+            The entity's number, unique among the entities with the same first kind.
         """
         number = self._numbers.get(entity.kinds[0], 0)
         self._numbers[entity.kinds[0]] = number + 1
@@ -185,7 +186,7 @@ class Connection(Session):
         w.octets(b"\0\0\1\xff\xff\0\0\0\0\0\0")
         self.request(ids.READ_DATA, ids.FLAG_LITTLE_ENDIAN, w)
 
-    # --- what the session tells -------------------------------------------------------------
+    # --- handlers of the agent's messages -----------------------------------------------------
 
     def on_agent(self, status: int) -> None:
         """Handle STATUS_AGENT: the session was opened or refused."""
@@ -243,7 +244,7 @@ class Connection(Session):
             self.clock.set(transmit[0], transmit[1] + (trip >> 1) * 1000)
         elif not self._times:
             self._best_us += _LESS_CHOOSY_US
-            return  # too slow: asked again soon
+            return  # too slow: TIMESTAMP is sent again soon
         self._answered = self._next_time = self.clock.ms()
         self._time_retry = _TIME_RETRY_MS
         if self._times:
@@ -261,7 +262,7 @@ class Connection(Session):
     # --- the four states ----------------------------------------------------------------------
 
     def pump(self, timeout_ms: int) -> None:
-        """Do what is due, then receive; a few datagrams at most, so that callbacks can run.
+        """Do what is due, then receive a few datagrams at most, so that callbacks can run.
 
         Args:
             timeout_ms: How long to wait for the first datagram; below 0 nothing is received.
@@ -315,7 +316,7 @@ class Connection(Session):
         self._step(self.clock.ms())
 
     def _wait(self, now: int) -> int:
-        """Milliseconds until something is due."""
+        """Return the milliseconds until something is due."""
         wait = ticks_diff(self._next, now)
         if self._known:
             wait = min(wait, ticks_diff(self._next_time, now))
@@ -346,7 +347,7 @@ class Connection(Session):
         return True
 
     def _keep(self, now: int) -> None:
-        """Send what a session needs by time."""
+        """Send the pings and requests of a session that are due."""
         if ticks_diff(now, self._next) >= 0:
             self._next = ticks_add(now, self.ping_ms)
             if self._asked_at < 0:
@@ -374,7 +375,7 @@ class Connection(Session):
         self.tick(now)
 
     def _feed(self) -> None:
-        """Create what is not created yet, as far as the window reaches."""
+        """Send the requests that create entities, as far as the window reaches."""
         while (
             self._todo
             and self.available()
@@ -417,12 +418,12 @@ class Connection(Session):
         self._open = False
         try:
             self.transport.close()
-        except OSError:  # the line is gone already
+        except OSError:  # the transport has failed already
             pass
         for entity in self._entities:
             entity.on_lost()
-        self._lost = ""  # last: after a MemoryError above, all of it is done again
-        # After a pause: an agent that refuses must not be asked without end.
+        self._lost = ""  # last: after a MemoryError above, all of it is repeated
+        # After a pause, so that an agent that refuses the session is not asked continuously.
         self._next = ticks_add(now, self.wait_ms)
         if was != WAITING_AGENT:
             self._enter(AGENT_DISCONNECTED)
@@ -438,13 +439,13 @@ class Connection(Session):
                     message = self.transport.receive(ticks_diff(end, self.clock.ms()))
                     if message is not None:
                         self.receive(message, self.clock.ms())
-            except (OSError, MemoryError):  # the line is gone already
+            except (OSError, MemoryError):  # the session is ended in any case
                 pass
         self._lost = "closed"
         self._disconnect(self.clock.ms())
 
     def end(self, reason: str) -> None:
-        """End the session at the next step, and begin another."""
+        """End the session at the next step and begin another."""
         self._lost = self._lost or reason
 
     def on_line(self, error: OSError) -> None:

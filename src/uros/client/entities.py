@@ -1,8 +1,8 @@
-"""Publisher, subscription, service and client: what a node has on the ROS network.
+"""Publisher, subscription, service and client of a node.
 
-Each knows how to create its objects at an agent (``create``), so that a connection can do it again
-in every session. They work on anything that has a connection's ``add``, ``create``, ``listen``,
-``write`` and ``remove``: a session with an agent, or on a host a middleware.
+Each has a method ``create`` for its objects at an agent, which a connection calls in every session.
+An entity works with any object that has a connection's ``add``, ``create``, ``listen``, ``write``
+and ``remove``: a session with an agent, or on a host the middleware.
 """
 
 from struct import pack_into
@@ -27,24 +27,31 @@ except ImportError:  # MicroPython
     pass
 
 _RELIABLE_KEEP_LAST: Final = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST
-# What a reliable stream had to wait for comes at once, whatever the depth: two windows of it.
+# Receive queues exceed the depth by two windows: a reliable stream delivers what it held back for a
+# missing message at once.
 _BURST: Final = 32
 _RING: Final = WINDOW - 1
-# Where the ids of a sample's message are, and the sample.
+# Offsets of a message's two ids, and of the sample.
 _IDS: Final = 8
 _SAMPLE: Final = 12
 
 
 class Entity:
-    """``name`` is the full ROS name, ``type`` a generated class, ``qos`` a depth or a QoSProfile;
-    ``created``: this session's agent was asked for all of it.
+    """Base class of a node's publishers, subscriptions, services and clients.
 
-    One that ``listens`` has ``on_data(buf, start, stop, little)``, for bytes from the agent.
+    ``created`` says whether all of its objects were requested from this session's agent. A subclass
+    with ``listens`` has ``on_data(buf, start, stop, little)`` for samples from the agent.
+
+    Args:
+        node: The node.
+        name: The full ROS name.
+        type: A generated class.
+        qos: A depth or a QoSProfile.
     """
 
     # The object kinds that the entity consists of, in the order of their creation.
     kinds = ()  # type: tuple[int, ...]
-    listens = False  # whether samples come to it
+    listens = False  # whether it receives samples
 
     def __init__(self, node: "Any", name: str, type: "Any", qos: "Any") -> None:
         self.node = node
@@ -60,18 +67,18 @@ class Entity:
         else:
             from ..qos import to_flags
 
-            # Without an agent all of DDS applies.
+            # Without an agent no policy is limited by XRCE.
             self.flags = to_flags(qos, self.kinds[-1] if node.connection.has_agent else 0)
             self.depth = qos.depth
         self.connection: "Any" = node.connection
         self.number: int = self.connection.add(self)
 
     def object_id(self, kind: int) -> int:
-        """The id of one of its objects."""
+        """Return the id of the entity's object of this kind."""
         return self.number << 4 | kind
 
     def destroy(self) -> None:
-        """Take it off the network, now and in sessions to come."""
+        """Delete the entity in this session and do not create it in later ones."""
         self.created = False
         self.node.forget(self)
         object_ids: "tuple[int, ...]" = ()
@@ -80,16 +87,20 @@ class Entity:
         self.connection.remove(self, object_ids)
 
     def on_lost(self) -> None:
-        """The session has ended."""
+        """Handle the end of the session."""
         self.created = False
 
     def on_refused(self, request_id: int) -> bool:
-        """Return whether it made this request, which the agent refuses."""
+        """Return whether the entity made this request, which the agent refused."""
         return False
 
     def create(self, connection: "Any", step: int) -> bool:
-        """Make the request of this number, from 0 on, of those that create it: an object each,
-        and behind them what has its samples sent. Whether it was the last.
+        """Make request number ``step``, from 0 on, of those that create the entity.
+
+        There is one request for each object, then READ_DATA if the entity listens.
+
+        Returns:
+            Whether it was the last request.
         """
         kinds = self.kinds
         last = len(kinds) - (not self.listens)
@@ -101,7 +112,7 @@ class Entity:
         return self.created
 
     def _create(self, connection: "Any", step: int, this: int) -> None:
-        """A topic, a publisher or subscriber, and the writer or reader in it."""
+        """Request the topic, the publisher or subscriber, or its datawriter or datareader."""
         topic = self.object_id(ids.KIND_TOPIC)
         parent = self.node.object_id
         if step == 0:
@@ -122,7 +133,7 @@ class Entity:
 
 
 class Publisher(Entity):
-    """Sends messages. ``published`` were handed to the session, ``dropped`` were not."""
+    """Sends messages; ``published`` counts those passed to the session, ``dropped`` the others."""
 
     kinds = (ids.KIND_TOPIC, ids.KIND_PUBLISHER, ids.KIND_DATAWRITER)
 
@@ -130,30 +141,35 @@ class Publisher(Entity):
         self.published = 0
         self.dropped = 0
         super().__init__(node, name, type, qos)
-        # The type whose messages publish() puts straight into a buffer of the session: none with
-        # best effort, and none without an agent.
+        # The type whose messages publish() packs directly into a buffer of the session; None for
+        # best effort and without an agent.
         self._direct = type if self.flags & ids.QOS_RELIABLE and node.connection.has_agent else None
-        # Of a board's classes the codec itself, without what words its errors.
+        # On a board the codec itself, without the wrapper that describes its errors.
         self._pack: "Any" = getattr(type, "_pack", None) or getattr(type, "pack_into", None)
         number = self.object_id(ids.KIND_DATAWRITER)
-        self._id = (number & 0xFF) << 8 | number >> 8  # its octets in the order of the wire
+        self._id = (number & 0xFF) << 8 | number >> 8  # octets in wire order
 
     def publish(self, message: "Any") -> bool:
-        """Send a message; never waits. False: no connection, or no room; it is dropped.
+        """Send a message; never wait.
 
-        Raises TypeError for a message of another type, what packing raises for a field that does
-        not fit, and EncodeError for a message that could never be sent.
+        Returns:
+            False if the message was dropped: there is no connection, or no room in the queue.
+
+        Raises:
+            TypeError: The message is of another type.
+            EncodeError: The message is too large to be ever sent. Packing raises for a field out of
+                range.
         """
         if message.__class__ is self._direct and self.created:
-            # What a session's write does, for a sample that goes out at once, in a buffer that is
-            # there: a board spends most of its time here.
+            # Inlined Session.write for a sample that is sent at once in an existing buffer: a board
+            # spends most of its time here.
             session = self.connection
             free = session.free
             buf = session.stack[free]
             if buf is not None:
                 try:
                     size = self._pack(message, buf, _SAMPLE, _SAMPLE)
-                except Exception:  # the message is at fault, or only longer than this buffer
+                except Exception:  # a faulty message, or one longer than this buffer
                     pass
                 else:
                     number = session.next
@@ -186,10 +202,10 @@ class Publisher(Entity):
 
 
 class _Receiver(Entity):
-    """An entity with a callback for what has come, oldest first: a handle of an executor.
+    """Entity with a queue of received items, oldest first; a handle of the executor.
 
-    ``lost`` counts what was dropped because callbacks were too slow, ``malformed`` what could not
-    be read as the type.
+    ``lost`` counts the items dropped because callbacks were too slow, ``malformed`` the samples
+    that could not be decoded as the type.
     """
 
     listens = True
@@ -202,17 +218,22 @@ class _Receiver(Entity):
         super().__init__(node, name, type, qos)
 
     def is_ready(self, now: int) -> bool:
+        """Return whether an item is queued."""
         return bool(self._queue)
 
     def next_deadline(self) -> "int | None":
+        """Return None: it has no deadline."""
         return None
 
     def overfull(self) -> bool:
+        """Return whether more items are queued than the depth."""
         return len(self._queue) > self.depth
 
     def _read(self, type: "Any", buf: "Buffer", start: int, stop: int, little: bool) -> "Any":
-        """The message in these bytes, or None. What stands behind it is no fault: Fast DDS sends
-        some where sequences of doubles at the end are empty.
+        """Return the message in these bytes, or None if it is malformed.
+
+        Trailing bytes are ignored: Fast DDS sends some if sequences of doubles at the end are
+        empty.
         """
         try:
             return type.unpack_from(buf, start, start, stop, little)[0]
@@ -220,7 +241,8 @@ class _Receiver(Entity):
             fault = error
         self.malformed += 1
         if self.malformed == 1:
-            # Also where the sender has a wrong definition for ever: once. The rest is counted.
+            # Reported once, since every sample of a sender with another definition fails; later
+            # ones are counted only.
             self.node.executor.report(
                 ValueError(
                     "%s: what came is no %s (%s): give both ends the same definition"
@@ -237,7 +259,7 @@ class _Receiver(Entity):
 
 
 class Subscription(_Receiver):
-    """``callback(message)``; with ALWAYS, ``callback(None)`` in rounds without a new one."""
+    """Calls ``callback(message)``; with ALWAYS ``callback(None)`` in rounds without a message."""
 
     kinds = (ids.KIND_TOPIC, ids.KIND_SUBSCRIBER, ids.KIND_DATAREADER)
 
@@ -248,16 +270,18 @@ class Subscription(_Receiver):
         super().__init__(node, name, type, qos)
 
     def on_data(self, buf: "Buffer", start: int, stop: int, little: bool) -> None:
+        """Queue a sample."""
         message = self._read(self.type, buf, start, stop, little)
         if message is not None:
             self._keep(message)
 
     def execute(self, new: bool) -> None:
+        """Call the callback with the oldest message, or with None if there is no new one."""
         self.callback(self._queue.pop(0) if new else None)
 
 
 def _create_called(end: "Any", connection: "Any", step: int, this: int) -> None:
-    """Create either end of a service. No base class has it: that takes 150 bytes of a board."""
+    """Create a client or a service; a common base class would take 150 bytes of a board."""
     connection.create(
         end, this, end.node.object_id, push_binary_service, end.name,
         _dds_name(end.type.Request), _dds_name(end.type.Response),
@@ -266,7 +290,7 @@ def _create_called(end: "Any", connection: "Any", step: int, this: int) -> None:
 
 
 class Service(_Receiver):
-    """``callback(request, response)`` gives the response, as with rclpy."""
+    """Calls ``callback(request, response)`` and sends the response it returns, as rclpy does."""
 
     kinds = (ids.KIND_REPLIER,)
     _create = _create_called
@@ -276,16 +300,17 @@ class Service(_Receiver):
         callback: "Callable[[Any, Any], Any]",
     ) -> None:  # fmt: skip
         self.callback = callback
-        self._answer: "Any" = None  # (identity, response) that there was no room for
+        self._answer: "Any" = None  # (identity, response) not sent yet for lack of room
         super().__init__(node, name, type, qos)
 
     def on_lost(self) -> None:
-        # Whoever asked has asked a session that is no more.
+        """Drop queued requests and the reply: the session they belong to has ended."""
         self._queue.clear()
         self._answer = None
         super().on_lost()
 
     def on_data(self, buf: "Buffer", start: int, stop: int, little: bool) -> None:
+        """Queue a request with its identity."""
         body = start + SAMPLE_IDENTITY_SIZE
         if body > stop:
             self.malformed += 1
@@ -295,15 +320,17 @@ class Service(_Receiver):
             self._keep((bytes(buf[start:body]), request))
 
     def is_ready(self, now: int) -> bool:
+        """Send a reply that had no room before; return whether a request can be handled."""
         if self._answer is not None:
             try:
-                self._reply()  # there may be room now
+                self._reply()
             except Exception as error:
                 self.node.executor._fail(error)
         return bool(self._queue) and self._answer is None
 
     def execute(self, new: bool) -> None:
-        if not new:  # ALWAYS means nothing without a request
+        """Call the callback for the oldest request and send its response."""
+        if not new:  # ALWAYS has no effect without a request
             return
         identity, request = self._queue.pop(0)
         response = self.callback(request, self.type.Response())
@@ -322,7 +349,7 @@ class Service(_Receiver):
 
 
 class Future:
-    """What a request will come to."""
+    """Result of a request that is not complete yet."""
 
     def __init__(self) -> None:
         self._done = False
@@ -331,26 +358,28 @@ class Future:
         self._callbacks: "list[Callable[[Future], object]]" = []
 
     def done(self) -> bool:
+        """Return whether there is a result or an error."""
         return self._done
 
     def result(self) -> "Any":
-        """The response; None while there is none. Raises what the request failed with."""
+        """Return the response, or None if not done; raise the error of a failed request."""
         if self._error is not None:
             raise self._error
         return self._result
 
     def exception(self) -> "Exception | None":
+        """Return the error of a failed request, otherwise None."""
         return self._error
 
     def add_done_callback(self, callback: "Callable[[Future], object]") -> None:
-        """Call ``callback(future)`` when it is done, at once where it is."""
+        """Call ``callback(future)`` when the future is done; at once if it is."""
         if self._done:
             callback(self)
         else:
             self._callbacks.append(callback)
 
     def finish(self, result: "Any", error: "Exception | None" = None) -> None:
-        """For the one who made it: this is what it came to."""
+        """Set the result or the error and call the callbacks; for the creator of the future."""
         self._done = True
         self._result = result
         self._error = error
@@ -361,7 +390,7 @@ class Future:
 
 
 class Client(_Receiver):
-    """Asks a service."""
+    """Calls a service."""
 
     kinds = (ids.KIND_REQUESTER,)
     _create = _create_called
@@ -371,8 +400,10 @@ class Client(_Receiver):
         super().__init__(node, name, type, qos)
 
     def call_async(self, request: "Any") -> Future:
-        """Send a request. The future fails with OSError where it cannot be sent now, when the
-        agent refuses it (its log says why), and when the session ends before the answer.
+        """Send a request and return its future.
+
+        The future fails with OSError if the request cannot be sent now, if the agent refuses it
+        (the agent's log says why), and if the session ends before the reply.
         """
         future = Future()
         number = self.created and self.connection.write(
@@ -385,26 +416,27 @@ class Client(_Receiver):
         return future
 
     def remove_pending_request(self, future: Future) -> None:
-        """Wait no longer for the answer."""
+        """Stop waiting for the reply to a request."""
         for number in list(self._pending):
             if self._pending[number] is future:
                 del self._pending[number]
 
     def destroy(self) -> None:
-        """As every entity's; requests that wait for an answer fail."""
+        """Destroy the client; pending requests fail."""
         super().destroy()
         self.on_lost()
         while self._queue:
             self.execute(True)
 
     def on_refused(self, request_id: int) -> bool:
-        """Fail the call of this request: it has no server. See `Entity.on_refused`."""
+        """Fail the call of this request, which has no server; see `Entity.on_refused`."""
         future = self._pending.pop(request_id, None)
         if future is not None:
             self._queue.append((future, None))
         return future is not None
 
     def on_lost(self) -> None:
+        """Fail all pending requests."""
         pending = self._pending
         self._pending = {}
         for number in pending:
@@ -412,6 +444,7 @@ class Client(_Receiver):
         super().on_lost()
 
     def on_data(self, buf: "Buffer", start: int, stop: int, little: bool) -> None:
+        """Queue the reply to a pending request."""
         if stop - start < 4:
             self.malformed += 1
             return
@@ -421,6 +454,7 @@ class Client(_Receiver):
             self._queue.append((future, response))
 
     def execute(self, new: bool) -> None:
+        """Finish the future of the oldest reply."""
         if self._queue:
             future, response = self._queue.pop(0)
             error = None
@@ -430,6 +464,9 @@ class Client(_Receiver):
 
 
 def _dds_name(type: "Any") -> str:
-    """``std_msgs/msg/Int32`` as DDS knows it. Classes have it too, but a board keeps each text."""
+    """Return the DDS type name of a type, as for ``std_msgs/msg/Int32``.
+
+    Generated classes have this name too, but on a board each string takes memory.
+    """
     package, kind, name = type._TYPE.split("/")
     return "%s::%s::dds_::%s_" % (package, kind, name)

@@ -1,8 +1,8 @@
-"""Runs what is ready: timers, samples, requests and answers, in the order they were added.
+"""Executor: calls the callbacks of timers, subscriptions, services and clients in the order added.
 
-As rclc's executor: one round looks at all handles, asks the trigger whether to begin at all, and
-then calls each one that has something new, or whose ``invocation`` is ALWAYS, once. Other triggers
-than "any" are in ``triggers``, logical execution time and fixed periods in ``let``.
+It follows rclc's executor. A round checks all handles, asks the trigger whether to begin, and calls
+each handle once that has something new or whose ``invocation`` is ALWAYS. Triggers other than "any"
+are in ``triggers``, logical execution time and fixed periods in ``logical_execution_time``.
 """
 
 from ..ticks import ticks_add, ticks_diff
@@ -20,51 +20,62 @@ except ImportError:  # CPython
 ON_NEW_DATA: Final = 0
 ALWAYS: Final = 1
 
-# Timers are looked at no later than this, so that waiting fits any platform's integers.
+# Longest wait, so that it fits any platform's integers.
 _LONGEST_MS: Final = 60000
-# A trigger is asked at least so often, whatever it looks at: rclc's default.
+# Longest time between two calls of a trigger, which may depend on anything: rclc's default.
 _TRIGGER_MS: Final = 100
 _NS: Final = 1000000  # in a millisecond
 
 
 class Executor:
-    """See the module. ``max_handles`` makes one more than so many an error, as rclc does.
+    """Calls ready handles in rounds.
 
     A handle has ``invocation``, ``is_ready(now)``, ``execute(new)``, ``next_deadline()`` and
-    ``overfull()``. ``trigger(handles, ready)`` is one of ``triggers`` or the program's own; None
-    begins when one handle is ready. ``between()`` is called after each callback. ``failed`` counts
-    callbacks that raised; what they raised goes to ``report``, which prints it, and the rest goes
-    on. A round without a trigger allocates nothing of its own.
+    ``overfull()``. ``trigger(handles, ready)`` is a function of ``triggers`` or of the program;
+    with None a round begins if a handle is ready. ``between()`` is called after each callback.
+    ``failed`` counts the callbacks that raised; their exceptions are passed to ``report``, which
+    prints them, and the round continues. A round without a trigger allocates nothing itself.
+
+    Args:
+        max_handles: Most handles; adding another one raises ValueError, as in rclc.
     """
 
     def __init__(self, max_handles: "int | None" = None) -> None:
         self.max_handles = max_handles
-        self.handles: "list[Any]" = []  # replaced at each change: a round goes on with its own
+        self.handles: "list[Any]" = []  # copied on change: a running round keeps its list
         self.trigger: "Callable[[list[Any], list[bool]], bool] | None" = None
         self.between: "Callable[[], object] | None" = None
         self.failed = 0
         self.report: "Callable[[Exception], object]" = print_exception
-        # What was ready in a round that the trigger let not begin; None: ask all.
+        # Handles ready in a round that the trigger did not begin; None: check all handles.
         self._held: "list[bool] | None" = None
 
     def add(self, handle: "Any") -> None:
-        """Add a handle behind the others. Raises ValueError when there are enough."""
+        """Add a handle behind the others.
+
+        Raises:
+            ValueError: There are ``max_handles`` handles.
+        """
         if self.max_handles is not None and len(self.handles) >= self.max_handles:
             raise ValueError("the executor was made for %d handles" % self.max_handles)
         self.handles = self.handles + [handle]
         self._held = None
 
     def remove(self, handle: "Any") -> None:
-        """Forget a handle; one that is not there too."""
+        """Remove a handle; no effect if it was not added."""
         if handle in self.handles:
             self.handles = [it for it in self.handles if it is not handle]
             self._held = None
 
     def execute(self, now: int) -> int:
-        """One round at ``now`` (milliseconds modulo 2^30); how many callbacks ran."""
+        """Run one round and return the number of callbacks called.
+
+        Args:
+            now: Milliseconds modulo 2^30.
+        """
         handles = self.handles
         ready = self._held
-        self._held = None  # a callback that spins has a round, and a list, of its own
+        self._held = None  # a callback that spins runs a round with a list of its own
         if ready is None:
             ready = [False] * len(handles)
         begin = False
@@ -72,7 +83,7 @@ class Executor:
             ready[i] = handles[i].is_ready(now)
             begin = begin or ready[i]
         if self.trigger is not None:
-            begin = False  # also where it raises
+            begin = False  # also if the trigger raises
             try:
                 begin = self.trigger(handles, ready)
             except Exception as error:
@@ -80,7 +91,7 @@ class Executor:
         count = 0
         for i in range(len(handles) if begin else 0):
             handle = handles[i]
-            # What was ready may not be any more, or be gone, by callbacks that ran before.
+            # Callbacks that ran before may have used up what was ready, or removed the handle.
             new = ready[i] and handle.is_ready(now)
             ready[i] = False
             if (new or handle.invocation == ALWAYS) and handle in self.handles:
@@ -99,13 +110,14 @@ class Executor:
         self.failed += 1
         try:
             self.report(error)
-        except Exception:  # no memory left to say it with
+        except Exception:  # no memory left to report it
             pass
 
     def wait(self, now: int, longest: int = _LONGEST_MS) -> int:
-        """Milliseconds until something is ready, as far as time tells: at most ``longest``.
+        """Return the milliseconds until a handle is ready by time, at most ``longest``.
 
-        What was ready already when the trigger said no waits for news of others.
+        Handles that were ready when the trigger did not begin are ignored: the trigger waits for
+        others.
         """
         handles = self.handles
         held = self._held
@@ -122,7 +134,7 @@ class Executor:
         return max(0, longest)
 
     def overfull(self) -> bool:
-        """Whether more waits for some callback than should."""
+        """Return whether a handle has more items queued than its depth."""
         for handle in self.handles:
             if handle.overfull():
                 return True
@@ -130,14 +142,23 @@ class Executor:
 
 
 class Timer:
-    """Calls back every ``period`` seconds; the n-th time is due at start + n periods.
+    """Calls a callback every ``period`` seconds; the n-th call is due at start + n periods.
 
-    Times that have passed while something else ran are left out and counted in ``missed``. With
-    ``autostart`` false it is made canceled. Periods count in nanoseconds, calls in milliseconds.
+    Periods that passed while other callbacks ran are skipped and counted in ``missed``. Periods are
+    kept in nanoseconds, calls are due at whole milliseconds.
+
+    Args:
+        period: Seconds, 0.001 to 500000.
+        callback: Called without arguments.
+        clock: The node's clock.
+        autostart: False creates the timer canceled.
+
+    Raises:
+        ValueError: The period is out of range.
     """
 
     invocation = ON_NEW_DATA
-    kinds = None  # the agent knows nothing of it
+    kinds = None  # it has no object at the agent
 
     def __init__(
         self, period: float, callback: "Callable[[], object]", clock: "Any", autostart: bool = True
@@ -145,7 +166,7 @@ class Timer:
         self.callback = callback
         self.missed = 0
         self._clock = clock
-        ns = int((period + 0) * 1000000000 + 0.5)  # + 0: a text is no number
+        ns = int((period + 0) * 1000000000 + 0.5)  # + 0: raises TypeError for a str
         self._ms = ns // _NS
         self._ns = ns % _NS
         if self._ms < 1 or self._ms >= 500000000:
@@ -155,22 +176,23 @@ class Timer:
         self._canceled = not autostart
 
     def reset(self) -> None:
-        """Begin anew: due a period from now, also after :meth:`cancel`."""
+        """Restart the timer, also after :meth:`cancel`; it is due one period from now."""
         self._due = self._clock.ms()
         self._rest = 0
         self._canceled = False
         self._advance(1)
 
     def cancel(self) -> None:
-        """No more calls until :meth:`reset`."""
+        """Stop calling the callback until :meth:`reset`."""
         self._canceled = True
 
     def is_canceled(self) -> bool:
+        """Return whether the timer is canceled."""
         return self._canceled
 
     @property
     def timer_period_ns(self) -> int:
-        """May be set: what is due next stays, and the times after it are a new period apart."""
+        """The period in nanoseconds; a new period applies after the next call."""
         return self._ms * _NS + self._ns
 
     @timer_period_ns.setter
@@ -181,13 +203,13 @@ class Timer:
         self._ns = ns % _NS
 
     def time_until_next_call(self) -> "int | None":
-        """Nanoseconds, below 0 where it is late; None: it is canceled."""
+        """Return the nanoseconds until the next call, negative if it is late, None if canceled."""
         if self._canceled:
             return None
         return ticks_diff(self._due, self._clock.ms()) * _NS + self._rest
 
     def time_since_last_call(self) -> int:
-        """Nanoseconds since the last call began, at first since the timer was made."""
+        """Return the nanoseconds since the last call began, or since creation if there was none."""
         return ticks_diff(self._clock.ms(), self._called) * _NS
 
     def _advance(self, periods: int) -> None:
@@ -196,18 +218,21 @@ class Timer:
         self._due = ticks_add(self._due, self._ms * periods + ns // _NS)
 
     def next_deadline(self) -> "int | None":
+        """Return the ticks in milliseconds of the next call, or None if canceled."""
         return None if self._canceled else self._due
 
     def is_ready(self, now: "int | None" = None) -> bool:
-        """Whether it is due."""
+        """Return whether the timer is due at ``now``, by default at the current time."""
         if now is None:
             now = self._clock.ms()
         return not self._canceled and ticks_diff(now, self._due) >= 0
 
     def overfull(self) -> bool:
+        """Return False: a timer has no queue."""
         return False
 
     def execute(self, new: bool) -> None:
+        """Call the callback if due; with ALWAYS also if not."""
         if new:
             now = self._clock.ms()
             past = ticks_diff(now, self._due)

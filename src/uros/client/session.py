@@ -1,9 +1,9 @@
-"""One XRCE session from the client's side: datagrams in, datagrams out. No I/O and no clock.
+"""XRCE session on the client's side: datagrams in, datagrams out, without I/O and without a clock.
 
-Requests and reliable samples go out on stream 0x80 in the order they are made, as many at a time
-as the window holds; the rest waits here, and nothing here waits for the agent. What is in flight
-stands in buffers that are used again and again: once they are there, sending a sample allocates
-nothing. Times are integer milliseconds modulo 2^30 and come from the caller.
+Requests and reliable samples are sent on stream 0x80 in the order they are made. The window limits
+the number of messages in flight; later messages are queued, and no method waits for the agent.
+Buffers of messages in flight are reused: once they are allocated, sending a sample allocates
+nothing. Times are integer milliseconds modulo 2^30, given by the caller.
 """
 
 from struct import pack_into, unpack_from
@@ -31,36 +31,46 @@ except ImportError:  # MicroPython
 
 FIRST_SESSION_ID: Final = 0x81
 LAST_SESSION_ID: Final = 0xFE
-# Smaller request ids have a meaning of their own (XRCE 7.7.3.1).
+# Smaller request ids are reserved (XRCE 7.7.3.1).
 FIRST_REQUEST: Final = 10
 GOODBYE: Final = 9
-# A message header, a submessage header, and the two ids of a request.
+# Sizes of a message header, of that and a submessage header, and of both and a request's two ids.
 _SUBHEADER: Final = 4
 _IDS: Final = 8
 _SAMPLE: Final = 12
-# The longest request but where the MTU is more: one of an object with long names does not fit
-# into the 63 bytes of a CAN frame, and goes out in fragments.
+# Longest request, unless the MTU is larger. A request for an object with long names does not fit
+# the 63 bytes of a CAN frame and is sent in fragments.
 MAX_REQUEST: Final = 512
-# The slots are a ring of this size, and buffers in it a multiple of 32 long: samples that change
-# their length a little find room where the one before was.
+# Bit mask of the ring of slots, and of buffer lengths, which are multiples of 32: a sample slightly
+# longer than the one before fits the same buffer.
 _RING: Final = WINDOW - 1
 _ROUND: Final = 31
-# The least payload of each kind of submessage that agents send: shorter ones are nonsense.
+# Shortest valid payload of each submessage kind that agents send; shorter ones are malformed.
 _LEAST: Final = b"\0\0\0\0\1\6\6\0\0\4\5\5\0\0\0\30"
 
 
 class Session:
-    """See the module. ``transport.send(buf, size)`` gets each datagram that is to go out. An heir
-    is told what the agent says: ``on_agent(status)`` the session was opened or refused,
-    ``on_pong()`` there is an agent, ``on_unknown()`` it does not know the session,
-    ``on_status(request_id, status)`` what became of a request, ``on_time(transmit, receive)`` its
-    clock on sending and on receiving, ``on_data(object_id, buf, start, stop, little)`` a sample,
-    in a buffer that is the caller's until the call returns; and ``on_line(error)`` what
-    OSError the transport raised.
+    """XRCE session of a client.
 
-    ``transport.mtu`` is the largest datagram in bytes, ``limit`` how many bytes may wait in either
-    direction: a larger sample than that cannot be sent or received at all. ``now`` is the time
-    that it was last told.
+    The transport's ``send(buf, size)`` is called with each datagram to send. Subclasses implement
+    the handlers of the agent's messages:
+
+    * ``on_agent(status)``: the session was opened or refused.
+    * ``on_pong()``: there is an agent.
+    * ``on_unknown()``: the agent does not know the session.
+    * ``on_status(request_id, status)``: the result of a request.
+    * ``on_time(transmit, receive)``: the agent's time of sending and of receiving.
+    * ``on_data(object_id, buf, start, stop, little)``: a sample. The buffer belongs to the caller
+      and is valid until the call returns.
+    * ``on_line(error)``: the transport raised OSError.
+
+    ``now`` is the time of the last call that passed one.
+
+    Args:
+        transport: Its ``mtu`` is the largest datagram in bytes.
+        key: The client key.
+        limit: Most bytes that may wait in either direction; a larger sample can be neither sent nor
+            received.
     """
 
     on_agent: "Callable[[int], object]"
@@ -79,7 +89,7 @@ class Session:
         self.mtu = mtu
         self.limit = limit
         self.now = 0
-        self.ready = False  # whether samples may be written; set it by make_ready
+        self.ready = False  # whether samples may be written; set by make_ready
         self.oom_count = 0  # MemoryErrors while a datagram was sent or read
         self.dropped = 0  # datagrams that were malformed, or for another session
         self._fragments = Fragments(limit)
@@ -89,41 +99,42 @@ class Session:
 
     def _reset(self) -> None:
         self.request_id = FIRST_REQUEST
-        self.next = 0  # number of the next message to go out
+        self.next = 0  # number of the next message to send
         self.acked = 0  # first number not acknowledged
-        self.deadline: "int | None" = None  # when tick() has something to send
-        self.waiting: "list[Any]" = []  # messages behind the window
-        self._queued = 0  # bytes of those that are here
-        self._split_at = 0  # this much of the first has gone out in fragments
+        self.deadline: "int | None" = None  # when tick() has something to send, as ticks, as ticks
+        self.waiting: "list[Any]" = []  # messages queued behind the window
+        self._queued = 0  # bytes of the queued messages that are in memory
+        self._split_at = 0  # octets of the first queued message already sent in fragments
         self._in = ReliableIn()
         self._best_in = BestEffortIn()
-        self._best_out = SEQUENCE_MASK  # the last number
+        self._best_out = SEQUENCE_MASK  # the last number sent sent
         self._fragments.drop()
         self._acknowledge = False
-        self._asked: "tuple[int, int] | None" = None  # the time that the last TIMESTAMP told
+        self._asked: "tuple[int, int] | None" = None  # the time in the last TIMESTAMP
         self.trim()
 
     def renew(self) -> None:
         """Reset the state for a new session.
 
-        It has another id, so that late datagrams of this one are not taken for its own.
+        The new session has another id, so that late datagrams of this session are not accepted.
         """
         self.id = FIRST_SESSION_ID if self.id >= LAST_SESSION_ID else self.id + 1
         self._reset()
 
     def trim(self) -> None:
-        """Keep no more buffers than there are messages in flight."""
+        """Free the buffers that hold no message in flight."""
         if not self.in_flight():
-            # By number: the buffers of messages in flight, and when they were sent again.
+            # By sequence number: the buffers of messages in flight, and when they were resent.
             self.slots: "list[bytearray | None]" = [None] * WINDOW
             self._again_at = [0] * WINDOW
-        # The others are a stack of ``free``, from 1 on; under it there is None.
+        # Idle buffers are a stack of ``free`` entries, from index 1 on; index 0 is None.
         self._idle: "list[bytearray | None]" = [None] * (WINDOW + 1)
         self.free = 0
-        # For publishers: that stack, while samples may be written and the last one went out at
-        # once and in one message, as the next will if it fits the top. Else a stack of nothing.
+        # For publishers: that stack while samples may be written and the last one was sent at once
+        # in one message, so that the next one will be if it fits the top buffer. Otherwise a stack
+        # of None.
         self.stack: "Any" = self._nothing
-        # What is sent and forgotten, and what is being built.
+        # Buffer of messages that are never resent, and of requests under construction.
         self._spare = bytearray(_ROUND + 1)
 
     def in_flight(self) -> int:
@@ -142,7 +153,7 @@ class Session:
         return size
 
     def _size(self, buf: "Any") -> int:
-        """The length of a message in flight, which is one submessage."""
+        """Return the length of a message in flight, which has one submessage."""
         length: int = buf[6] | buf[7] << 8
         return length + _IDS
 
@@ -152,10 +163,10 @@ class Session:
         self.stack = self._nothing
 
     def available(self) -> bool:
-        """Return whether a request would be sent at once if made now."""
+        """Return whether a request made now would be sent at once."""
         return not self.waiting and self.in_flight() < WINDOW
 
-    # --- outside of streams -----------------------------------------------------------------
+    # --- messages without a stream ------------------------------------------------------------
 
     def _short(self, session_id: int, kind: int, payload: "Buffer") -> None:
         buf = self._spare
@@ -165,7 +176,11 @@ class Session:
         self.send(buf, size)
 
     def ping(self, inside: bool) -> None:
-        """Send GET_INFO: is there an agent, and with ``inside``, does it know this session."""
+        """Send GET_INFO.
+
+        Args:
+            inside: Send it in the session, to ask whether the agent knows the session.
+        """
         self._short(
             self.id if inside else ids.SESSION_NONE_WITHOUT_KEY, ids.GET_INFO,
             b"\0\x0a\xff\xfd\2\0\0\0",  # request 10, the agent, its activity
@@ -179,7 +194,7 @@ class Session:
         self._short(ids.SESSION_NONE_WITHOUT_KEY, ids.CREATE_CLIENT, payload)
 
     def goodbye(self) -> None:
-        """Send DELETE of the client; ``on_status`` gets the answer, to request GOODBYE."""
+        """Send DELETE of the client; ``on_status`` gets the answer as that of request GOODBYE."""
         self._short(self.id, ids.DELETE, b"\0\x09\xff\xfe")
 
     def ask_time(self, seconds: int, nanoseconds: int) -> None:
@@ -192,7 +207,7 @@ class Session:
     # --- requests and samples -----------------------------------------------------------------
 
     def begin(self, object_id: int) -> Writer:
-        """Begin a request about an object; return the writer of what follows the two ids."""
+        """Begin a request about an object; return the writer for what follows the two ids."""
         size = max(self.mtu, MAX_REQUEST)
         if len(self._spare) < size:
             self._spare = bytearray(size)
@@ -202,10 +217,10 @@ class Session:
         return w
 
     def request(self, kind: int, flags: int, w: Writer) -> int:
-        """Send the request that was begun on the reliable stream; return its id.
+        """Send the request begun by :meth:`begin` on the reliable stream; return its id.
 
         Raises:
-            EncodeError: It is longer than the MTU and MAX_REQUEST.
+            EncodeError: The request is longer than the MTU and MAX_REQUEST.
         """
         size = w.offset
         buf = self._slot(size) if size <= self.mtu and self.available() else bytearray(size)
@@ -216,7 +231,7 @@ class Session:
         """Send WRITE_DATA of a generated message behind ``prefix``.
 
         Returns:
-            The request id; 0 if the session is not ready or too much waits already: nothing was
+            The request id, or 0 if the session is not ready or the queue is full; then nothing was
             sent.
 
         Raises:
@@ -244,7 +259,7 @@ class Session:
         return self.next_request()
 
     def _buffer(self, size: int, message: "Any", reliable: "bool | int") -> "bytearray | None":
-        """Where a sample of so many bytes can be made; None: too much waits already."""
+        """Return a buffer for a sample of ``size`` bytes, or None if the queue is full."""
         most = self.limit if reliable else self.mtu
         if size > most:
             raise EncodeError(
@@ -258,7 +273,7 @@ class Session:
         if size + self.size() > self.limit:
             return None
         if size <= self.mtu and self.available():
-            if self.limit >= WINDOW * self.mtu:  # more than can be in flight
+            if self.limit >= WINDOW * self.mtu:  # a full window is below the limit
                 self.stack = self._idle
             return self._slot(size)
         self.stack = self._nothing
@@ -273,8 +288,10 @@ class Session:
     # --- the reliable stream out --------------------------------------------------------------
 
     def _slot(self, size: int) -> bytearray:
-        """The top of the stack, of ``size`` bytes or more: one that is idle, or else a new one in
-        its place. So there are never more than were in flight at once.
+        """Return the top of the stack of idle buffers, with ``size`` bytes or more.
+
+        An idle buffer that is long enough is moved to the top; otherwise a new one replaces the
+        top. There are never more buffers than were in flight at once.
         """
         idle = self._idle
         top = self.free
@@ -293,10 +310,12 @@ class Session:
         return buf  # type: ignore[no-any-return]
 
     def _put(self, buf: bytearray, size: int, kind: int, flags: int) -> int:
-        """A submessage that is complete but for its header: its request id. It goes out now if
-        ``buf`` is the slot of the next number, else as the window reaches it.
+        """Send or queue a submessage that is complete except for its header; return its request id.
+
+        It is sent now if ``buf`` is the top of the stack of idle buffers, otherwise when the window
+        reaches it.
         """
-        # Of more than 64 kB eProsima's agent takes all there is, where the length is 0.
+        # Over 64 kB the length is 0: eProsima's agent then takes the rest of the message.
         length = size - _IDS if size - _IDS <= 0xFFFF else 0
         pack_into("<BBH", buf, _SUBHEADER, kind, flags, length)
         if buf is self._idle[self.free]:
@@ -313,11 +332,11 @@ class Session:
             self._queued += len(buf)
         try:
             self._flush()
-        except MemoryError:  # it is taken, and goes out when there is some
+        except MemoryError:  # the message is queued, and sent when memory is free
             self.oom_count += 1
 
     def _launch(self, buf: bytearray, size: int) -> None:
-        """Send the message of the next number, which is complete and in the stack's top."""
+        """Send a complete message, the top of the stack, with the next sequence number."""
         i = self.next & _RING
         pack_into("<BBH", buf, 0, self.id, ids.STREAM_RELIABLE, self.next)
         self.free -= 1
@@ -326,24 +345,28 @@ class Session:
         self.send(buf, size)
 
     def send(self, buf: bytearray, size: int) -> None:
-        """Send a datagram; one that the transport does not take is lost."""
+        """Send a datagram; it is lost if the transport raises."""
         try:
             self.transport.send(buf, size)
         except Exception as error:
             self.unsent(error)
 
     def unsent(self, error: Exception) -> None:
-        """Handle an exception of the transport."""
+        """Handle an exception of the transport.
+
+        OSError is passed to ``on_line``, MemoryError is counted, other exceptions are raised.
+        """
         if isinstance(error, OSError):
             self.on_line(error)
-        elif isinstance(error, MemoryError):  # if it matters, it goes out again
+        elif isinstance(error, MemoryError):  # reliable messages are resent
             self.oom_count += 1
         else:
             raise error
 
     def _flush(self) -> None:
-        """Send what waits, in fragments where it is longer than the MTU, as far as the window
-        reaches. Where memory ends it goes on from there at the next time.
+        """Send queued messages as far as the window reaches, in fragments if longer than the MTU.
+
+        After a MemoryError the next call resumes at the same place.
         """
         while self.waiting and self.in_flight() < WINDOW:
             whole = self.waiting[0]
@@ -371,13 +394,13 @@ class Session:
                     if isinstance(whole, bytearray):
                         self._queued -= size
                     self.waiting.pop(0)
-            finally:  # a list that shrinks wants memory, too
+            finally:  # pop() may raise MemoryError: shrinking a list allocates
                 self._launch(part, head + stop - first)
 
     def _acknowledged(self, first: int, missing: int) -> None:
-        """Forget what arrived, send again what did not, and then what waits.
+        """Free acknowledged messages, resend missing ones, then send queued ones.
 
-        An acknack for numbers never sent is a fault of the agent and ignored.
+        An ACKNACK for numbers never sent is a fault of the agent and is ignored.
         """
         if (first - self.acked) & SEQUENCE_MASK > self.in_flight():
             return
@@ -407,15 +430,15 @@ class Session:
         elif held_back:
             self.deadline = ticks_add(self.now, RESEND_HOLD_MS)
         elif news:
-            # Not at every acknack: the agent could put the heartbeat off for ever.
+            # Not at every ACKNACK: repeated ones would postpone the HEARTBEAT for ever.
             self.deadline = ticks_add(self.now, HEARTBEAT_MS)
 
     # --- time ---------------------------------------------------------------------------
 
     def tick(self, now: int) -> None:
-        """Send acknowledgements and heartbeats that are due.
+        """Send ACKNACK and HEARTBEAT if due.
 
-        ``deadline`` is when the next is due, if nothing is received before.
+        ``deadline`` is when the next one is due if nothing is received before.
         """
         self.now = now
         self._flush()
@@ -440,7 +463,7 @@ class Session:
     # --- receiving ----------------------------------------------------------------------
 
     def receive(self, message: "Buffer", now: int) -> bool:
-        """Process any datagram; return whether it was the agent's, for this session."""
+        """Process any datagram; return whether it is the agent's and for this session."""
         self.now = now
         if len(message) < _IDS:
             self.dropped += 1
@@ -465,13 +488,13 @@ class Session:
         return True
 
     def _read(self, buf: "Buffer", at: int) -> None:
-        """Handle a message. A malformed one does not hold up those behind it."""
+        """Handle a message; a malformed one is counted and does not block later ones."""
         try:
             self._submessages(buf, at, len(buf))
         except WireError:
             self.dropped += 1
         except MemoryError:
-            if buf[at] == ids.FRAGMENT:  # it does not come again, and its message is not whole
+            if buf[at] == ids.FRAGMENT:  # it is not resent, so its message stays incomplete
                 self._fragments.drop(buf[at + 1] & ids.FLAG_LAST_FRAGMENT)
             raise
 
@@ -486,7 +509,7 @@ class Session:
             kind = buf[at]
             start = at + 4
             stop = start + (buf[at + 2] | buf[at + 3] << 8)
-            if end - start > 0xFFFF:  # its length says nothing
+            if end - start > 0xFFFF:  # the 16-bit length is invalid
                 stop = end
             if stop > end or (kind < 16 and stop - start < _LEAST[kind]):
                 raise DecodeError("truncated submessage")
@@ -499,7 +522,7 @@ class Session:
                     memoryview(buf)[start:stop], buf[at + 1] & ids.FLAG_LAST_FRAGMENT
                 )
                 if whole is not None:
-                    if whole and whole[0] == ids.FRAGMENT:  # and in it more, deeper than stacks
+                    if whole and whole[0] == ids.FRAGMENT:  # nesting could overflow the stack
                         raise DecodeError("fragments of fragments")
                     self._read(whole, 0)
             else:
@@ -510,7 +533,7 @@ class Session:
         if kind == ids.STATUS:
             self.on_status(buf[at] << 8 | buf[at + 1], buf[at + 4])
         elif kind == ids.INFO:
-            # Agents from 3.0 on answer sessions that they do not know, and say 0 here.
+            # Agents from 3.0 on answer unknown sessions, with 0 here.
             if not buf[at + 5]:
                 self.on_unknown()
         elif kind == ids.STATUS_AGENT:
@@ -528,7 +551,7 @@ class Session:
                     self._acknowledged(first, buf[at + 2] << 8 | buf[at + 3])
                 else:
                     self._acknowledge = True
-                    # An agent that gave messages up, or has begun anew, knows another session.
+                    # The agent gave up messages or restarted: its session is not this one.
                     last = buf[at + 2 + big] | buf[at + 3 - big] << 8
                     if self._in.heartbeat(first, last, self.now):
                         self.on_unknown()
