@@ -1,11 +1,11 @@
-"""Uses an action: sends goals, hears how they go, asks for results.
+"""Action client: sends goals, receives feedback and status, requests results.
 
 ::
 
     client = ActionClient(node, Fibonacci, "fibonacci")
 
     def accepted(future):
-        goal = future.result()                 # OSError: it could not be sent, or the agent is lost
+        goal = future.result()                 # OSError: not sent, or the agent is lost
         if goal.accepted:
             goal.get_result_async().add_done_callback(ended)
 
@@ -15,9 +15,9 @@
 
     client.send_goal_async(Fibonacci.Goal(7), print).add_done_callback(accepted)
 
-A session's end fails every future that waits. Goals outlive it at their server: when
-`server_is_ready` says yes again, a `ClientGoalHandle` can be asked for its result again, as long
-as the server keeps that, and hears feedback.
+The end of a session fails every pending future. Goals continue at their server: when
+`server_is_ready` returns True again, the result of a `ClientGoalHandle` can be requested again, as
+long as the server keeps it, and feedback is received.
 """
 
 from ..ticks import ticks_add, ticks_diff
@@ -31,8 +31,10 @@ except ImportError:  # MicroPython
 
 
 class ClientGoalHandle:
-    """A goal that was sent. ``accepted`` is None until the server has answered, ``stamp`` the
-    server's time of accepting it; ``status`` is what was last heard of it.
+    """A goal that was sent.
+
+    ``accepted`` is None until the server has answered, ``stamp`` is the server's time of accepting
+    the goal, and ``status`` is the last status received.
     """
 
     def __init__(
@@ -45,27 +47,31 @@ class ClientGoalHandle:
         self.status = UNKNOWN
         self._client = client
         self._feedback_callback = feedback_callback
-        self._future: "Future | None" = None  # of its being sent
-        self._results = 0  # requests for the result that wait
+        self._future: "Future | None" = None  # of the SendGoal request
+        self._results = 0  # pending requests for the result
 
     def get_result_async(self) -> Future:
-        """Ask for the result. The future's result has ``status`` and ``result``; it is done when
-        the goal has come to its end, which may be at any time.
+        """Request the result.
 
-        A server that does not know the goal (any more) answers STATUS_UNKNOWN.
+        The future is done when the goal has ended. Its result has ``status`` and ``result``. A
+        server that does not know the goal, or no longer, answers STATUS_UNKNOWN.
         """
         return self._client._ask_result(self)
 
     def cancel_goal_async(self) -> Future:
-        """Ask the server to cancel it. The future's result has ``return_code``, 0 for yes, and
-        ``goals_canceling``, a list of GoalInfo. The goal ends later, and may end otherwise.
+        """Ask the server to cancel the goal.
+
+        The future's result has ``return_code``, 0 if accepted, and ``goals_canceling``, a list of
+        GoalInfo. The goal ends later, possibly in another state.
         """
         return self._client._cancel(self.goal_id, None)
 
 
 class ActionClient(End):
-    """See the module. ``callback`` of feedback gets the FeedbackMessage, as with rclpy: what the
-    server sent is its ``feedback``.
+    """Client of an action.
+
+    The callback for feedback gets the FeedbackMessage, as in rclpy; its ``feedback`` is the
+    server's Feedback message.
     """
 
     def __init__(
@@ -78,7 +84,7 @@ class ActionClient(End):
     ) -> None:
         super().__init__(node, action_type, action_name)
         impl = action_type.Impl
-        # By UUID: goals that something may still be heard of.
+        # By UUID: goals for which messages may still be received.
         self._goals: "dict[bytes, ClientGoalHandle]" = {}
         make = self.make
         self._send_goal: Client = make(
@@ -95,15 +101,16 @@ class ActionClient(End):
             feedback_sub_qos_profile, self._on_feedback,
         )  # fmt: skip
         self.make_states(Subscription, status_sub_qos_profile, self._on_status)
-        # In this order: feedback that has come before a result is told before it.
+        # In this order, so that feedback received before a result is passed on before it.
         self.made = self.parts = (
             self._send_goal, self._cancel_goal, feedback, self.states, self._get_result,
         )  # fmt: skip
 
     def server_is_ready(self) -> bool:
-        """Whether a goal can be sent now. As far as the agent is concerned: XRCE has no way of
-        asking whether somebody serves the action, so a goal may find nobody. Its future then stays
-        as it is, until it is given up by `remove_pending_request`.
+        """Return whether a goal can be sent to the agent now.
+
+        XRCE cannot tell whether a server exists, so a goal may have none. Its future then stays
+        pending until `remove_pending_request`.
         """
         for part in self.parts:
             if not part.created:
@@ -111,7 +118,7 @@ class ActionClient(End):
         return True
 
     def wait_for_server(self, timeout_sec: "float | None" = None) -> bool:
-        """Spin the node until `server_is_ready`, or the time is up; whether it is."""
+        """Spin the node until `server_is_ready` or the time is up; return whether it is ready."""
         clock = self.node.clock
         wait = 0x1FFFFFFF if timeout_sec is None else min(int(timeout_sec * 1000), 0x1FFFFFFF)
         end = ticks_add(clock.ms(), wait)
@@ -130,8 +137,13 @@ class ActionClient(End):
     ) -> Future:  # fmt: skip
         """Send a Goal message; the future's result is a `ClientGoalHandle`, accepted or not.
 
-        ``goal_uuid`` is a UUID message, by default of 16 random octets. TypeError: ``goal`` is
-        another type; packing raises for values that do not fit.
+        Args:
+            goal: A Goal message. Packing raises for values out of range.
+            feedback_callback: Gets each FeedbackMessage of the goal.
+            goal_uuid: A UUID message; by default of 16 random octets.
+
+        Raises:
+            TypeError: ``goal`` is of another type.
         """
         kind = self.action_type.Goal
         if getattr(goal, "_TYPE", None) != kind._TYPE:
@@ -144,7 +156,7 @@ class ActionClient(End):
             request.goal_id.uuid = random_uuid()
         handle = ClientGoalHandle(self, request.goal_id, feedback_callback)
         future = self._send_goal.call_async(request)
-        if future.done():  # it could not be sent
+        if future.done():  # the request could not be sent
             return future
         key = bytes(request.goal_id.uuid)
         self._goals[key] = handle
@@ -162,13 +174,13 @@ class ActionClient(End):
                 handle.status = ACCEPTED
             if not handle.accepted or handle.status >= SUCCEEDED:
                 self._goals.pop(key, None)
-            future._result = handle  # for the callbacks behind this one
+            future._result = handle  # for the callbacks after this one
 
         future.add_done_callback(answered)
         return future
 
     def remove_pending_request(self, future: Future) -> None:
-        """Wait no longer for what a future of this client, or of a goal of it, stands for."""
+        """Stop waiting for a future of this client or of one of its goals."""
         for part in (self._send_goal, self._cancel_goal, self._get_result):
             part.remove_pending_request(future)
         for key in list(self._goals):
@@ -176,7 +188,7 @@ class ActionClient(End):
                 del self._goals[key]
 
     def cancel_all_goals_async(self) -> Future:
-        """Ask the server to cancel all goals, of all its clients; see `cancel_goal_async`."""
+        """Ask the server to cancel all goals of all clients; see `cancel_goal_async`."""
         return self._cancel(None, None)
 
     def cancel_goals_before_async(self, stamp: "Any") -> Future:
@@ -184,7 +196,7 @@ class ActionClient(End):
         return self._cancel(None, stamp)
 
     def destroy(self) -> None:
-        """Take it off the network; requests that wait for an answer fail."""
+        """Destroy the client; pending requests fail."""
         super().destroy()
         for part in self.parts:
             part.on_lost()
@@ -192,7 +204,7 @@ class ActionClient(End):
             while isinstance(part, Client) and part.is_ready(0):
                 self.attempt(part.execute, True)
 
-    # --- for goals ----------------------------------------------------------------------------
+    # --- requests of goal handles -------------------------------------------------------------
 
     def _ask_result(self, handle: ClientGoalHandle) -> Future:
         key = bytes(handle.goal_id.uuid)
@@ -223,7 +235,7 @@ class ActionClient(End):
             request.goal_info.stamp = stamp
         return self._cancel_goal.call_async(request)
 
-    # --- what it hears ------------------------------------------------------------------------
+    # --- feedback and status ------------------------------------------------------------------
 
     def _on_feedback(self, message: "Any") -> None:
         handle = self._goals.get(bytes(message.goal_id.uuid))
@@ -237,11 +249,11 @@ class ActionClient(End):
             if handle is not None:
                 handle.status = it.status
                 if it.status >= SUCCEEDED and not handle._results and handle.accepted:
-                    del self._goals[key]  # nothing more will come, unless it is asked
+                    del self._goals[key]  # no more messages, unless the result is requested
 
 
 def random_uuid() -> bytes:
-    """16 random octets."""
+    """Return 16 random octets."""
     try:
         from os import urandom
 

@@ -1,8 +1,8 @@
-"""Serves an action: takes goals, works on them, and tells how that goes.
+"""Action server: accepts goals, executes them, sends feedback, status and results.
 
 ::
 
-    def fibonacci(goal):                       # a generator: it yields while the node goes on
+    def fibonacci(goal):                       # a generator: the node runs between its steps
         sequence = [0, 1]
         for i in range(1, goal.request.order):
             if goal.is_cancel_requested:
@@ -16,20 +16,20 @@
 
     ActionServer(node, Fibonacci, "fibonacci", fibonacci)
 
-A board has no threads, so what takes time must not be done in one go: while a callback runs,
-nothing else does. ``execute_callback(goal)`` may therefore be
+A board has no threads, so long work must be split: while a callback runs, nothing else does.
+``execute_callback(goal)`` may therefore be
 
-* a function that has the result at once, and returns it;
-* a generator, which yields a number: go on after so many seconds; None: in the next round of the
-  executor; a future, of a service say: when it is done, ``yield`` giving its result or raising its
-  error;
-* a coroutine (``async def``), where ``await Wait(...)`` is what ``yield`` is in a generator, and
-  nothing of asyncio's can be awaited;
-* None. Then the program ends its goals itself, from a timer or an asyncio task, by
+* a function that returns the result at once;
+* a generator. It yields a number to continue after as many seconds, None to continue in the next
+  round of the executor, or a future, for example of a service call: ``yield`` returns its result or
+  raises its error when it is done;
+* a coroutine (``async def``), in which ``await Wait(...)`` is what ``yield`` is in a generator. It
+  cannot await objects of asyncio;
+* None. The program then ends its goals itself, from a timer or an asyncio task, by
   ``goal.succeed(result)``, ``goal.abort(result)`` or ``goal.canceled(result)``.
 
-Goals do not end with a session: while the agent is away the server goes on working, and results
-are kept for those who ask when it is back.
+Goals do not end with a session: while the agent is away the server continues its work, and results
+are kept for requests that come after it is back.
 """
 
 from ..ticks import ticks_add, ticks_diff
@@ -51,22 +51,22 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# By the state that a goal goes to: those it may come from.
+# By the new state of a goal: the states from which it may be entered.
 _FROM: Final = (b"", b"", b"\x01", b"\x01\x02", b"\x02\x03", b"\x03", b"\x02\x03")
 _NAMES: Final = ("", "accepted", "executing", "canceling", "succeeded", "canceled", "aborted")
 
-# What a CancelGoal answers besides 0.
+# Return codes of CancelGoal other than 0.
 _REJECTED: Final = 1
 _UNKNOWN_GOAL: Final = 2
 _TERMINATED: Final = 3
 
-# Attack, or a busy host: who asks for the results of a goal over and over.
+# Most pending requests for the result of one goal. Attack: a client repeats the request.
 _MOST_ASKED: Final = 8
 _LONGEST_S: Final = 500000
 
 
 class Wait:
-    """For coroutines: ``await Wait(seconds)``, ``await Wait(None)``, ``await Wait(future)``."""
+    """Awaitable for coroutines: ``Wait(seconds)``, ``Wait(None)`` or ``Wait(future)``."""
 
     def __init__(self, what: "Any") -> None:
         self.what = what
@@ -75,26 +75,27 @@ class Wait:
         result = yield self.what
         return result
 
-    __iter__ = __await__  # what MicroPython asks for
+    __iter__ = __await__  # MicroPython awaits by __iter__
 
 
 class ServerGoalHandle:
-    """A goal that has been accepted. ``request`` is the Goal message, ``goal_id`` its UUID."""
+    """An accepted goal; ``request`` is the Goal message, ``goal_id`` its UUID."""
 
     def __init__(self, server: "ActionServer", request: "Any", said: "Any") -> None:
         self.request = request
         self._server = server
-        self._said = said  # a GoalStatus: who it is, since when, and its status
-        self._work: "Any" = None  # the execute callback, then what it works by
+        self._said = said  # a GoalStatus: UUID, time of acceptance and status
+        self._work: "Any" = None  # the execute callback, then its generator or coroutine
         self._begun = False
         self._due = 0
-        self._future: "Any" = None  # that the work waits for
+        self._future: "Any" = None  # the future for which the work waits
         self._result: "_Packed | None" = None  # the answer to get_result
-        self._asked: "list[bytes]" = []  # identities of those that wait for it
-        self._end = 0  # when it came to an end: its result is kept from then on
+        self._asked: "list[bytes]" = []  # identities of pending requests for the result
+        self._end = 0  # when the goal ended: the result is kept from then on
 
     @property
     def goal_id(self) -> "Any":
+        """The UUID message of the goal."""
         return self._said.goal_info.goal_id
 
     @property
@@ -105,16 +106,16 @@ class ServerGoalHandle:
 
     @property
     def is_active(self) -> bool:
-        """It has not come to an end."""
+        """Whether the goal has not ended."""
         return self.status < SUCCEEDED
 
     @property
     def is_cancel_requested(self) -> bool:
-        """Somebody wants it to end, and the server has agreed to that."""
+        """Whether a client asked to cancel the goal and the server accepted that."""
         return self.status == CANCELING
 
     def execute(self, execute_callback: "Callable[[Any], Any] | None" = None) -> None:
-        """Begin to work on it in the next round, with the server's execute callback or this."""
+        """Execute the goal from the next round, by default with the server's execute callback."""
         if self.status == ACCEPTED:
             self._move(EXECUTING)
         self._work = execute_callback or self._server.execute_callback
@@ -122,23 +123,25 @@ class ServerGoalHandle:
         self._due = self._server.node.clock.ms()
 
     def publish_feedback(self, feedback: "Any") -> bool:
-        """Send a Feedback message; as with `Publisher.publish`, False says that it is dropped."""
+        """Send a Feedback message; return False if it was dropped, as `Publisher.publish` does."""
         return self._server._feed(self, feedback)
 
     def succeed(self, result: "Any" = None) -> None:
-        """The goal is reached. Without a result, it is what the execute callback returns.
+        """Set the state to succeeded; without ``result`` it is what the execute callback returns.
 
-        RuntimeError: a goal in its state cannot do that. TypeError and ValueError: ``result`` is
-        no Result message that can be sent.
+        Raises:
+            RuntimeError: The state of the goal does not allow it.
+            TypeError: ``result`` is no Result message.
+            ValueError: ``result`` cannot be packed.
         """
         self._move(SUCCEEDED, result)
 
     def abort(self, result: "Any" = None) -> None:
-        """The goal cannot be reached; see `succeed`."""
+        """Set the state to aborted; see `succeed`."""
         self._move(ABORTED, result)
 
     def canceled(self, result: "Any" = None) -> None:
-        """The goal is given up, as was asked for; see `succeed`."""
+        """Set the state to canceled, as requested; see `succeed`."""
         self._move(CANCELED, result)
 
     def _may(self, status: int) -> bool:
@@ -162,9 +165,7 @@ class ServerGoalHandle:
 
 
 class _Packed:
-    """A message that is packed already: what a program does to its result afterwards is nothing
-    to those who ask for it.
-    """
+    """A packed message, which later changes of the program's result do not affect."""
 
     def __init__(self, message: "Any") -> None:
         self._TYPE = message._TYPE
@@ -181,14 +182,14 @@ class _Packed:
 
 
 class _Server(Service):
-    """A service whose answers come when they come: ``callback(identity, request)``."""
+    """Service with deferred replies; ``callback(identity, request)`` returns nothing."""
 
     def __init__(
         self, end: "ActionServer", name: str, type: "Any",
         callback: "Callable[[bytes, Any], None]",
     ) -> None:  # fmt: skip
         self._server = end
-        self._late: "list[Any]" = []  # (identity, response) that there was no room for
+        self._late: "list[Any]" = []  # (identity, response) not sent yet
         super().__init__(end.node, end.service(name), type, 10, callback)
 
     def on_lost(self) -> None:
@@ -215,9 +216,9 @@ class _Server(Service):
             answer = self._answer
             try:
                 self._reply()
-            except MemoryError:  # there may be some later; an empty answer would be a wrong one
+            except MemoryError:  # retried later; an empty response would be wrong
                 self._answer = answer
-            except Exception as error:  # a result that is too long: nobody is to wait for ever
+            except Exception as error:  # the result is too long: send an empty one
                 self._server.node.executor._fail(error)
                 self._answer = (answer[0], self.type.Response())
                 self._reply()
@@ -226,17 +227,25 @@ class _Server(Service):
 
 
 class ActionServer(End):
-    """See the module. Arguments follow rclpy:
+    """Server of an action; arguments follow rclpy. A callback that raises counts as REJECT.
 
-    ``goal_callback(goal)`` gets the Goal message and returns GoalResponse.ACCEPT or REJECT; without
-    it all goals are accepted. ``handle_accepted_callback(handle)`` says when to begin; without it,
-    the work begins at once. ``cancel_callback(handle)`` returns CancelResponse.ACCEPT or REJECT;
-    without it nothing is canceled. What raises in there is a REJECT.
-
-    Results are kept for ``result_timeout`` seconds after the end of a goal, while the agent is
-    there; less than 0: for ever. ``max_goals`` is how many goals the server knows at a time: where
-    there are so many, the result that is oldest goes early, and as long as all of them are being
-    worked on, others are refused.
+    Args:
+        node: The node.
+        action_type: The generated class of the action.
+        action_name: The action's name.
+        execute_callback: See the module.
+        goal_callback: Gets the Goal message and returns GoalResponse.ACCEPT or REJECT. Without it
+            all goals are accepted.
+        handle_accepted_callback: Gets the goal handle and decides when execution begins. Without
+            it, it begins at once.
+        cancel_callback: Gets the goal handle and returns CancelResponse.ACCEPT or REJECT. Without
+            it all cancel requests are rejected.
+        feedback_pub_qos_profile: QoS of the feedback topic.
+        status_pub_qos_profile: QoS of the status topic.
+        result_timeout: Seconds for which a result is kept after the end of its goal, while the
+            agent is connected; negative: without limit.
+        max_goals: Most goals that the server knows at a time. At the limit the oldest result is
+            dropped early; if all goals are active, new ones are rejected.
     """
 
     def __init__(
@@ -259,10 +268,10 @@ class ActionServer(End):
         self.handle_accepted_callback = handle_accepted_callback
         self.cancel_callback = cancel_callback
         self.max_goals = max_goals
-        self.goals: "list[ServerGoalHandle]" = []  # that it knows, the oldest first
+        self.goals: "list[ServerGoalHandle]" = []  # the known goals, the oldest first
         self._keep_ms = int(result_timeout * 1000) if 0 <= result_timeout < _LONGEST_S else -1
-        self._turn = 0  # of the goals, in being worked on
-        self._unsaid = False  # the status has changed and is not published
+        self._turn = 0  # index of the goal that is executed next
+        self._unsaid = False  # the status has changed and is not published yet
         self._away = False  # a session was lost, and no new one has been seen
         impl = action_type.Impl
         make = self.make
@@ -283,7 +292,7 @@ class ActionServer(End):
         self.parts = self.made[:3]
 
     def destroy(self) -> None:
-        """Take it off the network. Work on goals is closed, where it is by a generator."""
+        """Destroy the server and close the generators that execute goals."""
         super().destroy()
         goals = self.goals
         self.goals = []
@@ -295,6 +304,7 @@ class ActionServer(End):
     # --- as a handle of the executor --------------------------------------------------------
 
     def is_ready(self, now: int) -> bool:
+        """Return whether a request is queued or work on a goal is due; publish a pending status."""
         if self._away and self.states.created:  # a new agent
             self._away = False
             for goal in self.goals:
@@ -309,6 +319,7 @@ class ActionServer(End):
         return False
 
     def next_deadline(self) -> "int | None":
+        """Return the ticks at which the next work on a goal is due, or None."""
         now = self.node.clock.ms()
         least = 0x1FFFFFFF
         for goal in self.goals:
@@ -316,19 +327,19 @@ class ActionServer(End):
         return None if least == 0x1FFFFFFF else ticks_add(now, max(0, least))
 
     def _wait(self, goal: ServerGoalHandle, now: int) -> int:
-        """Milliseconds until something is to be done about a goal."""
+        """Return the milliseconds until work on a goal, or its removal, is due."""
         if goal._work is not None:
             if goal._future is None:
                 return ticks_diff(goal._due, now)
             return 0 if goal._future.done() else 0x1FFFFFFF
         if goal._result is None or self._keep_ms < 0:
             return 0x1FFFFFFF
-        if self._away or not self._get_result.created:  # nobody can ask for it
+        if self._away or not self._get_result.created:  # the result cannot be requested
             return 0x1FFFFFFF
         return ticks_diff(goal._end, now) + self._keep_ms
 
     def execute(self, new: bool) -> None:
-        """A request, if there is one, and a step of a goal's work, in turns."""
+        """Handle a request, if there is one, and do one step of one goal, in turn."""
         self.attempt(super().execute, True)
         now = self.node.clock.ms()
         for i in range(len(self.goals)):
@@ -342,7 +353,7 @@ class ActionServer(End):
                     self._say()
                 return
 
-    # --- work on goals ------------------------------------------------------------------------
+    # --- execution of goals -------------------------------------------------------------------
 
     def _step(self, goal: ServerGoalHandle) -> None:
         result = None
@@ -380,9 +391,15 @@ class ActionServer(End):
             goal._due = ticks_add(self.node.clock.ms(), wait)
 
     def _ended(self, goal: ServerGoalHandle, result: "Any", told: bool) -> None:
-        """The work is done, and has returned this; ``told``: it has raised."""
+        """Handle the end of the execution.
+
+        Args:
+            goal: The goal.
+            result: What the execute callback returned.
+            told: Whether it raised, which is reported already.
+        """
         goal._work = None
-        if goal._result is not None:  # it was given to succeed(), or the like
+        if goal._result is not None:  # passed to succeed(), abort() or canceled()
             return
         status = ABORTED if goal.is_active else goal.status
         try:
@@ -404,7 +421,7 @@ class ActionServer(End):
         goal._move(ABORTED, packed)
 
     def _pack(self, status: int, result: "Any") -> _Packed:
-        """The answer to those who ask for the result."""
+        """Return the packed GetResult response."""
         kind = self.action_type.Result
         if isinstance(result, _Packed):
             return result
@@ -424,7 +441,7 @@ class ActionServer(End):
         for identity in asked:
             self._get_result.reply(identity, packed)
 
-    # --- what it tells -----------------------------------------------------------------------
+    # --- status and feedback ------------------------------------------------------------------
 
     def _say(self) -> None:
         """Publish the states of all goals, now or as soon as there is room."""
@@ -444,13 +461,13 @@ class ActionServer(End):
         return self._feedback.publish(message)
 
     def _lost(self) -> None:
-        """The session is gone, and with it those who asked; a new agent knows no status."""
+        """Drop pending requests for results and publish the status again: the session has ended."""
         self._away = True
         self._unsaid = bool(self.goals)
         for goal in self.goals:
             goal._asked = []
 
-    # --- what it is asked ---------------------------------------------------------------------
+    # --- requests -----------------------------------------------------------------------------
 
     def _find(self, goal_id: "Any") -> "ServerGoalHandle | None":
         uuid = bytes(goal_id.uuid)
@@ -494,8 +511,10 @@ class ActionServer(End):
             self.attempt(self.handle_accepted_callback or ServerGoalHandle.execute, goal)
 
     def _on_cancel(self, identity: bytes, request: "Any") -> None:
-        """By id and time: with neither of them all goals, with an id alone this one, with a time
-        those accepted until then, and the one of the id.
+        """Handle CancelGoal, which selects goals by id and time.
+
+        Without both it selects all goals, with an id alone that goal, with a time the goals
+        accepted until then and the goal of the id.
         """
         info = request.goal_info
         uuid = bytes(info.goal_id.uuid)
@@ -522,7 +541,7 @@ class ActionServer(End):
             if (
                 self.cancel_callback is not None
                 and self.attempt(self.cancel_callback, goal) == CancelResponse.ACCEPT
-                and goal._may(CANCELING)  # it may have come to its end in there
+                and goal._may(CANCELING)  # the callback may have ended it
             ):
                 goal._move(CANCELING)
                 response.goals_canceling.append(goal._said.goal_info)
@@ -534,7 +553,7 @@ class ActionServer(End):
         goal = self._find(request.goal_id)
         if goal is None:
             response = self.action_type.Impl.GetResultService.Response()
-            self._get_result.reply(identity, response)  # its status says UNKNOWN
+            self._get_result.reply(identity, response)  # its status is UNKNOWN
         elif goal._result is not None:
             self._get_result.reply(identity, goal._result)
         else:

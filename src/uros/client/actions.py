@@ -1,8 +1,8 @@
-"""What both ends of an action share: the states of a goal, names, and their place in a node.
+"""Common parts of action client and action server: goal states, names, entities.
 
-An action ``/x`` is three services, ``/x/_action/send_goal``, ``cancel_goal`` and ``get_result``,
+An action ``/x`` has three services, ``/x/_action/send_goal``, ``cancel_goal`` and ``get_result``,
 and two topics, ``/x/_action/feedback`` and ``status``. :mod:`~uros.client.action_server` and
-:mod:`~uros.client.action_client` are modules of their own: a board pays for the end that it has.
+:mod:`~uros.client.action_client` are separate modules, so that a board loads only the one it uses.
 """
 
 from ..wire import ids
@@ -23,7 +23,7 @@ ABORTED: Final = 6
 
 
 class GoalStatus:
-    """The states of a goal, by the names and numbers of ``action_msgs/msg/GoalStatus``."""
+    """Goal states, with the names and numbers of ``action_msgs/msg/GoalStatus``."""
 
     STATUS_UNKNOWN = 0
     STATUS_ACCEPTED = 1
@@ -35,23 +35,25 @@ class GoalStatus:
 
 
 class GoalResponse:
-    """What a ``goal_callback`` returns."""
+    """Return values of a ``goal_callback``."""
 
     REJECT = 1
     ACCEPT = 2
 
 
 class CancelResponse:
-    """What a ``cancel_callback`` returns."""
+    """Return values of a ``cancel_callback``."""
 
     REJECT = 1
     ACCEPT = 2
 
 
 class End:
-    """One end of an action: a single handle of the executor. ``made`` are its entities, and
-    ``parts`` those that receive; one of them has its turn in a round, an earlier one before a later
-    one. ``states`` is the end of the topic of states.
+    """Base class of action client and action server: a single handle of the executor.
+
+    ``made`` are its entities, ``parts`` those that receive. In each round one of ``parts`` is
+    executed, the first that is ready. ``states`` is the publisher or subscription of the status
+    topic.
     """
 
     invocation = ON_NEW_DATA
@@ -64,12 +66,12 @@ class End:
         self.name: str = node.resolve_topic_name(action_name)
         self.parts: "tuple[Any, ...]" = ()
         self.made: "tuple[Any, ...]" = ()
-        self.service("cancel_goal")  # the longest name: raises where it is too long
-        node.executor.add(self)  # raises where there are enough, before anything is half made
+        self.service("cancel_goal")  # the longest name: raises if it is too long
+        node.executor.add(self)  # first: raises if the executor has max_handles already
         node._entities.append(self)
 
     def make(self, kind: "Callable[..., Any]", *arguments: "Any") -> "Any":
-        """One of the entities. Where it cannot be made, what was made before goes, too."""
+        """Create one of the entities; on failure destroy those created before and raise."""
         try:
             entity = kind(*arguments)
         except Exception:
@@ -79,8 +81,10 @@ class End:
         return entity
 
     def make_states(self, make: "Callable[..., Any]", qos: "Any", *arguments: "Any") -> None:
-        """Make ``states``. By default their last message is kept for who comes late: on a board a
-        flag says so, which takes less memory than a QoSProfile.
+        """Create ``states``.
+
+        By default its durability is transient local. On a board a flag sets that, which takes less
+        memory than a QoSProfile.
         """
         flags = 0
         if qos is None:
@@ -91,23 +95,26 @@ class End:
         self.states.flags |= flags
 
     def is_ready(self, now: int) -> bool:
+        """Return whether one of the parts is ready."""
         ready = False
-        for part in self.parts:  # all are asked: a service sends in there what had no room before
+        for part in self.parts:  # all of them: a service's is_ready sends replies that had no room
             if part.is_ready(now):
                 ready = True
         return ready
 
     def next_deadline(self) -> "int | None":
+        """Return None: it has no deadline."""
         return None
 
     def overfull(self) -> bool:
+        """Return whether one of the parts has more items queued than its depth."""
         for part in self.parts:
             if part.overfull():
                 return True
         return False
 
     def execute(self, new: bool) -> None:
-        """One callback."""
+        """Execute the first part that is ready."""
         now = self.node.clock.ms()
         for part in self.parts:
             if part.is_ready(now):
@@ -115,25 +122,26 @@ class End:
                 return
 
     def destroy(self) -> None:
-        """Take it off the network, now and in sessions to come."""
+        """Delete the entities in this session and do not create them in later ones."""
         self.node.forget(self)
         for part in self.made:
             part.created = False
             self.node.connection.remove(part, tuple([part.object_id(kind) for kind in part.kinds]))
 
     def topic(self, name: str) -> str:
-        """The full name of one of its topics."""
+        """Return the full name of one of the action's topics."""
         full: str = self.node.resolve_topic_name(self.name + "/_action/" + name)
         return full
 
     def service(self, name: str) -> str:
-        """The full name of one of its services."""
+        """Return the full name of one of the action's services."""
         full: str = self.node.resolve_service_name(self.name + "/_action/" + name)
         return full
 
     def attempt(self, call: "Callable[..., Any]", *arguments: "Any") -> "Any":
-        """What the program's ``call`` returns. None where it raises: the executor is told, as of
-        any callback, and the rest goes on.
+        """Call a function of the program and return its result.
+
+        If it raises, the executor reports the exception, as for any callback, and None is returned.
         """
         try:
             return call(*arguments)

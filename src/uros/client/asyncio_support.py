@@ -1,4 +1,4 @@
-"""A node among other tasks of asyncio, on a board and on a host.
+"""Spinning a node in a task of asyncio, on a board and on a host.
 
 ::
 
@@ -9,9 +9,8 @@
         asyncio.create_task(blink())
         await node.spin()
 
-asyncio has no way to wait for every kind of line, so a spinning task looks at it every
-``poll_ms``, and sleeps until then. Nothing here blocks but the callbacks themselves. A node must be
-spun by one task at a time.
+asyncio cannot wait for every kind of transport, so a spinning task polls it every ``poll_ms`` and
+sleeps in between. Only the callbacks themselves block. A node must be spun by one task at a time.
 """
 
 import asyncio
@@ -38,8 +37,9 @@ async def _sleep(ms: int) -> None:
 async def spin_once(
     node: "Any", timeout_sec: "float | None" = None, poll_ms: int = POLL_MS
 ) -> bool:
-    """``node.spin_once``, with other tasks running while it waits. Any node will do, a host's
-    too.
+    """Spin a node once, as ``node.spin_once``, while other tasks run during the wait.
+
+    Any node can be spun, a host's node too.
     """
     clock = node.clock
     end = 0
@@ -67,8 +67,9 @@ async def spin(node: "Any", poll_ms: int = POLL_MS) -> None:
 
 
 async def result(future: "Any") -> "Any":
-    """The result of a call, while another task spins the node: ``await
-    result(client.call_async(request))``. Raises what the call failed with.
+    """Wait for the result of a call, while another task spins the node.
+
+    Use: ``await result(client.call_async(request))``. An error of the call is raised.
     """
     event = asyncio.Event()
     future.add_done_callback(lambda _: event.set())

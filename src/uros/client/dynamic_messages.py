@@ -1,14 +1,14 @@
-"""Messages without classes, for what the client itself has to say.
+"""Messages without generated classes, for the client's own services and topics.
 
-A generated class for each type is faster, and handier for programs. But those of the services for
-parameters alone would take 25 kB of a board's heap; here one coder does for all of them. A type is
-its name and a line of letters, one for each field, nested messages in line::
+A generated class for each type is faster and easier to use. But those of the parameter services
+alone would take 25 kB of a board's heap; here one codec serves all types. A type is described by
+its name and a string of letters, one for each field, with nested messages inline::
 
     ?  bool     B  uint8, byte     i  int32     I  uint32     q  int64     Q  uint64
     d  float64  s  string          [...]  a sequence of what is inside
 
-A message is the list of its values. Where a sequence holds one letter its items are plain values,
-where more, lists; ``[B]`` is bytes.
+A message is the list of its values. The items of a sequence of one letter are plain values, of more
+letters lists; ``[B]`` is bytes.
 """
 
 from struct import pack_into, unpack_from
@@ -22,9 +22,7 @@ _WIDTHS = {"B": 1, "?": 1, "i": 4, "I": 4, "q": 8, "Q": 8, "d": 8}
 
 
 class Shape:
-    """A message type. Called with the list of the values it makes a message; what has come gives
-    one with ``values``.
-    """
+    """A message type; calling it with a list of values creates a message."""
 
     def __init__(self, type_name: str, letters: str) -> None:
         self._TYPE = type_name
@@ -41,16 +39,23 @@ class Shape:
     def unpack_from(
         self, buf: "Any", offset: int, start: int, end: int, little: bool = True
     ) -> "tuple[Shaped, int]":
-        """The message at ``buf[offset:end]``, aligned from ``start``, and ``end``. Raises
-        ValueError for any fault in the bytes. What is behind the message counts as part of it:
-        rmw_serialize leaves room for more where sequences of wide numbers are empty.
+        """Decode the message at ``buf[offset:end]``, aligned from ``start``.
+
+        Trailing bytes count as part of the message: rmw_serialize leaves room for more if sequences
+        of wide numbers are empty.
+
+        Returns:
+            The message, and ``end``.
+
+        Raises:
+            ValueError: The bytes are malformed.
         """
         values, _ = _get(self.letters, buf, offset, start, end, "<" if little else ">")
         return Shaped(self, values), end
 
 
 class Shaped:
-    """A message: what the client asks of a generated class's instances, and ``values``."""
+    """A message with ``values`` and the methods of a generated class that the client calls."""
 
     def __init__(self, shape: Shape, values: "Any") -> None:
         self._TYPE = shape._TYPE
@@ -58,14 +63,16 @@ class Shaped:
         self.values = values
 
     def cdr_size(self, o: int = 0) -> int:
+        """Return the offset behind the message if it begins at offset ``o``."""
         return _put(self._letters, self.values, None, o, 0)
 
     def pack_into(self, buf: "Any", offset: int, start: int) -> int:
+        """Encode the message at ``buf[offset:]``, aligned from ``start``; return where it ends."""
         return _put(self._letters, self.values, buf, offset, start)
 
 
 class ShapedService:
-    """A service type of two shapes: ``package/srv/Name``, and the letters of each."""
+    """A service type: ``package/srv/Name``, and the letters of request and response."""
 
     def __init__(self, name: str, request: str, response: str) -> None:
         self.Request = Shape(name + "_Request", request)
@@ -73,7 +80,7 @@ class ShapedService:
 
 
 def _close(letters: str, at: int) -> int:
-    """Where the sequence ends whose inside begins at ``at``."""
+    """Return the index of the bracket that ends the sequence whose content begins at ``at``."""
     depth = 1
     while depth:
         if letters[at] == "[":
@@ -85,7 +92,7 @@ def _close(letters: str, at: int) -> int:
 
 
 def _put(letters: str, values: "Any", buf: "Any", o: int, start: int) -> int:
-    """Write the values at ``buf[o:]``, where there is a buffer; where they end."""
+    """Encode the values at ``buf[o:]``, or only measure them if ``buf`` is None; return the end."""
     at = 0
     for value in values:
         code = letters[at]
@@ -130,7 +137,7 @@ def _put_number(code: str, value: "Any", buf: "Any", o: int, start: int) -> int:
 def _get(
     letters: str, buf: "Any", o: int, start: int, end: int, order: str
 ) -> "tuple[list[Any], int]":
-    """The values of ``letters``, and where they end."""
+    """Decode the values of ``letters``; return them and where they end."""
     values: "list[Any]" = []
     at = 0
     while at < len(letters):
@@ -141,7 +148,7 @@ def _get(
             inner = letters[at:stop]
             at = stop + 1
             count, o = _get_number("I", buf, o, start, end, order)
-            if count > end - o:  # Attack: four billion of them. Each has one octet at least.
+            if count > end - o:  # Attack: a count of four billion. An item has one octet at least.
                 raise ValueError("%d items in %d octets" % (count, end - o))
             value: "Any" = []
             if inner == "B":

@@ -1,4 +1,4 @@
-"""The ROS graph on a board: who is there, as far as the agent tells.
+"""ROS graph on a board, as the agent sends it.
 
 ::
 
@@ -6,10 +6,10 @@
     ...
     if graph.count_subscribers("chatter"): ...
 
-An agent of ours tells boards that ask for it, at most once a second, and an agent of eProsima where
-its participant for it runs. Nothing else in the protocol says who listens: without this a board
-does not know whether its publishers are matched. What is left out of long graphs is for the agent
-to choose: first what every node has, then services, topics and nodes.
+The agent of uros sends the graph to boards that subscribe to it, at most once a second; an agent of
+eProsima does if its participant for the graph runs. No other part of the protocol says who listens:
+without the graph a board does not know whether its publishers are matched. The agent chooses what
+to leave out of long graphs: first what every node has, then services, topics and nodes.
 """
 
 from ..wire import ids
@@ -27,7 +27,7 @@ except ImportError:  # MicroPython
 
 TOPIC: Final = "ros_to_microros_graph"
 TYPE: Final = "micro_ros_msgs::msg::dds_::Graph_"
-# Of an entity in the graph; a node's own line has none.
+# Kind of an entity in the graph; _NODE marks the node itself.
 _NODE: Final = -1
 _PUBLISHER: Final = 0
 _SUBSCRIBER: Final = 1
@@ -36,11 +36,11 @@ _CLIENT: Final = 3
 
 
 class Graph(Subscription):
-    """The graph as the agent told it last; ``callback()`` runs when it is told anew.
+    """The last graph received; ``callback()`` is called for each new one.
 
-    Names of methods are rclpy's. ``known``: one has come in this session; before that all is
-    empty, and counts are 0. It is kept as it came and read when it is asked for: about two
-    kilobytes with a board's usual MTU.
+    Method names are rclpy's. ``known`` says whether a graph was received in this session; before
+    that all lists are empty and all counts 0. The graph is kept as received and decoded by each
+    query: about two kilobytes with a board's usual MTU.
     """
 
     def __init__(self, node: "Any", callback: "Callable[[], object] | None" = None) -> None:
@@ -56,15 +56,17 @@ class Graph(Subscription):
     def _create(self, connection: "Any", step: int, this: int) -> None:
         if step:
             super()._create(connection, step, this)
-        else:  # no topic of ROS
+        else:  # the topic name has no ROS prefix
             connection.create(self, this, self.node.object_id, push_binary_topic, TOPIC, TYPE)
 
     def on_lost(self) -> None:
+        """Drop the graph: the session has ended."""
         self.known = False
         self._buf = b"\0\0\0\0"
         super().on_lost()
 
     def on_data(self, buf: "Buffer", start: int, stop: int, little: bool) -> None:
+        """Keep a new graph if it is well-formed."""
         graph = bytes(buf[start:stop])
         try:
             for _ in _lines(graph, little):
@@ -78,57 +80,69 @@ class Graph(Subscription):
         self._queue = [None]
 
     def execute(self, new: bool) -> None:
+        """Call the callback after a new graph."""
         self._queue = []
         self.callback()  # type: ignore[call-arg]
 
-    # --- as rclpy has it ----------------------------------------------------------------------
+    # --- methods of rclpy's Node --------------------------------------------------------------
 
     def get_node_names_and_namespaces(self) -> "list[tuple[str, str]]":
+        """Return (name, namespace) of each node."""
         return [
             (name, space) for space, name, kind, _, _ in _lines(self._buf, self._little)
             if kind == _NODE
         ]  # fmt: skip
 
     def get_node_names(self) -> "list[str]":
+        """Return the name of each node."""
         return [name for name, _ in self.get_node_names_and_namespaces()]
 
     def get_topic_names_and_types(self) -> "list[tuple[str, list[str]]]":
+        """Return (name, types) of each topic, sorted."""
         return self._found((_PUBLISHER, _SUBSCRIBER))
 
     def get_service_names_and_types(self) -> "list[tuple[str, list[str]]]":
+        """Return (name, types) of each service, sorted."""
         return self._found((_SERVICE,))
 
     def get_publisher_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> "list[tuple[str, list[str]]]":
+        """Return (name, types) of each topic that the node publishes, sorted."""
         return self._found((_PUBLISHER,), node_name, node_namespace)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> "list[tuple[str, list[str]]]":
+        """Return (name, types) of each topic that the node subscribes to, sorted."""
         return self._found((_SUBSCRIBER,), node_name, node_namespace)
 
     def get_service_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> "list[tuple[str, list[str]]]":
+        """Return (name, types) of each service that the node serves, sorted."""
         return self._found((_SERVICE,), node_name, node_namespace)
 
     def get_client_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> "list[tuple[str, list[str]]]":
+        """Return (name, types) of each service of which the node is a client, sorted."""
         return self._found((_CLIENT,), node_name, node_namespace)
 
     def count_publishers(self, topic: str) -> int:
-        """How many nodes publish it: our own too."""
+        """Return the number of nodes that publish a topic, our own included."""
         return self._count(_PUBLISHER, self.node.resolve_topic_name(topic))
 
     def count_subscribers(self, topic: str) -> int:
+        """Return the number of nodes that subscribe to a topic, our own included."""
         return self._count(_SUBSCRIBER, self.node.resolve_topic_name(topic))
 
     def count_services(self, service: str) -> int:
+        """Return the number of nodes that serve a service, our own included."""
         return self._count(_SERVICE, self.node.resolve_service_name(service))
 
     def count_clients(self, service: str) -> int:
+        """Return the number of nodes with a client of a service, our own included."""
         return self._count(_CLIENT, self.node.resolve_service_name(service))
 
     def _count(self, kind: int, name: str) -> int:
@@ -140,7 +154,7 @@ class Graph(Subscription):
     def _found(
         self, kinds: "tuple[int, ...]", node: "str | None" = None, space: str = ""
     ) -> "list[tuple[str, list[str]]]":
-        """Sorted by name; the types of one name together."""
+        """Return (name, types) of the entities of these kinds, sorted by name."""
         out: "dict[str, list[str]]" = {}
         for its_space, its_node, kind, name, types in _lines(self._buf, self._little):
             if kind in kinds and (node is None or (its_node == node and its_space == space)):
@@ -156,7 +170,7 @@ def _nothing() -> None:
 
 
 def _lines(graph: bytes, little: bool) -> "Iterator[tuple[str, str, int, str, list[str]]]":
-    """(namespace, node, kind, name, types) of each entity, and one for each node.
+    """Yield (namespace, node, kind, name, types) of each node and of each entity.
 
     micro_ros_msgs/msg/Graph: nodes of namespace, name and entities of kind, name and types.
     """

@@ -1,6 +1,6 @@
-"""A guard condition: a program says that something has happened, and the executor calls back.
+"""Guard condition: a program triggers it, and the executor calls a callback.
 
-``trigger()`` only sets a flag, so an interrupt's handler or another thread may call it.
+``trigger()`` only sets a flag, so an interrupt handler or another thread may call it.
 """
 
 from ..ticks import ticks_add
@@ -11,19 +11,19 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# Who waits for the agent does not see a flag that an interrupt has set: so long at most.
+# Longest wait for the agent: the wait does not end when an interrupt sets the flag.
 LATENCY_MS: Final = 20
 
 
 class GuardCondition:
-    """``callback()`` runs once in the next round after one trigger or many: a handle.
+    """Handle that calls ``callback()`` once in the next round after one or more triggers.
 
-    What is triggered by an interrupt or a thread while the node waits is seen within
-    LATENCY_MS. Made by ``node.create_guard_condition``.
+    A trigger by an interrupt or a thread while the node waits takes effect within LATENCY_MS.
+    Created by ``node.create_guard_condition``.
     """
 
     invocation = ON_NEW_DATA
-    kinds = None  # the agent knows nothing of it
+    kinds = None  # it has no object at the agent
 
     def __init__(self, callback: "Callable[[], object]", clock: "Any") -> None:
         self.callback = callback
@@ -31,18 +31,22 @@ class GuardCondition:
         self._triggered = False
 
     def trigger(self) -> None:
-        """Allocates nothing."""
+        """Have the callback called in the next round; allocates nothing."""
         self._triggered = True
 
     def is_ready(self, now: int) -> bool:
+        """Return whether it was triggered."""
         return self._triggered
 
     def next_deadline(self) -> "int | None":
+        """Return the ticks LATENCY_MS from now, to limit the wait."""
         return ticks_add(self._clock.ms(), LATENCY_MS)
 
     def overfull(self) -> bool:
+        """Return False: triggers are not queued."""
         return False
 
     def execute(self, new: bool) -> None:
+        """Clear the flag and call the callback."""
         self._triggered = False
         self.callback()

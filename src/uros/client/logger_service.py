@@ -1,4 +1,4 @@
-"""Others may ask and set the levels of a node's loggers."""
+"""Services that get and set the levels of a node's loggers."""
 
 from .dynamic_messages import ShapedService
 
@@ -9,8 +9,9 @@ except ImportError:  # MicroPython
 
 
 class LoggerService:
-    """The services ``~/get_logger_levels`` and ``~/set_logger_levels`` of a node, as rclpy's with
-    ``enable_logger_service``.
+    """The services ``~/get_logger_levels`` and ``~/set_logger_levels`` of a node.
+
+    They are those of rclpy with ``enable_logger_service``.
     """
 
     def __init__(self, node: "Any") -> None:

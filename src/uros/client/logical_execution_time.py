@@ -1,15 +1,14 @@
-"""Logical execution time, and rounds in fixed periods: for control loops that must be the same
-every time.
+"""Logical execution time, and rounds in fixed periods, for control loops with constant timing.
 
 ::
 
     LetExecutor(node)
     Period(node, 0.01).spin()
 
-With a :class:`LetExecutor` what a round reads is what was there when it began, and what it sends
-leaves when it has ended: however long callbacks take, none hears what another has said in the same
-round, here or by way of the network. With a :class:`Period` it leaves at the end of the period. On
-a host without an agent samples leave at once.
+With a :class:`LetExecutor` a round reads the inputs that were there when it began, and its messages
+are sent when it has ended: however long callbacks take, none receives what another published in the
+same round, neither locally nor from the network. With a :class:`Period` the messages are sent at
+the end of the period. On a host without an agent samples are sent at once.
 """
 
 from .executor import Executor, Timer
@@ -21,8 +20,10 @@ except ImportError:  # MicroPython
 
 
 class _Cork:
-    """A transport, and before it what a round has sent. Messages outside of streams pass: they
-    are the session's own, and wait for no deadline.
+    """Transport wrapper that holds the messages a round sends.
+
+    Messages outside of streams are passed on at once: they belong to the session and no deadline
+    applies to them.
     """
 
     def __init__(self, line: "Any", limit: int) -> None:
@@ -46,7 +47,7 @@ class _Cork:
     def send(self, message: "Any", size: int) -> None:
         if not self.holding or message[1] == 0:
             self._line.send(message, size)
-        elif self._size + size <= self._limit:  # else it is lost, as on any line that is full
+        elif self._size + size <= self._limit:  # otherwise it is lost, as on any full line
             self._size += size
             self._messages.append(bytes(memoryview(message)[:size]))
 
@@ -59,11 +60,11 @@ class _Cork:
 
 
 class LetExecutor(Executor):
-    """Takes the place of ``node.executor``, with all handles, and its trigger.
+    """Replaces ``node.executor`` and takes over its handles and its trigger.
 
-    Inputs are as they were when the round began: a sample that comes while it runs waits for the
-    next one. In a round nothing is sent, so a callback cannot wait for an answer; it can ask, and
-    hear it in a later round. At most the connection's ``limit`` of bytes is held.
+    A sample that is received during a round is handled in the next one. Nothing is sent during a
+    round, so a callback cannot wait for a reply; it can send a request and handle the reply in a
+    later round. At most the connection's ``limit`` of bytes is held.
     """
 
     def __init__(self, node: "Any") -> None:
@@ -86,7 +87,7 @@ class LetExecutor(Executor):
         node.executor = self
 
     def execute(self, now: int) -> int:
-        """As Executor's; what callbacks send is held."""
+        """Run one round and hold what its callbacks send; see :meth:`.Executor.execute`."""
         self._depth += 1
         if self._cork is not None:
             self._cork.holding = True
@@ -98,19 +99,20 @@ class LetExecutor(Executor):
                 self.release()
 
     def release(self) -> None:
-        """Send what the round has left."""
+        """Send the messages that the round has left."""
         if self._cork is not None:
             try:
                 self._cork.release()
-            except OSError:  # the line is gone, as the session's next message finds
+            except OSError:  # the session's next message fails, too, and ends the session
                 pass
 
 
 class Period:
-    """One round of callbacks at the start and every ``seconds`` from then on, without drift.
+    """Runs one round of callbacks at the start of every period of ``seconds``, without drift.
 
-    What comes meanwhile is taken, and the session served, but called back in the next round.
-    ``overruns`` counts periods that were left out because a round took longer than one.
+    In the rest of the period the session is served and samples are received; their callbacks are
+    called in the next round. ``overruns`` counts periods skipped because a round took longer than
+    one.
     """
 
     def __init__(self, node: "Any", seconds: float) -> None:
@@ -119,6 +121,7 @@ class Period:
 
     @property
     def overruns(self) -> int:
+        """Number of periods skipped because a round took longer than one."""
         return self._timer.missed
 
     def _end(self) -> None:
@@ -127,7 +130,11 @@ class Period:
             executor.release()
 
     def spin_once(self) -> int:
-        """One round, now, and the rest of its period; how many callbacks ran."""
+        """Run one round now and serve the session for the rest of the period.
+
+        Returns:
+            The number of callbacks called.
+        """
         node = self._node
         timer = self._timer
         if timer.is_canceled():
@@ -143,11 +150,11 @@ class Period:
         return count
 
     def spin(self) -> None:
-        """For ever."""
+        """Spin for ever."""
         while True:
             self.spin_once()
 
 
 def spin_period(node: "Any", seconds: float) -> None:
-    """Spin a node for ever, one round each period: rclc's rclc_executor_spin_period."""
+    """Spin a node for ever, one round each period, as rclc_executor_spin_period."""
     Period(node, seconds).spin()

@@ -1,4 +1,4 @@
-"""What a person sees of a board's program: an LED that is on while there is an agent, and words."""
+"""State of the connection for a person: on an LED and as text."""
 
 from .connection import AGENT_CONNECTED
 
@@ -11,11 +11,14 @@ _TOGGLE_S: Final = 0.1
 
 
 class StatusLed:
-    """Shows on ``led``, a pin or whatever has ``value(level)``, how ``node`` is: on while it is
-    connected, else toggled ten times a second.
+    """Shows the state of a node's connection on an LED: on if connected, otherwise blinking.
 
-    ``say`` gets a line each time that an agent is found, and one with the reason why there is none,
-    again when that is another.
+    Args:
+        node: The node.
+        led: A pin, or another object with ``value(level)``. It is toggled ten times a second while
+            not connected.
+        say: Gets a line each time that an agent is found, and one with the reason when there is
+            none, again when the reason changes.
     """
 
     def __init__(self, node: "Any", led: "Any", say: "Callable[[str], object]" = print) -> None:
@@ -31,7 +34,7 @@ class StatusLed:
         connection = self._connection
         connected = connection.state == AGENT_CONNECTED
         if connected:
-            # The count tells of an agent that was lost and found since the last look, too.
+            # The count also changes if an agent was lost and found since the last call.
             if self._connections != connection.connections:
                 self._connections = connection.connections
                 self._told = None

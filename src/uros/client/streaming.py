@@ -5,8 +5,8 @@
     image = CompressedImage(format="jpeg")
     publish_stream(publisher, image, length, camera)
 
-No more of it is held than the window of the reliable stream, and nothing waits: a part is read when
-the agent has acknowledged those before it.
+No more of the message is held than the window of the reliable stream, and nothing waits: a part is
+read when the agent has acknowledged those before it.
 """
 
 from struct import pack_into
@@ -23,17 +23,24 @@ except ImportError:  # MicroPython
 
 
 def publish_stream(publisher: "Any", message: "Any", length: int, source: "Any") -> bool:
-    """Publish ``message`` with ``length`` octets of ``source`` as its last field, a sequence of
-    uint8 (or int8, char, byte), which is empty in the message itself.
+    """Publish ``message`` with ``length`` octets of ``source`` as its last field.
 
-    ``source`` has ``readinto(view)``, which fills a memoryview from its start on and says how many
-    octets it wrote, or is an iterator of bytes. It is read from while the node spins, must not
-    wait, and is in use until :func:`streaming` says False. One that ends
-    early, or raises, ends the session: half a message cannot be taken back.
+    Args:
+        publisher: A reliable publisher.
+        message: Its last field, a sequence of uint8 (or int8, char, byte), is empty.
+        length: Octets to read from ``source``.
+        source: An iterator of bytes, or an object with ``readinto(view)``, which fills a memoryview
+            from its start on and returns the number of octets written. It is read while the node
+            spins, must not wait, and is in use until :func:`streaming` returns False. If it ends
+            early or raises, the session ends, because a partly sent message cannot be withdrawn.
 
-    False: no connection, or another stream is under way. Raises EncodeError for a publisher that
-    is best effort, what packing raises, and ValueError for a message that does not end with an
-    empty sequence.
+    Returns:
+        False if there is no connection or another stream is in progress.
+
+    Raises:
+        EncodeError: The publisher is best effort.
+        ValueError: The message does not end with an empty sequence. Errors of packing are passed
+            on.
     """
     if not publisher.flags & ids.QOS_RELIABLE:
         raise EncodeError("%s is best effort: make it reliable to stream" % publisher.name)
@@ -50,7 +57,7 @@ def publish_stream(publisher: "Any", message: "Any", length: int, source: "Any")
         head[size + 8 + i] = length >> 8 * i & 0xFF
     object_id = publisher.object_id(ids.KIND_DATAWRITER)
     whole = size + 12 + length
-    # As of all samples: beyond 64 kB there is no length, but 0.
+    # As for all samples, the length is 0 over 64 kB.
     told = whole - 8 if whole - 8 <= 0xFFFF else 0
     pack_into("<BBH", head, 4, ids.WRITE_DATA, ids.FLAG_LITTLE_ENDIAN, told)
     pack_into(">HH", head, 8, connection.next_request(), object_id)
@@ -62,7 +69,7 @@ def publish_stream(publisher: "Any", message: "Any", length: int, source: "Any")
 
 
 def streaming(publisher: "Any") -> bool:
-    """Whether a stream is under way in the publisher's session."""
+    """Return whether a stream is in progress in the publisher's session."""
     for message in publisher.connection.waiting:
         if isinstance(message, Streamed):
             return True
@@ -70,7 +77,7 @@ def streaming(publisher: "Any") -> bool:
 
 
 class Streamed:
-    """A message of which only the ``head`` is there."""
+    """A message of which only the ``head`` is in memory."""
 
     def __init__(self, connection: "Any", head: bytearray, length: int, source: "Any") -> None:
         self.connection = connection
@@ -82,7 +89,7 @@ class Streamed:
         return len(self.head) + self.length
 
     def fill(self, part: bytearray, at: int, first: int, stop: int) -> None:
-        """The message's octets from ``first`` to ``stop`` into ``part[at:]``."""
+        """Copy the message's octets from ``first`` to ``stop`` into ``part[at:]``."""
         copied = min(stop, len(self.head)) - first
         if copied > 0:
             part[at : at + copied] = memoryview(self.head)[first : first + copied]
@@ -100,9 +107,9 @@ class Streamed:
                     raise OSError("it ended early")
                 at += count
         except Exception as error:
-            if begun:  # what has been read does not come again
+            if begun:  # octets read from the source cannot be read again
                 self.connection.end("a stream broke off: %s" % error)
-            # Whoever has called goes on at another time: then this session is over.
+            # The caller retries after a MemoryError; by then this session has ended.
             raise MemoryError
 
 

@@ -1,4 +1,4 @@
-"""Where things are: ``/tf`` and ``/tf_static``, as tf2_ros has them.
+"""Transform broadcasters for ``/tf`` and ``/tf_static``, as in tf2_ros.
 
 ::
 
@@ -8,7 +8,7 @@
     node.clock.stamp(transform.header.stamp)
     broadcaster.sendTransform(transform)
 
-``tf2_msgs`` is not needed on the board: what is sent is put together of the transforms themselves.
+``tf2_msgs`` is not needed on the board: the message is encoded from the transforms.
 """
 
 from ..qos import DurabilityPolicy, QoSProfile
@@ -20,12 +20,12 @@ except ImportError:  # MicroPython
     pass
 
 _TRANSFORM: Final = "geometry_msgs/msg/TransformStamped"
-# As tf2_ros.
+# Default of tf2_ros.
 _DEPTH: Final = 100
 
 
 class Transforms:
-    """A ``tf2_msgs/msg/TFMessage`` of generated TransformStamped, to be sent."""
+    """A ``tf2_msgs/msg/TFMessage`` of generated TransformStamped messages, to be sent."""
 
     _TYPE = "tf2_msgs/msg/TFMessage"
     _DDS_TYPE = "tf2_msgs::msg::dds_::TFMessage_"
@@ -34,12 +34,14 @@ class Transforms:
         self.transforms = transforms
 
     def cdr_size(self, o: int = 0) -> int:
+        """Return the offset behind the message if it begins at offset ``o``."""
         o = (o + 3 & -4) + 4
         for transform in self.transforms:
             o = transform.cdr_size(o)
         return o
 
     def pack_into(self, buf: "Any", offset: int, start: int) -> int:
+        """Encode the message at ``buf[offset:]``, aligned from ``start``; return where it ends."""
         while (offset - start) & 3:
             buf[offset] = 0
             offset += 1
@@ -54,20 +56,21 @@ class Transforms:
 
 
 class TransformBroadcaster:
-    """Tells ``/tf`` where moving frames are."""
+    """Publishes the transforms of moving frames on ``/tf``."""
 
     def __init__(self, node: "Any", qos: "Any" = _DEPTH) -> None:
         self.publisher = node.create_publisher(Transforms, "/tf", qos)
 
     def sendTransform(self, transform: "Any") -> bool:
-        """Send one transform, or all of a list in one message; False where it was dropped."""
+        """Send a transform, or a list of them in one message; return False if it was dropped."""
         return self.publisher.publish(Transforms(_listed(transform)))  # type: ignore[no-any-return]
 
 
 class StaticTransformBroadcaster:
-    """Tells ``/tf_static`` of frames that do not move: all of them each time, and again to each
-    new agent. One with the same child frame takes the place of the old one. What was given may be
-    changed afterwards: a copy is kept.
+    """Publishes the transforms of static frames on ``/tf_static``.
+
+    Each message has all of them, and it is sent again to each new agent. A transform replaces an
+    earlier one with the same child frame. Copies are kept, so the program may change its messages.
     """
 
     def __init__(self, node: "Any", qos: "Any" = None) -> None:
@@ -78,8 +81,10 @@ class StaticTransformBroadcaster:
         self.publisher.on_connected = self._send
 
     def sendTransform(self, transform: "Any") -> bool:
-        """Keep one transform, or those of a list, and send all there are. False: they are sent
-        when there is an agent, and room.
+        """Keep a transform, or a list of them, and send all that are kept.
+
+        Returns:
+            False if they are sent later, when there is an agent and room.
         """
         for one in _listed(transform):
             octets = bytearray(one.cdr_size())
@@ -97,7 +102,11 @@ class StaticTransformBroadcaster:
 
 
 def _listed(transform: "Any") -> "list[Any]":
-    """A list of one, or the list that it is. Raises TypeError for what is no transform."""
+    """Return the transforms as a list.
+
+    Raises:
+        TypeError: An item is no transform.
+    """
     out = transform if isinstance(transform, (list, tuple)) else [transform]
     for one in out:
         if getattr(one, "_TYPE", "") != _TRANSFORM:

@@ -1,8 +1,9 @@
-"""When an executor's round begins: the triggers of rclc, for ``executor.trigger``.
+"""Triggers of rclc, for ``executor.trigger``: they decide when a round begins.
 
-A program's own is any function of ``(handles, ready)``, two lists of the same length and in the
-order in which handles were added: ``node.executor.trigger = lambda handles, ready: ready[0]``.
-What is ready while the trigger says no is kept, and so are samples, as far as their depth goes.
+A program's own trigger is any function of ``(handles, ready)``, two lists of the same length in the
+order in which the handles were added: ``node.executor.trigger = lambda handles, ready: ready[0]``.
+What is ready while the trigger returns False is kept; samples are kept as far as their depth
+allows.
 """
 
 try:
@@ -12,19 +13,19 @@ except ImportError:  # MicroPython
 
 
 def trigger_any(handles: "list[Any]", ready: "list[bool]") -> bool:
-    """Begin when one handle is ready: what an executor without a trigger does."""
+    """Begin when one handle is ready, as an executor without a trigger does."""
     return True in ready
 
 
 def trigger_all(handles: "list[Any]", ready: "list[bool]") -> bool:
-    """Begin when every handle is ready, timers too."""
+    """Begin when every handle is ready, timers included."""
     return False not in ready
 
 
 def trigger_always(handles: "list[Any]", ready: "list[bool]") -> bool:
-    """Begin every round: handles with ALWAYS are called whether there is something new or not.
+    """Begin every round; handles with ALWAYS are called even without news.
 
-    A round is made when something is ready, and whenever a spin's time is up.
+    A round takes place when something is ready, and whenever a spin's time is up.
     """
     return True
 
