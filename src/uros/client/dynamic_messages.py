@@ -34,6 +34,7 @@ class Shape:
         return "%s::%s::dds_::%s_" % (package, kind, name)
 
     def __call__(self, values: "Any" = ()) -> "Shaped":
+        """Return a message with these values."""
         return Shaped(self, values)
 
     def unpack_from(

@@ -1,4 +1,4 @@
-"""Nodes with a life cycle, as rclpy.lifecycle: others bring them up and shut them down.
+"""Lifecycle nodes, as in rclpy.lifecycle: other nodes start and stop them by transitions.
 
 ::
 
@@ -7,7 +7,7 @@
             self.images = self.create_lifecycle_publisher(CompressedImage, "image", 1)
             return TransitionCallbackReturn.SUCCESS
 
-``ros2 lifecycle`` and lifecycle managers drive it by its five services, and hear of each step on
+``ros2 lifecycle`` and lifecycle managers use its five services, and receive each transition on
 ``~/transition_event``. Ids and labels are those of lifecycle_msgs.
 """
 
@@ -35,8 +35,8 @@ _TRANSITIONS: Final = (
     "create configure cleanup activate deactivate shutdown shutdown shutdown destroy"
 )
 _OUTCOMES: Final = "transition_success transition_failure transition_error"
-# Transition, from, to, in the order of rcl_lifecycle. Those from 10 on end a transition state: by
-# their last digit with success, failure or error.
+# Transition, start state, goal state, in the order of rcl_lifecycle. Transitions from 10 on end a
+# transition state; their last digit means success (0), failure (1) or error (2).
 _TABLE: Final = (
     b"\x01\x01\x0a\x0a\x0a\x02\x0b\x0a\x01\x0c\x0a\x0f\x02\x02\x0b\x14\x0b\x01\x15\x0b\x02"
     b"\x16\x0b\x0f\x03\x02\x0d\x1e\x0d\x03\x1f\x0d\x02\x20\x0d\x0f\x04\x03\x0e\x28\x0e\x02"
@@ -49,7 +49,7 @@ _CALLBACKS: Final = (
 
 
 class TransitionCallbackReturn:
-    """What a callback says of its transition."""
+    """Return values of transition callbacks."""
 
     SUCCESS = 97
     FAILURE = 98
@@ -57,7 +57,7 @@ class TransitionCallbackReturn:
 
 
 class LifecycleState:
-    """A state by its name and number."""
+    """A state, with its label and its number."""
 
     def __init__(self, label: str, state_id: int) -> None:
         self.label = label
@@ -68,56 +68,72 @@ class LifecycleState:
 
 
 class ManagedEntity:
-    """Something that follows a node's transitions. Each method is called with the LifecycleState
-    before the transition, and gives a TransitionCallbackReturn.
+    """Base class of objects that follow a node's transitions.
+
+    Each method gets the LifecycleState before the transition and returns a
+    TransitionCallbackReturn.
     """
 
     def on_configure(self, state: LifecycleState) -> int:
+        """Handle the transition configure."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> int:
+        """Handle the transition cleanup."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> int:
+        """Handle the transition shutdown."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> int:
+        """Handle the transition activate."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> int:
+        """Handle the transition deactivate."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> int:
+        """Handle an error of another transition."""
         return TransitionCallbackReturn.SUCCESS
 
 
 class SimpleManagedEntity(ManagedEntity):
-    """One that knows whether it is activated, and nothing else."""
+    """Managed entity that only keeps whether it is activated."""
 
     is_activated = False
 
     def on_activate(self, state: LifecycleState) -> int:
+        """Set ``is_activated``."""
         self.is_activated = True
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> int:
+        """Clear ``is_activated``."""
         self.is_activated = False
         return TransitionCallbackReturn.SUCCESS
 
 
 class LifecyclePublisher(Publisher):
-    """A publisher that says nothing unless the node is active: then publish says False."""
+    """Publisher that sends messages only while its node is active."""
 
     def __init__(self, node: "Any", name: str, type: "Any", qos: "Any") -> None:
         self.is_activated = False
         super().__init__(node, name, type, qos)
 
     def publish(self, message: "Any") -> bool:
+        """Send a message; return False if the node is not active or the message was dropped."""
         return self.is_activated and super().publish(message)
 
 
 class StateMachine:
-    """A node's state, and the services that show and change it. ``state`` is its number."""
+    """State machine of a lifecycle node, and its services; ``state`` is the number of the state.
+
+    Args:
+        node: The node.
+        talks: Whether to create the services and the publisher of transition events.
+    """
 
     def __init__(self, node: "Any", talks: bool) -> None:
         self.state = UNCONFIGURED
@@ -141,14 +157,14 @@ class StateMachine:
         self._events = node.create_publisher(shape, "~/transition_event", 10)
 
     def find(self, wanted: "int | str", state: int) -> int:
-        """The transition of this number or label that begins in the state; 0: there is none."""
+        """Return the transition with this number or label that begins in ``state``; 0 if none."""
         for i in range(0, len(_TABLE), 3):
             if _TABLE[i + 1] == state and wanted in (_TABLE[i], _label(_TABLE[i])):
                 return _TABLE[i]
         return 0
 
     def trigger(self, wanted: "int | str") -> int:
-        """Make a transition with all that it calls; what came of it."""
+        """Make a transition with its callbacks; return a TransitionCallbackReturn."""
         before = LifecycleState(state_label(self.state), self.state)
         number = self.find(wanted, self.state)
         if not 0 < number < CONFIGURING:
@@ -157,14 +173,14 @@ class StateMachine:
         self._go(number)
         outcome = self._call(before)
         if outcome == TransitionCallbackReturn.ERROR:
-            self._call(before)  # in the state errorprocessing
+            self._call(before)  # now in the state errorprocessing
         for entity in self._node._managed:
             if isinstance(entity, LifecyclePublisher):
                 entity.is_activated = self.state == ACTIVE
         return outcome
 
     def _call(self, before: LifecycleState) -> int:
-        """Call what belongs to the transition state, and leave that by what it says."""
+        """Call the callback of the transition state and leave the state according to its result."""
         name = _CALLBACKS[self.state - CONFIGURING]
         outcome = TransitionCallbackReturn.ERROR
         try:
@@ -178,7 +194,7 @@ class StateMachine:
         return outcome
 
     def _go(self, number: int) -> None:
-        """Make one step, and tell of it."""
+        """Change the state and publish the transition event."""
         start = self.state
         for i in range(0, len(_TABLE), 3):
             if _TABLE[i] == number and _TABLE[i + 1] == start:
@@ -189,7 +205,7 @@ class StateMachine:
                 values = [seconds * 1000000000 + nanoseconds, number, _label(number)]
                 values += [start, state_label(start), self.state, state_label(self.state)]
                 self._events.publish(self._events.type(values))
-            except Exception as error:  # no memory: no reason to stop between two states
+            except Exception as error:  # no memory; the transition must not stop halfway
                 self._node.executor._fail(error)
 
     def _say(self, text: str) -> None:
@@ -226,7 +242,7 @@ class StateMachine:
         return response
 
     def _described(self, state: int) -> "list[Any]":
-        """The transitions from a state, 0: all."""
+        """Return the transitions from a state, for 0 all transitions."""
         out = []
         for i in range(0, len(_TABLE), 3):
             number, start, goal = _TABLE[i], _TABLE[i + 1], _TABLE[i + 2]
@@ -238,11 +254,10 @@ class StateMachine:
 
 
 class LifecycleMethods:
-    """What a node with a life cycle has besides a node's; ``_machine`` and ``_managed`` are to
-    be made by who mixes it in.
+    """Mixin with the methods of a lifecycle node; its user sets ``_machine`` and ``_managed``.
 
-    The callbacks call those of the managed entities, until one does not succeed: where a program
-    has its own, it calls these if it has such entities.
+    The callbacks call those of the managed entities until one does not return SUCCESS. A program
+    that overrides a callback calls it if it has managed entities.
     """
 
     _machine: StateMachine
@@ -250,30 +265,37 @@ class LifecycleMethods:
 
     @property
     def current_state(self) -> LifecycleState:
+        """The LifecycleState of the node."""
         return LifecycleState(state_label(self._machine.state), self._machine.state)
 
     def trigger_configure(self) -> int:
+        """Make the transition configure; return a TransitionCallbackReturn."""
         return self._machine.trigger("configure")
 
     def trigger_cleanup(self) -> int:
+        """Make the transition cleanup; return a TransitionCallbackReturn."""
         return self._machine.trigger("cleanup")
 
     def trigger_activate(self) -> int:
+        """Make the transition activate; return a TransitionCallbackReturn."""
         return self._machine.trigger("activate")
 
     def trigger_deactivate(self) -> int:
+        """Make the transition deactivate; return a TransitionCallbackReturn."""
         return self._machine.trigger("deactivate")
 
     def trigger_shutdown(self) -> int:
+        """Make the transition shutdown; return a TransitionCallbackReturn."""
         return self._machine.trigger("shutdown")
 
     def add_managed_entity(self, entity: "Any") -> None:
-        """Have a ManagedEntity follow the node's transitions, behind those added before."""
+        """Have a ManagedEntity follow the node's transitions, after those added before."""
         self._managed.append(entity)
 
     def create_lifecycle_publisher(
         self, msg_type: "Any", topic: str, qos_profile: "Any" = 10
     ) -> LifecyclePublisher:
+        """Create a LifecyclePublisher, which follows the node's transitions."""
         node: "Any" = self
         publisher = LifecyclePublisher(node, node.resolve_topic_name(topic), msg_type, qos_profile)
         publisher.is_activated = self._machine.state == ACTIVE
@@ -282,32 +304,39 @@ class LifecycleMethods:
         return publisher
 
     def destroy_lifecycle_publisher(self, publisher: LifecyclePublisher) -> None:
+        """Destroy a LifecyclePublisher."""
         self._managed.remove(publisher)
         publisher.destroy()
 
     def on_configure(self, state: LifecycleState) -> int:
+        """Call ``on_configure`` of the managed entities."""
         return self._follow("on_configure", state)
 
     def on_cleanup(self, state: LifecycleState) -> int:
+        """Call ``on_cleanup`` of the managed entities."""
         return self._follow("on_cleanup", state)
 
     def on_shutdown(self, state: LifecycleState) -> int:
+        """Call ``on_shutdown`` of the managed entities."""
         return self._follow("on_shutdown", state)
 
     def on_activate(self, state: LifecycleState) -> int:
+        """Call ``on_activate`` of the managed entities and activate the publishers."""
         return self._follow("on_activate", state)
 
     def on_deactivate(self, state: LifecycleState) -> int:
+        """Call ``on_deactivate`` of the managed entities and deactivate the publishers."""
         return self._follow("on_deactivate", state)
 
     def on_error(self, state: LifecycleState) -> int:
+        """Call ``on_error`` of the managed entities."""
         return self._follow("on_error", state)
 
     def _follow(self, name: str, state: LifecycleState) -> int:
         for entity in list(self._managed):
             outcome: int = TransitionCallbackReturn.SUCCESS
             if isinstance(entity, LifecyclePublisher):
-                entity.is_activated = name == "on_activate"  # so that what follows may publish
+                entity.is_activated = name == "on_activate"  # first: later entities may publish
             else:
                 outcome = getattr(entity, name)(state)
             if outcome != TransitionCallbackReturn.SUCCESS:
@@ -316,9 +345,11 @@ class LifecycleMethods:
 
 
 class LifecycleNode(LifecycleMethods, Node):
-    """A Node with a life cycle: see the module, and Node for the arguments.
+    """Lifecycle node; see :class:`~uros.client.node.Node` for the other arguments.
 
-    Without ``enable_communication_interface`` only the program itself changes its state.
+    Args:
+        enable_communication_interface: Whether the node has the services and the transition events.
+            Otherwise only the program itself changes its state.
     """
 
     def __init__(
@@ -332,7 +363,7 @@ class LifecycleNode(LifecycleMethods, Node):
 
 
 def state_label(number: int) -> str:
-    """``inactive`` for 2."""
+    """Return the label of a state, ``inactive`` for 2."""
     return _STATES.split(" ")[number]
 
 

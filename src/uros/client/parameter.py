@@ -1,4 +1,4 @@
-"""A parameter: its name, type, value and rules. See :mod:`~uros.client.parameters`."""
+"""Parameter: name, type, value and constraints; see :mod:`~uros.client.parameters`."""
 
 import sys
 
@@ -7,17 +7,17 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# Whether these print what they are. On a board that is memory for nothing.
+# Whether these classes have __repr__, which would cost memory on a board.
 TELLING = sys.implementation.name != "micropython"
 
 _LOWEST: Final = -9223372036854775808
 _HIGHEST: Final = 9223372036854775807
-# How near a float must be to a bound or a step of its range, as a part of it.
+# Relative tolerance between a float and a bound or a step of its range.
 _NEAR: Final = 0.000001
 
 
 class ParameterException(Exception):
-    """What goes wrong with parameters.
+    """Base class of the exceptions for parameters.
 
     ::
 
@@ -34,30 +34,44 @@ class ParameterException(Exception):
 
 
 class ParameterNotDeclaredException(ParameterException):
+    """The parameter is not declared."""
+
     pass
 
 
 class ParameterAlreadyDeclaredException(ParameterException):
+    """The parameter is declared already."""
+
     pass
 
 
 class ParameterImmutableException(ParameterException):
+    """The parameter is read-only."""
+
     pass
 
 
 class ParameterUninitializedException(ParameterException):
+    """The parameter has a type but no value yet."""
+
     pass
 
 
 class InvalidParameterException(ParameterException):
+    """The parameter's name is not allowed."""
+
     pass
 
 
 class InvalidParameterValueException(ParameterException):
+    """The value is out of range or refused by a callback."""
+
     pass
 
 
 class InvalidParameterTypeException(InvalidParameterValueException):
+    """The value is of another type than the parameter."""
+
     pass
 
 
@@ -66,15 +80,17 @@ class Kind(int):
 
     @property
     def value(self) -> int:
+        """The number as an int."""
         return self + 0
 
     @property
     def name(self) -> str:
+        """The name of the type, as ``INTEGER`` for 2."""
         return kind_name(self)
 
 
 class ParameterType:
-    """``Parameter.Type``: what a parameter's value is, numbered as rcl_interfaces does."""
+    """``Parameter.Type``: the types of parameters, numbered as in rcl_interfaces."""
 
     NOT_SET = Kind(0)
     BOOL = Kind(1)
@@ -95,15 +111,21 @@ _NAMES = (
 
 
 def kind_name(kind: int) -> str:
-    """``INTEGER`` for 2."""
+    """Return the name of a type, ``INTEGER`` for 2."""
     return _NAMES.split(" ")[kind]
 
 
 class Parameter:
-    """A name, a type and a value. Without a type it is the value's own.
+    """A name, a type and a value; ``kind`` is the type as a number.
 
-    Raises TypeError for a value that no parameter can have, ValueError for one that is not of the
-    type. ``kind`` is the type as a number.
+    Args:
+        name: The name.
+        type_: The type; by default that of the value.
+        value: The value.
+
+    Raises:
+        TypeError: No parameter can have this value.
+        ValueError: The value is not of the type.
     """
 
     Type = ParameterType
@@ -115,17 +137,18 @@ class Parameter:
 
     @property
     def type_(self) -> Kind:
+        """The type."""
         return Kind(self.kind)
 
     @classmethod
     def from_parameter_msg(cls, message: "Any") -> "Parameter":
-        """From a ``rcl_interfaces/msg/Parameter``."""
+        """Return the parameter of a ``rcl_interfaces/msg/Parameter``."""
         kind = message.value.type
         value = getattr(message.value, kind_name(kind).lower() + "_value") if kind else None
         return cls(message.name, kind, value)
 
     def get_parameter_value(self) -> "ParameterValue":
-        """The value as a message has it: ``.integer_value`` and so on."""
+        """Return the value as a message: ``.integer_value`` and so on."""
         return ParameterValue(self.kind, self.value)
 
     if TELLING:
@@ -135,7 +158,7 @@ class Parameter:
 
 
 class ParameterValue:
-    """Looks like ``rcl_interfaces/msg/ParameterValue``: ``type`` and one field for each type."""
+    """Has the fields of ``rcl_interfaces/msg/ParameterValue``: ``type``, and one for each type."""
 
     def __init__(self, kind: int, value: "Any") -> None:
         self.type = kind
@@ -146,7 +169,7 @@ class ParameterValue:
 
 
 class IntegerRange:
-    """From ``from_value`` to ``to_value`` in steps of ``step`` (0: any); the ends always fit."""
+    """Range from ``from_value`` to ``to_value``, both included, in steps of ``step`` (0: any)."""
 
     def __init__(self, from_value: "Any" = 0, to_value: "Any" = 0, step: "Any" = 0) -> None:
         self.from_value = from_value
@@ -155,11 +178,11 @@ class IntegerRange:
 
 
 class FloatingPointRange(IntegerRange):
-    """As an IntegerRange, of floats."""
+    """Range of floats; see :class:`IntegerRange`."""
 
 
 class ParameterDescriptor:
-    """What others are told of a parameter, and its rules. The ranges are lists of at most one."""
+    """Description and constraints of a parameter; each list of ranges has at most one item."""
 
     def __init__(
         self, name: str = "", type: int = 0, description: str = "",
@@ -177,7 +200,7 @@ class ParameterDescriptor:
 
 
 class SetParametersResult:
-    """What became of an attempt to set parameters, and why it was refused."""
+    """Whether setting parameters succeeded, and if not, why."""
 
     def __init__(self, successful: bool = True, reason: str = "") -> None:
         self.successful = successful
@@ -190,7 +213,7 @@ class SetParametersResult:
 
 
 class ListParametersResult:
-    """Names, and the prefixes that they have."""
+    """Names of parameters, and the prefixes of these names."""
 
     def __init__(self, names: "list[str]", prefixes: "list[str]") -> None:
         self.names = names
@@ -198,10 +221,14 @@ class ListParametersResult:
 
 
 def kind_of(value: "Any") -> int:
-    """The type of a value. An empty list is one of bytes, as rclpy has it."""
+    """Return the type of a value; an empty list is one of bytes, as in rclpy.
+
+    Raises:
+        TypeError: No parameter can have this value.
+    """
     if value is None:
         return 0
-    if isinstance(value, bool):  # an int, too, on CPython
+    if isinstance(value, bool):  # first: on CPython a bool is an int, too
         return 1
     if isinstance(value, int):
         return 2
@@ -231,10 +258,14 @@ def kind_of(value: "Any") -> int:
 
 
 def fit(value: "Any", kind: int) -> "Any":
-    """The value as a parameter of this type keeps it; ValueError where it is of another."""
+    """Return the value as a parameter of this type keeps it.
+
+    Raises:
+        ValueError: The value is not of the type.
+    """
     if 0 <= kind <= 4:
         if kind == 4 and isinstance(value, str):
-            value.encode()  # ValueError: what UTF-8 cannot carry
+            value.encode()  # raises ValueError if UTF-8 cannot encode it
         elif kind == 2 and isinstance(value, int) and not _LOWEST <= value <= _HIGHEST:
             raise ValueError("%d does not fit 64 bits" % value)
         if kind_of(value) == kind:
@@ -254,12 +285,12 @@ def fit(value: "Any", kind: int) -> "Any":
 
 
 def near(a: float, b: float) -> bool:
-    """Whether two floats are as good as equal."""
+    """Return whether two floats are equal within the tolerance."""
     return a == b or abs(a - b) <= _NEAR * min(abs(a), abs(b))
 
 
 def outside(parameter: Parameter, limits: "Any") -> str:
-    """Why the value does not fit the range; "" where it does."""
+    """Return why the value is not in the range, or "" if it is."""
     low = min(limits.from_value, limits.to_value)
     high = max(limits.from_value, limits.to_value)
     value, step, fault = parameter.value, limits.step, ""
@@ -273,7 +304,7 @@ def outside(parameter: Parameter, limits: "Any") -> str:
             fault = "out of range"
         elif step:
             count = (value - low) / step
-            # Beyond this a float has no halves, so that any value is a step.
+            # From 1e15 on the rounding below is not exact, so any value counts as a step.
             if abs(count) < 1e15 and not near(low + int(count + 0.5) * step, value):
                 fault = "no step of its range"
     if not fault:

@@ -1,4 +1,4 @@
-"""Parameters that survive the power switch, in a file."""
+"""Parameter values kept in a file across restarts."""
 
 import json
 import os
@@ -15,21 +15,24 @@ try:
 except ImportError:  # a MicroPython without it
 
     def crc32(data: "Any", value: int = 0) -> int:  # type: ignore[misc]
+        """Return 0: without a CRC the check sum is constant."""
         return 0
 
 
 class ParameterFile:
-    """Keeps what was set of a node's parameters in the file ``path``::
+    """Keeps the values that were set of a node's parameters in the file ``path``.
+
+    ::
 
         ParameterServer(node, persist=ParameterFile("params.json"))
 
-    A change is written at most ``period_sec`` later, together with all others until then, and
-    nothing is written where nothing is new: flash wears out. Call :meth:`save` before a power-off
-    that you know of. The new file takes the old one's place when it is complete. What cannot be
-    read of a file is said, and the declared values count.
+    A change is written at most ``period_sec`` later, together with all others until then; nothing
+    is written without a change, because flash wears out. Call :meth:`save` before a planned
+    power-off. The new file replaces the old one when it is complete. Unreadable parts of a file are
+    reported, and the declared values apply.
 
-    The file is JSON, ``{"name": [type, value], …}``, and in the last line its check sum. Whoever
-    changes it by hand deletes that line. ``writes`` and ``failures`` count.
+    The file is JSON, ``{"name": [type, value], …}``, with a check sum in the last line. Delete that
+    line when you edit the file by hand. ``writes`` and ``failures`` count writes.
     """
 
     def __init__(self, path: str, period_sec: float = 5.0) -> None:
@@ -43,7 +46,7 @@ class ParameterFile:
         self._timer: "Any" = None
 
     def open(self, node: "Any") -> None:
-        """Read the file, and write it while this node spins."""
+        """Read the file, and write changes while this node spins."""
         self._timer = node.create_timer(self._period, self.save)
         self._timer.cancel()
         fault = ""
@@ -53,9 +56,9 @@ class ParameterFile:
                     self._written = file.read()
                 self._take(self._written)
                 return
-            except OSError:  # not there, the first time; or about to be renamed
+            except OSError:  # not written yet, or not renamed yet
                 pass
-            except Exception as error:  # whatever flash may hold
+            except Exception as error:  # flash may hold any bytes
                 fault = fault or "%s is damaged (%s)" % (path, error)
             self._written = ""
         if fault:
@@ -75,7 +78,7 @@ class ParameterFile:
             try:
                 kind, value = loaded[name]
                 if kind == 3:
-                    value = float(value)  # also one written as a text, or by hand with no point
+                    value = float(value)  # a str for nan and inf; an int if edited by hand
                 elif kind == 5:
                     value = bytes.fromhex(value)
                 elif kind == 8:
@@ -85,12 +88,12 @@ class ParameterFile:
                 self.refused(name, error)
 
     def refused(self, name: str, reason: "Any") -> None:
-        """A value of the file is of no use."""
+        """Drop a value of the file that cannot be used, and report it."""
         self.values.pop(name, None)
         self.say("parameters: %s of %s: %s; the declared value counts" % (name, self.path, reason))
 
     def changed(self, name: str, parameter: "Parameter | None") -> None:
-        """The parameter was set, or is no more. It is written soon."""
+        """Schedule a write: the parameter was set, or removed (None)."""
         if parameter is None:
             if self.values.pop(name, None) is None:
                 return
@@ -100,7 +103,7 @@ class ParameterFile:
             self._timer.reset()
 
     def save(self) -> bool:
-        """Write now what is not written yet; whether all is."""
+        """Write unwritten changes now; return False if that failed."""
         text = self._text()
         if text != self._written:
             try:
@@ -109,7 +112,7 @@ class ParameterFile:
                 if not self.failures:
                     self.say("parameters: %s cannot be written: %s" % (self.path, error))
                 self.failures += 1
-                return False  # the timer goes on, and tries again
+                return False  # the timer continues and retries
             self._written = text
             self.writes += 1
         self._timer.cancel()
@@ -139,11 +142,11 @@ class ParameterFile:
                 os.fsync(file.fileno())
         try:
             os.rename(new, self.path)
-        except OSError:  # FAT does not replace
+        except OSError:  # FAT cannot rename to an existing file
             os.remove(self.path)
             os.rename(new, self.path)
 
 
 def _plain(value: float) -> "float | str":
-    """What JSON has no numbers for is a text: nan, inf."""
+    """Return a float, or a str for nan and inf, which JSON does not have."""
     return value if value - value == 0 else str(value)

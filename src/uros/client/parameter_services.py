@@ -1,4 +1,4 @@
-"""What others see of a node's parameters: six services, and ``/parameter_events``."""
+"""The six parameter services of a node, and ``/parameter_events``."""
 
 from .dynamic_messages import Shape, ShapedService
 from .parameter import Parameter, ParameterException, SetParametersResult
@@ -12,12 +12,17 @@ except ImportError:  # MicroPython
 _VALUE = "B?qds[B][?][q][d][s]"
 _PARAMETERS = "[s" + _VALUE + "]"
 _DESCRIPTORS = "[sBss??[ddd][qqQ]]"
-# As rmw_qos_profile_parameter_events: what is told in one breath is kept for slow readers.
+# Depth of rmw_qos_profile_parameter_events, so that slow readers get bursts of events.
 _EVENTS = 1000
 
 
 class ParameterServices:
-    """Answers for a :class:`~uros.client.parameters.ParameterServer`."""
+    """Parameter services of a :class:`~uros.client.parameters.ParameterServer`.
+
+    Args:
+        server: The parameter server.
+        events: Whether to publish ``/parameter_events``.
+    """
 
     def __init__(self, server: "Any", events: bool) -> None:
         self._server = server
@@ -42,7 +47,7 @@ class ParameterServices:
     def tell(
         self, new: "list[Parameter]", changed: "list[Parameter]", deleted: "list[Parameter]"
     ) -> None:
-        """Publish what has changed."""
+        """Publish new, changed and deleted parameters on ``/parameter_events``."""
         if self._events is None or not self._events.created:
             return
         node = self._server.node
@@ -53,7 +58,7 @@ class ParameterServices:
                     list(node.clock.now()) + [node.get_fully_qualified_name()] + lists
                 )
             )
-        except Exception as error:  # one that is too long; the parameters are set
+        except Exception as error:  # the event is too long; the parameters are set already
             node.executor.report(error)
 
     def _describe(self, request: "Any", response: "Any") -> "Any":
@@ -106,20 +111,20 @@ class ParameterServices:
         return response
 
     def _try(self, messages: "list[Any]") -> "list[Any]":
-        """Set all of them: whether, and why not."""
+        """Set all of the parameters or none; return [successful, reason]."""
         try:
             result = self._server.set_parameters_atomically([_parameter(it) for it in messages])
         except ParameterException as error:
             result = SetParametersResult(False, str(error))
         except Exception as error:
-            # A callback of the program; who asked is to know what became of it.
+            # A callback of the program raised; the caller of the service gets the reason.
             self._server.node.executor.report(error)
             result = SetParametersResult(False, "a callback raised %r" % (error,))
         return [result.successful, result.reason]
 
 
 def _snake(name: str) -> str:
-    """``get_parameters`` for ``GetParameters``."""
+    """Return a name in snake case, ``get_parameters`` for ``GetParameters``."""
     out = ""
     for char in name:
         out += "_" + char.lower() if "A" <= char <= "Z" else char
@@ -127,7 +132,7 @@ def _snake(name: str) -> str:
 
 
 def _message(parameter: Parameter) -> "list[Any]":
-    """The parameter as the letters of _PARAMETERS have it."""
+    """Return the values of a Parameter message in the order of _PARAMETERS."""
     values: "list[Any]" = [parameter.name, parameter.kind, False, 0, 0.0, "", b"", [], [], [], []]
     if parameter.kind:
         values[parameter.kind + 1] = parameter.value

@@ -1,13 +1,13 @@
-"""The parameters of a node, as rclpy has them: values by name that others may read and set.
+"""Parameters of a node, as in rclpy: named values that other nodes can read and set.
 
-A node that declares one has them all: ``node.declare_parameter("rate", 10)`` makes its
-:class:`ParameterServer`, with the six services that ``ros2 param`` asks, and tells of changes on
-``/parameter_events``. Make the server first for what is special about it::
+``node.declare_parameter("rate", 10)`` creates the node's :class:`ParameterServer`, with the six
+services that ``ros2 param`` uses; it publishes changes on ``/parameter_events``. To set options of
+the server, create it before the first parameter is declared::
 
     ParameterServer(node, persist=ParameterFile("params.json"))
 
 Values are bool, int (64 bits), float, str, bytes, and lists of the first four. Descriptors and
-results are the classes of this module; those of ``rcl_interfaces.msg`` do as well.
+results are the classes of this module; messages of ``rcl_interfaces.msg`` are accepted, too.
 """
 
 from .parameter import (
@@ -48,12 +48,18 @@ __all__ = [
 
 
 class ParameterServer:
-    """The parameters of ``node``, and their services. See rclpy's Node for what the methods do.
+    """Parameters of a node and their services; the methods are those of rclpy's Node.
 
-    ``overrides`` are values by name that count more than those declared. ``persist`` (a
-    :class:`~uros.client.parameter_file.ParameterFile`) keeps what was set, and counts most.
-    ``allow_undeclared`` lets others set what nobody has declared. ``events``: changes are told
-    on ``/parameter_events``.
+    Args:
+        node: The node.
+        persist: A :class:`~uros.client.parameter_file.ParameterFile` that keeps the values that
+            were set. They take precedence over all others.
+        overrides: Values by name that take precedence over declared ones.
+        allow_undeclared: Whether other nodes may set parameters that are not declared.
+        events: Whether changes are published on ``/parameter_events``.
+
+    Raises:
+        ValueError: The node has a parameter server already.
     """
 
     def __init__(
@@ -66,7 +72,7 @@ class ParameterServer:
         self.node = node
         self.allow_undeclared = allow_undeclared
         self._parameters: "dict[str, Parameter]" = {}
-        # Descriptors by name. None: of the parameter's own type, and no rule else.
+        # Descriptors by name; None: static type, without other constraints.
         self._rules: "dict[str, Any]" = {}
         self._overrides = overrides or {}
         self._before: "list[Any]" = []
@@ -83,10 +89,12 @@ class ParameterServer:
         self, name: str, value: "Any" = None, descriptor: "Any" = None,
         ignore_override: bool = False,
     ) -> Parameter:  # fmt: skip
-        """Declare a parameter with its default, or with its type alone (``Parameter.Type``).
+        """Declare a parameter with its default value, or with its type alone (``Parameter.Type``).
 
-        Raises what the classes of exceptions above say, and TypeError for a value that none can
-        have.
+        Raises:
+            ParameterException: One of its subclasses, which says why.
+            TypeError: No parameter can have this value.
+            ValueError: The type and ``dynamic_typing`` of the descriptor contradict the value.
         """
         if not name or not isinstance(name, str):
             raise InvalidParameterException("%r: a parameter's name is a text" % (name,))
@@ -131,8 +139,9 @@ class ParameterServer:
         self, namespace: str, parameters: "Iterable[tuple[Any, ...]]",
         ignore_override: bool = False,
     ) -> "list[Parameter]":  # fmt: skip
-        """Declare (name), (name, value) or (name, value, descriptor) of each, behind
-        ``namespace`` and a dot where there is one.
+        """Declare parameters, each given as (name), (name, value) or (name, value, descriptor).
+
+        ``namespace`` and a dot are put before each name, unless it is empty.
         """
         out = []
         for one in parameters:
@@ -143,6 +152,7 @@ class ParameterServer:
         return out
 
     def undeclare_parameter(self, name: str) -> None:
+        """Remove a parameter that is not read-only."""
         self._known(name)
         rule = self._rules[name]
         if rule is not None and rule.read_only:
@@ -150,11 +160,13 @@ class ParameterServer:
         self._drop(name)
 
     def has_parameter(self, name: str) -> bool:
+        """Return whether a parameter is declared."""
         return name in self._parameters
 
     # --- reading ------------------------------------------------------------------------------
 
     def get_parameter(self, name: str) -> Parameter:
+        """Return a parameter."""
         if name not in self._parameters and self.allow_undeclared:
             return Parameter(name)
         parameter = self._known(name)
@@ -163,19 +175,20 @@ class ParameterServer:
         return parameter
 
     def get_parameters(self, names: "Iterable[str]") -> "list[Parameter]":
+        """Return several parameters."""
         return [self.get_parameter(name) for name in names]
 
     def get_parameter_or(
         self, name: str, alternative_value: "Parameter | None" = None
     ) -> Parameter:
-        """The parameter, or the alternative where it has no value."""
+        """Return the parameter, or the alternative if it has no value."""
         parameter = self._parameters.get(name)
         if parameter is None or not parameter.kind:
             return Parameter(name) if alternative_value is None else alternative_value
         return parameter
 
     def get_parameters_by_prefix(self, prefix: str) -> "dict[str, Parameter]":
-        """Those whose names begin with ``prefix`` and a dot, by the rest of the name."""
+        """Return the parameters named ``prefix`` and a dot and more, by the rest of the name."""
         start = prefix + "." if prefix else ""
         return {
             name[len(start) :]: self._parameters[name]
@@ -184,14 +197,17 @@ class ParameterServer:
         }
 
     def get_parameter_type(self, name: str) -> Kind:
+        """Return the type of a parameter."""
         if name not in self._parameters and self.allow_undeclared:
             return ParameterType.NOT_SET
         return self._known(name).type_
 
     def get_parameter_types(self, names: "Iterable[str]") -> "list[Kind]":
+        """Return the types of several parameters."""
         return [self.get_parameter_type(name) for name in names]
 
     def describe_parameter(self, name: str) -> "Any":
+        """Return the descriptor of a parameter."""
         if name not in self._parameters and self.allow_undeclared:
             return ParameterDescriptor()
         parameter = self._known(name)
@@ -199,11 +215,15 @@ class ParameterServer:
         return ParameterDescriptor(name, parameter.kind) if rule is None else rule
 
     def describe_parameters(self, names: "Iterable[str]") -> "list[Any]":
+        """Return the descriptors of several parameters."""
         return [self.describe_parameter(name) for name in names]
 
     def list_parameters(self, prefixes: "list[str]", depth: int) -> ListParametersResult:
-        """The names below the prefixes (none: all) with fewer than ``depth`` dots behind them (0:
-        any number), sorted.
+        """Return the sorted names of parameters below the prefixes, and their own prefixes.
+
+        Args:
+            prefixes: Prefixes of names; if empty, all names match.
+            depth: Names have fewer than ``depth`` dots behind the prefix; 0: any number.
         """
         names: "list[str]" = []
         found: "list[str]" = []
@@ -222,11 +242,15 @@ class ParameterServer:
     # --- setting ------------------------------------------------------------------------------
 
     def set_parameters(self, parameter_list: "Iterable[Parameter]") -> "list[Any]":
-        """Set one after the other; a result for each."""
+        """Set parameters one by one; return a result for each."""
         return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: "list[Parameter]") -> "Any":
-        """Set all or none of them. Raises ParameterNotDeclaredException."""
+        """Set all of the parameters or none; return the result.
+
+        Raises:
+            ParameterNotDeclaredException: A parameter is not declared.
+        """
         if self._before:
             changed: "list[Parameter]" = []
             for callback in self._before:
@@ -244,9 +268,13 @@ class ParameterServer:
     def set_descriptor(
         self, name: str, descriptor: "Any", alternative_value: "Any" = None
     ) -> "Any":
-        """Give a parameter new rules, and the alternative where its value breaks them; the value.
+        """Replace the descriptor of a parameter; return the parameter's value.
 
-        The alternative is a plain value, or a message as ParameterValue.
+        Args:
+            name: The parameter.
+            descriptor: Its new constraints.
+            alternative_value: A plain value, or a message as ParameterValue, which replaces a value
+                that violates the constraints.
         """
         if name not in self._parameters and self.allow_undeclared:
             return Parameter(name).get_parameter_value()
@@ -272,31 +300,35 @@ class ParameterServer:
     def add_pre_set_parameters_callback(
         self, callback: "Callable[[list[Parameter]], list[Parameter]]"
     ) -> None:
-        """``callback(parameters)`` gives those that are to be set in their place."""
+        """Add a callback: ``callback(parameters)`` returns the parameters to set instead."""
         self._before.insert(0, callback)
 
     def add_on_set_parameters_callback(self, callback: "Callable[[list[Parameter]], Any]") -> None:
-        """``callback(parameters)`` gives a SetParametersResult. It decides, and changes nothing:
-        the next one may still refuse.
+        """Add a callback: ``callback(parameters)`` returns a SetParametersResult.
+
+        It must change nothing: a later callback may still refuse.
         """
         self._on.insert(0, callback)
 
     def add_post_set_parameters_callback(
         self, callback: "Callable[[list[Parameter]], object]"
     ) -> None:
-        """``callback(parameters)`` is told of what has been set."""
+        """Add a callback: ``callback(parameters)`` gets the parameters that were set."""
         self._after.insert(0, callback)
 
     def remove_pre_set_parameters_callback(self, callback: "Any") -> None:
+        """Remove a callback added by :meth:`add_pre_set_parameters_callback`."""
         self._before.remove(callback)
 
     def remove_on_set_parameters_callback(self, callback: "Any") -> None:
+        """Remove a callback added by :meth:`add_on_set_parameters_callback`."""
         self._on.remove(callback)
 
     def remove_post_set_parameters_callback(self, callback: "Any") -> None:
+        """Remove a callback added by :meth:`add_post_set_parameters_callback`."""
         self._after.remove(callback)
 
-    # --- the rest -----------------------------------------------------------------------------
+    # --- checks and commit --------------------------------------------------------------------
 
     def _known(self, name: str) -> Parameter:
         if name not in self._parameters:
@@ -310,7 +342,7 @@ class ParameterServer:
             self._file.changed(name, None)
 
     def _fault(self, parameter: Parameter, rule: "Any", setting: bool) -> str:
-        """Why the parameter cannot be so; "" where it can."""
+        """Return why the parameter violates the descriptor ``rule``, or "" if it does not."""
         name, kind = parameter.name, parameter.kind
         if rule is None:
             wanted = self._parameters[name].kind if name in self._parameters else kind
@@ -334,8 +366,9 @@ class ParameterServer:
     def _commit(
         self, parameters: "list[Parameter]", rules: "dict[str, Any] | None", kind: int
     ) -> "Any":
-        """Set all of them or none: what became of it. With ``rules``, what is declared with a
-        type of ``kind``.
+        """Set all of the parameters or none; return a SetParametersResult.
+
+        With ``rules``, their descriptors, the parameters are declared with the type ``kind``.
         """
         for parameter in parameters:
             name = parameter.name
@@ -386,7 +419,7 @@ class ParameterServer:
 
 
 def _own(descriptor: "Any", name: str, kind: int) -> ParameterDescriptor:
-    """A copy of any descriptor, for this parameter."""
+    """Return a copy of a descriptor for the parameter ``name``."""
     return ParameterDescriptor(
         name, kind, descriptor.description, descriptor.additional_constraints,
         descriptor.read_only, descriptor.dynamic_typing,

@@ -1,11 +1,11 @@
-"""The contracts between a node, its entities, what connects them, and the transport below.
+"""Protocols of a node's entities, their connection and the transport below it.
 
-Declarations for type checkers and readers alone: boards never import this module.
+Declarations for type checkers and readers only: boards never import this module.
 
 * `NodeConnection` is what a node and its entities need. Two classes implement it:
   :class:`uros.client.connection.Connection`, a session with an agent, and
   :class:`uros.host.direct.Direct`, a host's own participants on the ROS network.
-* `ConnectedEntity` is what such a connection needs of that which is added to it.
+* `ConnectedEntity` is what such a connection needs of the entities added to it.
 * `Transport` is the board's end of a line, which a ``Connection`` uses.
 """
 
@@ -25,7 +25,7 @@ try:
             """Open the line.
 
             Raises:
-                OSError: There is no line now; the caller tries again later.
+                OSError: The line is not available now; the caller retries later.
             """
 
         def close(self) -> None:
@@ -34,21 +34,21 @@ try:
         def send(self, message: "Buffer", size: int) -> None:
             """Send the first ``size`` bytes, or lose them; never block.
 
-            The buffer is the caller's again afterwards.
+            The caller may reuse the buffer afterwards.
 
             Raises:
-                OSError: The line is gone.
+                OSError: The line has failed.
             """
 
         def receive(self, timeout_ms: int) -> "bytes | None":
             """Return the next message; wait for it at most ``timeout_ms``.
 
             Raises:
-                OSError: The line is gone.
+                OSError: The line has failed.
             """
 
     class ConnectedEntity(Protocol):
-        """A node, or an entity of one, as its connection sees it."""
+        """A node, or an entity of a node, as its connection uses it."""
 
         kinds: "tuple[int, ...]"
         """Kinds of its XRCE objects, in the order of their creation."""
@@ -67,16 +67,16 @@ try:
             """Forget what belongs to the session, which has ended."""
 
     class ReceivingEntity(ConnectedEntity, Protocol):
-        """An entity to which samples, requests or replies come."""
+        """An entity that receives samples, requests or replies."""
 
         def on_data(self, buf: "Buffer", start: int, stop: int, little: bool) -> None:
-            """Take a sample out of ``buf``, which is the caller's again afterwards."""
+            """Take a sample out of ``buf``, which the caller may reuse afterwards."""
 
         def on_refused(self, request_id: int) -> bool:
-            """Return whether it made this request, and if so fail its future."""
+            """Return whether the entity made this request; if so, fail its future."""
 
     class NodeConnection(Protocol):
-        """What connects nodes with the ROS network: by an agent, or on a host by itself."""
+        """Connection of nodes with the ROS network: by an agent, or on a host directly."""
 
         clock: Clock
         state: int
@@ -96,20 +96,20 @@ try:
         """
 
         def add(self, entity: "Any") -> int:
-            """Connect an entity now and in all sessions to come.
+            """Connect an entity now and in all later sessions.
 
             Args:
-                entity: A `ConnectedEntity`; a node before what belongs to it.
+                entity: A `ConnectedEntity`; a node is added before its entities.
 
             Returns:
-                Its number, unique among those with the same first kind.
+                The entity's number, unique among those with the same first kind.
             """
 
         def remove(self, entity: "Any", object_ids: "tuple[int, ...]") -> None:
-            """Disconnect an entity for good.
+            """Disconnect an entity permanently.
 
             Args:
-                entity: What was added.
+                entity: The entity that was added.
                 object_ids: Its XRCE objects, in the order of their creation.
             """
 
@@ -122,24 +122,24 @@ try:
                 object_id: The XRCE id of the datawriter, requester or replier.
                 message: A generated message.
                 prefix: Bytes in front of it: the request's identity in a reply.
-                reliable: Whether on the reliable stream.
+                reliable: Whether to use the reliable stream.
 
             Returns:
-                The request id; 0 where there is no room now: nothing was sent.
+                The request id, or 0 if there is no room now; then nothing was sent.
             """
 
         def transient_local(self, depth: int) -> "Any":
-            """Return the ``qos`` of a publisher whose last ``depth`` messages late readers get."""
+            """Return the ``qos`` of a publisher with transient local durability and this depth."""
 
         def pump(self, timeout_ms: int) -> None:
-            """Do what is due, then take what comes.
+            """Do what is due, then receive.
 
             Args:
-                timeout_ms: The longest wait for something; below 0 nothing is taken.
+                timeout_ms: Longest wait for a message; below 0 nothing is received.
             """
 
         def close(self) -> None:
-            """Leave the agent or the network."""
+            """Close the session with the agent, or leave the network."""
 
 except ImportError:  # MicroPython
     pass

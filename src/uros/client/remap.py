@@ -1,15 +1,15 @@
-"""Other names without another program: the remapping rules of ``--ros-args -r``, and node options.
+"""Remapping rules, as with ``--ros-args -r``, and node options from a file.
 
 ::
 
     node = Node("talker", transport, remap=Remap("chatter:=/news", "__ns:=/garden"))
     node = Node(**options("node.json"), transport=transport)
 
-Rules are those of rclpy, and the first that fits counts: ``chatter:=/news`` for topics and
+Rules are those of rclpy; the first that matches applies: ``chatter:=/news`` for topics and
 services, ``rostopic://a:=b`` and ``rosservice://a:=b`` for one of them, ``~/a:=b`` for private
-names, ``__node:=other`` and ``__ns:=/garden`` for the node itself; ``talker:a:=b`` is for the node
-of that name alone. ``{node}`` and ``{ns}`` (or ``{namespace}``) in names of topics and services are
-replaced where a node has a Remap, even one without rules.
+names, ``__node:=other`` and ``__ns:=/garden`` for the node itself; ``talker:a:=b`` applies to nodes
+of that name only. ``{node}`` and ``{ns}`` (or ``{namespace}``) in names of topics and services are
+replaced if the node has a Remap, even one without rules.
 """
 
 import json
@@ -25,14 +25,18 @@ _SCHEMES = ("rostopic://", "rosservice://")
 
 
 class Remap:
-    """Rules for the names of nodes, topics and services. Raises ValueError for what is no rule."""
+    """Remapping rules for the names of nodes, topics and services.
+
+    Raises:
+        ValueError: A rule is malformed.
+    """
 
     def __init__(self, *rules: str) -> None:
-        # (node, or "" for all; what it is for: 0 topics, 1 services, else both; match, new name)
+        # (node or "" for all, kind: 0 topics, 1 services, 2 both, name to match, new name)
         self._rules = [_rule(it) for it in rules]
 
     def node(self, name: str, namespace: str) -> "tuple[str, str]":
-        """A node's name and namespace as they are to be."""
+        """Return a node's name and namespace after remapping."""
         name = self._find(("__node", "__name"), name) or name
         return name, self._find(("__ns",), name) or namespace
 
@@ -43,7 +47,7 @@ class Remap:
         return ""
 
     def name(self, node: "Any", name: str, service: bool) -> str:
-        """The full name of a node's topic or service as it is to be."""
+        """Return the full name of a node's topic or service after remapping."""
         for key, value in (
             ("{node}", node.name), ("{ns}", node.namespace), ("{namespace}", node.namespace),
         ):  # fmt: skip
@@ -91,7 +95,7 @@ def _rule(text: str) -> "tuple[str, int, str, str]":
 
 
 def from_arguments(arguments: "list[str]") -> "Remap":
-    """The rules among ``--ros-args -r a:=b --remap c:=d``; all else is left to others."""
+    """Return the rules in ``--ros-args -r a:=b --remap c:=d``; other arguments are ignored."""
     rules = []
     inside = False
     for i in range(len(arguments)):
@@ -110,10 +114,14 @@ _KEYS = ("name", "namespace", "domain_id", "key", "limit", "ping_ms", "silence_m
 
 
 def options(source: "Any") -> "dict[str, Any]":
-    """What a Node takes by name, from a JSON file on the board or a dict: ``name``,
-    ``namespace``, ``domain_id``, ``key``, ``limit``, ``ping_ms``, ``silence_ms``, ``wait_ms``, and
-    ``remap``, a list of rules. Raises OSError where there is no file, ValueError with what is
-    wrong in it.
+    """Return arguments for :class:`~uros.client.node.Node` from a JSON file on the board or a dict.
+
+    The options are ``name``, ``namespace``, ``domain_id``, ``key``, ``limit``, ``ping_ms``,
+    ``silence_ms``, ``wait_ms``, and ``remap``, a list of rules.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: An option is wrong; the message says which.
     """
     where = "the node's options"
     if isinstance(source, str):

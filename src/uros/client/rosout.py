@@ -1,9 +1,9 @@
-"""A node's log: on the console, and on ``/rosout`` for everybody.
+"""Logging of a node to the console and to ``/rosout``.
 
-``node.get_logger()`` gives the node's :class:`Logger`, as rclpy's. From then on what callbacks
-raise goes there, too. Nothing waits: what is logged before there is an agent is sent later, as far
-as it is among the first eight, with the time at which it was said; and of a flood, twenty lines a
-second cross the line. What was left out is counted and told.
+``node.get_logger()`` returns the node's :class:`Logger`, as in rclpy. From then on exceptions of
+callbacks are logged, too. Logging never waits: the first eight lines logged without an agent are
+sent later with their original time. Of a burst, twenty lines a second are sent. Dropped lines are
+counted and their number is logged.
 """
 
 import sys
@@ -36,21 +36,21 @@ ERROR: Final = 40
 FATAL: Final = 50
 _NAMES: Final = "DEBUG INFO WARN ERROR FATAL"
 
-# Before there is an agent, so many lines are kept; afterwards one each 50 ms crosses the line, and
-# so many at once.
+# Lines kept while there is no agent; with an agent one line each 50 ms is sent, and bursts of
+# _AT_ONCE lines.
 _KEPT: Final = 8
 _EACH_MS: Final = 50
 _AT_ONCE: Final = 32
-# Longer lines are for the console alone.
+# Characters of a line sent to /rosout; the console gets all of it.
 _LONGEST: Final = 1024
-# Lines that are told apart for "once" and its like; Attack: texts that never repeat.
+# Most texts remembered for "once" and the other options; Attack: texts that never repeat.
 _FILTERS: Final = 32
-_LEVELS: Final = 32  # Attack: levels of names that never end
+_LEVELS: Final = 32  # most loggers with a level of their own; Attack: ever new names
 _LIFESPAN_MS: Final = 10000
 
 
 class LoggingSeverity:
-    """Numbers as rcl_interfaces/msg/Log has them."""
+    """Severities, with the numbers of rcl_interfaces/msg/Log."""
 
     UNSET = UNSET
     DEBUG = DEBUG
@@ -61,12 +61,12 @@ class LoggingSeverity:
 
 
 class Logger:
-    """Logs by name. One without a level of its own has that of the name above, the topmost INFO;
-    loggers of one name are one.
+    """Named logger of a node.
 
-    The methods say whether the line was logged. Their options are rclpy's: ``once``,
-    ``skip_first`` and ``throttle_duration_sec``. They count for all calls whose texts differ in
-    nothing but digits, since a board does not know where it was called from.
+    A logger without a level uses that of its parent, the topmost one INFO. Loggers with the same
+    name share their level. The logging methods return whether the line was logged. Their options
+    are rclpy's ``once``, ``skip_first`` and ``throttle_duration_sec``. An option applies to all
+    calls whose texts differ only in digits, since a board does not know the line of the caller.
     """
 
     def __init__(self, name: str, log: "Rosout") -> None:
@@ -74,21 +74,29 @@ class Logger:
         self._log = log
 
     def get_child(self, name: str) -> "Logger":
-        """The logger ``<this one's name>.<name>``."""
+        """Return the logger ``<this one's name>.<name>``.
+
+        Raises:
+            ValueError: The name is empty.
+        """
         if not name:
             raise ValueError("a child logger has a name")
         return Logger(self.name + "." + name, self._log)
 
     def named(self, name: str) -> "Logger":
-        """The logger of this full name."""
+        """Return the logger with this full name."""
         return Logger(name, self._log)
 
     def levels(self) -> "dict[str, int]":
-        """What was set, by full names."""
+        """Return the levels that were set, by full names."""
         return self._log.levels
 
     def set_level(self, level: int) -> None:
-        """UNSET (0), DEBUG (10), INFO (20), WARN (30), ERROR (40) or FATAL (50)."""
+        """Set the level: UNSET (0), DEBUG (10), INFO (20), WARN (30), ERROR (40) or FATAL (50).
+
+        Raises:
+            ValueError: The level is another number, or 32 loggers have a level already.
+        """
         if level % 10 or not UNSET <= level <= FATAL:
             raise ValueError("%r is no level; give 0, 10, 20, 30, 40 or 50" % (level,))
         levels = self._log.levels
@@ -97,6 +105,7 @@ class Logger:
         levels[self.name] = level
 
     def get_effective_level(self) -> int:
+        """Return the level of this logger or of its nearest parent that has one, otherwise INFO."""
         name = self.name
         while name:
             level = self._log.levels.get(name, UNSET)
@@ -106,10 +115,11 @@ class Logger:
         return INFO
 
     def is_enabled_for(self, severity: int) -> bool:
+        """Return whether lines of this severity are logged."""
         return severity >= self.get_effective_level()
 
     def log(self, message: "Any", severity: int, **options: "Any") -> bool:
-        """Log a message with this severity."""
+        """Log a line with this severity; return whether it was logged."""
         if not self.is_enabled_for(severity):
             return False
         message = str(message)
@@ -119,28 +129,35 @@ class Logger:
         return True
 
     def debug(self, message: "Any", **options: "Any") -> bool:
+        """Log a line with severity DEBUG."""
         return self.log(message, DEBUG, **options)
 
     def info(self, message: "Any", **options: "Any") -> bool:
+        """Log a line with severity INFO."""
         return self.log(message, INFO, **options)
 
     def warning(self, message: "Any", **options: "Any") -> bool:
+        """Log a line with severity WARN."""
         return self.log(message, WARN, **options)
 
     def warn(self, message: "Any", **options: "Any") -> bool:
+        """Log a line with severity WARN."""
         return self.log(message, WARN, **options)
 
     def error(self, message: "Any", **options: "Any") -> bool:
+        """Log a line with severity ERROR."""
         return self.log(message, ERROR, **options)
 
     def fatal(self, message: "Any", **options: "Any") -> bool:
+        """Log a line with severity FATAL."""
         return self.log(message, FATAL, **options)
 
 
 class Rosout:
-    """Where the loggers of a node write to. ``console`` gets each line, None: nothing does;
-    ``levels`` are those set, by name; ``left_out`` counts the lines that did not come to
-    ``/rosout``.
+    """Output of a node's loggers, to the console and to ``/rosout``.
+
+    ``console`` gets each line, or is None; ``levels`` are the levels set, by name; ``left_out``
+    counts the lines not sent to ``/rosout``.
     """
 
     def __init__(self, node: "Any") -> None:
@@ -151,9 +168,9 @@ class Rosout:
         space = node.get_namespace()[1:].replace("/", ".")
         self.logger = Logger(space + "." + node.name if space else node.name, self)
         self._kept: "list[Any]" = []  # (ticks, name, text, severity)
-        self._told = 0  # of left_out
-        self._free = node.clock.ms()  # when the line is owed nothing any more
-        self._filters: "list[list[Any]]" = []  # text, last time, skipped, said
+        self._told = 0  # part of left_out that was logged
+        self._free = node.clock.ms()  # rate limit: when all lines sent have had their 50 ms
+        self._filters: "list[list[Any]]" = []  # text, last time, skipped, logged
         qos = QoSProfile(
             1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan_ms=_LIFESPAN_MS
         )
@@ -167,7 +184,7 @@ class Rosout:
         self, name: str, message: str, severity: int, throttle_duration_sec: float = 0,
         skip_first: bool = False, once: bool = False,
     ) -> bool:  # fmt: skip
-        """Whether the options let the line pass; this one is remembered."""
+        """Return whether the options let the line pass, and remember this call."""
         text = "%d%s:" % (severity, name)
         for char in message:
             if not "0" <= char <= "9":
@@ -194,7 +211,7 @@ class Rosout:
         return True
 
     def write(self, name: str, message: str, severity: int) -> None:
-        """Log a line."""
+        """Write a line to the console, and send or keep it for ``/rosout``."""
         if self.console is not None:
             seconds, nanoseconds = self._node.clock.now()
             self.console(
@@ -237,7 +254,10 @@ class Rosout:
             self._told = self.left_out
 
     def _send(self, when: int, name: str, message: str, severity: int) -> bool:
-        """Publish a line that was said at these ticks. Nothing is raised: it would be logged."""
+        """Publish a line logged at the ticks ``when``; return whether it was sent.
+
+        It raises nothing, since the exception would be logged.
+        """
         clock = self._node.clock
         try:
             seconds, nanoseconds = clock.now()
@@ -253,11 +273,11 @@ class Rosout:
                     [max(0, seconds), nanoseconds, severity, name, message[:_LONGEST], "", "", 0]
                 )
             )
-        except Exception:  # a text that UTF-8 cannot carry; no memory
+        except Exception:  # a text that UTF-8 cannot encode, or no memory
             return False
 
     def report(self, error: Exception) -> None:
-        """What a callback raised, with where; for the executor."""
+        """Log the exception of a callback with its traceback; for the executor."""
         text = repr(error)
         if StringIO is not None:
             out = StringIO()

@@ -1,12 +1,12 @@
-"""A board that finds its agent by itself: it asks a multicast group, or addresses that it knows.
+"""Transport of a board that finds its agent by discovery: multicast, or a list of addresses.
 
     from uros.transport.discovery import DiscoveringTransport
 
     node = Node("node", DiscoveringTransport(), key=0x1001)
 
-The agent must have been started with ``--discovery``. Who answers is believed, as with micro-ROS:
-in a network that others share, give the address of the agent instead, or TLS. Runs on MicroPython
-ports that have a network; to ask a group, a board need not join it.
+The agent must have been started with ``--discovery``. Answers are not authenticated, as with
+micro-ROS: in a shared network give the address of the agent instead, or use TLS. Runs on
+MicroPython ports that have a network; a board need not join a multicast group to ask it.
 """
 
 import errno
@@ -28,16 +28,16 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# Where agents listen for questions, eProsima's too.
+# Where agents listen for GET_INFO, eProsima's included.
 AGENTS: Final = (("239.255.0.2", 7400),)
-# GET_INFO outside of any session, request 9, about the agent: what it is and what it does.
+# GET_INFO outside of any session, request 9, about the agent: its configuration and activity.
 QUESTION: Final = b"\x80\0\0\0\2\1\x08\0\0\x09\xff\xfd\3\0\0\0"
 _REQUEST: Final = 9
-# Questions and answers get lost: so long from one question to the next.
+# Period of GET_INFO: requests and answers can be lost.
 _AGAIN_MS: Final = 250
-# 64 locators, more than any agent tells.
+# Longest answer in bytes: 64 locators, more than any agent sends.
 _LARGEST: Final = 600
-# What is no answer is passed over, but a flood of it must not hold a program up.
+# Most datagrams read in one call: other datagrams are ignored, but a flood must not block.
 _BURST: Final = 16
 _LOOPBACK: Final = "0:0:0:0:0:0:0:1"
 _REMEDY: Final = "start one with --discovery in this network, and look at firewalls"
@@ -49,11 +49,19 @@ def discover_agent(
     addresses: "Sequence[tuple[str, int]]" = AGENTS,
     interface: str = "",
 ) -> "tuple[str, int] | None":
-    """Wait for the first agent that answers, at most so long; its ``(host, port)``, or None.
+    """Wait for the first agent that answers.
 
-    ``addresses`` are asked four times a second: groups, and addresses or names of hosts (of IPv4).
-    ``interface`` is the board's own address in the network to ask, where it has several. Raises
-    OSError where nobody can be asked: the network is down.
+    Args:
+        timeout_ms: Longest wait.
+        addresses: Multicast groups, and addresses or names of hosts (IPv4), asked four times a
+            second.
+        interface: The board's own address in the network to ask, if it has several.
+
+    Returns:
+        ``(host, port)`` of the agent, or None.
+
+    Raises:
+        OSError: No request can be sent: the network is down.
     """
     end = ticks_add(ticks_ms(), timeout_ms)
     search = _Search(addresses, interface)
@@ -76,13 +84,19 @@ def discover_agent(
 
 
 class DiscoveringTransport:
-    """Messages to and from the first agent that answers; where that one is lost, it looks anew.
+    """Transport to the first agent that answers; when that agent is lost, it searches again.
 
-    ``addresses`` and ``interface`` are those of :func:`discover_agent`. ``make(host, port, mtu)``
-    is the transport to the agent: an INFO does not say whether UDP or TCP is spoken at its
-    locators. ``agent`` is the ``(host, port)`` in use, None while there is none. Nothing waits but
-    the look-up of names. Who does not answer for ``patience_ms`` is given up: of an agent's
-    several locators the next is tried.
+    ``agent`` is the ``(host, port)`` in use, None while there is none. Nothing blocks except for
+    the look-up of names.
+
+    Args:
+        addresses: See :func:`discover_agent`.
+        interface: See :func:`discover_agent`.
+        mtu: The largest message in bytes.
+        patience_ms: Time without an answer after which a locator is given up; the next of the
+            agent's locators is then tried.
+        make: ``make(host, port, mtu)`` creates the transport to the agent: an INFO does not say
+            whether its locators are UDP or TCP.
     """
 
     def __init__(
@@ -99,15 +113,19 @@ class DiscoveringTransport:
         self._interface = interface
         self._patience_ms = patience_ms
         self._make = make
-        self._turn = 0  # which of an agent's locators
+        self._turn = 0  # which of an agent's locators to try next
         self._search: "Any" = None
         self._line: "Any" = None  # the transport to the agent, once there is one
-        self._kept = b""  # what is to be said to it first
-        self._again = 0
-        self._until: "int | None" = None  # when we lose patience
+        self._kept = b""  # the last message sent before there was an agent
+        self._again = 0  # when GET_INFO is due
+        self._until: "int | None" = None  # when the search or the locator is given up
 
     def open(self) -> None:
-        """Begin to search. Raises OSError if no question can be sent: the network is down."""
+        """Begin to search.
+
+        Raises:
+            OSError: No request can be sent: the network is down.
+        """
         self.close()
         self._search = _Search(self._addresses, self._interface)
         try:
@@ -132,9 +150,9 @@ class DiscoveringTransport:
             line.close()
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`. Without ``size``, all of the message.
+        """See :class:`uros.client.protocols.Transport`; without ``size`` the whole message is sent.
 
-        While there is no agent, the last message is kept for it, and the question is repeated.
+        While there is no agent, the last message is kept for it, and GET_INFO is repeated.
         """
         if self._line is not None:
             self._line.send(message, size)
@@ -160,13 +178,13 @@ class DiscoveringTransport:
                 trouble = "an agent says that it is at %s port %d, and is silent there: %s"
                 raise OSError(errno.ETIMEDOUT, trouble % (self.agent + (_SILENT,)))
         elif self._until is not None:
-            self._until = None  # from now on the node decides how long is too long
+            self._until = None  # from now on the node detects the loss of the agent
             self._turn -= 1
         return message
 
     def _link(self, found: "list[tuple[str, int]]") -> None:
         agent = found[self._turn % len(found)]
-        self._turn += 1  # the next one, unless something is heard from this one
+        self._turn += 1  # the next locator, unless this one answers
         self._search.close()
         line = self._make(agent[0], agent[1], self.mtu)
         line.open()
@@ -182,14 +200,14 @@ class DiscoveringTransport:
 
 
 class _Search:
-    """A socket that asks for agents and takes their answers."""
+    """Socket that sends GET_INFO and receives the answers."""
 
     def __init__(self, addresses: "Sequence[tuple[str, int]]", interface: str) -> None:
         self._addresses = addresses
         self._socket: "Any" = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             if interface:
-                # Also what chooses the interface for a group; ports have no option for that.
+                # This also selects the interface for multicast, for which ports have no option.
                 self._socket.bind(_address(interface, 0))
             self._socket.setblocking(False)
             self._poll = select.poll()
@@ -202,7 +220,11 @@ class _Search:
         self._socket.close()
 
     def ask(self) -> None:
-        """Send the questions. Raises OSError if none of them could be sent."""
+        """Send GET_INFO to all addresses.
+
+        Raises:
+            OSError: None of the requests could be sent.
+        """
         trouble = OSError(errno.EINVAL, "there is no address to ask for an agent: give one")
         sent = False
         for host, port in self._addresses:
@@ -215,17 +237,17 @@ class _Search:
             raise trouble
 
     def take(self, timeout_ms: int) -> "list[tuple[str, int]]":
-        """Where the next agent that answers is, the likeliest first; empty: none has, so long."""
+        """Return the locators of the next agent that answers, the best first; empty if none."""
         end = ticks_add(ticks_ms(), timeout_ms)
         for _ in range(_BURST):
             if not self._poll.poll(max(0, ticks_diff(end, ticks_ms()))):
                 break
             try:
                 answer, source = self._socket.recvfrom(_LARGEST)
-                # A port that has no text for it has bytes.
+                # Some MicroPython ports give the address as bytes.
                 host = source[0] if isinstance(source, tuple) else ""
                 found = agents_of(answer, host)
-            except (OSError, DecodeError):  # nobody there; somebody else
+            except (OSError, DecodeError):  # no agent at the address; not an answer
                 continue
             if found:
                 return found
@@ -241,11 +263,18 @@ def _address(host: str, port: int) -> "Any":
 
 
 def agents_of(answer: "Buffer", source: str = "") -> "list[tuple[str, int]]":
-    """``(host, port)`` of each place where an agent says it is, the likeliest first.
+    """Return ``(host, port)`` of each locator in an agent's answer, the best first.
 
-    ``answer`` came from ``source``. eProsima's agent tells all addresses of its machine: that we
-    have heard from comes first, and stands for "all addresses"; then others of IPv4, of IPv6, and
-    loopback, unless that is where we are. Raises DecodeError for what is no answer to QUESTION.
+    eProsima's agent sends all addresses of its machine. The address that the answer came from is
+    first and replaces "all addresses"; then follow other IPv4 addresses, IPv6, and loopback, unless
+    the answer came by loopback.
+
+    Args:
+        answer: The datagram.
+        source: The address it came from.
+
+    Raises:
+        DecodeError: The datagram is no answer to QUESTION.
     """
     size = len(answer)
     at = pull_header(answer, size)[4]
@@ -266,7 +295,7 @@ def agents_of(answer: "Buffer", source: str = "") -> "list[tuple[str, int]]":
             rank = 0
         elif host.startswith("127.") or host == _LOOPBACK:
             rank = 1 if source.startswith("127.") else 3
-        # The position keeps their order: MicroPython's sort does not.
+        # The position keeps the order: MicroPython's sort is not stable.
         found.append((rank, len(found), host, port))
     found.sort()
     agents: "list[tuple[str, int]]" = []
@@ -277,7 +306,7 @@ def agents_of(answer: "Buffer", source: str = "") -> "list[tuple[str, int]]":
 
 
 def _text(octets: bytes) -> str:
-    """An address; empty for one that nobody is at: of a group, or of one link only."""
+    """Return an address as text; empty for a multicast or link-local one, which is not used."""
     if len(octets) == 4:
         return "" if octets[0] >= 224 else "%d.%d.%d.%d" % tuple(octets)
     if octets[0] == 0xFF or (octets[0] == 0xFE and octets[1] & 0xC0 == 0x80):

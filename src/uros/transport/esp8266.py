@@ -1,10 +1,10 @@
-"""A board's end of UDP through an ESP8266 or ESP32 with Espressif's AT firmware, on a UART.
+"""UDP transport of a board through an ESP8266 or ESP32 with Espressif's AT firmware, on a UART.
 
     uart = UART(1, 115200, tx=Pin(4), rx=Pin(5), rxbuf=2048, timeout=0)
     transport = Esp8266Transport(uart, "network", "password", "192.168.1.10")
 
-Runs on MicroPython. The UART's buffer for what comes (``rxbuf``) is to hold what the agent sends
-while the program does something else: without it bytes are lost, and nothing tells which.
+Runs on MicroPython. The UART's receive buffer (``rxbuf``) must hold what the agent sends while the
+program does something else: otherwise bytes are lost without notice.
 """
 
 import errno
@@ -23,18 +23,18 @@ _CHUNK: Final = 256
 _ENDS: Final = (OK, ERROR, b"FAIL", b"SEND OK", b"SEND FAIL")
 _PROMPT: Final = b">"
 _COMES: Final = b"+IPD,"
-# More than any firmware brings at once: a length beyond it is noise.
+# Longest datagram; more than any firmware passes at once, so a larger length is noise.
 _LONGEST: Final = 8192
-# A datagram of which nothing more comes for so long has lost bytes on the line.
+# Longest gap within a datagram; after it bytes of the datagram are lost.
 _GAP_MS: Final = 100
 
 _QUICK_MS: Final = 1000  # for commands that only set something
 _AT_MS: Final = 300
-_WAKE: Final = 8  # times; a modem that was just switched on needs a second
+_WAKE: Final = 8  # attempts; a modem that was just switched on needs a second
 _JOIN_MS: Final = 20000  # the firmware itself gives up after 15 s
 _LINK_MS: Final = 10000
 _SEND_MS: Final = 3000
-_FAILS: Final = 3  # in a row, of datagrams that the modem does not get rid of
+_FAILS: Final = 3  # consecutive datagrams that the modem fails to send
 
 _WHY_NOT: Final = {
     b"1": "the access point does not answer in time: is the password right, and it in reach?",
@@ -45,14 +45,23 @@ _WHY_NOT: Final = {
 
 
 class Esp8266Transport(ModemTransport):
-    """A :class:`~.modem.ModemTransport`. ``port`` is the agent's, ``local_port`` ours, 0 for any.
+    """UDP transport through an ESP8266 or ESP32; see :class:`~.at_modem.ModemTransport`.
 
-    ``uart`` reads and writes without waiting, as MicroPython's with ``timeout=0``, and may have
-    ``wait(timeout_ms)``, ``open()`` and ``close()``. Nothing here waits. ``mtu`` goes up to 1460.
-    ``setup`` are commands to be given before joining, such as ``AT+CWDHCP=1,1``.
+    No method blocks. A modem that is still in its network does not join again. A modem that another
+    program left in the middle of a datagram is recovered by filling up that datagram, which the
+    agent drops.
 
-    A modem that is still in its network is not made to join again. One that a program has left in
-    the middle of a datagram is woken by the rest of it, which the agent drops.
+    Args:
+        uart: Reads and writes without waiting, as MicroPython's UART with ``timeout=0``, and may
+            have ``wait(timeout_ms)``, ``open()`` and ``close()``.
+        ssid: The network's name, 1 to 32 bytes.
+        password: The network's password.
+        host: The agent's host.
+        port: The agent's port.
+        mtu: The largest message, up to 1460 bytes.
+        room: Bytes of the send queue.
+        local_port: The board's port, 0 for any.
+        setup: Commands to send before joining, such as ``AT+CWDHCP=1,1``.
     """
 
     def __init__(
@@ -69,7 +78,7 @@ class Esp8266Transport(ModemTransport):
         self._password = password
         self._agent = (host, port, local_port)
         self._setup = setup
-        self._last = 0  # when something came
+        self._last = 0  # when bytes were last received
         self._fails = 0
 
     def _open(self) -> None:
@@ -78,7 +87,7 @@ class Esp8266Transport(ModemTransport):
             self.port.open()
 
     def _close(self) -> None:
-        # Unless a command is on its way: then the next one to open does it.
+        # Not during a command: then the next open closes the link.
         if self.linked and not self._to and not self._gone:
             try:
                 self.port.write(b"AT+CIPCLOSE\r\n")
@@ -89,12 +98,12 @@ class Esp8266Transport(ModemTransport):
 
     def _wait(self, ms: int) -> None:
         if hasattr(self.port, "wait"):
-            # A dialogue has time-outs of its own, and a queue is to go on.
+            # Short waits during a dialogue, which has timeouts, and while messages are queued.
             self.port.wait(ms if self.linked and not self._to else min(ms, 10))
         else:
             sleep_ms(1)
 
-    # --- what comes ---------------------------------------------------------------------------
+    # --- receiving ----------------------------------------------------------------------------
 
     def _read(self) -> bool:
         data = self.port.read(_CHUNK)
@@ -109,7 +118,7 @@ class Esp8266Transport(ModemTransport):
         return True
 
     def feed(self, data: bytes) -> None:
-        """What the modem says, in pieces of any size."""
+        """Parse the modem's output, in pieces of any size."""
         at = 0
         while at < len(data):
             if self._left:
@@ -126,13 +135,13 @@ class Esp8266Transport(ModemTransport):
             elif not self._length:
                 if char == 0x20:
                     continue
-                if char == 0x3E:  # nothing ends this line
+                if char == 0x3E:  # the prompt has no line end
                     self._ended(_PROMPT)
                     continue
             self._text(char)
 
     def _length_of(self, line: bytes) -> int:
-        """That of the datagram behind a line like ``+IPD,12``; 0: it is none."""
+        """Return the length of the datagram behind a line like ``+IPD,12``; 0 for other lines."""
         at = line.rfind(_COMES)
         if at < 0:
             return 0
@@ -173,14 +182,14 @@ class Esp8266Transport(ModemTransport):
                 yield
 
     def _wake(self) -> "Iterator[None]":
-        """Until the modem listens to commands."""
+        """Repeat ``AT`` until the modem accepts commands."""
         for turn in range(_WAKE):
             if (yield from self._ask("AT", _AT_MS)):
-                # What it still has to say is of an earlier command.
+                # Discard output of an earlier command.
                 yield from self._settle(_AT_MS if turn else 20)
                 return
             if turn == 0:
-                # It may wait for the rest of a datagram: empty lines are no commands.
+                # It may wait for the rest of a datagram. As commands, empty lines have no effect.
                 yield from self._put(b"\r\n" * (self.mtu // 2 + 1))
                 yield from self._settle(_AT_MS)
         raise OSError(
@@ -194,11 +203,11 @@ class Esp8266Transport(ModemTransport):
         yield from self._wake()
         self._awake = True
         yield from self._ask("ATE0", _QUICK_MS)
-        yield from self._ask("AT+CIPCLOSE", _QUICK_MS)  # refused where there is no link
+        yield from self._ask("AT+CIPCLOSE", _QUICK_MS)  # an ERROR without a link is ignored
         for command in ("AT+CWMODE=1", "AT+CIPMUX=0") + self._setup:
             if not (yield from self._ask(command, _QUICK_MS)):
                 raise OSError(errno.EIO, "the modem refuses " + command)
-        yield from self._ask("AT+CIPDINFO=0", _QUICK_MS)  # which old firmware does not know
+        yield from self._ask("AT+CIPDINFO=0", _QUICK_MS)  # unknown to old firmware
         ssid = _quoted(self._ssid)
         yield from self._ask("AT+CWJAP?", _QUICK_MS)
         if not self._said.startswith(b"+CWJAP:" + ssid.encode()):
@@ -224,7 +233,7 @@ class Esp8266Transport(ModemTransport):
     def _send_first(self, size: int) -> "Iterator[None]":
         answer = yield from self._ask("AT+CIPSEND=%d" % size, _QUICK_MS, _PROMPT)
         if answer is None:
-            yield from self._wake()  # a byte was lost, in one direction or the other
+            yield from self._wake()  # a byte was lost in one of the directions
             self.dropped += 1
             return
         if not answer:
@@ -248,7 +257,7 @@ class Esp8266Transport(ModemTransport):
 
 
 def _quoted(text: str) -> str:
-    """As the firmware wants texts: with a backslash before what it would take apart."""
+    """Return a text as the firmware expects it, with a backslash before special characters."""
     for char in ("\\", '"', ","):
         text = text.replace(char, "\\" + char)
     return '"%s"' % text

@@ -1,16 +1,16 @@
-"""A board's end of UDP through a GainSpan GS2200 on SPI, the modem of Spresense's Wi-Fi board.
+"""UDP transport of a board through a GainSpan GS2200 on SPI, the modem of Spresense's Wi-Fi board.
 
     spi = SPI(1, baudrate=4000000, polarity=0, phase=1)
     transport = Gs2200Transport(spi, Pin("D27", Pin.IN), "network", "password", "192.168.1.10")
 
-Runs on MicroPython. The modem says by a pin, its GPIO37, that it has something to say. Each
-transfer is asked for in a header of eight bytes and answered in another::
+Runs on MicroPython. The modem sets a pin, its GPIO37, when it has output. Each transfer is
+requested by a header of eight bytes and granted by another::
 
     A5 class 00 00 00 length(2) checksum      class 01 11 03: write request, granted, data
                                                     02 12 15: read request, granted, data
                                                        13 14: not now
 
-Behind these headers go commands and their answers, as text, and datagrams in escape sequences::
+After these headers follow commands and their answers, as text, and datagrams in escape sequences::
 
     ESC Z cid length(4 digits) data                           both ways
     ESC y cid address ' ' port TAB length(4 digits) data      from the modem, with the sender
@@ -39,14 +39,14 @@ _MAY_READ: Final = 0x12
 _NOT_NOW: Final = (0x13, 0x14)
 _MOST: Final = 1500  # bytes in one transfer
 _CHUNK: Final = 128
-# The pin can still be high from before the request: what comes sooner is no answer.
+# Wait before reading an answer: the pin can still be high from before the request.
 _ANSWER_US: Final = 100
 _NOT_NOW_MS: Final = 10
 _READY_MS: Final = 2000
 
 _ESC: Final = 0x1B
 _FAILED: Final = b"\x1bF"
-# What follows ESC: nothing special, the letter, the sequence's head up to its length.
+# States of the parser: text, behind ESC, the sequence's head up to its length, its sender.
 _TEXT: Final = 0
 _LETTER: Final = 1
 _HEAD: Final = 2
@@ -56,21 +56,29 @@ _DIGITS: Final = 5  # the link's letter and four digits
 _QUICK_MS: Final = 2000
 _AT_MS: Final = 500
 _WAKE: Final = 6
-_KEY_MS: Final = 20000  # it computes the network's key
+_KEY_MS: Final = 20000  # the modem computes the network's key
 _JOIN_MS: Final = 30000
 _FAILS: Final = 3
 
 
 class Gs2200Transport(ModemTransport):
-    """A :class:`~.modem.ModemTransport`. ``port`` is the agent's, ``client_port`` ours.
+    """UDP transport through a GS2200; see :class:`~.at_modem.ModemTransport`.
 
-    ``spi`` is a bus in mode 1 (``polarity=0, phase=1``) that has ``write`` and ``readinto``;
-    ``ready`` the pin of GPIO37, ``cs`` the one that selects the modem, low while it does, or None
-    where the bus does that itself. Nothing here waits, except for the bytes on the bus. ``host`` is
-    an address: the modem knows no names. ``mtu`` goes up to 1400. ``setup`` are commands to be
-    given before joining, such as ``AT+WREGDOMAIN=2`` (Japan).
+    No method blocks except for transfers on the bus. A modem that is still in its network does not
+    join again.
 
-    A modem that is still in its network is not made to join again.
+    Args:
+        spi: A bus in mode 1 (``polarity=0, phase=1``) with ``write`` and ``readinto``.
+        ready: The pin connected to GPIO37.
+        ssid: The network's name, 1 to 32 bytes.
+        password: The network's password.
+        host: The agent's address; the modem cannot resolve names.
+        port: The agent's port.
+        client_port: The board's port.
+        cs: The pin that selects the modem, low during a transfer, or None if the bus does that.
+        mtu: The largest message, up to 1400 bytes.
+        room: Bytes of the send queue.
+        setup: Commands to send before joining, such as ``AT+WREGDOMAIN=2`` (Japan).
     """
 
     def __init__(
@@ -98,10 +106,10 @@ class Gs2200Transport(ModemTransport):
         self._setup = setup
         self._header = bytearray(8)
         self._chunk = bytearray(_CHUNK)
-        self._asked: "int | None" = None  # when a read was asked for
-        self._writing = False  # what the modem has ready is the answer to a write request
+        self._asked: "int | None" = None  # when a read was requested
+        self._writing = False  # the pin announces the answer to a write request
         self._escape = _TEXT
-        self._here = False  # a datagram comes for us
+        self._here = False  # the datagram being received is from the agent
         self._joined = 0
         self._cid = 0
         self._fails = 0
@@ -140,7 +148,7 @@ class Gs2200Transport(ModemTransport):
         h[7] = (kind + h[5] + h[6]) & 0xFF ^ 0xFF
 
     def _answered(self) -> "tuple[int, int]":
-        """Class and length of the header that the modem has ready; 0: it is none."""
+        """Return class and length of the modem's header; class 0 if it is malformed."""
         now = ticks_us()
         while ticks_diff(ticks_us(), now) < _ANSWER_US:
             pass
@@ -152,7 +160,7 @@ class Gs2200Transport(ModemTransport):
         return h[1], h[5] | h[6] << 8
 
     def _in_step(self) -> None:
-        """Take all that it may still want to give, and give it what it may still wait for."""
+        """Resynchronize: read all that the modem may send, and clock in what it may expect."""
         self.malformed += 1
         for _ in range(_MOST // _CHUNK + 1):
             self._fetch(self._chunk)
@@ -191,11 +199,11 @@ class Gs2200Transport(ModemTransport):
         end = ticks_add(ticks_ms(), _READY_MS)
         while ticks_diff(end, ticks_ms()) > 0:
             if self._asked is not None or self._ready.value():
-                yield  # what it has to say comes first
+                yield  # the modem's output is read first
                 continue
             self._make(_WRITE, size)
             self._give(memoryview(self._header)[:4])
-            if self._ready.value():  # in this moment: half a header is forgotten
+            if self._ready.value():  # set during the header: the modem ignores half a header
                 yield
                 continue
             self._give(memoryview(self._header)[4:])
@@ -218,10 +226,10 @@ class Gs2200Transport(ModemTransport):
         self._writing = False
         return False
 
-    # --- what comes ---------------------------------------------------------------------------
+    # --- receiving ----------------------------------------------------------------------------
 
     def feed(self, data: bytes) -> None:
-        """What the modem says, in pieces of any size."""
+        """Parse the modem's output, in pieces of any size."""
         at = 0
         while at < len(data):
             if self._left:
@@ -253,7 +261,7 @@ class Gs2200Transport(ModemTransport):
     def _in_head(self, char: int) -> None:
         line = self._line
         if self._escape == _SENDER:
-            if char == 9:  # then the length is what is missing behind the link's letter
+            if char == 9:  # TAB; the length follows, so keep the link's letter only
                 sender = bytes(line[1 : self._length - 1])
                 self._here = sender == ("%s %d" % self._agent[:2]).encode()
                 self._escape = _HEAD
@@ -285,7 +293,7 @@ class Gs2200Transport(ModemTransport):
         self.malformed += 1
 
     def _datagram_for_others(self, size: int) -> None:
-        """To be passed over."""
+        """Skip a datagram."""
         self._size = self.mtu + 1
         self._left = size
 
@@ -357,7 +365,11 @@ class Gs2200Transport(ModemTransport):
             )
 
     def _must(self, command: str, timeout_ms: int = _QUICK_MS, what: str = "") -> "Iterator[None]":
-        """A command without which there is no use in going on."""
+        """Send a required command.
+
+        Raises:
+            OSError: The modem refuses it.
+        """
         if not (yield from self._ask(command, timeout_ms)):
             raise OSError(errno.EIO, "the modem refuses " + (what or command))
 
