@@ -202,7 +202,7 @@ class Connection(Session):
         self._known = True
         self._todo = list(self._entities)
         self._step_of = 0
-        self._times = _FIRST_TIMES  # answers that the first time still needs
+        self._times = _FIRST_TIMES  # replies that the first synchronization still needs
         self._time_retry = _TIME_RETRY_MS
         self._next_time = self._answered = self.clock.ms()
 
@@ -282,7 +282,7 @@ class Connection(Session):
             if wait > 0:
                 self.clock.sleep(wait)
             return
-        self._delivered = False  # whether a sample has come in this pump
+        self._delivered = False  # whether a sample was received in this pump
         try:
             message = self.transport.receive(max(0, wait))
             count = 0

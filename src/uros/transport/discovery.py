@@ -255,7 +255,7 @@ class _Search:
 
 
 def _address(host: str, port: int) -> "Any":
-    """Return the IPv4 address for a socket: agents listen for questions on IPv4."""
+    """Return the IPv4 address for a socket: agents listen for GET_INFO on IPv4 only."""
     for info in socket.getaddrinfo(host, port, 0, socket.SOCK_DGRAM):
         if info[0] == socket.AF_INET:
             return info[-1]

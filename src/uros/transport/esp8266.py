@@ -4,7 +4,7 @@
     transport = Esp8266Transport(uart, "network", "password", "192.168.1.10")
 
 Runs on MicroPython. The UART's receive buffer (``rxbuf``) must hold what the agent sends while the
-program does something else: otherwise bytes are lost without notice.
+program does something else: otherwise bytes are lost, and the transport cannot tell which.
 """
 
 import errno
@@ -47,9 +47,9 @@ _WHY_NOT: Final = {
 class Esp8266Transport(ModemTransport):
     """UDP transport through an ESP8266 or ESP32; see :class:`~.at_modem.ModemTransport`.
 
-    No method blocks. A modem that is still in its network does not join again. A modem that another
-    program left in the middle of a datagram is recovered by filling up that datagram, which the
-    agent drops.
+    The dialogue with the modem never blocks. A modem that is still in its network does not join
+    again. A modem that another program left in the middle of a datagram is recovered by filling up
+    that datagram, which the agent drops.
 
     Args:
         uart: Reads and writes without waiting, as MicroPython's UART with ``timeout=0``, and may

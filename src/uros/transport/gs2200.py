@@ -64,8 +64,8 @@ _FAILS: Final = 3
 class Gs2200Transport(ModemTransport):
     """UDP transport through a GS2200; see :class:`~.at_modem.ModemTransport`.
 
-    No method blocks except for transfers on the bus. A modem that is still in its network does not
-    join again.
+    The dialogue with the modem blocks only for transfers on the bus. A modem that is still in its
+    network does not join again.
 
     Args:
         spi: A bus in mode 1 (``polarity=0, phase=1``) with ``write`` and ``readinto``.
