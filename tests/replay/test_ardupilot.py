@@ -122,7 +122,7 @@ def test_a_second_of_flight_comes_through_whole(place, ground):
             meet(ground, vehicle, topic, kind)
     publishers = [it[0] for it in vehicle.topics if it[2]]
     for topic in publishers:  # behind all that is under way
-        assert vehicle.publish(topic, sample(0xFFFE))
+        vehicle.until(lambda topic=topic: vehicle.publish(topic, sample(0xFFFE)))
     vehicle.until(
         lambda: all(ground.samples[f"rt/{it}"][-1][:2] == b"\xfe\xff" for it in publishers)
     )

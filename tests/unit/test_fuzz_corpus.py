@@ -124,7 +124,7 @@ def test_an_internal_error_in_the_log_is_a_finding(monkeypatch: pytest.MonkeyPat
     def broken(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(ObjectFactory, "_make_endpoint", broken)
+    monkeypatch.setattr(ObjectFactory, "_create_endpoint", broken)
     with pytest.raises(world.Finding, match="internal error"):
         target("datagrams").one_input(kept_as("datagrams", "publisher"))
 

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 from support.screen import FORGED, HOSTILE, UNENCODABLE, seen
 from unit.dashboard.test_pictures import JPEG
-from unit.host.test_graph import FAST_DDS, End, Node
+from unit.host.test_graph_queries import FAST_DDS, End, Node
 from unit.tools.agent.test_status import client, snapshot
 
 from uros.agent.log import Log

@@ -368,7 +368,7 @@ class Session:
             self._given_up(stream_id)
             if start == NONE:
                 return True
-            whole = whole[start:]  # another one: the keeper knows the first by its bytes
+            whole = whole[start:]  # another one: the session store knows the first by its bytes
         del whole[len(whole) - surplus(whole) :]  # one submessage; what follows it is nothing
         try:
             self._submessages(whole, memoryview(whole), 0, len(whole), stream_id, now)
