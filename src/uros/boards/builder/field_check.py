@@ -1,13 +1,14 @@
 """Finds fields of messages that a program names and their types do not have.
 
-On a board a misspelt field is silent: MicroPython gives the message a new attribute, and what is
-sent stays zero. So `check_fields` looks at each expression of a program that is a message for
-certain (see `infer`)::
+On a board a misspelt field raises no error: MicroPython gives the message a new attribute, and the
+field is sent as zero. `check_fields` therefore checks each expression of a program that is inferred
+to be a message (`uros.boards.builder.type_inference`)::
 
     battery = BatteryState()
     battery.volts = 7.4            # sensor_msgs/msg/BatteryState has no field volts
 
-What is not certain `uros board run` finds when it happens (`uros.interfaces.checked`).
+Where no type can be inferred, `uros board run` finds the fault at run time
+(`uros.interfaces.checked`).
 """
 
 from __future__ import annotations
@@ -33,12 +34,14 @@ _HALVED: Final = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duratio
 
 
 def check_fields(modules: Iterable[Module]) -> list[str]:
-    """What is wrong in the program's own modules, a line for each, with its place."""
+    """The faults in the program's own modules: a line for each, with file and line number."""
     own = [module for module in modules if module.own]
     return list(dict.fromkeys(_Faults(own)))
 
 
 class _Faults:
+    """The faults in modules, as an iterable of lines."""
+
     def __init__(self, modules: list[Module]) -> None:
         self.modules = modules
         self.program = Program(modules)
@@ -77,9 +80,7 @@ class _Faults:
                 yield from _bad(instance(value[1]), keyword.arg, keyword.value, place)
 
     def _guarded(self, node: ast.AST) -> bool:
-        """Whether the program expects that the attribute may be missing: a read in a try that
-        catches AttributeError.
-        """
+        """Whether the attribute is read in a try that catches AttributeError."""
         if not isinstance(getattr(node, "ctx", None), ast.Load):
             return False
         inner, outer = node, self.program.parents.get(node)
@@ -95,7 +96,7 @@ class _Faults:
 
 
 def _fields(name: str) -> dict[str, str]:
-    """The fields of a message, and their types as `uros.interfaces.runtime` names them."""
+    """The type of each field of a message, as `uros.interfaces.runtime` names types."""
     definition = registry.message(name)
     return {attribute_name(it.name): field_type_name(it.type) for it in definition.fields}
 
@@ -122,7 +123,7 @@ def _missing(name: str, attribute: str) -> str:
 
 
 def _bad(value: Value, attribute: str, node: ast.expr, place: str) -> Iterator[str]:
-    """What is wrong with a number or text that is written where a field is set."""
+    """The fault of a literal number or text that is assigned to a field, if it does not fit."""
     if not value or value[0] != "message":
         return
     kind = _fields(value[1]).get(attribute, "")

@@ -1,18 +1,17 @@
-"""Makes a board's file system: a program, and of uros and the ROS interfaces what it imports.
+"""Builds a board's file system: a program, with what it imports of uros and ROS interfaces.
 
 ::
 
     build(Path("firmware/greenhouse"), Path("build/greenhouse"))
 
 `uros.boards.builder.resolver` finds the modules, the passes of `uros.boards.builder.pipeline` make
-uros's own smaller, and they are written as text or as bytecode. That saves memory and changes
-nothing else.
+the modules of uros smaller, and `build` writes all modules as text or as bytecode. The passes save
+memory and keep the behavior, except for what `build` lists.
 
-The program's own modules are not rewritten, only compiled: what they mean depends on more than
-their text. Other modules read and set their globals, ask for names by ``getattr``, derive from
-their classes and print them; they run when they are first imported, and know their own name.
-MicroPython's compiler removes annotations and docstrings by itself, and keeps asserts and line
-numbers.
+The program's own modules are compiled but not rewritten, since their behavior depends on more than
+their text: other modules read and set their globals, use ``getattr`` for their names, derive from
+their classes and print them; they run at their first import, and read their own name. MicroPython's
+compiler removes their annotations and docstrings, and keeps asserts and line numbers.
 """
 
 from __future__ import annotations
@@ -45,30 +44,39 @@ def build(
     provided: Iterable[str] = (),
     checked: bool = False,
 ) -> list[Path]:
-    """Write a board's file system into the folder ``out``; returns its files, sorted.
+    """Write a board's file system into the folder ``out``; return its files, sorted.
 
-    ``program`` is a folder: all its files go to the board, but hidden ones and ``.md``. Its Python
-    files are where the search for imports starts. Types of interfaces are known as `add_folder` and
-    the search path of ROS have them, and imported as ``from sensor_msgs.msg import Temperature``.
+    Two passes change what a program sees:
 
-    ``form`` is ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
-    ``without`` names passes to leave out (`PASSES`). ``terse-errors`` leaves out words: an error of
-    packing names the type and not the field, errors of ``uros.wire`` and of received bytes have no
-    text, `InterfaceError` is ValueError itself, messages have no text and no field types; a
-    received text that is no UTF-8, and data flagged as big-endian (no agent sends such to a board),
-    make their message malformed; classes of messages that the program does not import, but others
-    nest, are made without arguments; QoS profiles and messages are equal only to themselves.
-    ``tree-shake`` drops what the program does not reach; ``roots`` keeps more: modules
-    (``uros.wire.session``), names in them (``uros.wire.session:push_info``) and types
-    (``std_msgs.msg:Int32``). ``bundle`` and what follows it are for bytecode alone, since a board
-    needs more memory to compile one big text than that saves. ``provided`` are further modules that
-    the board has by itself. ``checked`` is for virtual boards: messages refuse attributes that are
-    no fields, and an error of packing names the field, its value and its range, in a lean build
-    too.
+    - ``terse-errors`` shortens errors. A packing error names the type and not the field; errors of
+      ``uros.wire`` and of received bytes have no text; `InterfaceError` is ValueError itself;
+      messages have no text form and no field types. A received text that is not UTF-8 makes its
+      message malformed, and so does data flagged as big-endian (no agent sends such data to a
+      board). The constructor of a message class that the program does not import, but other
+      messages nest, takes no arguments. QoS profiles and messages are equal only to themselves.
+    - ``tree-shake`` removes what the program does not reach; ``roots`` keeps more.
 
-    ``out`` is replaced as a whole, once all is made; a folder that holds anything but an earlier
-    build is refused. What is wrong with the program raises `BuildError`, what the disk refuses
-    OSError; either leaves ``out`` as it was.
+    ``bundle`` and the passes after it run for bytecode only: to compile one large text, a board
+    needs more memory than the bundle saves.
+
+    Args:
+        program: Folder of the program. All its files go to the board, except hidden files and
+            ``.md``. The search for imports starts at its Python files. Interface types come from
+            `add_folder` and the search path of ROS, and are imported as
+            ``from sensor_msgs.msg import Temperature``.
+        out: Folder to write. It is replaced as a whole after everything is built; a folder that
+            holds anything but an earlier build is refused.
+        form: ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
+        without: Names of passes to leave out (`PASSES`).
+        roots: What to keep besides: modules (``uros.wire.session``), names in modules
+            (``uros.wire.session:push_info``) and types (``std_msgs.msg:Int32``).
+        provided: Further modules that the board has.
+        checked: For virtual boards: messages refuse attributes that are not fields, and a packing
+            error names the field, its value and its range, with ``terse-errors`` too.
+
+    Raises:
+        BuildError: The program or an argument is wrong; ``out`` is unchanged.
+        OSError: The disk refuses a file; ``out`` is unchanged.
     """
     program, out, without = Path(program), Path(out), set(without)
     if form not in ("py", "mpy"):
@@ -103,19 +111,19 @@ def _file(module: Module, form: str) -> tuple[str, bytes]:
 
 
 def _compile(module: Module, text: str) -> bytes:
-    # The text of our own modules is not what is in their files, so line numbers would mislead.
+    # The passes changed the text of uros's modules: its line numbers are not those of the files.
     level = "-O0" if module.own else "-O3"
     name = Path(module.source).name if module.own else module.path + ".py"
     return bytecode(text, name, module.source, level)
 
 
 def is_built(folder: Path) -> bool:
-    """Whether `build` has made the folder."""
+    """Whether `build` wrote the folder."""
     return (folder / _NOTE).is_file()
 
 
 def _replace(out: Path, files: dict[str, bytes]) -> list[Path]:
-    """Write all beside ``out`` first, so that there is never half of it."""
+    """Write all files beside ``out`` first, so that ``out`` is never incomplete."""
     if out.is_file() or (out.is_dir() and not (out / _NOTE).exists() and any(out.iterdir())):
         raise BuildError(f"{out} holds something else; give a new folder, or remove it")
     out.parent.mkdir(parents=True, exist_ok=True)

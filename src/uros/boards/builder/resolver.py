@@ -1,4 +1,4 @@
-"""Finds what a program imports: its own modules, those of uros, and types of interfaces."""
+"""Finds what a program imports: its own modules, modules of uros, and interface types."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .passes.strip import strip
 from .portable import FOLDERS, MODULES, SOURCE, is_portable
 from .scopes import bound
 
-# What MicroPython 1.27 or one of its ports has, and what micropython-lib puts beside it.
+# The modules of MicroPython 1.27 and its ports, and those that micropython-lib adds.
 _PROVIDED: Final = {
     "_thread", "aioble", "array", "asyncio", "binascii", "bluetooth", "btree", "builtins",
     "camera", "cmath", "collections", "cryptolib", "deflate", "dht", "ds18x20", "errno", "esp",
@@ -34,7 +34,14 @@ _DEFINING: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Ass
 
 
 class Resolver:
-    """Finds all modules that a program needs, and parses them."""
+    """Finds and parses all modules that a program needs.
+
+    Args:
+        program: The program's folder.
+        provided: Names of further modules that the board has, beside those of MicroPython.
+        lean: Whether interface modules are generated without error texts (pass ``terse-errors``).
+        checked: Whether messages refuse attributes that are no fields; switches ``lean`` off.
+    """
 
     def __init__(self, program: Path, provided: set[str], lean: bool, checked: bool) -> None:
         self.program = program
@@ -42,11 +49,21 @@ class Resolver:
         self.checked = checked
         self.provided = _PROVIDED | provided
         self.modules: dict[str, Module] = {}
-        self.types: dict[str, Module] = {}  # names of types, and who was first to import each
-        self.other: dict[str, bytes] = {}  # the program's files that are no Python
-        self.tops: set[str] = set()  # packages that are folders of the program
+        self.types: dict[str, Module] = {}  # names of types, and the first module that imports each
+        self.other: dict[str, bytes] = {}  # the program's files that are not Python
+        self.tops: set[str] = set()  # top-level names of the program's modules and packages
 
     def run(self, roots: Iterable[str]) -> dict[str, Module]:
+        """Return all modules that the program and ``roots`` need, by full name.
+
+        Args:
+            roots: Modules (``uros.wire.session``) or names in them (``module:name``) to add.
+
+        Raises:
+            SourceError: The folder, or a Python file in it, is missing; or a file is not Python.
+            MissingModule: An import cannot be resolved.
+            BuildError: The modules of the interface types cannot be generated.
+        """
         if not self.program.is_dir():
             raise SourceError(f"{self.program}: no such folder; give the folder of a main.py")
         for file in sorted(self.program.rglob("*")):
@@ -70,6 +87,7 @@ class Resolver:
         return self.modules
 
     def own(self, file: Path, inside: Path) -> None:
+        """Parse a file of the program; ``inside`` is its path below the program's folder."""
         is_package = inside.name == "__init__.py"
         parts = inside.parent.parts if is_package else inside.with_suffix("").parts
         name = ".".join(parts)
@@ -77,11 +95,12 @@ class Resolver:
         self.tops.add(parts[0] if parts else "")
 
     def follow(self, module: Module) -> None:
+        """Resolve every import of a module."""
         for wanted in imports(module):
             self.need(wanted, module)
 
     def need(self, wanted: Wanted, by: Module) -> None:
-        """Bring what one import asks for; raises where nobody has it."""
+        """Resolve one import of the module ``by``; raise MissingModule if nothing provides it."""
         name = wanted.module
         top = name.partition(".")[0]
         if self.is_own(name):
@@ -96,13 +115,15 @@ class Resolver:
             raise MissingModule(f"{_place(by, wanted)}: {self.advice(name)}")
 
     def is_own(self, name: str) -> bool:
+        """Whether a module or package is the program's own."""
         top = name.partition(".")[0]
         if top not in self.tops or top == "uros":
             return False
-        # A folder without __init__.py is a package on MicroPython, too.
+        # On MicroPython, too, a folder without __init__.py is a package.
         return name in self.modules or any(m.startswith(name + ".") for m in self.modules)
 
     def advice(self, name: str) -> str:
+        """The error text for a module that nothing provides: the fault and its remedy."""
         top = name.partition(".")[0]
         if name in ABSENT or top in ABSENT:
             return (
@@ -122,9 +143,17 @@ class Resolver:
     # Modules of uros
 
     def uros(self, wanted: Wanted, by: Module) -> None:
+        """Add the modules of uros that one import needs.
+
+        An import in a function (``late``) of a module of uros may name a module for hosts: the
+        board does not get that module, and the build goes on.
+
+        Raises:
+            MissingModule: The module does not exist, has moved or is for hosts.
+        """
         inside = [f"{wanted.module}.{name}" for name, _ in wanted.names or ()]
         if wanted.module == "uros" and inside:
-            names = inside  # boards get no __init__ of it: all it holds is for hosts
+            names = inside  # boards do not get uros/__init__.py: all it holds is for hosts
         else:
             names = [wanted.module, *filter(self.uros_file, inside)]
         for name in names:
@@ -139,8 +168,9 @@ class Resolver:
             self.uros_names(wanted, by)
 
     def uros_names(self, wanted: Wanted, by: Module) -> None:
-        """Raises where the program imports a name that nothing in the module can have bound:
-        `tree_shake` would drop the module, which nothing uses.
+        """Raise MissingModule where the program imports a name that its module never binds.
+
+        `tree_shake` would drop such a module, since nothing uses it.
         """
         module = self.modules.get(wanted.module)
         if module is None:
@@ -158,6 +188,7 @@ class Resolver:
             raise MissingModule(f"{_place(by, wanted)}: {text}")
 
     def name_hint(self, module: Module, name: str, names: set[str]) -> str:
+        """A hint for a name that a module lacks: the submodule that has it, or close names."""
         children = self.uros_children(module.name) if module.package else []
         for child in children:
             file = self.uros_file(f"{module.name}.{child}")
@@ -167,7 +198,7 @@ class Resolver:
         return _did_you_mean(name, {n for n in names if not n.startswith("_")}.union(children))
 
     def module_hint(self, name: str) -> str:
-        """Close names for the first part of a module's name that is not there."""
+        """Close names for the first part of a module's dotted name that does not exist."""
         parts = name.split(".")
         for length in range(2, len(parts) + 1):
             parent = ".".join(parts[: length - 1])
@@ -183,6 +214,7 @@ class Resolver:
         return [n for n in names if self.uros_file(full[n]) and is_portable(full[n])]
 
     def uros_file(self, name: str) -> Path | None:
+        """The file of a module of uros; None if there is no such module."""
         base = SOURCE.joinpath(*name.split(".")[1:])
         for file in (base.with_suffix(".py"), base / "__init__.py"):
             if file.is_file():
@@ -190,6 +222,7 @@ class Resolver:
         return None
 
     def uros_module(self, name: str, file: Path) -> None:
+        """Add a module of uros, its parent packages, and what they import."""
         parent = name.rpartition(".")[0]
         parent_file = self.uros_file(parent)
         if parent != "uros" and parent_file:
@@ -203,6 +236,7 @@ class Resolver:
     # Modules of interfaces
 
     def interface(self, wanted: Wanted, by: Module) -> None:
+        """Note the interface types that one import needs; raise MissingModule if one is unknown."""
         parts = wanted.module.split(".")
         kinds = [parts[1]] if len(parts) > 1 else [n for n, _ in wanted.names or ()]
         for kind in kinds:
@@ -222,14 +256,14 @@ class Resolver:
                     )
                 self.types.setdefault(registry.file_type(full), by)
             return
-        # The module itself is at hand: all of its types that the text names as attributes.
+        # The import binds the module itself: its types that are named as attributes are needed.
         attributes = {n.attr for n in ast.walk(by.tree) if isinstance(n, ast.Attribute)}
         for kind in kinds:
             for name in attributes.intersection(registry.names_in(parts[0], kind)):
                 self.types.setdefault(f"{parts[0]}/{kind}/{name}", by)
 
     def reuses(self) -> bool:
-        """Whether anything reads into messages that it has."""
+        """Whether any module deserializes into an existing message (``unpack_into``)."""
         return any(
             isinstance(node, ast.Attribute) and node.attr == "unpack_into"
             for name, module in self.modules.items()
@@ -238,6 +272,7 @@ class Resolver:
         )
 
     def interfaces(self) -> None:
+        """Generate the modules of the noted types; raise BuildError if that fails."""
         try:
             sources = package.modules(sorted(self.types), self.lean, self.reuses(), self.checked)
         except InterfaceError as error:
@@ -256,7 +291,7 @@ def _did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def _bound_names(module: Module) -> set[str]:
-    """All that may be bound in a module, on whatever condition."""
+    """All names that a module may bind, conditional bindings included."""
     names = set(bound(module.tree.body))
     for node in ast.walk(module.tree):
         if isinstance(node, ast.Global):
@@ -265,7 +300,7 @@ def _bound_names(module: Module) -> set[str]:
 
 
 def _lines_for_checkers(module: Module) -> set[int]:
-    """Lines of imports that never happen on a board."""
+    """The lines of imports under ``if TYPE_CHECKING:``, which never run on a board."""
     return {
         inner.lineno
         for node in ast.walk(module.tree)
@@ -278,7 +313,7 @@ def _lines_for_checkers(module: Module) -> set[int]:
 
 
 def _new_name(name: str) -> str:
-    """What an old name of uros is now, as a sentence; "" where it did not move."""
+    """The advice for a name of uros that has moved; "" if it has not."""
     text = moved.advice(name)
     return text + ("" if not text or is_portable(text.split()[-1]) else ", which is for hosts")
 

@@ -1,4 +1,4 @@
-"""Which names a piece of code binds, and what they mean in inner scopes."""
+"""Finds which names code binds, and which of them an inner scope hides."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ COMPREHENSIONS: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorE
 
 
 def parameters(args: ast.arguments) -> Iterator[str]:
-    """The names of a function's parameters, in their order."""
+    """The names of a function's parameters: ``*args`` and ``**kwargs`` come last."""
     for arg in (*args.posonlyargs, *args.args, *args.kwonlyargs, args.vararg, args.kwarg):
         if arg:
             yield arg.arg
 
 
 def bound(statements: Iterable[ast.AST]) -> Iterator[str]:
-    """The names that statements bind in their own scope, once for each time."""
+    """The names that statements bind in their own scope, one for each binding."""
     for node in statements:
         if isinstance(node, (*FUNCTIONS, ast.ClassDef)):
             yield node.name
         elif isinstance(node, ast.Lambda):
             continue
         elif isinstance(node, COMPREHENSIONS):
-            # Its variables are its own, but for those of :=.
+            # Its variables are local to it; a := in it binds in the scope around it.
             for inner in ast.walk(node):
                 if isinstance(inner, ast.NamedExpr):
                     yield from bound([inner.target])
@@ -45,19 +45,19 @@ def bound(statements: Iterable[ast.AST]) -> Iterator[str]:
 
 
 def times_bound(tree: ast.Module) -> dict[str, int]:
-    """How often each name is bound at the top level, anywhere in a statement of it."""
+    """How often each name is bound at module level, nested blocks included."""
     times: dict[str, int] = {}
     for name in bound(tree.body):
         times[name] = times.get(name, 0) + 1
     for node in ast.walk(tree):
-        if isinstance(node, ast.Global):  # a function may bind it at any time
+        if isinstance(node, ast.Global):  # a function may bind it any number of times
             for name in node.names:
                 times[name] = times.get(name, 0) + 2
     return times
 
 
 def scoped_names(tree: ast.AST) -> set[str]:
-    """All names that functions, lambdas and comprehensions in a tree bind for themselves."""
+    """All names that functions, lambdas and comprehensions in a tree bind locally."""
     names: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, (*FUNCTIONS, ast.Lambda)):
@@ -69,13 +69,13 @@ def scoped_names(tree: ast.AST) -> set[str]:
 
 
 class Scopes(ast.NodeTransformer):
-    """Walks over a module, and knows which names mean something else in an inner scope."""
+    """Traverses a module and tracks which of its names an inner scope hides."""
 
     def __init__(self) -> None:
-        self.scopes: list[tuple[bool, set[str]]] = []  # (is a class, what it binds)
+        self.scopes: list[tuple[bool, set[str]]] = []  # (whether it is a class, the names it binds)
 
     def hidden(self, name: str) -> bool:
-        """Whether the name is not the module's here."""
+        """Whether a name at the current node is local and not the module's."""
         innermost = True
         for is_class, names in reversed(self.scopes):
             if name in names and (innermost or not is_class):
@@ -84,9 +84,11 @@ class Scopes(ast.NodeTransformer):
         return False
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        """Visit a function: its decorators and defaults belong to the scope around it."""
         return self._function(node)
 
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
+        """Visit a coroutine function as `visit_FunctionDef` does."""
         return self._function(node)
 
     def _function(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> ast.AST:
@@ -99,6 +101,7 @@ class Scopes(ast.NodeTransformer):
         return node
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
+        """Visit a lambda: its defaults belong to the scope around it."""
         self._defaults(node.args)
         self.scopes.append((False, set(parameters(node.args)) | set(bound([node.body]))))
         node.body = self.visit(node.body)
@@ -110,9 +113,10 @@ class Scopes(ast.NodeTransformer):
         args.kw_defaults = [d and self.visit(d) for d in args.kw_defaults]
 
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        """Visit a class: its names are visible in its body alone, each from its binding on."""
         node.decorator_list = [self.visit(d) for d in node.decorator_list]
         node.bases = [self.visit(base) for base in node.bases]
-        names: set[str] = set()  # a class's body is done in order: in X = X the second is another
+        names: set[str] = set()  # a class body runs in order: in X = X the second X is from outside
         self.scopes.append((True, names))
         body: list[ast.stmt] = []
         for statement in node.body:
@@ -137,7 +141,7 @@ class Scopes(ast.NodeTransformer):
 
     def _comprehension(self, node: ast.AST) -> ast.AST:
         assert isinstance(node, COMPREHENSIONS)
-        # The first iterable belongs to the scope around.
+        # The first iterable is evaluated in the scope around the comprehension.
         node.generators[0].iter = self.visit(node.generators[0].iter)
         first, node.generators[0].iter = node.generators[0].iter, ast.Constant(None)
         self.scopes.append((False, set(bound(g.target for g in node.generators))))
@@ -150,28 +154,34 @@ class Scopes(ast.NodeTransformer):
 
 
 class Renaming(Scopes):
-    """Gives a module's names those that `name` says, wherever they are bound or asked for."""
+    """Renames names of a module by `name`, wherever they are bound or read."""
 
     def name(self, name: str) -> str:
+        """Return the new form of a name; the name itself where it stays. Subclasses define it."""
         raise NotImplementedError
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
+        """Rename a name that is read, bound or deleted."""
         node.id = self.name(node.id)
         return node
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        """Rename a function."""
         node.name = self.name(node.name)
         return super().visit_FunctionDef(node)
 
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
+        """Rename a coroutine function."""
         node.name = self.name(node.name)
         return super().visit_AsyncFunctionDef(node)
 
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        """Rename a class."""
         node.name = self.name(node.name)
         return super().visit_ClassDef(node)
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
+        """Rename the variable of an ``except`` clause."""
         if node.name:
             node.name = self.name(node.name)
         return self.generic_visit(node)

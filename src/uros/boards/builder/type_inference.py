@@ -1,8 +1,8 @@
 """Infers which expressions of a program are messages, and of which type.
 
-An expression counts only if every way to bind it leads to one type: a name by all assignments in
-its scope, an attribute of ``self`` by all stores in the program, a parameter by its annotation or
-by all calls and registrations of its function. What is not certain is None.
+The type of an expression is known only if all its bindings have that type: for a name, all
+assignments in its scope; for an attribute of ``self``, all stores in the program; for a parameter,
+its annotation, or all calls and registrations of its function. An unknown type is None.
 """
 
 from __future__ import annotations
@@ -20,14 +20,18 @@ from .modules import Module, absolute
 from .scopes import FUNCTIONS
 
 Value = tuple[Any, ...] | None
-"""What an expression is, as ("message", type name); None: not certain. The other kinds: "class",
-"package" (of types), "own" and "own class" (of the program), "function", "sequence", "client",
-"future", "goal", "nothing" (None itself)."""
+"""The inferred value of an expression: ("message", type name); None if it is unknown.
+
+The other kinds: "class" (of messages), "package" (of interface types), "own" and "own class" (an
+instance and a class of the program), "function", "sequence", "client" (of a service), "future",
+"goal" (a goal handle), "nothing" (the value None).
+"""
 Binding = Callable[[], Value]
 Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 
 _NOTHING: Final = ("nothing",)
-# Who calls a callback: position and name of the type, of the callback, and what that gets.
+# Calls that register a callback: position and name of the argument that is the type, those of the
+# callback, and the kinds of the callback's arguments.
 _REGISTER: Final = {
     "create_subscription": (0, "msg_type", 2, "callback", ("message",)),
     "create_service": (0, "srv_type", 2, "callback", ("request", "response")),
@@ -37,7 +41,7 @@ _UNTYPED: Final = {"Any", "object"}
 
 
 class _Scope:
-    """A module, a class, a function or a comprehension, and what its names are bound to."""
+    """The scope of a module, class, function or comprehension, with the bindings of its names."""
 
     def __init__(self, module: Module, node: ast.AST, parent: _Scope | None) -> None:
         self.module = module
@@ -47,10 +51,10 @@ class _Scope:
         self.names: defaultdict[str, list[Binding]] = defaultdict(list)
         self.outer: dict[str, bool] = {}  # declared global (True) or nonlocal
         self.returns: list[ast.expr] = []
-        self.plain = not isinstance(node, ast.AsyncFunctionDef)  # its call gives what it returns
+        self.plain = not isinstance(node, ast.AsyncFunctionDef)  # neither coroutine nor generator
 
     def home(self, name: str) -> _Scope | None:
-        """The scope in which a name that occurs here is bound."""
+        """The scope that binds a name which is used in this scope; None if there is none."""
         if name in self.outer:
             if self.outer[name]:
                 return self.top
@@ -65,26 +69,32 @@ class _Scope:
 
 
 class Program:
+    """The modules of a program with their scopes, for the inference of types.
+
+    Attributes ``stores``, ``references`` and ``classes`` are by name, over all modules.
+    """
+
     def __init__(self, modules: list[Module]) -> None:
         self.modules = modules
-        self.scopes: dict[ast.AST, _Scope] = {}  # in which a node stands
+        self.scopes: dict[ast.AST, _Scope] = {}  # the scope of each node
         self.parents: dict[ast.AST, ast.AST] = {}
         self.tops: dict[str, _Scope] = {}
         self.classes: dict[str, list[ast.ClassDef]] = defaultdict(list)
         self.stores: dict[str, list[tuple[ast.Attribute, Binding]]] = defaultdict(list)
         self.references: dict[str, list[ast.AST]] = defaultdict(list)
-        self.free: set[str] = set()  # names that hasattr and the like are asked for
-        self.dynamic = False  # setattr stores by names that are made at run time
-        self.opened: dict[ast.AST, _Scope] = {}  # by what opens them
+        self.free: set[str] = set()  # constant names given to hasattr, getattr, setattr or delattr
+        self.dynamic = False  # setattr is called with a name that is not a constant
+        self.opened: dict[ast.AST, _Scope] = {}  # the scope that each node opens
         self._known: dict[object, Value] = {}
         self._open: set[object] = set()
         self._circles = 0
         for module in modules:
             _Collector(self, module)
 
-    # --- what things are ----------------------------------------------------------------------
+    # --- values of expressions ----------------------------------------------------------------
 
     def infer(self, node: ast.expr) -> Value:
+        """The value of an expression; None if it is unknown."""
         return self._once(node, lambda: self._infer(node))
 
     def _once(self, key: object, find: Binding) -> Value:
@@ -92,7 +102,7 @@ class Program:
             return self._known[key]
         if key in self._open:
             self._circles += 1
-            return _NOTHING  # by itself: the other bindings decide
+            return _NOTHING  # it depends on itself: its other bindings decide
         before = self._circles
         self._open.add(key)
         try:
@@ -127,6 +137,7 @@ class Program:
         return None
 
     def name(self, name: str, scope: _Scope) -> Value:
+        """The value of a name that is used in ``scope``."""
         home = scope.home(name)
         if home is None:
             return None
@@ -134,6 +145,7 @@ class Program:
         return self._once((home, name), lambda: _join([it() for it in bindings]))
 
     def attribute(self, value: Value, name: str) -> Value:
+        """The value of the attribute ``name`` of an inferred value."""
         if value is None or value == _NOTHING:
             return None
         kind, what = value[0], value[1]
@@ -151,7 +163,7 @@ class Program:
         return None
 
     def _of_self(self, owner: ast.ClassDef, name: str) -> Value:
-        """An attribute of an instance of a class of the program."""
+        """The value of an attribute of an instance of the program's class ``owner``."""
         family = self.family(owner)
         if self.dynamic:
             return None
@@ -167,7 +179,7 @@ class Program:
         return _join(values) if values else None
 
     def family(self, owner: ast.ClassDef) -> list[ast.ClassDef]:
-        """The classes that may be one's bases or heirs, by name."""
+        """A class and all classes that may be its bases or subclasses, related by name."""
         found = [owner]
         for one in found:
             bases = {last(base) for base in one.bases}
@@ -179,6 +191,7 @@ class Program:
         return found
 
     def call(self, node: ast.Call) -> Value:
+        """The value that a call returns."""
         function = self.infer(node.func)
         if function is not None:
             if function[0] == "class":
@@ -201,7 +214,7 @@ class Program:
         return None
 
     def returned(self, node: Function) -> Value:
-        """What a call of a function of the program gives."""
+        """The value that a call of a function of the program returns."""
         scope = self.opened[node]
         if isinstance(node, ast.Lambda):
             return self.infer(node.body)
@@ -214,7 +227,7 @@ class Program:
     # --- parameters ---------------------------------------------------------------------------
 
     def parameter(self, function: Function, at: int, arg: ast.arg) -> Value:
-        """By its annotation, or by all that is given to it."""
+        """The value of parameter ``arg`` at position ``at``, by its annotation or all arguments."""
         if arg.annotation is not None:
             annotation = _plain(arg.annotation)
             if last(annotation) not in _UNTYPED:
@@ -232,6 +245,7 @@ class Program:
         return _join(values) if values else None
 
     def annotated(self, annotation: ast.expr, at: ast.AST) -> Value:
+        """The value that an annotation declares, in the scope of the node ``at``."""
         for node in ast.walk(annotation):
             self.scopes.setdefault(node, self.scopes[at])
         value = self.infer(annotation)
@@ -246,7 +260,7 @@ class Program:
         return parent if isinstance(parent, ast.ClassDef) else None
 
     def _given(self, reference: ast.AST, at: int, arg: ast.arg, skip: int) -> Value:
-        """What a function gets for a parameter where it is named."""
+        """The argument for a parameter where ``reference`` calls or registers its function."""
         parent = self.parents.get(reference)
         outer = parent
         name = ""
@@ -263,7 +277,7 @@ class Program:
         return self._registered(outer, place, name, at - skip)
 
     def _registered(self, call: ast.Call, place: int, name: str, at: int) -> Value:
-        """What a callback gets that is the argument ``place`` or ``name`` of a call."""
+        """Argument ``at`` of the callback that is argument ``place`` or ``name`` of a call."""
         verb = last(call.func)
         if verb == "add_done_callback" and isinstance(call.func, ast.Attribute):
             future = self.infer(call.func.value)
@@ -283,7 +297,7 @@ class Program:
 
 
 class _Collector(ast.NodeVisitor):
-    """Notes the scopes of a module, and what binds each name and attribute."""
+    """Collects the scopes of a module, and the bindings of each name and attribute."""
 
     def __init__(self, program: Program, module: Module) -> None:
         self.program = program
@@ -370,7 +384,7 @@ class _Collector(ast.NodeVisitor):
         before, self.scope = self.scope, scope
         for generator in node.generators:
             for name in _names(generator.target):
-                scope.names[name]  # its own
+                scope.names[name]  # declares it local
             self._target(generator.target, _element_of(self.program, generator.iter))
         self.scope = before
         self._within(scope, list(ast.iter_child_nodes(node)))
@@ -457,7 +471,7 @@ class _Collector(ast.NodeVisitor):
         module = absolute(node, self.module)
         for alias in node.names:
             self.bind(alias.asname or alias.name, _imported(self.program, module, alias.name))
-            if alias.asname:  # under another name, anything may be done with it
+            if alias.asname:  # uses under another name are not tracked
                 self.program.references[alias.name].append(alias)
 
     # References
@@ -508,7 +522,7 @@ def _imported(program: Program, module: str, name: str) -> Binding:
 
 
 def _import(module: str, name: str) -> Value:
-    """What ``name`` is in a package of types."""
+    """The value of ``name`` in a package of interface types."""
     parts = [*module.split("."), name]
     if not registry.has_package(parts[0]) or len(parts) > 3:
         return None
@@ -519,6 +533,7 @@ def _import(module: str, name: str) -> Value:
 
 
 def definition(name: str) -> Message | Service | Action | None:
+    """The definition of an interface type; None if it is unknown or cannot be parsed."""
     try:
         return registry.definition(name) if registry.exists(name) else None
     except (InterfaceError, StopIteration):
@@ -526,6 +541,7 @@ def definition(name: str) -> Message | Service | Action | None:
 
 
 def instance(name: str) -> Value:
+    """The value of an instance of a message type; None if ``name`` is not a message."""
     return ("message", name) if isinstance(definition(name), Message) else None
 
 
@@ -538,7 +554,7 @@ def _field(name: str, attribute: str) -> Value:
 
 
 def _join(values: list[Value]) -> Value:
-    """What something is that may be any of these."""
+    """The value that all alternatives share, those that are None aside; None if they differ."""
     certain = set(values) - {_NOTHING}
     if len(certain) == 1:
         return certain.pop()
@@ -551,7 +567,7 @@ def _element(value: Value) -> Value:
 
 
 def _plain(annotation: ast.expr) -> ast.expr:
-    """An annotation without quotes and without its None."""
+    """An annotation without quotes, ``Optional`` and ``| None``."""
     if isinstance(annotation, ast.Constant) and isinstance(annotation.value, str):
         try:
             annotation = ast.parse(annotation.value, mode="eval").body
@@ -574,6 +590,7 @@ def last(node: ast.AST | None) -> str:
 
 
 def argument(call: ast.Call, at: int, name: str) -> ast.expr | None:
+    """The argument of a call by position or keyword; None if the call does not give it."""
     if 0 <= at < len(call.args):
         return call.args[at]
     return next((it.value for it in call.keywords if it.arg == name), None)
@@ -588,7 +605,7 @@ def _names(target: ast.AST) -> list[str]:
 
 
 def _same_scope(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """All that stands in a function, but not in those within it."""
+    """All nodes of a body, except those within nested functions and classes."""
     for node in body:
         yield node
         if not isinstance(node, (*FUNCTIONS, ast.Lambda, ast.ClassDef)):

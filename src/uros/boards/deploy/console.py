@@ -1,7 +1,7 @@
-"""What a board's console line carries, for a terminal: text, without the XRCE frames in between.
+"""Extracts the text of a board's console line for a terminal, without the XRCE frames in between.
 
-A board with one line for both prints between its frames, so the frames are taken out by their
-checksum, and counted. What is left is made harmless: a terminal obeys control characters.
+A board with one line for console and agent prints between its frames: frames are recognized by
+their checksum, removed and counted. Control characters that a terminal would obey are escaped.
 """
 
 from __future__ import annotations
@@ -15,36 +15,37 @@ from ...wire.framing import Deframer
 
 _FLAG: Final = 0x7E
 _ESCAPE: Final = 0x7D
-# Flag, two addresses, two octets of length, two of checksum; each but the flag may be escaped.
+# Flag, two addresses, two octets of length, payload, two octets of checksum; each octet except the
+# flag may be escaped.
 _HEAD: Final = 4
 _TAIL: Final = 2
-# A board's message is no longer: what looks like the beginning of a longer one is text with a "~".
+# Limit of a board's message, in octets: the start of a longer one is text that contains "~".
 _LONGEST: Final = 2048
-# What a terminal may get besides text: tab, new line, carriage return, backspace, bell.
+# Control characters that pass: tab, new line, carriage return, backspace, bell.
 _HARMLESS: Final = "\t\n\r\b\a"
-# Of escape sequences the prompt's line editor needs cursor left and right and erase to the end of
-# the line, and programs colours. Attack: sequences that set titles, the clipboard or keys, or that
-# have the terminal answer as if somebody typed.
+# Escape sequences that pass: the prompt's line editor needs cursor left and right and erase to the
+# end of the line; programs need colors. Attack: sequences that set titles, the clipboard or keys,
+# or that make the terminal send an answer as if a user typed it.
 _SEQUENCE: Final = re.compile(r"\x1b\[(?:[0-9]{0,3}[CDK]|[0-9;]{0,16}m)")
 _BEGUN: Final = re.compile(r"\x1b(?:\[[0-9;]{0,16})?\Z")
 
 
 class ConsoleText:
-    """Takes a line's octets in any pieces, gives the text. ``frames`` counts sound frames."""
+    """Converts a line's octets, in pieces of any size, to text; ``frames`` counts valid frames."""
 
     def __init__(self) -> None:
         self.frames = 0
-        self._held = b""  # from a flag on, as long as it may become a frame
-        self._begun = ""  # the beginning of an escape sequence
+        self._held = b""  # from a flag on, while it may become a frame
+        self._begun = ""  # the start of an escape sequence
         self._decoder = codecs.getincrementaldecoder("utf-8")("replace")
 
     @property
     def holding(self) -> bool:
-        """Whether something waits for the rest of a frame; see `flush`."""
+        """Whether octets wait for the rest of a frame or escape sequence; see `flush`."""
         return bool(self._held or self._begun)
 
     def feed(self, data: bytes) -> str:
-        """The text in ``data``, as far as it is known to be text."""
+        """Return the text in ``data``; octets that may begin a frame are held back."""
         data, self._held = self._held + data, b""
         out = bytearray()
         at = 0
@@ -65,9 +66,9 @@ class ConsoleText:
         return self._text(bytes(out))
 
     def flush(self) -> str:
-        """What is held, as text: nothing came for a while, so it is the beginning of no frame.
+        """Return the held octets as text, when the line was silent too long for a frame.
 
-        Its first octet is text and the rest is looked at anew.
+        The first octet is text; the rest is parsed again and may be held again.
         """
         held, self._held = self._held, b""
         text = self._text(held[:1]) + (self.feed(held[1:]) if held[1:] else "")
@@ -87,7 +88,7 @@ class ConsoleText:
 
 
 def _frame_end(data: bytes, flag: int) -> int | None:
-    """Where the sound frame ends that begins at ``flag``; 0: it is none; None: it is not whole."""
+    """End of the valid frame that begins at ``flag``; 0 if it is none, None if incomplete."""
     octets = bytearray()
     wanted = _HEAD
     at = flag + 1
@@ -96,7 +97,7 @@ def _frame_end(data: bytes, flag: int) -> int | None:
             return None
         octet = data[at]
         if octet == _FLAG:
-            return 0  # never within a frame
+            return 0  # a frame contains no flag
         if octet == _ESCAPE:
             if at + 1 >= len(data):
                 return None

@@ -1,4 +1,4 @@
-"""Puts a built file system on a board, by the raw REPL of its console.
+"""Copies a built file system to a board by the raw REPL of its console.
 
 ::
 
@@ -6,14 +6,14 @@
     plan = make_plan(repl, device, files)
     carry_out(repl, device, plan, files)
 
-Only files that differ are sent. They are written into a folder of their own and compared there, by
-their SHA-256 on the board, before anything that the board uses is touched; then one piece of code
-on the board puts all in place. So a line that breaks leaves the old files as they were. While that
-code runs, which takes no input, the board has no main.py: one that loses its power in these
-milliseconds starts nothing, instead of a mixture.
+Only files that differ are sent. They are written to the staging folder `STAGE` and verified there
+by their SHA-256, computed on the board, before any file in use changes. Then one piece of code on
+the board moves all files into place; it reads no input. So if the line breaks, the old files are
+intact. While that code runs, for milliseconds, the board has no main.py: a board that loses power
+then starts no program, rather than a mixture of old and new files.
 
-The board keeps a list of what was put there, `NOTE`, and what is on it and no longer needed goes
-with the next time. Files that it does not name are left alone.
+The file `NOTE` on the board lists the deployed files. The next deployment removes listed files that
+are no longer needed, and leaves all other files alone.
 """
 
 from __future__ import annotations
@@ -30,16 +30,17 @@ from .raw_repl import Raised, RawRepl
 NOTE: Final = ".uros-files"
 STAGE: Final = ".uros-new"
 MAIN: Final = "main.py"
-# What a chunk takes on the board is four times that: its text twice, and what it says.
+# Octets of a file per command. A chunk takes four times its size of the board's memory: its text
+# twice, and its content.
 _CHUNK: Final = 768
-# littlefs has two blocks for each folder; a file system that copies when it writes wants some more.
+# littlefs uses two blocks for each folder; a copy-on-write file system needs some spare blocks.
 _FOLDER_BLOCKS: Final = 2
 _SPARE_BLOCKS: Final = 4
 # Attack: a name of 8 MB.
 _LONGEST_WORD: Final = 100
 
 Progress = Callable[[str, int, int], object]
-"""Told a path, how many octets of all are on the board, and how many that will be."""
+"""Called with a path, the octets of all files sent so far, and the octets to send in total."""
 
 _HELPERS: Final = """\
 import os, sys
@@ -122,13 +123,23 @@ def _put(new, old, folders, hold, note):
 
 
 class DeployError(RuntimeError):
-    """The files cannot be put on this board. The text says why and what to do."""
+    """The files cannot be deployed to this board; the text names the reason and the remedy."""
 
 
 @dataclass(frozen=True)
 class Device:
-    """What is at the other end. ``mpy`` is the version of bytecode that it runs, None for none;
-    ``free`` what its file system has left, None where it does not say.
+    """The board at the other end of the line.
+
+    Args:
+        name: ``sys.implementation.name``.
+        version: Version of the firmware.
+        platform: ``sys.platform``.
+        machine: Board and microcontroller; empty if the firmware does not tell.
+        mpy: Version of the bytecode that the firmware runs; None if it runs none.
+        root: Folder that the files go to, with a slash at its end.
+        block: Block size of the file system, in bytes.
+        free: Free space of the file system, in bytes; None if unknown.
+        hashes: Whether the firmware has SHA-256.
     """
 
     name: str
@@ -142,27 +153,36 @@ class Device:
     hashes: bool
 
     def digest(self, data: bytes) -> str:
-        """What the board says of a file with this content."""
+        """The board's digest of a file with this content: SHA-256, else the content in hex."""
         return hashlib.sha256(data).hexdigest() if self.hashes else data.hex()
 
 
 @dataclass
 class Plan:
-    """Paths below the board's root. ``folders`` are to go where they are empty, innermost first."""
+    """What a deployment changes; all paths are relative to the board's root.
+
+    Args:
+        write: Files to send.
+        keep: Files that are on the board already.
+        remove: Files to remove.
+        folders: Folders to remove if they are empty, innermost first.
+        noted: Whether the board's `NOTE` is up to date.
+    """
 
     write: list[str] = field(default_factory=list)
     keep: list[str] = field(default_factory=list)
     remove: list[str] = field(default_factory=list)
     folders: list[str] = field(default_factory=list)
-    noted: bool = False  # the board's list is right already
+    noted: bool = False
 
     @property
     def changes(self) -> bool:
+        """Whether the deployment changes anything on the board."""
         return bool(self.write or self.remove or not self.noted)
 
 
 def look(repl: RawRepl) -> Device:
-    """Ask the board what it is. Raises DeployError where it is no MicroPython."""
+    """Identify the board; raise DeployError if its firmware lacks what copying needs."""
     try:
         repl.run(_HELPERS)
     except Raised as error:
@@ -206,7 +226,7 @@ def look(repl: RawRepl) -> Device:
 
 
 def check(device: Device, files: Mapping[str, bytes]) -> None:
-    """Raises DeployError where the board's firmware does not run such files."""
+    """Raise DeployError if the board's firmware cannot run the files."""
     if device.name != "micropython":
         raise DeployError(
             f"the board runs {device.name} {device.version}, and uros needs MicroPython: flash that"
@@ -223,10 +243,17 @@ def check(device: Device, files: Mapping[str, bytes]) -> None:
 def make_plan(
     repl: RawRepl, device: Device, files: Mapping[str, bytes], clean: bool = False
 ) -> Plan:
-    """What is to be done so that the board has ``files``. ``clean``: and nothing else.
+    """Compare the board with ``files`` and plan the changes.
 
-    Raises DeployError where a file that is not ours would be imported in the place of one of
-    ``files``.
+    Args:
+        repl: Raw REPL on which `look` ran.
+        device: The result of `look`.
+        files: Content of each file, by path.
+        clean: Whether to remove all files of the board that are not in ``files``.
+
+    Raises:
+        DeployError: A file on the board that uros did not deploy would be imported in place of
+            one of ``files``.
     """
     plan = Plan()
     for path, digest in _digests(repl, files).items():
@@ -258,7 +285,7 @@ def make_plan(
 
 
 def _check_shadows(files: Mapping[str, bytes], left: set[str]) -> None:
-    """MicroPython takes a folder before a file, and text before bytecode."""
+    """Check import precedence: MicroPython prefers folders to files, and text to bytecode."""
     packages = {path.split("/")[0] for path in files if "/" in path}
     for path in files:
         stem, _, form = path.rpartition(".")
@@ -275,14 +302,14 @@ def _check_shadows(files: Mapping[str, bytes], left: set[str]) -> None:
 
 
 def needed(device: Device, plan: Plan, files: Mapping[str, bytes]) -> int:
-    """How much room the new files take while the old ones are still there, at most."""
+    """Upper limit of the space, in bytes, that the new files need beside the old ones."""
     blocks = sum(-(-len(files[path]) // device.block) for path in plan.write)
     folders = {path.rpartition("/")[0] for path in plan.write} | {STAGE}
     return (blocks + _FOLDER_BLOCKS * len(folders) + _SPARE_BLOCKS) * device.block
 
 
 def check_room(device: Device, plan: Plan, files: Mapping[str, bytes]) -> None:
-    """Raises DeployError where the new files do not fit beside the old ones."""
+    """Raise DeployError if the new files do not fit beside the old ones."""
     wanted = needed(device, plan, files)
     if plan.write and device.free is not None and wanted > device.free:
         raise DeployError(
@@ -300,8 +327,19 @@ def carry_out(
     progress: Progress = lambda path, done, size: None,
     in_place: bool = False,
 ) -> None:
-    """Do it, and compare all files afterwards. ``in_place`` removes old ones first, for want of
-    room. Raises DeployError and ReplError.
+    """Carry out a plan, then verify all files.
+
+    Args:
+        repl: Raw REPL on which `look` ran.
+        device: The result of `look`.
+        plan: The result of `make_plan`.
+        files: Content of each file, by path.
+        progress: Called after each chunk.
+        in_place: Whether to remove old files first, for boards without space for both.
+
+    Raises:
+        DeployError: The board cannot store the files, or one is damaged.
+        ReplError: The line failed.
     """
     size = sum(len(files[path]) for path in plan.write)
     repl.run(f"STAGE = {STAGE!r}\nNOTE = {NOTE!r}\n" + _PUT)
@@ -348,7 +386,7 @@ def _write(repl: RawRepl, path: str, data: bytes, done: Callable[[int], object])
     repl.run(f"_f = open(_r + {path!r}, 'wb')")
     for at in range(0, len(data), _CHUNK):
         chunk = data[at : at + _CHUNK]
-        # Text of its own and not repr(), which takes four octets for most of a bytecode's.
+        # Base64 and not repr(), which takes four octets for most octets of bytecode.
         repl.run(f"_f.write(_b({base64.b64encode(chunk)!r}))")
         done(at + len(chunk))
     repl.run("_f.close()")
@@ -385,7 +423,7 @@ def _note(files: Mapping[str, bytes]) -> str:
 
 
 def _digests(repl: RawRepl, files: Mapping[str, bytes]) -> dict[str, str]:
-    """What the board says of each file, in the order of their paths."""
+    """The board's digest of each file, sorted by path; empty where there is no such file."""
     paths = sorted(files)
     code = f"print(repr([_hash(_r + p) for p in {paths!r}]))"
     answer = _texts(_ask(repl, code, repl.seconds.long))
@@ -395,7 +433,7 @@ def _digests(repl: RawRepl, files: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def _tree(repl: RawRepl) -> set[str]:
-    """All paths below the board's root; those of folders end with a slash."""
+    """All paths below the board's root; paths of folders end with a slash."""
     code = "print(repr([p for p in _tree(_r[:-1] or '/')]))"
     return set(_texts(_ask(repl, code, repl.seconds.long)))
 
@@ -412,7 +450,7 @@ def _text(repl: RawRepl, path: str) -> str:
 
 
 def _texts(answer: object) -> list[str]:
-    """The answer, where it is a list of texts; else DeployError."""
+    """The answer as a list of texts; raise DeployError if it is anything else."""
     if isinstance(answer, list):
         texts = [it for it in answer if isinstance(it, str)]
         if len(texts) == len(answer):
@@ -421,9 +459,9 @@ def _texts(answer: object) -> list[str]:
 
 
 def _ask(repl: RawRepl, code: str, seconds: float | None = None) -> literal.Literal:
-    """Run code that prints the repr of one value; the value, of whatever kind."""
+    """Run code that prints the repr of one value; return that value, of any type."""
     output = repl.run(code, seconds).strip()
-    # A timer or an interrupt of boot.py may print as well: before, as ours is the last.
+    # A timer or interrupt of boot.py may print before; the repr is the last line.
     last = output[output.rfind("\n") + 1 :]
     try:
         return literal.parse(last)

@@ -1,7 +1,7 @@
-"""Boards that there are to buy, and the MicroPython port that each has, or why it has none.
+"""Boards on the market, and the MicroPython port of each, or why it has none.
 
 These are the boards that micro-ROS's tutorials name. ``docs/ports.md`` has first steps for each.
-A virtual board (`uros.boards.virtual.hardware.board`) is another matter: it needs none of this.
+Virtual boards (`uros.boards.virtual.hardware.board`) do not use this table.
 """
 
 from __future__ import annotations
@@ -12,9 +12,18 @@ from typing import Final
 
 @dataclass(frozen=True)
 class NamedBoard:
-    """``port`` is MicroPython's name of its port, empty for none; ``image`` what to download for
-    it. ``note`` is what to know before buying cables, or where there is no port, why and what to do
-    instead.
+    """A board on the market.
+
+    Args:
+        name: Key in `NAMED`.
+        title: Manufacturer and product name.
+        mcu: Microcontroller.
+        ram: Size of its RAM, with unit.
+        port: MicroPython's name of the port; empty if there is none.
+        image: MicroPython's name of the firmware image to download.
+        note: What to know about console and agent lines; without a port, the reason and an
+            alternative.
+        other: Other names that `find` accepts.
     """
 
     name: str
@@ -33,7 +42,7 @@ PLATFORMS: Final = {
     "rp2": "rp2",
     "pyboard": "stm32",
 }
-"""What ``sys.platform`` says on each port. The stm32 port still has the name of its first board."""
+"""``sys.platform`` of each port. The stm32 port still has the name of its first board."""
 
 _INSTEAD: Final = (
     "Take a Raspberry Pi Pico or an ESP32, and leave to this board what it does well: let it read"
@@ -127,7 +136,7 @@ NAMED: Final = {
 
 
 def find(name: str) -> NamedBoard | None:
-    """By its name or another one that people use: ``Pico W`` and ``pico-w`` are ``pico_w``."""
+    """Find a board by its name or another one in use: ``Pico W`` and ``pico-w`` are ``pico_w``."""
     plain = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
     for board in NAMED.values():
         if plain == board.name or plain in board.other:

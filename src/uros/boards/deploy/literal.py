@@ -1,7 +1,7 @@
 """Reads a value that a board printed by ``repr``: None, a bool, an int, a text, lists and tuples.
 
-Not by `ast.literal_eval`, whose parser takes a hundred times the memory of what it is given: what
-answers may be anything.
+`ast.literal_eval` is not used: its parser takes a hundred times the memory of its input, and the
+device that answers may be untrusted.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Final, Union
 
 Literal = Union[None, bool, int, str, "list[Literal]", "tuple[Literal, ...]"]
 
-# Attack: brackets within brackets, and items, without end. No more paths fit on a board.
+# Attack: unlimited nesting, or unlimited items. A board cannot hold more paths than MAX_ITEMS.
 MAX_DEPTH: Final = 4
 MAX_ITEMS: Final = 10_000
 
@@ -32,9 +32,9 @@ _WORDS: Final[dict[str, Literal]] = {"None": None, "True": True, "False": False}
 
 
 def parse(text: str) -> Literal:
-    """The value; ValueError for what is none, or is too deep or too long."""
+    """Parse one value; raise ValueError if it is invalid, too deep or has too many items."""
     text = text.rstrip()
-    open_: list[tuple[str, list[Literal]]] = [("", [])]  # its bracket, and what is in it so far
+    open_: list[tuple[str, list[Literal]]] = [("", [])]  # open brackets and their items
     after_comma = True
     at = items = 0
     while at < len(text):
@@ -88,7 +88,7 @@ def _text(token: str) -> str:
 
 def _unescape(match: re.Match[str]) -> str:
     if match["code"]:
-        return chr(min(int(match["code"][1:], 16), 0x110000))  # ValueError, where it is none
+        return chr(min(int(match["code"][1:], 16), 0x110000))  # ValueError above U+10FFFF
     if match["char"] not in _CHARS:
         raise ValueError("an escape that repr does not write")
     return _CHARS[match["char"]]

@@ -1,20 +1,18 @@
-"""What MicroPython's package installer, ``mip``, needs to put uros on a board.
+"""Writes what MicroPython's package installer, ``mip``, needs to install uros on a board.
 
 Three forms:
 
-- ``package.json`` in the root of this project is the client as text, for
-  ``mip install github:OWNER/uros``; ``package-all.json`` is all that a board may have.
-- `write_index` makes an index: a folder that any web server can offer. It has the client
-  (``uros``), each further module as a package of its own (``uros-parameters``), and each type of
-  message (``std_msgs/msg/Int32``) and package of them, as text and as bytecode. ``mip`` takes what
-  the board's firmware reads.
-- `write_manifest` is for one program: what `uros.boards.builder.file_system` has made of it
-  and nothing else.
+- ``package.json`` in the root of this project lists the client as text, for
+  ``mip install github:OWNER/uros``; ``package-all.json`` lists all modules that a board may have.
+- `write_index` writes an index: a folder that any web server can serve. It has the client
+  (``uros``), each further module as its own package (``uros-parameters``), each message type
+  (``std_msgs/msg/Int32``) and each package of types, as text and as bytecode. ``mip`` selects the
+  form that the board's firmware reads.
+- `write_manifest` lists the files of one program that `uros.boards.builder.file_system` built.
 
-Run it (``python -m uros.boards.deploy.mip``) in a clone to write the first form anew.
-Installers are micropython-lib's ``mip`` on a board and mpremote's ``mip`` on a host; both take
-these, and both
-check short hashes to see what is there already.
+``python -m uros.boards.deploy.mip`` in a clone rewrites the first form. The installers are
+micropython-lib's ``mip`` on a board and mpremote's ``mip`` on a host. Both accept these forms, and
+both compare short hashes to skip files that are installed already.
 """
 
 from __future__ import annotations
@@ -40,9 +38,9 @@ from ..builder.portable import SOURCE, portable_files
 CORE: Final = "uros"
 MANIFEST: Final = "package.json"
 MPY: Final = "6"
-"""The version of bytecode that mpy-cross of MicroPython 1.27 makes."""
+"""The bytecode version of MicroPython 1.27's mpy-cross."""
 
-# What a node with a serial line needs, and generated types.
+# Roots of the client package: a node on a serial line, and the runtime of generated types.
 _CORE: Final = ("uros.client", "uros.transport.serial", "uros.interfaces.runtime")
 _SHORT: Final = 8  # characters of a hash, as in micropython-lib's own index
 _VERSIONS: Final = ("latest", uros.__version__)
@@ -50,7 +48,7 @@ _VERSIONS: Final = ("latest", uros.__version__)
 Files = dict[str, bytes]
 
 
-# --- which modules ----------------------------------------------------------------------------
+# --- selection of modules ---------------------------------------------------------------------
 
 
 def portable() -> dict[str, Module]:
@@ -67,7 +65,7 @@ def _add(found: dict[str, Module], file: Path) -> None:
     name = ".".join(inside[:-1] if package else inside)
     text = file.read_text("utf-8")
     found[name] = Module(name, package, str(file), text, ast.parse(text))
-    strip(found[name])  # else imports for type checkers would count
+    strip(found[name])  # imports under TYPE_CHECKING must not count
 
 
 def closure(
@@ -76,8 +74,13 @@ def closure(
     late: bool,
     but: Container[str] = frozenset(),
 ) -> tuple[set[str], set[str]]:
-    """The modules that ``roots`` import, themselves included, and the types of interfaces. ``late``
-    adds what is imported when it is used; ``but`` are there already.
+    """The modules that ``roots`` import, themselves included, and the interface types.
+
+    Args:
+        roots: Names of modules.
+        modules: All modules that a board may have.
+        late: Whether imports inside functions count.
+        but: Names of modules to leave out, since they are installed already.
     """
     names: set[str] = set()
     types: set[str] = set()
@@ -98,7 +101,7 @@ def closure(
 
 
 def _types(names: Iterable[str]) -> set[str]:
-    """Those of ``std_msgs.msg.Int32`` that are types."""
+    """The interface types among dotted names such as ``std_msgs.msg.Int32``."""
     found = set()
     for name in names:
         parts = name.split(".")
@@ -108,8 +111,10 @@ def _types(names: Iterable[str]) -> set[str]:
 
 
 def parts() -> dict[str, tuple[set[str], set[str]]]:
-    """Modules and types of each package: the client, and each module beside it with what it needs
-    besides the client.
+    """The modules and types of each package.
+
+    The packages are the client, and one for each further module with its own imports that the
+    client lacks.
     """
     modules = portable()
     core = closure(_CORE, modules, late=False)
@@ -121,7 +126,7 @@ def parts() -> dict[str, tuple[set[str], set[str]]]:
     return made
 
 
-# --- the project's own --------------------------------------------------------------------------
+# --- manifests of the project -------------------------------------------------------------------
 
 
 def project_manifests() -> dict[str, str]:
@@ -145,10 +150,16 @@ def write_index(
     forms: Iterable[str] = ("py", "mpy"),
     interfaces: Iterable[str] | None = None,
 ) -> list[str]:
-    """Write an index for ``mip install --index`` into ``out``; the names of its packages.
+    """Write an index for ``mip install --index``; return the names of its packages.
 
-    ``interfaces`` are the types that are to be in it, by default all that are known. Raises
-    BuildError where there is no mpy-cross, and OSError.
+    Args:
+        out: Folder to write to.
+        forms: ``"py"`` for text, ``"mpy"`` for bytecode.
+        interfaces: Interface types to include, by default all known types.
+
+    Raises:
+        BuildError: mpy-cross is not installed, or a form is unknown.
+        OSError: A file cannot be written.
     """
     root = Path(out)
     modules = portable()
@@ -176,7 +187,7 @@ def write_index(
 
 
 def _imported(texts: Mapping[str, str]) -> set[str]:
-    """What generated modules import."""
+    """The names that generated modules import."""
     found = set()
     for path, text in texts.items():
         module = Module(path[:-3].replace("/", "."), False, path, text, ast.parse(text))
@@ -187,7 +198,7 @@ def _imported(texts: Mapping[str, str]) -> set[str]:
 
 
 class _Store:
-    """The packages of one form."""
+    """Writes the packages of one form into an index."""
 
     def __init__(self, root: Path, form: str) -> None:
         if form not in ("py", "mpy"):
@@ -197,6 +208,7 @@ class _Store:
         self._known: dict[tuple[str, str], tuple[str, str]] = {}  # path, text: path, hash
 
     def package(self, name: str, texts: Mapping[str, str], deps: list[list[str]]) -> None:
+        """Write a package's files and manifests; ``deps`` are pairs of package and version."""
         hashes = [list(self._file(path, text)) for path, text in sorted(texts.items())]
         folder = self._root / "package" / (MPY if self._mpy else "py") / name
         folder.mkdir(parents=True, exist_ok=True)
@@ -205,7 +217,7 @@ class _Store:
             (folder / f"{version}.json").write_text(json.dumps(manifest), encoding="utf-8")
 
     def _file(self, path: str, text: str) -> tuple[str, str]:
-        """Put it where its hash says, once; its path on the board, and the hash."""
+        """Store a file once, by its hash; return its path on the board and the hash."""
         if (path, text) not in self._known:
             data = text.encode()
             here = path
@@ -220,11 +232,11 @@ class _Store:
         return self._known[path, text]
 
 
-# --- a program ----------------------------------------------------------------------------------
+# --- manifest of a program ----------------------------------------------------------------------
 
 
 def write_manifest(folder: str | os.PathLike[str], files: Iterable[Path]) -> Path:
-    """Write ``package.json`` beside a program's built files; its path."""
+    """Write ``package.json`` into a program's build folder; return the manifest's path."""
     root = Path(folder)
     paths = sorted(file.relative_to(root).as_posix() for file in files)
     manifest = {"version": uros.__version__, "urls": [[path, path] for path in paths]}

@@ -1,4 +1,4 @@
-r"""MicroPython's raw REPL: runs code on a board by the line of its console.
+r"""Runs code on a board by MicroPython's raw REPL on its console line.
 
 ::
 
@@ -7,10 +7,10 @@ r"""MicroPython's raw REPL: runs code on a board by the line of its console.
     repl.run("import os; print(os.getcwd())")       -> '/\r\n'
     repl.leave()
 
-What is sent is in MicroPython's documentation under "The MicroPython Interactive Interpreter Mode
-(aka REPL)": Ctrl-C ends a program, Ctrl-A begins the raw mode, Ctrl-D runs what was sent (or, of
-nothing, is a soft reset), Ctrl-B goes back. Code goes by raw paste, which the board slows down as
-it needs, and where it has none in small pieces.
+MicroPython's documentation describes the protocol under "The MicroPython Interactive Interpreter
+Mode (aka REPL)": Ctrl-C interrupts a program, Ctrl-A enters raw mode, Ctrl-D runs the code sent
+(or, without code, does a soft reset), Ctrl-B returns to the friendly REPL. Code is sent in
+raw-paste mode, which has flow control; where a board has no such mode, in small pieces.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ _REBOOT: Final = b"soft reboot\r\n"
 
 
 class Seconds(NamedTuple):
-    """How long a board may take, in seconds."""
+    """Timeouts for a board, in seconds."""
 
-    enter: float = 12.0  # until its prompt is there
-    attempt: float = 0.8  # for each answer to Ctrl-A meanwhile
+    enter: float = 12.0  # until its prompt comes
+    attempt: float = 0.8  # for the answer to each Ctrl-A until then
     answer: float = 5.0  # for a few octets
     run: float = 30.0  # for a piece of code
-    long: float = 120.0  # for a piece of code that looks at many files
+    long: float = 120.0  # for a piece of code that reads many files
     back: float = 10.0  # until its USB device is back
-    # Attack: a device that takes just less than each of these, each time.
+    # Attack: a device that takes almost the whole of each timeout, every time.
     whole: float = 1800.0  # for all its answers together
 
 
 SECONDS: Final = Seconds()
-# Attack: answers without end. A board without SHA-256 answers with a file's content in hex.
+# Attack: endless answers. A board without SHA-256 answers with a file's content in hex.
 MAX_ANSWER: Final = 8 * 1024 * 1024
-# Attack: permission to send without end, or one octet at a time. Firmware gives at most two windows
-# ahead of what it has read; its own window is 128 octets as a rule.
+# Attack: endless permission to send, or permission for one octet at a time. Firmware permits at
+# most two windows ahead of what it has read; its window is usually 128 octets.
 _WINDOWS_AHEAD: Final = 4
 _MOST_SAID: Final = 200
-# Without raw paste nothing tells how fast a board reads. Its line may have a buffer of this size.
+# Without raw-paste mode there is no flow control; a board's line may have a buffer of this size.
 _PIECE: Final = 256
 _PIECE_PAUSE: Final = 0.01
 _READ: Final = 4096
@@ -59,39 +59,43 @@ _KEPT: Final = 4096
 
 
 class ReplError(RuntimeError):
-    """The board does not do what it is to do; the text says what it said.
+    """The board did not answer as expected; the text quotes its answer.
 
     ::
 
         RuntimeError
         └── ReplError
-            ├── NoRepl        there is no REPL at the other end; `heard` is what came instead
-            ├── LineLost      nothing comes any more
-            │   └── LineGone  the device has gone
-            ├── WrongAnswer   what comes is no answer of MicroPython
+            ├── NoRepl        no REPL at the other end; `heard` is what was received instead
+            ├── LineLost      the board stopped answering or reading
+            │   └── LineGone  the device is gone
+            ├── WrongAnswer   the answer is not MicroPython's
             └── Raised        the code raised; the text is the board's traceback
     """
 
 
 class NoRepl(ReplError):
+    """There is no REPL at the other end; ``heard`` is what was received instead."""
+
     def __init__(self, text: str, heard: bytes) -> None:
         super().__init__(text)
         self.heard = heard
 
 
 class LineLost(ReplError):
-    pass
+    """The board stopped answering or reading before the timeout."""
 
 
 class LineGone(LineLost):
-    pass
+    """The device is gone: its port reports an error."""
 
 
 class WrongAnswer(ReplError):
-    pass
+    """The answer is not MicroPython's, or exceeds a limit."""
 
 
 class Raised(ReplError):
+    """The code raised; the text is the board's traceback, ``last`` its last line."""
+
     def __init__(self, text: str) -> None:
         super().__init__(text)
         lines = [line for line in text.splitlines() if line.strip()]
@@ -101,8 +105,8 @@ class Raised(ReplError):
 class RawRepl:
     """A board's raw REPL on an open port.
 
-    Time and octets of all answers are bounded, and all methods raise `ReplError` alone: the other
-    end may be anything.
+    The other end may be any device: time and size of all answers are limited, and methods raise no
+    error but `ReplError`.
     """
 
     def __init__(self, port: OpenPort, seconds: Seconds | None = None) -> None:
@@ -110,9 +114,9 @@ class RawRepl:
         self.seconds = seconds or SECONDS
         self._left = self.seconds.whole
         self._came = b""
-        self._paste = True  # until the board has said that it knows none
+        self._paste = True  # False after the board refused raw-paste mode
 
-    # --- in and out -----------------------------------------------------------------------
+    # --- entering and leaving -------------------------------------------------------------
 
     def enter(
         self,
@@ -120,16 +124,23 @@ class RawRepl:
         fresh: bool = True,
         waiting: Callable[[], object] | None = None,
     ) -> None:
-        """End what runs and begin; with ``fresh``, after a soft reset that starts no main.py.
+        """Interrupt the running program and enter raw mode.
 
-        ``waiting`` is called once where the board does not answer soon. Raises NoRepl.
+        Args:
+            seconds: Timeout, by default `Seconds.enter`.
+            fresh: Whether to do a soft reset, which does not start main.py.
+            waiting: Called once if the board does not answer soon.
+
+        Raises:
+            NoRepl: No prompt came before the timeout.
+            ReplError: The line failed.
         """
         seconds = self.seconds.enter if seconds is None else seconds
         attempt = self.seconds.attempt
         begin = time.monotonic()
         heard = b""
         while True:
-            # Again and again, since a program may catch it, or not be at the point to hear it.
+            # Repeated, since a program may catch the interrupt, or not take it at once.
             self._send(_INTERRUPT + _RAW)
             found, came = self._try_until(_BANNER, attempt, _KEPT)
             if found:
@@ -140,7 +151,7 @@ class RawRepl:
             if waiting is not None and time.monotonic() - begin > 2 * attempt:
                 waiting()
                 waiting = None
-        # An answer to each Ctrl-A may still be under way.
+        # Answers to further Ctrl-A may still be in transit.
         while self._try_until(_BANNER, 0.1, _KEPT)[0] and time.monotonic() - begin < seconds:
             pass
         self._came = b""
@@ -148,17 +159,17 @@ class RawRepl:
             self._soft_reset(seconds)
 
     def _soft_reset(self, seconds: float) -> None:
-        """Frees the memory of the program that ran."""
+        """Do a soft reset, which frees the memory of the program that ran."""
         try:
             self._send(_RUN)
             self._until(_REBOOT, "its soft reset", seconds)
             self._until(_BANNER, "its prompt after the soft reset", seconds)
         except LineGone:
-            # A USB device of the program's own has gone, and the firmware's comes.
+            # The program had its own USB device; the firmware's device replaces it.
             self._reopen()
             self.enter(seconds, fresh=False)
         except LineLost:
-            # boot.py may not end by itself.
+            # boot.py may not return.
             self.enter(seconds, fresh=False)
 
     def _reopen(self) -> None:
@@ -173,7 +184,7 @@ class RawRepl:
                 time.sleep(0.1)
 
     def leave(self, restart: bool = False) -> None:
-        """Back to the prompt for people; with ``restart``, boot.py and main.py start anew."""
+        """Return to the friendly REPL; with ``restart``, run boot.py and main.py again."""
         self._send(_FRIENDLY)
         self._until(b">>> ", "the prompt", self.seconds.answer)
         if restart:
@@ -182,7 +193,10 @@ class RawRepl:
     # --- code -----------------------------------------------------------------------------
 
     def run(self, code: str, seconds: float | None = None) -> str:
-        """Run it, and return what it printed. Raises Raised where it raises."""
+        """Run code and return its output; raise Raised if the code raises.
+
+        ``seconds`` is the timeout, by default `Seconds.run`.
+        """
         seconds = self.seconds.run if seconds is None else seconds
         answer = self.seconds.answer
         self._hand_over(code.encode())
@@ -199,7 +213,7 @@ class RawRepl:
             answer = self._take(2)
             if answer == b"R\x01":
                 return self._by_paste(code)
-            if answer != b"R\x00":  # it took this for a new beginning, and says so
+            if answer != b"R\x00":  # it read this as a new Ctrl-A and sends its banner
                 self._until(_BANNER[-12:], "its prompt", self.seconds.answer)
             self._paste = False
         for at in range(0, len(code), _PIECE):
@@ -211,8 +225,9 @@ class RawRepl:
             raise WrongAnswer(f"it answered {answer!r} to code, not OK")
 
     def _by_paste(self, code: bytes) -> None:
-        """Send code as fast as the board permits: it gives room for ``window`` octets more by each
-        0x01, and ends by 0x04.
+        """Send code with flow control.
+
+        Each 0x01 from the board permits ``window`` more octets; 0x04 ends the transfer.
         """
         window = int.from_bytes(self._take(2), "little")
         if not window:
@@ -226,7 +241,7 @@ class RawRepl:
                 if flag == b"\x01":
                     room += window
                     self._check_room(room, window)
-                elif flag == _RUN:  # it will hear no more: a syntax error, or memory
+                elif flag == _RUN:  # it reads no more: a syntax error, or no memory
                     self._send(_RUN)
                     return
                 else:
@@ -270,7 +285,7 @@ class RawRepl:
                 time.sleep(0.002)
 
     def _poll(self) -> bool:
-        """Whether something has come."""
+        """Read what is available; return whether octets are buffered."""
         try:
             self._came += self.port.read(_READ) or b""
         except OSError as error:
@@ -286,7 +301,7 @@ class RawRepl:
         return data
 
     def _until(self, ending: bytes, what: str, seconds: float) -> bytes:
-        """What comes before ``ending``, which is taken as well."""
+        """Return what comes before ``ending``, and discard ``ending``; LineLost at the timeout."""
         found, data = self._try_until(ending, seconds)
         if not found:
             tail = data[-60:].decode("utf-8", "replace")
@@ -294,14 +309,16 @@ class RawRepl:
         return data
 
     def _try_until(self, ending: bytes, seconds: float, keep: int = 0) -> tuple[bool, bytes]:
-        """Whether ``ending`` came, and what came before it: with ``keep`` its last so many octets,
-        else all, and WrongAnswer for more than `MAX_ANSWER`.
+        """Return whether ``ending`` came, and what came before it.
+
+        With ``keep``, only about the last ``keep`` octets are returned; without it, more than
+        `MAX_ANSWER` octets raise WrongAnswer.
         """
         end = time.monotonic() + seconds
         parts: list[bytes] = []
         size = 0
         while (at := self._came.find(ending)) < 0:
-            # What may be the beginning of the ending stays.
+            # Octets that may begin the ending stay in the buffer.
             cut = max(0, len(self._came) - len(ending) + 1)
             parts.append(self._came[:cut])
             size += cut
@@ -310,7 +327,7 @@ class RawRepl:
                 parts, size = [b"".join(parts)[-keep:]], 0
             if size > MAX_ANSWER:
                 raise WrongAnswer(f"its answer has more than {MAX_ANSWER} octets")
-            # A program that prints all the time gives no pause either.
+            # A program that prints all the time must not extend the timeout.
             if not self._more(end) or time.monotonic() > end:
                 parts.append(self._came)
                 self._came = b""
@@ -320,7 +337,7 @@ class RawRepl:
         return True, b"".join(parts)
 
     def _more(self, end: float) -> bool:
-        """Wait for more octets; False at the end of the time."""
+        """Wait for more octets; return False at the timeout ``end``."""
         had = len(self._came)
         while not self._poll() or len(self._came) == had:
             now = time.monotonic()
