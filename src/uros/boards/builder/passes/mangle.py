@@ -185,8 +185,9 @@ class _Attributes(ast.NodeTransformer):
 
 
 def _loaded_by_bodies(classes: list[ast.ClassDef]) -> set[str]:
-    """The names that class bodies load themselves, as decorators are: a method of such a name
-    would hide what is meant.
+    """Return the names that class bodies load themselves, as decorators are.
+
+    A method of such a name would hide what the body means.
     """
     parts: list[ast.AST] = []
     for node in classes:
@@ -243,8 +244,9 @@ def _is_ours(base: ast.expr, ours: set[str]) -> bool:
 
 
 def _rename_members(node: ast.ClassDef, new: dict[str, str]) -> None:
-    """What the class's body binds, and where it reads that itself: not before, when a name is still
-    the module's.
+    """Rename what a class body binds, and its reads of these names after they are bound.
+
+    Before that, a name in the body still means the module's.
     """
     there: set[str] = set()
     for member in node.body:

@@ -22,8 +22,11 @@ _QUIET: Final = ("uros.wire.", "uros.interfaces.")
 
 
 def make_errors_terse(modules: dict[str, Module], spared: str = "-") -> None:
-    """Leave out of uros's modules what only says more about an error; those whose names begin with
-    ``spared`` keep it.
+    """Remove from uros's modules what only says more about an error.
+
+    Args:
+        modules: The modules by their names.
+        spared: Modules whose names begin with this keep it.
     """
     for (name, constant), value in _LEAN.items():
         if not name.startswith(spared):
