@@ -1,11 +1,10 @@
-"""A virtual board: its hardware without a program, and what can be done to it.
+"""A virtual board: the hardware of a board without its program, and its fault injection.
 
 A board has a clock, parts (`uros.boards.virtual.hardware.parts`), pins, buses and a USB socket. An
-engine runs
-firmware on it. What happens to it is said by name, while it runs::
+engine runs firmware on it. Faults and user actions are triggered by name while the board runs::
 
-    board.happen("sht3x:nack")       a fault; "sht3x:off" heals it, "all:off" everything
-    board.happen("button:press")     what a hand does
+    board.happen("sht3x:nack")       a fault; "sht3x:off" clears it, "all:off" clears all faults
+    board.happen("button:press")     an action of the user
     board.happen("battery:level=20")
 """
 
@@ -33,7 +32,7 @@ _ID_OCTETS: Final = 11
 
 
 class Model(Protocol):
-    """What a virtual board is made from; `uros.boards.virtual.models.catalog` has them."""
+    """The model of a virtual board; `uros.boards.virtual.models.catalog` lists them."""
 
     @property
     def name(self) -> str:
@@ -45,19 +44,19 @@ class Model(Protocol):
 
     @property
     def agent(self) -> str:
-        """The address at which its program expects the agent, "" on a serial line."""
+        """The agent's address in the program, "" on a serial line."""
 
     def wire(self, board: VirtualBoard) -> None:
         """Add the board's own parts, pins and buses."""
 
 
 class FaultError(ValueError):
-    """There is nothing of that name to happen; the text lists what there is."""
+    """No fault or action has this name; the text lists the known ones."""
 
 
 @dataclass(frozen=True)
 class Happening:
-    """One thing that can be made to happen: a fault, or what a hand can do."""
+    """A fault that can be injected, or an action of the user."""
 
     spec: str
     text: str
@@ -124,8 +123,9 @@ class _Cable(Part):
 
 
 class Interrupts:
-    """Those of one core: what is ``due``, by time, pin and level, and whether its firmware asked
-    for any (``wanted``).
+    """Pending interrupts of one core.
+
+    ``due`` holds their time, pin and level. ``wanted`` tells whether the firmware enabled any.
     """
 
     def __init__(self) -> None:
@@ -134,10 +134,11 @@ class Interrupts:
 
     @property
     def wanted(self) -> bool:
+        """Whether the firmware enabled an interrupt."""
         return bool(self._pins)
 
     def watch(self, pin: Pin, edges: int) -> None:
-        """The firmware wants an interrupt at these edges; 0: none any more."""
+        """Enable interrupts of a pin at these edges; 0 disables them."""
         pin.edges = edges
         pin.on_edge = lambda t_us, it, level: self.due.append((t_us, it, level))
         if edges:
@@ -146,14 +147,15 @@ class Interrupts:
             self._pins.discard(pin.name)
 
     def clear(self) -> None:
-        """The core was reset."""
+        """Discard all pending and enabled interrupts: the core was reset."""
         self.due.clear()
         self._pins.clear()
 
 
 class Bridge:
-    """A chip that makes a UART of the USB socket, as most boards have one: the board's end. What
-    is sent while no program on the host listens is lost, as with a real one.
+    """The board's end of a USB-to-UART chip, as most boards have one.
+
+    Data sent while no program on the host has the port open is lost, as with a real chip.
     """
 
     def __init__(self, usb: UsbCdc) -> None:
@@ -161,24 +163,32 @@ class Bridge:
         usb.enable(DEVICE_DESCRIPTOR, CONFIGURATION_DESCRIPTOR, STRINGS)
 
     def read(self, size: int) -> bytes | None:
+        """Return at most ``size`` octets from the host; None if there are none."""
         return self._usb.read(size) or None
 
     def write(self, data: bytes) -> int:
+        """Send octets to the host; return their number, also when they are lost."""
         self._usb.write(data)
         return len(data)
 
 
 class VirtualBoard:
-    """One board, plugged in and switched on.
+    """A board that is plugged in and switched on.
 
-    ``path`` is where its USB line is to be found. ``plugs`` are plugged into it besides what it
-    comes with (see `uros.boards.virtual.hardware.peripherals`); one of the same kind takes its
-    place. ``agent`` is where
-    the agent really is that its program looks for in its network, ``address`` the board's own on
-    this host, where it is to have one. ``changed`` is told of parts that
-    show something else than before.
+    Args:
+        model: The hardware.
+        clock: The board's clock; by default a new `BoardClock`.
+        path: Where the link to the USB line is created.
+        seed: Seed of all random values of the board, also its unique number.
+        room: The simulated environment; by default a new one.
+        plugs: Peripherals besides those of the model (see
+            `uros.boards.virtual.hardware.peripherals`); one of the same kind replaces the model's.
+        agent: The real address of the agent that the program looks for in the board's network.
+        address: The board's own address on this host, "" for any.
+        changed: Called with each part whose visible state has changed.
 
-    Raises PlugError for what cannot be plugged in.
+    Raises:
+        PlugError: A peripheral cannot be plugged in.
     """
 
     def __init__(
@@ -226,30 +236,34 @@ class VirtualBoard:
             self.close()
             raise
 
-    # --- for the module that wires it -------------------------------------------------
+    # --- for the model's wire() -------------------------------------------------------
 
     def number(self, octets: int = _ID_OCTETS) -> bytes:
-        """The board's own number, made of its seed."""
+        """Return the board's unique number, derived from its seed."""
         return (self.seed & (1 << 8 * octets) - 1).to_bytes(octets, "big")
 
     def own_usb(self) -> None:
-        """The microcontroller is at the USB socket itself; the firmware switches it on."""
+        """Connect the USB socket to the microcontroller itself; the firmware enables it."""
         self.usb_inside = True
 
     def bridge(self, uart: int, baud: int = 115_200) -> None:
-        """The USB socket is a UART of the board."""
+        """Connect the USB socket to a UART of the board."""
         self.uarts[uart] = Uart(Bridge(self.usb), baud, self.clock)
 
     def add_pin(self, pin: Pin) -> Pin:
+        """Add a pin, and return it."""
         self.pins[pin.name] = pin
         return pin
 
     def add_led(self, pin: str, led: Led, function: str = "") -> None:
+        """Add an LED on a pin."""
         self.parts.add(led)
         self.add_pin(Pin(pin, function or led.name, on_duty=led.drive))
 
     def add_camera(self, camera: Camera) -> None:
-        """A picture without a size is what a driver asks for when it looks whether there is a
+        """Add a camera.
+
+        A capture with width 0 starts the camera and returns no picture: drivers use it to probe for a
         camera.
         """
         self.parts.add(camera)
@@ -262,21 +276,22 @@ class VirtualBoard:
         return b""
 
     def add_bus(self, channel: int, bus: I2CBus) -> None:
+        """Add an I2C bus."""
         self.i2c[channel] = bus
 
     # --- time -------------------------------------------------------------------------
 
     def advance(self) -> None:
-        """Bring all parts to the time that it is."""
+        """Advance all parts to the current time."""
         if self.parts.live:
             with self.lock:
                 if not self.clock.held:
                     self.parts.advance(self.clock.world_us())
 
-    # --- what happens to it -----------------------------------------------------------
+    # --- faults and actions -----------------------------------------------------------
 
     def faults(self) -> list[Happening]:
-        """What can be planted, and whether it is."""
+        """Return all faults that can be injected, and whether they are active."""
         return [
             Happening(f"{part.name}:{kind}", text, part.active(kind))
             for part in self.parts
@@ -284,7 +299,7 @@ class VirtualBoard:
         ]
 
     def acts(self) -> list[Happening]:
-        """What a hand can do."""
+        """Return all actions of the user."""
         return [
             Happening(f"{part.name}:{kind}", text)
             for part in self.parts
@@ -292,10 +307,13 @@ class VirtualBoard:
         ]
 
     def happen(self, spec: str) -> None:
-        """Plant a fault, like "sht3x:nack", or do what a hand does, like "button:press".
+        """Inject a fault, like "sht3x:nack", or do an action of the user, like "button:press".
 
-        "sht3x:off" takes all of a part's faults away, "all:off" everybody's. Several of one part
-        add up. Raises FaultError.
+        "sht3x:off" clears all faults of a part, "all:off" those of all parts. Several faults of one
+        part add up.
+
+        Raises:
+            FaultError: There is no such part, fault, action or value.
         """
         name, _, what = spec.partition(":")
         kind, _, value = what.partition("=")
@@ -331,9 +349,10 @@ class VirtualBoard:
         return next(it.spec for it in (*self.faults(), *self.acts()))
 
     def reset(self) -> None:
-        """What a reset of the microcontroller does: its USB goes away until the firmware switches
-        it on, pins become inputs, ticks start at 0. Parts around it and the real-time clock notice
-        nothing.
+        """Reset the microcontroller.
+
+        Its USB device is off until the firmware enables it, pins become inputs, and ticks start at 0.
+        The parts around the microcontroller and the real-time clock are not affected.
         """
         with self.lock:
             if self.usb_inside:
@@ -346,7 +365,7 @@ class VirtualBoard:
             self.clock.restart()
 
     def close(self) -> None:
-        """Switch it off: the USB line is gone for good."""
+        """Switch the board off and remove its USB line."""
         self.usb.close()
         for part in self.parts:
             part.close()

@@ -1,8 +1,8 @@
 """The time of a virtual board.
 
-A board has a crystal of its own, which is not quite right, and a real-time clock that nobody has
-set. The world around it, its sensors and the host, go by true time. All of it comes from one
-object, so that a test moves one clock (:class:`ManualClock`) and nothing ever sleeps.
+A board has a crystal with a frequency error, and a real-time clock that was never set. Its
+environment, its sensors and the host use true time. One object gives all of these, so that a test
+moves one clock (:class:`ManualClock`) and never sleeps.
 """
 
 from __future__ import annotations
@@ -14,17 +14,19 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Final
 
-# 2000-01-01T00:00:00Z, in nanoseconds since 1970: where a clock begins that was never set.
+# 2000-01-01T00:00:00Z, in nanoseconds since 1970: the start of a clock that was never set.
 RTC_START_NS: Final = 946_684_800 * 10**9
 _BILLION: Final = 10**9
 
 
 class BoardClock:
-    """The clocks of one board from its power-on, which is when this is made.
+    """The clocks of one board; power-on is when this object is made.
 
-    ``drift_ppm``: how much too fast the crystal runs. ``speed`` is how many times faster than the
-    host's the time of the board and its world goes. ``host_ns`` and ``host_sleep`` (seconds) are
-    the host's own time.
+    Args:
+        drift_ppm: How much too fast the crystal runs, in parts per million.
+        host_ns: The host's monotonic clock, in nanoseconds.
+        host_sleep: Sleeps on the host, in seconds.
+        speed: How many times faster than the host's the time of the board and its environment goes.
     """
 
     def __init__(
@@ -37,33 +39,34 @@ class BoardClock:
         self._host_ns = host_ns
         self._host_sleep = host_sleep
         self._speed = speed
-        self._holding = threading.local()  # each core of a board carries out its own interrupts
+        self._holding = threading.local()  # each core of a board handles its own interrupts
         self._rate = _BILLION + round(drift_ppm * 1000)
         self._power_on = host_ns()
         self._restarted = 0
         self._rtc_offset = RTC_START_NS
 
     def host_ns(self) -> int:
-        """The host's monotonic clock, in nanoseconds."""
+        """Return the host's monotonic clock, in nanoseconds."""
         return self._host_ns()
 
     def world_us(self) -> int:
-        """True microseconds since power-on. A reset of the board does not touch it."""
+        """Return the true microseconds since power-on; a reset of the board does not change them."""
         return self._world_ns() // 1000
 
     def hold(self, world_us: int | None) -> None:
-        """It is this moment of the world until told otherwise, for this thread: what a program
-        sees in an interrupt that is carried out later than it was due. None: time goes on.
+        """Hold the true time at a moment, for the calling thread; None releases it.
+
+        A program that handles an interrupt late thus sees the time at which the interrupt was due.
         """
         self._holding.ns = None if world_us is None else world_us * 1000
 
     @property
     def held(self) -> bool:
-        """Whether :meth:`hold` holds it."""
+        """Whether :meth:`hold` holds the time for this thread."""
         return getattr(self._holding, "ns", None) is not None
 
     def host_seconds(self, us: int) -> float:
-        """How long the host waits for so many true microseconds."""
+        """Convert true microseconds to seconds of the host."""
         return us / 1e6 / self._speed
 
     def _world_ns(self) -> int:
@@ -77,17 +80,18 @@ class BoardClock:
         return self._world_ns() * self._rate // _BILLION
 
     def ticks_us(self) -> int:
-        """Microseconds since power-on or :meth:`restart`, as the board's crystal counts them.
-        Never wraps; what a port of MicroPython makes of it is the engine's matter.
+        """Return the microseconds since power-on or :meth:`restart`, as the board's crystal counts them.
+
+        The count never wraps; the engine wraps it as its port of MicroPython does.
         """
         return (self._board_ns() - self._restarted) // 1000
 
     def restart(self) -> None:
-        """The board was reset: ticks begin at 0 again, the real-time clock goes on."""
+        """Reset the board's ticks to 0; the real-time clock continues."""
         self._restarted = self._board_ns()
 
     def epoch_ns(self) -> int:
-        """What the real-time clock says, in nanoseconds since 1970."""
+        """Return the time of the real-time clock, in nanoseconds since 1970."""
         return self._rtc_offset + self._board_ns()
 
     def set_epoch_ns(self, ns: int) -> None:
@@ -105,13 +109,14 @@ class BoardClock:
             self._host_sleep(self.host_seconds(us))
 
     def sleep_host_ns(self, ns: int) -> None:
-        """Wait for so long by the host's clock."""
+        """Wait for ``ns`` nanoseconds of the host's clock."""
         if ns > 0:
             self._host_sleep(ns / 1e9)
 
     def select(self, fds: Iterable[int], seconds: float | None) -> list[int]:
-        """The descriptors that can be read, waiting up to ``seconds`` (None: for ever) of true
-        time for one.
+        """Return the descriptors that are readable.
+
+        Waits for one for at most ``seconds`` of true time; None: without a limit.
         """
         poll = select.poll()
         for fd in fds:
@@ -120,25 +125,25 @@ class BoardClock:
 
 
 class ManualClock(BoardClock):
-    """A clock that moves when told: by :meth:`advance`, and by every wait on it, which then takes
-    no time at all.
-    """
+    """A clock that only :meth:`advance` and waits move; a wait on it returns at once."""
 
     def __init__(self, drift_ppm: float = 0.0, start_ns: int = 0) -> None:
         self._now = start_ns
         super().__init__(drift_ppm, lambda: self._now, self._sleep)
 
     def _sleep(self, seconds: float) -> None:
-        # Up, so that the board's microseconds are over; a float's last digit does not count.
+        # Rounded up, so that the board's microseconds have passed; float rounding errors are dropped.
         self._now += math.ceil(round(seconds * 1e9, 3))
 
     def advance(self, us: int) -> None:
-        """``us`` true microseconds pass."""
+        """Advance the clock by ``us`` true microseconds."""
         self._now += us * 1000
 
     def select(self, fds: Iterable[int], seconds: float | None) -> list[int]:
-        """What can be read now; where nothing can, the time is over at once. Waiting for ever
-        for nothing is an error (RuntimeError), because nothing would ever end it.
+        """Return the descriptors that are readable now; if there are none, advance by ``seconds``.
+
+        Raises:
+            RuntimeError: Nothing is readable and ``seconds`` is None; such a wait would never end.
         """
         ready = super().select(fds, 0)
         if not ready:

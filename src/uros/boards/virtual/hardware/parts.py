@@ -12,11 +12,11 @@ from typing import ClassVar
 
 
 class Part:
-    """One thing on a board, or around it.
+    """One part of a board, or of its environment.
 
-    ``FAULTS`` is what can go wrong with it and ``ACTS`` what a hand can do to it, each with a text.
-    ``faults`` are those that are planted. An act has a name and perhaps a value: ``press``,
-    ``level=20``.
+    ``FAULTS`` are the faults that can be injected and ``ACTS`` the actions of the user, each with a
+    description. ``faults`` are the active ones. An action has a name and optionally a value:
+    ``press``, ``level=20``.
     """
 
     FAULTS: ClassVar[dict[str, str]] = {}
@@ -27,43 +27,51 @@ class Part:
         self.faults: set[str] = set()
 
     def fault(self, kind: str) -> None:
-        """One of FAULTS happens."""
+        """Activate one of FAULTS."""
         self.faults.add(kind)
 
     def active(self, kind: str) -> bool:
-        """Whether this fault is planted."""
+        """Return whether this fault is active."""
         return kind in self.faults
 
     def heal(self) -> None:
-        """All of its faults are over."""
+        """Clear all faults of the part."""
         self.faults.clear()
 
     def act(self, kind: str, value: str = "") -> None:
-        """One of ACTS is done. Raises ValueError with a text that tells which values there are."""
+        """Do one of ACTS.
+
+        Raises:
+            ValueError: The value is not valid; the text tells which values are.
+        """
 
     def shows(self) -> str:
-        """What a person sees of it, in a few words; "" for nothing."""
+        """Return the visible state in a few words; "" for none."""
         return ""
 
     def advance(self, t_us: int) -> None:
-        """The world's time is ``t_us`` now. It never runs backwards."""
+        """Advance the part to ``t_us``, in microseconds of true time; it never decreases."""
 
     def reset(self) -> None:
-        """The microcontroller was reset."""
+        """Handle a reset of the microcontroller."""
 
     def close(self) -> None:
-        """The board is switched off for good."""
+        """Release resources: the board is switched off."""
 
 
 class Parts:
-    """All parts of a board by name, in the order in which they came."""
+    """All parts of a board by name, in the order in which they were added."""
 
     def __init__(self) -> None:
         self._parts: dict[str, Part] = {}
-        self.live: list[Part] = []  # those that time changes
+        self.live: list[Part] = []  # parts that override advance()
 
     def add(self, part: Part) -> None:
-        """Raises ValueError where the name is taken."""
+        """Add a part.
+
+        Raises:
+            ValueError: The name is taken.
+        """
         if part.name in self._parts:
             raise ValueError(f"there is a part {part.name} already")
         self._parts[part.name] = part
@@ -80,6 +88,6 @@ class Parts:
         return self._parts[name]
 
     def advance(self, t_us: int) -> None:
-        """Bring all of them to this time."""
+        """Advance all parts to this time."""
         for part in self.live:
             part.advance(t_us)

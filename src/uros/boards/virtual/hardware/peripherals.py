@@ -4,8 +4,8 @@
     gs2200:spi=1,ready=P115,cs=P301
     wlan
 
-Each takes ``ssid`` and ``password``, those of the one access point in reach (``robots`` and
-``secret99`` if not given). The network behind that is the host's own.
+Each takes ``ssid`` and ``password`` of the only access point in range (default: ``robots`` and
+``secret99``). The network behind the access point is the host's own.
 """
 
 from __future__ import annotations
@@ -34,19 +34,25 @@ _MODE_1: Final = 1
 
 
 class PlugError(ValueError):
-    """There is no such thing to plug in, or not there. The text says what there is."""
+    """There is no such peripheral, or no such place for it; the text lists the known ones."""
 
 
 class Modem(Protocol):
-    """What a UART is plugged into."""
+    """The device on a UART."""
 
-    def read(self, size: int) -> bytes | None: ...
-    def write(self, data: bytes) -> int: ...
+    def read(self, size: int) -> bytes | None:
+        """Return at most ``size`` octets from the device; None if there are none."""
+        ...
+
+    def write(self, data: bytes) -> int:
+        """Send octets to the device; return how many it took."""
+        ...
 
 
 class Uart:
-    """A board's UART, and a line that takes its time. ``overruns`` counts the octets that came
-    when the buffer was full, and are lost.
+    """A UART of a board, and a line with a baud rate.
+
+    ``overruns`` counts the octets lost because the receive buffer was full.
     """
 
     def __init__(self, device: Modem, baud: int, clock: BoardClock) -> None:
@@ -58,7 +64,7 @@ class Uart:
         self.init(baud, 256)
 
     def init(self, baud: int, rxbuf: int) -> None:
-        """At another baud rate than the device's, both hear noise."""
+        """Set baud rate and receive buffer; with another baud rate than the device's, both receive noise."""
         if not 300 <= baud <= 4_000_000 or not rxbuf:
             raise ValueError(f"no UART has {baud} baud and {rxbuf} octets")
         self._baud = baud
@@ -73,7 +79,7 @@ class Uart:
         return self._random.randbytes(len(octets))
 
     def _move(self) -> None:
-        """What the line has carried by now."""
+        """Transfer what the line has carried by now."""
         count = (self._clock.world_us() - self._at) * self._baud // (_BITS * 1_000_000)
         if not count:
             return
@@ -87,19 +93,19 @@ class Uart:
         self._came += some[:room]
 
     def any(self) -> int:
-        """How many octets there are to read."""
+        """Return how many octets can be read."""
         self._move()
         return len(self._came)
 
     def read(self, size: int) -> bytes:
-        """At most so many octets."""
+        """Read at most ``size`` octets."""
         self._move()
         some = bytes(self._came[:size])
         del self._came[:size]
         return some
 
     def write(self, data: bytes) -> int:
-        """How many octets had room."""
+        """Write octets; return how many fitted into the buffer."""
         self._move()
         some = data[: _TXBUF - len(self._leaves)]
         self._leaves += some
@@ -107,7 +113,7 @@ class Uart:
 
 
 class Spi:
-    """A board's SPI bus with one device on it, which hears when it is selected."""
+    """An SPI bus of a board with one device on it, which receives only while ``selected``."""
 
     def __init__(self, device: Gs2200) -> None:
         self.selected = True
@@ -115,13 +121,16 @@ class Spi:
         self._mode = -1
 
     def init(self, mode: int) -> None:
+        """Set polarity and phase, as one number; the device answers only in mode 1."""
         self._mode = mode
 
     def write(self, data: bytes) -> None:
+        """Write octets to the device."""
         if self.selected and self._mode == _MODE_1:
             self._device.write(data)
 
     def read(self, count: int, octet: int) -> bytes:
+        """Read ``count`` octets while ``octet`` is sent; 0xFF from a device that is not selected."""
         into = bytearray(b"\xff" * count)
         if self.selected and self._mode == _MODE_1:
             self._device.readinto(into, octet)
@@ -129,16 +138,16 @@ class Spi:
 
 
 class Radio:
-    """A radio of the board's own, as ``network.WLAN`` sees it, and the sockets on it.
+    """The board's own radio, as ``network.WLAN`` uses it, and the sockets on it.
 
-    As an access point it is joined by one computer, this host, half a second after it started.
+    One computer, this host, joins its access point 500 ms after the access point has started.
     """
 
     IDLE, CONNECTING, WRONG_PASSWORD, NO_AP_FOUND, GOT_IP = range(5)
 
     def __init__(self, network: HostRadioNetwork, ms: Callable[[], int]) -> None:
         self.faults: set[str] = set()
-        self.own = ("", "")  # name and password of its access point
+        self.own = ("", "")  # SSID and password of its access point
         self._started: int | None = None
         self._network = network
         self._ms = ms
@@ -148,13 +157,16 @@ class Radio:
         self._last = 0
 
     def connect(self, ssid: str, password: str) -> None:
+        """Start to join a network."""
         self._wanted = (ssid, password)
         self._ready = self._ms() + _JOIN_MS
 
     def disconnect(self) -> None:
+        """Leave the network."""
         self._wanted = None
 
     def status(self) -> int:
+        """Return the state of the connection: IDLE to GOT_IP."""
         if self._wanted is None:
             return self.IDLE
         if self._ms() < self._ready or "deaf" in self.faults:
@@ -165,7 +177,11 @@ class Radio:
         return self.GOT_IP if self._network.access_points[ssid] == password else self.WRONG_PASSWORD
 
     def start(self, ssid: str, password: str) -> None:
-        """Be an access point. Raises ValueError where that is none."""
+        """Start the access point.
+
+        Raises:
+            ValueError: The name or the password has an invalid length.
+        """
         if not 1 <= len(ssid) <= 32 or password and not 8 <= len(password) <= 63:
             raise ValueError("no access point has such a name or password")
         if self._started is None or self.own != (ssid, password):
@@ -173,16 +189,17 @@ class Radio:
         self.own = (ssid, password)
 
     def stop(self) -> None:
+        """Stop the access point."""
         self._started = None
 
     def guests(self) -> int:
-        """How many have joined the board's access point."""
+        """Return the number of stations that have joined the board's access point."""
         if self._started is None or self.faults & {"lost", "alone", "deaf"}:
             return 0
         return int(self._ms() - self._started >= _GUEST_MS)
 
     def reset(self) -> None:
-        """What a reset of the board does to it."""
+        """Handle a reset of the board: leave all networks and close all sockets."""
         self._wanted = None
         self._started = None
         for handle in list(self._sockets):
@@ -191,7 +208,11 @@ class Radio:
     # --- sockets ------------------------------------------------------------------------------
 
     def open(self, kind: int) -> int:
-        """A handle. Raises OSError."""
+        """Open a socket and return its handle.
+
+        Raises:
+            OSError: 16 sockets are open, or the host cannot open one.
+        """
         if len(self._sockets) == 16:
             raise OSError(errno.ENOMEM, "a board has no room for more sockets")
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == 2 else socket.SOCK_STREAM)
@@ -205,7 +226,11 @@ class Radio:
         return self._last
 
     def of(self, handle: int) -> socket.socket:
-        """Raises OSError where there is no network, or no such socket."""
+        """Return the socket of a handle.
+
+        Raises:
+            OSError: There is no such socket (EBADF), or the board is in no network (EHOSTUNREACH).
+        """
         if handle not in self._sockets:
             raise OSError(errno.EBADF, "no such socket")
         if self.status() != self.GOT_IP and not self.guests():
@@ -213,20 +238,22 @@ class Radio:
         return self._sockets[handle]
 
     def connect_socket(self, handle: int, host: str, port: int) -> None:
-        """Raises OSError."""
+        """Connect a socket; raise OSError as :meth:`of` and the host's socket do."""
         self.of(handle).connect(self._network.route(host, port))
 
     def fd(self, handle: int) -> int:
+        """Return the host's file descriptor of a socket; -1 if there is no such socket."""
         sock = self._sockets.get(handle)
         return -1 if sock is None else sock.fileno()
 
     def close(self, handle: int) -> None:
+        """Close a socket; one that is not open is ignored."""
         sock = self._sockets.pop(handle, None)
         if sock is not None:
             sock.close()
 
 
-# What happens to a modem, and is over then.
+# Momentary faults of a modem.
 _MOMENTS: Final = {
     "reset": "its power is gone for a moment, as often as this is planted",
     "closed": "its link to the agent is closed, as often as this is planted",
@@ -235,7 +262,7 @@ _MOMENTS: Final = {
 
 
 class Plug(Part):
-    """One thing that is plugged in."""
+    """A peripheral that is plugged in."""
 
     OF: ClassVar[dict[str, dict[str, str]]] = {
         "esp8266": {
@@ -306,13 +333,13 @@ class Plug(Part):
 
 
 class Sockets(Protocol):
-    """What peripherals are plugged into: the part of a board that `plug` needs."""
+    """The attributes of a board that `plug` needs."""
 
     clock: BoardClock
     address: str
     """The board's own address on this host, "" for any."""
     routes: dict[str, tuple[str, int]]
-    """Where addresses of the board's network really are, by ``host:port``."""
+    """Real addresses of addresses in the board's network, by ``host:port``."""
     uarts: dict[int, Uart]
     spis: dict[int, Spi]
     pins: dict[str, Pin]
@@ -320,7 +347,11 @@ class Sockets(Protocol):
 
 
 def plug(board: Sockets, spec: str) -> Plug:
-    """Plug in what ``spec`` says; see the module. Raises PlugError."""
+    """Plug in the peripheral of ``spec``; the module docstring has the syntax.
+
+    Raises:
+        PlugError: The peripheral is unknown, or an option is missing, unknown or invalid.
+    """
     name, _, rest = spec.partition(":")
     if name not in Plug.OF:
         raise PlugError(f"there is no plug {name!r}; there are {', '.join(Plug.OF)}")

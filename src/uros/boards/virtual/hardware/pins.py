@@ -23,13 +23,18 @@ _LONGEST_BOUNCE_MS: Final = 10_000
 
 
 class Pin:
-    """A pin with a level. ``function`` is what the board uses it for, "" for nothing.
+    """A pin with a level.
 
-    One that is an output gives what was written; an input what is on its wire, or its pull.
-    ``wire()`` is the level that the wire has by itself, None where nothing drives it. ``driven`` is
-    called with each level that the pin is set to as an output, ``on_duty`` with how long it is high
-    of :data:`FULL`, which is all that a part without a clock of its own sees of PWM. ``analog()``
-    is the voltage on the wire as a part of the converter's range.
+    An output reads as the level written; an input as the level of its wire, or as its pull.
+
+    Args:
+        name: The pin's name.
+        function: What the board uses the pin for, "" for nothing.
+        wire: Returns the level that the wire has by itself; None where nothing drives it.
+        driven: Called with each level that the pin is set to as an output.
+        on_duty: Called with the time that the pin is high, in parts of :data:`FULL`: a part without
+            a clock of its own sees no more of PWM.
+        analog: Returns the voltage on the wire as a fraction of the converter's range.
     """
 
     def __init__(
@@ -53,10 +58,10 @@ class Pin:
         self._wire = wire
         self._driven = driven
         self._on_duty = on_duty
-        self._told = 0  # the duty
+        self._told = 0  # the duty reported last
 
     def value(self, level: int | None = None) -> int:
-        """The level; given one, set it first (which shows as soon as the pin is an output)."""
+        """Return the level; if one is given, set it first. It takes effect once the pin is an output."""
         if level is not None:
             level = 1 if level else 0
             changed, self._level = level != self._level, level
@@ -71,14 +76,14 @@ class Pin:
         return 0 if self.pull == DOWN else 1
 
     def pwm(self, duty: int | None) -> None:
-        """High for so much of :data:`FULL` of the time; None: no PWM any more."""
+        """Set the PWM duty in parts of :data:`FULL`; None stops PWM."""
         self._duty = duty
         if duty is not None:
             self.mode = OUT
         self.tell()
 
     def tell(self) -> None:
-        """What the pin drives hears of its duty, if that has changed."""
+        """Report the duty to the part on the pin if it has changed."""
         duty = self._duty
         if duty is None:
             duty = FULL if self.mode == OUT and self._level else 0
@@ -88,12 +93,12 @@ class Pin:
                 self._on_duty(duty)
 
     def edge(self, t_us: int, level: int) -> None:
-        """The wire has got this level: an interrupt, where the firmware asked for one."""
+        """Report a new level of the wire; an interrupt follows if the firmware enabled that edge."""
         if self.on_edge is not None and self.edges & (RISING if level else FALLING):
             self.on_edge(t_us, self, level)
 
     def reset(self) -> None:
-        """The microcontroller was reset: an input without a pull."""
+        """Handle a reset of the microcontroller: an input without a pull."""
         self.mode = IN
         self.pull = ""
         self.edges = 0
@@ -103,7 +108,7 @@ class Pin:
 
 
 class Led(Part):
-    """An LED; ``brightness`` is 0.0 to 1.0. ``changed(self)`` is called when that has changed."""
+    """An LED; ``changed(self)`` is called when ``brightness`` has changed."""
 
     FAULTS: ClassVar = {"dead": "does not shine, whatever the pin does"}
 
@@ -114,14 +119,16 @@ class Led(Part):
 
     @property
     def brightness(self) -> float:
+        """Brightness from 0.0 to 1.0."""
         return 0.0 if "dead" in self.faults else self._duty / FULL
 
     def drive(self, duty: int) -> None:
-        """What the pin does: 0 to :data:`FULL`."""
+        """Set the duty of the pin, 0 to :data:`FULL`."""
         self._duty = duty
         self._changed(self)
 
     def shows(self) -> str:
+        """Return "on", "off" or the brightness in percent."""
         percent = round(self.brightness * 100)
         if 0 < percent < 100:
             return f"{percent} %"
@@ -129,10 +136,10 @@ class Led(Part):
 
 
 class Button(Part):
-    """A push button between its pin and ``pressed_level``'s rail; the pin's pull does the rest.
+    """A push button between its pin and the rail of ``pressed_level``; the pin's pull sets the rest.
 
-    Its contacts bounce: within 8 ms of each press and release there are some short edges, which
-    come from ``seed``. ``bounce=MS`` makes that time another one, until it is healed.
+    Its contacts bounce: within 8 ms of each press and release there are short edges at times drawn
+    from ``seed``. ``bounce=MS`` changes this time until the part's faults are cleared.
     """
 
     FAULTS: ClassVar = {
@@ -152,20 +159,21 @@ class Button(Part):
         self._pressed_level = pressed_level
         self._t_us = 0
         self._pressed = False  # the contact, bounces included
-        self._held = False  # what the hand does
-        # From then on: the contact, and what it settles to; in order.
+        self._held = False  # whether the user holds it
+        # Time of a change, the contact from then on, and the level it settles to; in order of time.
         self._due: list[tuple[int, bool, bool]] = []
         self._bounce_us = _BOUNCE_US
         self.pin = Pin(name, name, self.wire)
 
     def wire(self) -> int | None:
-        """The level of a wire that the button connects, else None."""
+        """Return the level of the wire while the button connects it, else None."""
         return self._pressed_level if self._closes(self._pressed) else None
 
     def _closes(self, pressed: bool) -> bool:
         return (pressed or "stuck" in self.faults) and "broken" not in self.faults
 
     def act(self, kind: str, value: str = "") -> None:
+        """Press, release or tap the button, or set the bounce time; ValueError for an invalid value."""
         if kind == "bounce":
             self._bounce_us = round(_number(value, _LONGEST_BOUNCE_MS, "bounce=8") * 1000)
         elif kind == "tap":
@@ -184,13 +192,16 @@ class Button(Part):
                 self._due.append((t_us + after, closed if index % 2 else not closed, closed))
 
     def shows(self) -> str:
-        # Not the contact: whoever looks in the middle of its bounces would see presses.
+        """Return "pressed" or "released", without bounces."""
+        # Not the contact: its bounces would appear as presses.
         return "pressed" if self._closes(self._held) else "released"
 
     def fault(self, kind: str) -> None:
+        """Activate a fault; a change of the level is an edge."""
         self._told(lambda: self.faults.add(kind))
 
     def heal(self) -> None:
+        """Clear all faults and restore the bounce time."""
         self._bounce_us = _BOUNCE_US
         self._told(self.faults.clear)
 
@@ -201,6 +212,7 @@ class Button(Part):
             self.pin.edge(self._t_us, 1 - before)
 
     def advance(self, t_us: int) -> None:
+        """Apply all changes of the contact up to ``t_us``."""
         while self._due and self._due[0][0] <= t_us:
             self._t_us, closed, self._held = self._due.pop(0)
 
@@ -212,7 +224,7 @@ class Button(Part):
 
 
 class Potentiometer(Part):
-    """Between ground and the converter's whole range; :meth:`analog` is its wiper."""
+    """A potentiometer across the converter's whole range; :meth:`analog` is its wiper."""
 
     FAULTS: ClassVar = {"open": "its wiper has no contact: noise"}
     ACTS: ClassVar = {"turn": "turn=PERCENT: turn its knob"}
@@ -223,15 +235,17 @@ class Potentiometer(Part):
         self._percent = 50.0
 
     def analog(self) -> float:
-        """0.0 to 1.0."""
+        """Return the position of the wiper, 0.0 to 1.0; noise without contact."""
         if "open" in self.faults:
             return self._random.random()
         return self._percent / 100
 
     def act(self, kind: str, value: str = "") -> None:
+        """Turn the knob; ValueError for a value that is not 0 to 100 percent."""
         self._percent = _number(value, 100, "turn=50")
 
     def shows(self) -> str:
+        """Return the position in percent."""
         return f"{self._percent:g} %"
 
 

@@ -1,8 +1,8 @@
 """An I2C device that is a row of registers of eight bits behind a pointer.
 
-The first byte that is written sets the pointer, the others go where it points to; each byte moves
-it on. What a burst reads is of one moment: the registers are brought up to date when the device is
-addressed.
+The first byte written sets the pointer, the following ones are written to the register it points
+to; each byte advances it. A burst reads values of one moment: the registers are updated when the
+device is addressed.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ from .i2c import Device
 
 
 class Registers(Device):
-    """``memory`` are the registers. Subclasses say what time does to them (`catch_up`), what a
-    write does (`wrote`) and what a read does besides (`was_read`).
+    """An I2C device with ``memory`` as its registers.
+
+    Subclasses define how registers change with time (`catch_up`), the effect of a write (`wrote`)
+    and the side effects of a read (`was_read`).
     """
 
     def __init__(self, name: str, address: int, size: int = 0x100) -> None:
@@ -22,24 +24,26 @@ class Registers(Device):
         self._pointed = False
 
     def catch_up(self, now_us: int) -> None:
-        """Bring the registers to this moment."""
+        """Update the registers to this moment."""
 
     def wrote(self, register: int, byte: int) -> None:
-        """The controller wrote to a register; it is ignored unless this stores it."""
+        """Handle a write of the controller to a register; ignored unless a subclass stores it."""
 
     def was_read(self, register: int) -> None:
-        """The controller has got the content of a register."""
+        """Handle that the controller has read a register."""
 
     def following(self, register: int) -> int:
-        """Where the pointer moves to."""
+        """Return the register to which the pointer advances."""
         return register + 1
 
     def start(self, read: bool) -> bool:
+        """Update the registers and acknowledge."""
         self._pointed = False
         self.catch_up(self.now_us())
         return True
 
     def write(self, byte: int) -> bool:
+        """Set the pointer with the first byte, write the others to registers."""
         if not self._pointed:
             self.pointer = byte
             self._pointed = True
@@ -49,6 +53,7 @@ class Registers(Device):
         return True
 
     def read(self) -> int:
+        """Return the register at the pointer and advance it."""
         register = self.pointer % len(self.memory)
         byte = self.memory[register]
         self.was_read(register)
@@ -56,7 +61,7 @@ class Registers(Device):
         return byte
 
     def put(self, register: int, value: int, little: bool = False) -> None:
-        """A signed number of 16 bits, limited to what fits, into two registers."""
+        """Store a signed 16-bit number, clamped to its range, in two registers."""
         value = min(max(value, -0x8000), 0x7FFF)
         self.memory[register : register + 2] = value.to_bytes(
             2, "little" if little else "big", signed=True
@@ -64,7 +69,7 @@ class Registers(Device):
 
 
 def counts(value: float, per_unit: float) -> int:
-    """What an ADC makes of a value, whatever it is; what is no number is 0."""
+    """Convert a value to counts of an ADC, clamped to 1e9 either way; NaN is 0."""
     value *= per_unit
     if value != value:
         return 0
