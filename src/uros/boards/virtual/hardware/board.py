@@ -263,7 +263,7 @@ class VirtualBoard:
     def add_camera(self, camera: Camera) -> None:
         """Add a camera.
 
-        A capture with width 0 starts the camera and returns no picture: drivers use it to probe for a
+        A capture with width 0 starts the camera and returns no picture: drivers use it to find a
         camera.
         """
         self.parts.add(camera)
@@ -351,7 +351,7 @@ class VirtualBoard:
     def reset(self) -> None:
         """Reset the microcontroller.
 
-        Its USB device is off until the firmware enables it, pins become inputs, and ticks start at 0.
+        Its USB device is off until firmware enables it, pins become inputs, and ticks start at 0.
         The parts around the microcontroller and the real-time clock are not affected.
         """
         with self.lock:

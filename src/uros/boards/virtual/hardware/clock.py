@@ -50,7 +50,7 @@ class BoardClock:
         return self._host_ns()
 
     def world_us(self) -> int:
-        """Return the true microseconds since power-on; a reset of the board does not change them."""
+        """Return the true microseconds since power-on; a reset does not change them."""
         return self._world_ns() // 1000
 
     def hold(self, world_us: int | None) -> None:
@@ -80,7 +80,7 @@ class BoardClock:
         return self._world_ns() * self._rate // _BILLION
 
     def ticks_us(self) -> int:
-        """Return the microseconds since power-on or :meth:`restart`, as the board's crystal counts them.
+        """Return the microseconds since power-on or :meth:`restart`, as the crystal counts them.
 
         The count never wraps; the engine wraps it as its port of MicroPython does.
         """
@@ -132,7 +132,7 @@ class ManualClock(BoardClock):
         super().__init__(drift_ppm, lambda: self._now, self._sleep)
 
     def _sleep(self, seconds: float) -> None:
-        # Rounded up, so that the board's microseconds have passed; float rounding errors are dropped.
+        # Rounded up, so that the board's microseconds have passed, without float rounding errors.
         self._now += math.ceil(round(seconds * 1e9, 3))
 
     def advance(self, us: int) -> None:

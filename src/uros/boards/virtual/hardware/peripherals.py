@@ -64,7 +64,7 @@ class Uart:
         self.init(baud, 256)
 
     def init(self, baud: int, rxbuf: int) -> None:
-        """Set baud rate and receive buffer; with another baud rate than the device's, both receive noise."""
+        """Set baud rate and receive buffer; with a wrong baud rate, both ends receive noise."""
         if not 300 <= baud <= 4_000_000 or not rxbuf:
             raise ValueError(f"no UART has {baud} baud and {rxbuf} octets")
         self._baud = baud
@@ -130,7 +130,7 @@ class Spi:
             self._device.write(data)
 
     def read(self, count: int, octet: int) -> bytes:
-        """Read ``count`` octets while ``octet`` is sent; 0xFF from a device that is not selected."""
+        """Read ``count`` octets while sending ``octet``; 0xFF if no device is selected."""
         into = bytearray(b"\xff" * count)
         if self.selected and self._mode == _MODE_1:
             self._device.readinto(into, octet)
