@@ -263,8 +263,8 @@ class VirtualBoard:
     def add_camera(self, camera: Camera) -> None:
         """Add a camera.
 
-        A capture with width 0 starts the camera and returns no picture: drivers use it to find a
-        camera.
+        A capture with width 0 starts the camera and returns no picture: drivers use it to probe
+        for a camera.
         """
         self.parts.add(camera)
         self.capture = lambda width, height, quality: (
@@ -351,8 +351,8 @@ class VirtualBoard:
     def reset(self) -> None:
         """Reset the microcontroller.
 
-        Its USB device is off until firmware enables it, pins become inputs, and ticks start at 0.
-        The parts around the microcontroller and the real-time clock are not affected.
+        Its USB device is off until the firmware enables it, pins become inputs, and ticks start at
+        0. The parts around the microcontroller and the real-time clock are not affected.
         """
         with self.lock:
             if self.usb_inside:

@@ -50,7 +50,7 @@ class BoardClock:
         return self._host_ns()
 
     def world_us(self) -> int:
-        """Return the true microseconds since power-on; a reset does not change them."""
+        """Return the true microseconds since power-on; a reset of the board does not change it."""
         return self._world_ns() // 1000
 
     def hold(self, world_us: int | None) -> None:
@@ -80,7 +80,7 @@ class BoardClock:
         return self._world_ns() * self._rate // _BILLION
 
     def ticks_us(self) -> int:
-        """Return the microseconds since power-on or :meth:`restart`, as the crystal counts them.
+        """Return the microseconds of the board's crystal since power-on or :meth:`restart`.
 
         The count never wraps; the engine wraps it as its port of MicroPython does.
         """

@@ -1,12 +1,12 @@
 """An I2C bus: one controller, and devices that hear every byte.
 
-A transfer is played byte by byte, and lasts as long as it would on the wire: nine bits a byte and
-one for each START and STOP, at the bus's frequency, and what a device holds the clock besides. The
-devices see the time of the wire while it runs; the caller waits for the sum at the end. No transfer
-lasts longer than ``timeout_us``, whatever is wrong.
+A transfer runs byte by byte and takes as long as on a real wire: nine bits per byte and one for
+each START and STOP, at the bus frequency, plus clock stretching. Devices see the time of the wire
+during the transfer; the caller waits for the total at the end. No transfer lasts longer than
+``timeout_us``, whatever fails.
 
-Faults are planted by name in ``device.faults`` and taken out again, from any thread; otherwise a
-bus belongs to one thread. What they draw comes from the bus's seed.
+Faults are injected by name in ``device.faults`` and removed again, from any thread; otherwise a bus
+belongs to one thread. Random values of faults come from the seed of the bus.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class BusError(OSError):
 
 
 class Device(Part):
-    """A device at one address. Subclasses say what it does with bytes."""
+    """A device at one address; subclasses define what it does with bytes."""
 
     FAULTS: ClassVar[dict[str, str]] = FAULTS
 
@@ -55,34 +55,34 @@ class Device(Part):
         self._bus: I2CBus | None = None
 
     def now_us(self) -> int:
-        """True time since power-on at this point of the wire; 0 off a bus."""
+        """Return the true time since power-on at this point of the transfer; 0 without a bus."""
         return self._bus.now_us() if self._bus is not None else 0
 
     def start(self, read: bool) -> bool:
-        """Addressed after a START, which may be a repeated one. Returns whether it acknowledges."""
+        """Handle a START or repeated START with this address; return whether to acknowledge."""
         return True
 
     def write(self, byte: int) -> bool:
-        """The controller sent a byte. Returns whether it is acknowledged."""
+        """Handle a byte from the controller; return whether to acknowledge it."""
         return False
 
     def read(self) -> int:
-        """The next byte for the controller."""
+        """Return the next byte for the controller."""
         return IDLE
 
     def hold_us(self) -> int:
-        """For how long the clock is held low after the byte that was just acknowledged."""
+        """Return how long to hold the clock low after the last acknowledged byte, in µs."""
         return 0
 
     def stop(self) -> None:
-        """STOP, or another device was addressed."""
+        """Handle STOP, or that another device was addressed."""
 
 
 class I2CBus:
     """The controller and its two wires.
 
-    ``on_read(address, ns)`` is called when a transfer that read is over, with the host's monotonic
-    time; ``last_read`` holds the same of the last one.
+    ``on_read(address, ns)`` is called at the end of each transfer that read, with the host's
+    monotonic time; ``last_read`` holds the same values of the last one.
     """
 
     def __init__(
@@ -102,16 +102,16 @@ class I2CBus:
         self._random: dict[str, random.Random] = {}
         self._shorted = False
         self._holder: Device | None = None  # holds SDA
-        self._clocks_needed = 0  # until it lets go
+        self._clocks_needed = 0  # until it releases SDA
         self._scl_held_until = 0.0
         self._claimed: Device | None = None  # addressed, and no STOP yet
         self._wire: float | None = None  # the time while a transfer runs
         self._deadline = 0.0
 
-    # Wiring and faults.
+    # Devices and faults.
 
     def attach(self, device: Device) -> None:
-        """Raises ValueError where the address is taken."""
+        """Add a device; ValueError if its address is taken."""
         if device.address in self.devices:
             taken = self.devices[device.address].name
             raise ValueError(f"address 0x{device.address:02x} is taken by {taken}")
@@ -120,7 +120,7 @@ class I2CBus:
         self._random[device.name] = random.Random(f"{self._seed}/{device.name}")
 
     def detach(self, address: int) -> None:
-        """Raises KeyError where nobody is at the address."""
+        """Remove the device at an address; KeyError if there is none."""
         device = self.devices.pop(address)
         device._bus = None
         if self._holder is device:
@@ -129,23 +129,24 @@ class I2CBus:
             self._claimed = None
 
     def fault(self, kind: str) -> None:
-        """Plant a fault of the wires: "stuck", SDA shorted to ground. Raises ValueError."""
+        """Inject a fault of the wires: "stuck", SDA shorted to ground; ValueError for any other."""
         if kind != "stuck":
             raise ValueError(f"a bus has no fault {kind}; it has stuck")
         self._shorted = True
 
     def heal(self) -> None:
-        """The wires are in order again."""
+        """Remove the short of the wires."""
         self._shorted = False
 
     @property
     def shorted(self) -> bool:
+        """Whether SDA is shorted to ground."""
         return self._shorted
 
     # The lines.
 
     def now_us(self) -> int:
-        """True time since power-on; in a transfer, at this point of the wire."""
+        """Return the true time since power-on; during a transfer, at this point of it."""
         return int(self._wire) if self._wire is not None else self._clock.world_us()
 
     @property
@@ -159,22 +160,24 @@ class I2CBus:
         return 0 if self._scl_held_until > self.now_us() else 1
 
     def _held(self) -> bool:
-        """Whether a device holds SDA. One that is healed or taken away lets go."""
+        """Whether a device holds SDA; one that is healed or detached releases it."""
         holder = self._holder
         if holder and ("stuck" not in holder.faults or "absent" in holder.faults):
             self._holder = holder = None
         return holder is not None
 
     def pulse(self) -> None:
-        """One clock made by hand, as a program does that drives the pins itself."""
+        """Make one clock pulse, as a program does that drives the pins itself."""
         if self.scl and self._held():
             self._clocks_needed -= 1
             if self._clocks_needed <= 0:
                 self._holder = None
 
     def recover(self) -> bool:
-        """Nine clocks and a STOP: a device that waits for the rest of a byte lets go of SDA.
-        Returns whether the bus is free now; a short stays one.
+        """Send nine clocks and a STOP, so that a device in the middle of a byte releases SDA.
+
+        Returns:
+            Whether the bus is free now; it is not while SDA is shorted.
         """
         for _ in range(9):
             self.pulse()
@@ -190,12 +193,18 @@ class I2CBus:
     # Transfers.
 
     def transfer(self, address: int, write: bytes, read: int, stop: bool = True) -> bytes:
-        """Write, then read ``read`` bytes after a repeated START; either may be nothing, and both:
-        then the address is only called. Without ``stop`` the bus stays claimed, and the next
-        transfer begins with a repeated START.
+        """Write, then read ``read`` bytes after a repeated START.
 
-        Raises BusError, after which the bus is not claimed; ValueError for an address or a size
-        that cannot be.
+        Args:
+            address: Address of 7 bits.
+            write: Bytes to write, possibly none.
+            read: How many bytes to read, possibly 0. With nothing to write or read, the device is
+                only addressed.
+            stop: False keeps the bus claimed; the next transfer begins with a repeated START.
+
+        Raises:
+            BusError: The transfer failed; the bus is no longer claimed.
+            ValueError: The address or the size is out of range.
         """
         if not 0 <= address <= 0x7F:
             raise ValueError(f"an I2C address has 7 bits, not {address}")
@@ -228,8 +237,10 @@ class I2CBus:
         return out
 
     def scan(self) -> list[int]:
-        """The addresses that are acknowledged, without the reserved ones. Raises BusError where
-        the bus is stuck.
+        """Return the addresses that are acknowledged, without the reserved ones.
+
+        Raises:
+            BusError: The bus is stuck.
         """
         found = []
         for address in range(0x08, 0x78):

@@ -64,7 +64,10 @@ class Uart:
         self.init(baud, 256)
 
     def init(self, baud: int, rxbuf: int) -> None:
-        """Set baud rate and receive buffer; with a wrong baud rate, both ends receive noise."""
+        """Set baud rate and receive buffer.
+
+        With another baud rate than the device's, both ends receive noise.
+        """
         if not 300 <= baud <= 4_000_000 or not rxbuf:
             raise ValueError(f"no UART has {baud} baud and {rxbuf} octets")
         self._baud = baud
@@ -130,7 +133,7 @@ class Spi:
             self._device.write(data)
 
     def read(self, count: int, octet: int) -> bytes:
-        """Read ``count`` octets while sending ``octet``; 0xFF if no device is selected."""
+        """Read ``count`` octets while sending ``octet``; 0xFF where no device answers."""
         into = bytearray(b"\xff" * count)
         if self.selected and self._mode == _MODE_1:
             self._device.readinto(into, octet)
@@ -294,6 +297,7 @@ class Plug(Part):
         self._access_points = dict(network.access_points)
 
     def fault(self, kind: str) -> None:
+        """Inject a fault; a momentary one is over when this returns."""
         device = self.device
         if kind in _MOMENTS and not isinstance(device, Radio):
             {
@@ -309,13 +313,16 @@ class Plug(Part):
                 device.lose_network()
 
     def active(self, kind: str) -> bool:
+        """Return whether this fault is active."""
         return kind in self.device.faults
 
     def heal(self) -> None:
+        """Clear all faults; the access points are on again."""
         self.device.faults.clear()
         self.network.access_points.update(self._access_points)
 
     def shows(self) -> str:
+        """Return the network that the device is in."""
         device = self.device
         if not isinstance(device, Radio):
             return f"in {device.joined}" if device.joined else "in no network"
@@ -324,10 +331,12 @@ class Plug(Part):
         return "in a network" if device.status() == Radio.GOT_IP else "in no network"
 
     def reset(self) -> None:
+        """Reset a radio of the board's own; a modem is not affected by a reset of the board."""
         if isinstance(self.device, Radio):
             self.device.reset()
 
     def close(self) -> None:
+        """Close the network, and the sockets of a radio."""
         self.network.close()
         self.reset()
 

@@ -61,7 +61,10 @@ class Pin:
         self._told = 0  # the duty reported last
 
     def value(self, level: int | None = None) -> int:
-        """Return the level; set it first if one is given, which takes effect on an output."""
+        """Return the level; if one is given, set it first.
+
+        A level that is set takes effect once the pin is an output.
+        """
         if level is not None:
             level = 1 if level else 0
             changed, self._level = level != self._level, level
@@ -93,7 +96,7 @@ class Pin:
                 self._on_duty(duty)
 
     def edge(self, t_us: int, level: int) -> None:
-        """Report a new level of the wire; interrupt the firmware if it enabled that edge."""
+        """Report a new level of the wire; an interrupt follows if enabled for this edge."""
         if self.on_edge is not None and self.edges & (RISING if level else FALLING):
             self.on_edge(t_us, self, level)
 
@@ -136,7 +139,7 @@ class Led(Part):
 
 
 class Button(Part):
-    """A push button between its pin and the rail of ``pressed_level``; a pull sets the rest.
+    """A push button between its pin and the rail of ``pressed_level``; else the pin's pull counts.
 
     Its contacts bounce: within 8 ms of each press and release there are short edges at times drawn
     from ``seed``. ``bounce=MS`` changes this time until the part's faults are cleared.
@@ -173,7 +176,7 @@ class Button(Part):
         return (pressed or "stuck" in self.faults) and "broken" not in self.faults
 
     def act(self, kind: str, value: str = "") -> None:
-        """Press, release or tap the button, or set the bounce time; raises ValueError."""
+        """Press, release or tap the button, or set the bounce time; ValueError for a bad value."""
         if kind == "bounce":
             self._bounce_us = round(_number(value, _LONGEST_BOUNCE_MS, "bounce=8") * 1000)
         elif kind == "tap":

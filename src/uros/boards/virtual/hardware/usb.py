@@ -1,19 +1,19 @@
 """The board's USB device, and the host's port that it is plugged into.
 
-The line is a real pseudo-terminal under a name that stays the same. As with a real USB serial port
-it is there only while the device is plugged in and configured, unplugging hangs up on whoever has
-it open, and the board knows whether a program has it open (DTR). While none has, nothing is sent:
-:meth:`UsbCdc.write` takes 0, as an endpoint whose packets nobody fetches, and what a program left
-unread is thrown away when it closes. So no stale bytes await the next one.
+The line is a real pseudo-terminal under a constant name. As with a real USB serial port, it exists
+only while the device is plugged in and configured, unplugging hangs up on programs that have it
+open, and the board knows whether a program has it open (DTR). While none has, nothing is sent:
+:meth:`UsbCdc.write` accepts 0 bytes, as an endpoint whose packets are not fetched, and data that a
+program left unread is discarded when it closes the port. So the next program gets no stale bytes.
 
-What the firmware does not read is held back, not lost: first in 2048 bytes on the board, then at
-the host, until the program's writes wait.
+Data that the firmware does not read is held back, not lost: first in 2048 bytes on the board, then
+on the host, until the program's writes block.
 
-Enumeration takes a few milliseconds. A host that finds the descriptors wrong does not configure
-the device and says why (:attr:`UsbCdc.error`).
+Enumeration takes a few milliseconds. A host that finds errors in the descriptors does not configure
+the device and gives the reason (:attr:`UsbCdc.error`).
 
-Only Linux tells whether a program has a pseudo-terminal open. Elsewhere a configured port counts
-as open, and a program that opens it has to flush it.
+Only Linux tells whether a program has a pseudo-terminal open. On other systems a configured port
+counts as open, and a program that opens it has to flush it.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class _Line:
             os.close(self.master)
             os.close(slave)
             raise
-        # Without the slave, Linux says at the master whether others have it open.
+        # With the slave closed here, Linux reports at the master whether others have it open.
         if _TELLS_OPEN:
             os.close(slave)
         else:
@@ -102,8 +102,9 @@ class _Line:
         return not _TELLS_OPEN or not self._hang_up.poll(0)
 
     def notice(self) -> bool:
-        """Whether it was opened or closed since the last call. What a program that has closed it
-        did not read is thrown away.
+        """Return whether the line was opened or closed since the last call.
+
+        Discards data that a program had not read when it closed the line.
         """
         is_open = self.is_open()
         if is_open == self._was_open:
@@ -131,7 +132,7 @@ class _Line:
             return 0
 
     def close(self) -> None:
-        """Hang up."""
+        """Hang up and remove the link."""
         with contextlib.suppress(OSError):
             if os.readlink(self._path) == self.device:
                 self._path.unlink()
@@ -142,15 +143,20 @@ class _Line:
 
 
 class UsbCdc:
-    """A USB serial port, from both ends.
+    """A USB serial port, both ends.
 
-    The firmware's side is :meth:`enable` to :meth:`wait`. As on a microcontroller without a USB
-    task, enumeration ends and bytes are taken only when one of them is called. Any method may be
-    called from any thread, but only one thread waits.
+    The methods :meth:`enable` to :meth:`wait` are for the firmware. As on a microcontroller
+    without a USB task, enumeration ends and bytes are received only when one of them is called.
+    Any method may be called from any thread, but only one thread may wait.
 
-    ``path`` is where the link to the line will be, by default in a folder of its own that
-    :meth:`close` removes. A link that is there is replaced, anything else is left alone
-    (FileExistsError, from here).
+    Args:
+        clock: The board's clock; by default a new one.
+        path: Where the link to the line is created, by default in a temporary folder that
+            :meth:`close` removes. An existing link is replaced.
+        name: The name of the link in the temporary folder.
+
+    Raises:
+        FileExistsError: ``path`` exists and is not a link.
     """
 
     def __init__(
@@ -173,12 +179,12 @@ class UsbCdc:
         self._lock = threading.RLock()
         self._waiting = 0
         self._wake = WakeupFd()
-        # At the master of a terminal that nobody has open, "hung up" is always to be read, so
-        # that only a change of it must end a wait.
+        # The master of a terminal that is not open is always readable as "hung up", so that only
+        # a change may end a wait: edge-triggered.
         self._epoll = select.epoll() if _TELLS_OPEN else None
         if self._epoll is not None:
             self._epoll.register(self._wake.fileno(), select.EPOLLIN)
-        self._changes = 0  # counts what wait() has to tell
+        self._changes = 0  # counts the changes that end a wait()
         self._told = 0
         self._enabled: tuple[bytes, bytes, tuple[str, ...]] | None = None
         self._ready_at: int | None = None  # when enumeration ends
@@ -192,8 +198,9 @@ class UsbCdc:
     def enable(
         self, device_descriptor: bytes, configuration: bytes, strings: Sequence[str]
     ) -> None:
-        """Switch the device on. ``strings[0]`` is the one with index 1. If it was on, the host
-        sees it leave and come back.
+        """Enable the device; ``strings[0]`` has index 1.
+
+        If the device was enabled already, the host sees it disconnect and connect again.
         """
         with self._lock:
             self.disable()
@@ -201,7 +208,7 @@ class UsbCdc:
             self._enumerate()
 
     def disable(self) -> None:
-        """Switch the device off: to the host, it is gone."""
+        """Disable the device; the host sees it disconnect."""
         with self._lock:
             self._enabled = None
             self.error = ""
@@ -209,8 +216,10 @@ class UsbCdc:
 
     @property
     def state(self) -> str:
-        """DETACHED: not plugged in, or off; ATTACHED: the host has not configured it, yet or at all
-        (see :attr:`error`); CONFIGURED; SUSPENDED.
+        """State of the device: DETACHED, ATTACHED, CONFIGURED or SUSPENDED.
+
+        DETACHED: not plugged in, or disabled. ATTACHED: not configured by the host, yet or at all
+        (see :attr:`error`).
         """
         with self._lock:
             self._poll()
@@ -219,14 +228,15 @@ class UsbCdc:
             return ATTACHED if self.plugged and self._enabled is not None else DETACHED
 
     def is_open(self) -> bool:
-        """Whether a program on the host has the port open; also while suspended."""
+        """Return whether a program on the host has the port open, also while suspended."""
         with self._lock:
             self._poll()
             return self._line is not None and self._line.is_open()
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """Send, without waiting. Returns how many bytes were taken: 0 unless the port is
-        configured, not suspended and open.
+        """Send without waiting; return how many bytes were accepted.
+
+        None are accepted unless the port is configured, not suspended and open.
         """
         with self._lock:
             self._poll()
@@ -235,7 +245,7 @@ class UsbCdc:
             return self._line.write(data)
 
     def read(self, size: int) -> bytes:
-        """Up to ``size`` bytes that have come, without waiting."""
+        """Return up to ``size`` received bytes, without waiting."""
         with self._lock:
             self._poll()
             out = bytes(memoryview(self._received)[:size])
@@ -243,16 +253,22 @@ class UsbCdc:
             return out
 
     def any(self) -> int:
-        """How many bytes can be read, up to the size of the buffer."""
+        """Return how many bytes can be read, up to the size of the buffer."""
         with self._lock:
             self._poll()
             return len(self._received)
 
     def wait(self, seconds: float | None) -> bool:
-        """Wait up to so long (None: for ever) until there is something to read, or the line
-        has changed since the last wait: plugged, unplugged, configured, suspended, resumed, closed
-        by a program. Returns whether it is so. That a program has opened the port ends no wait
-        before its first byte comes.
+        """Wait until there is data to read, or the line has changed since the last wait.
+
+        A change is: plugged, unplugged, configured, suspended, resumed, closed by a program. A
+        program that opens the port ends the wait only with its first byte.
+
+        Args:
+            seconds: The longest time to wait; None: no limit.
+
+        Returns:
+            Whether there is data or a change, or the port is closed for good.
         """
         clock = self._clock
         deadline = None if seconds is None else clock.host_ns() + round(seconds * 1e9)
@@ -286,21 +302,22 @@ class UsbCdc:
     # The host's side.
 
     def plug(self) -> None:
-        """Put the cable in; the host enumerates the device if it is switched on."""
+        """Plug in the cable; the host enumerates the device if it is enabled."""
         with self._lock:
             if not self.plugged and not self._closed:
                 self.plugged = True
                 self._enumerate()
 
     def unplug(self) -> None:
-        """Pull the cable: programs that have the port open see it hang up."""
+        """Unplug the cable; programs that have the port open see it hang up."""
         with self._lock:
             self.plugged = False
             self._detach()
 
     def suspend(self) -> None:
-        """The host lets the device sleep: the port stays, data waits. Nothing where there is no
-        configured device.
+        """Suspend the device: the port stays, data waits.
+
+        Does nothing without a configured device.
         """
         with self._lock:
             if self._line is not None and not self._suspended:
@@ -308,7 +325,7 @@ class UsbCdc:
                 self._changed()
 
     def resume(self) -> None:
-        """Data goes on."""
+        """Resume the device; data continues."""
         with self._lock:
             if self._suspended:
                 self._suspended = False
@@ -316,10 +333,11 @@ class UsbCdc:
 
     @property
     def suspended(self) -> bool:
+        """Whether the host has suspended the device."""
         return self._suspended
 
     def close(self) -> None:
-        """Unplug for good. A wait ends."""
+        """Unplug for good; a wait ends."""
         with self._lock:
             if self._closed:
                 return
@@ -345,7 +363,7 @@ class UsbCdc:
         return fds
 
     def _close_waiting(self) -> None:
-        """When closed, the last one to leave a wait closes what it waits with."""
+        """When closed, close the descriptors of waits as the last thread leaves its wait."""
         if self._closed and not self._waiting:
             self._wake.close()
             if self._epoll is not None:
@@ -368,7 +386,7 @@ class UsbCdc:
             self._line = None
 
     def _poll(self) -> None:
-        """What the device does by itself: end enumeration, take packets."""
+        """End enumeration when it is due, and receive packets."""
         if self._ready_at is not None and self._clock.world_us() >= self._ready_at:
             self._ready_at = None
             self._configure()

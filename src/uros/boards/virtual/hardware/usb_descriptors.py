@@ -25,7 +25,7 @@ class DescriptorError(ValueError):
 
 @dataclass(frozen=True)
 class UsbIdentity:
-    """What the descriptors of a USB serial port say."""
+    """Contents of the descriptors of a USB serial port."""
 
     vendor: int
     product: int
@@ -40,7 +40,10 @@ class UsbIdentity:
 
 
 def device_descriptor(vendor: int, product: int, device_class: int = _COMMUNICATION) -> bytes:
-    """USB 2.0, one configuration, strings 1 to 3 for manufacturer, product and serial number."""
+    """Return a device descriptor: USB 2.0, one configuration, 3 strings.
+
+    Strings 1 to 3 are manufacturer, product and serial number.
+    """
     return struct.pack(
         "<BBHBBBBHHHBBBB",
         18, _DEVICE, 0x0200, device_class, 0, 0, PACKET, vendor, product, 0x0200, 1, 2, 3, 1,
@@ -48,7 +51,10 @@ def device_descriptor(vendor: int, product: int, device_class: int = _COMMUNICAT
 
 
 def cdc_configuration(notification: int, data_out: int, data_in: int, milliamperes: int) -> bytes:
-    """A self-powered serial port (CDC-ACM): a control and a data interface."""
+    """Return the configuration of a self-powered serial port (CDC-ACM).
+
+    It has a control and a data interface.
+    """
     body = b"".join(
         (
             struct.pack("9B", 9, _INTERFACE, 0, 0, 1, _COMMUNICATION, _ACM, 1, 0),
@@ -79,8 +85,15 @@ def _require(condition: bool, why: str) -> None:
 
 
 def check_descriptors(device: bytes, configuration: bytes, strings: Sequence[str]) -> UsbIdentity:
-    """What a host does with the descriptors of a full-speed CDC-ACM device. ``strings[0]`` has
-    the index 1. Raises DescriptorError.
+    """Check the descriptors of a full-speed CDC-ACM device, as a host does.
+
+    Args:
+        device: Device descriptor.
+        configuration: Configuration descriptor with all that follows it.
+        strings: String descriptors; ``strings[0]`` has index 1.
+
+    Raises:
+        DescriptorError: A host does not accept the descriptors.
     """
     _require(len(device) == 18, f"device descriptor: {len(device)} bytes instead of 18")
     _require(device[0] == 18, f"device descriptor: it says it has {device[0]} bytes, not 18")
@@ -121,13 +134,13 @@ class _Interface:
     number: int
     kind: int
     subclass: int
-    announced: int  # endpoints
+    announced: int  # number of endpoints
     endpoints: list[tuple[int, int]]  # address, kind
     has_union: bool = False
 
 
 def _check_configuration(data: bytes) -> tuple[int, int, tuple[int, int, int]]:
-    """Attributes, power in 2 mA, and the endpoints for notifications, out and in."""
+    """Return attributes, power in 2 mA, and the endpoints for notifications, out and in."""
     where = "configuration descriptor"
     _require(len(data) >= 9, f"{where}: {len(data)} bytes, fewer than its head has")
     length, kind, total, count, value, _, attributes, power = struct.unpack_from("<BBHBBBBB", data)
