@@ -3,9 +3,9 @@
     lint_boards.py             all of them
     lint_boards.py NAME ...    these folders of firmware/
 
-Which port a program is for is said in uros/boards/virtual/hardware/board.py. The stubs are in
-build/typings/PORT,
-where this puts them: not in .venv, where they would stand for CPython's own modules.
+uros/boards/virtual/hardware/board.py says which port a program is for. The stubs are in
+build/typings/PORT, where this script installs them: in .venv they would replace the modules of
+CPython.
 """
 
 import subprocess

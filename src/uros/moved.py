@@ -230,7 +230,7 @@ MODULES: Final = {
     "uros.transport.rfcomm": "uros.agent.transports.rfcomm",
     "uros.transport.sockets": "uros.agent.transports.sockets",
     "uros.transport.stream": "uros.transport.serial",
-    "uros.transport.tally": "uros.agent.token_bucket",
+    "uros.transport.tally": "uros.token_bucket",
     "uros.transport.tcpboard": "uros.transport.tcp",
     "uros.transport.terminal": "uros.agent.transports.terminal",
     "uros.transport.tlsboard": "uros.transport.tls",

@@ -10,6 +10,7 @@ import warnings
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.signals import default_signals
 
 from uros.middleware import open_middleware
 from uros.middleware import ros_names as names
@@ -395,22 +396,14 @@ def test_boards_whose_nodes_have_the_same_name(either, own_domain_id, order):
 
 
 def test_signals_stay_ours(either, own_domain_id):
-    # A run that a script started with & ignores Ctrl-C.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        check_signals(either, own_domain_id)
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def check_signals(either, own_domain_id):
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    node = either.create_node(own_domain_id, "/", "node")
-    node.create_replier(TRIGGER, QoSProfile(), lambda: None)
-    for number, handler in handlers.items():
-        assert signal.getsignal(number) is handler
-    with pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
+    with default_signals():
+        handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        node = either.create_node(own_domain_id, "/", "node")
+        node.create_replier(TRIGGER, QoSProfile(), lambda: None)
+        for number, handler in handlers.items():
+            assert signal.getsignal(number) is handler
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
 
 
 def test_a_context_that_somebody_shuts_down_is_told(ros2, own_domain_id):

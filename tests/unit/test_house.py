@@ -25,32 +25,36 @@ ALLOWED = {
     "moved": set(),
     "printable": set(),
     "http_server": set(),
+    "token_bucket": set(),
     "drivers": set(),
     "control": set(),
     "qos": {"wire"},
     "interfaces": {"wire"},
     "transport": {"wire", "ticks", "agent"},
     "client": {"wire", "interfaces", "qos", "ticks"},
-    "middleware": {"interfaces", "qos", "names"},
+    "middleware": {"interfaces", "qos", "names", "token_bucket"},
     "agent": {
         "wire", "ticks", "transport", "middleware", "qos", "names", "printable", "http_server",
+        "token_bucket",
     },
     "host": {"client", "middleware", "interfaces", "qos", "names", "printable"},
     "dashboard": {"drivers", "http_server"},
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
+        "token_bucket",
     },
     "tools": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "boards", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
+        "token_bucket",
     },
 }  # fmt: skip
 # Walls inside a room: what a package must not import, and why.
 INNER_WALLS = {
     "uros.agent.transports": (
         ("uros.agent",),
-        "a transport knows its Host, and of the agent only log and token_bucket",
+        "a transport knows its Host, and of the agent only clock and log",
     ),
     "uros.agent.session": (
         ("uros.agent.objects", "uros.agent.persistence", "uros.agent.observability"),
@@ -72,7 +76,7 @@ INNER_WALLS = {
 }  # fmt: skip
 # Where only these modules may stand: others belong into one of the folders beside them.
 FULL = {
-    "": {"__main__", "http_server", "moved", "names", "printable", "qos", "ticks"},
+    "": {"__main__", "http_server", "moved", "names", "printable", "qos", "ticks", "token_bucket"},
     "agent": {
         "agent",
         "clock",
@@ -80,7 +84,6 @@ FULL = {
         "log",
         "malloc_trim",
         "server",
-        "token_bucket",
         "watchdog",
     },
     "boards": set(),
@@ -90,7 +93,20 @@ FULL = {
 # Not collected by its name: the test of the same folder that is named here runs it.
 RUN_BY_A_TEST = {"tests/interop/rclpy_middleware.py": "tests/interop/test_ros2_middleware.py"}
 # Small modules that any room of the agent may import.
-EVERYBODYS = {"uros.agent.clock", "uros.agent.log", "uros.agent.token_bucket"}
+EVERYBODYS = {"uros.agent.clock", "uros.agent.log"}
+# What in the agent may use a module of the operating system. All else gets the time from the
+# agent's clock, and what it opens from one of these: a simulation replaces them as wholes.
+SYSTEM = {
+    "time": ("clock", "observability.prometheus"),  # the latter sleeps, in a thread of its own
+    "random": (),
+    "secrets": (),
+    "uuid": (),
+    "socket": ("transports", "observability.prometheus", "observability.status_socket"),
+    "os": (
+        "log", "observability.capture", "observability.snapshot", "observability.status_socket",
+        "persistence.journal", "transports", "watchdog",
+    ),
+}  # fmt: skip
 PASSED_OVER = {"build", "dist", "venv", "node_modules", "CVS", "_darcs"}
 
 
@@ -162,6 +178,22 @@ def test_imports_stay_within_the_inner_walls() -> None:
                     and it not in EVERYBODYS
                     and any(within(it, bar) for bar in barred)
                 ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_these_modules_of_the_agent_alone_use_the_operating_system() -> None:
+    wrong = []
+    for name, path in modules().items():
+        if not within(name, "uros.agent"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                names = [node.module or ""]
+            for system in SYSTEM.keys() & names:
+                if not any(within(name, f"uros.agent.{module}") for module in SYSTEM[system]):
+                    instead = "Clock" if system == "time" else "what its context gives it"
+                    wrong.append(f"{name} imports {system}: let it use {instead}, or see SYSTEM")
     assert not wrong, "\n".join(wrong)
 
 

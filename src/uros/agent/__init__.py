@@ -7,7 +7,6 @@
 ``log``            Log lines in the columns of the C++ agent, and limits on how many.
 ``malloc_trim``    Returns freed memory to the system some time after clients have left.
 ``server``         Runs an agent: one thread with its sockets, timers and middleware.
-``token_bucket``   Token buckets, for all rates that the agent limits.
 ``watchdog``       Logs where the agent's one thread stands when it hangs.
 ``objects``        The objects of a client: how they are described, created, found and deleted.
 ``observability``  What a person sees of an agent: messages, captures, snapshots, metrics.

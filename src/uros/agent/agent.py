@@ -86,7 +86,7 @@ class Agent:
         # Milliseconds modulo 2^30.
         self.now: Callable[[], int] = self.clock.ticks
         self.log = log or Log(clock=self.clock)
-        self.message_hooks = MessageHooks(self.log)
+        self.message_hooks = MessageHooks(self.log, self.clock)
         self.faults = RateLimit(clock=self.clock.monotonic)
         self.unmatched_faults = RateLimit(10.0, clock=self.clock.monotonic)
         self.references = references or References()

@@ -1,4 +1,4 @@
-"""The clock of the agent: the one place where its core reads the time.
+"""The clock of the agent: the one place where it reads the time.
 
 Timestamps of a session are milliseconds modulo 2^30 and are compared modulo 2^30, so two must not
 be more than 6 days apart. A process that was stopped for longer, or a virtual machine that was,
@@ -25,6 +25,8 @@ class Clock:
     Attributes:
         monotonic: Returns seconds that never go backwards.
         time_ns: Returns nanoseconds since 1970, which may jump.
+        thread_time: Returns the seconds of CPU that the calling thread has used.
+        process_time: Returns the seconds of CPU that all threads have used.
 
     Args:
         monotonic: By default :func:`time.monotonic`.
@@ -38,6 +40,8 @@ class Clock:
     ) -> None:
         self.monotonic = monotonic or time.monotonic
         self.time_ns = time_ns or time.time_ns
+        self.thread_time = time.thread_time
+        self.process_time = time.process_time
         self._last = int(self.monotonic() * 1000)
         self._skipped = 0  # milliseconds that ticks() has not counted
 

@@ -21,8 +21,8 @@ from collections.abc import Callable
 from typing import Final, TextIO
 
 from ..printable import printable_ascii, unguarded
+from ..token_bucket import KeyedTokenBuckets, TokenBucket
 from .clock import Clock
-from .token_bucket import KeyedTokenBuckets, TokenBucket
 
 CRITICAL: Final = 1
 ERROR: Final = 2

@@ -51,6 +51,7 @@ class Server:
     """Runs an agent on transports until :meth:`stop`.
 
     Attributes:
+        clock: The agent's clock.
         attachments: What else to open and close with the server.
         started: When it was created, in seconds of the agent's monotonic clock.
         turns: How many turns the loop has had; for a watchdog.
@@ -67,6 +68,7 @@ class Server:
         self.agent = agent
         self.transports = transports
         self.attachments: list[Attachment] = []
+        self.clock = agent.clock
         self._monotonic = agent.clock.monotonic
         self.started = self._monotonic()
         agent.middleware.batching = True

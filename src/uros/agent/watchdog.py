@@ -13,11 +13,11 @@ from __future__ import annotations
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable
 from types import FrameType
 from typing import Final, Protocol
 
+from .clock import Clock
 from .log import Log
 
 HANG_SECONDS: Final = 2.0
@@ -37,6 +37,7 @@ _OTHER: Final = "if it comes again, please report it as a fault of uros, with th
 class Watched(Protocol):
     """What the watchdog reads of a server."""
 
+    clock: Clock
     turns: int  # of its loop
     asleep: bool  # it waits for something to happen
     thread: int | None  # its ident, while it runs
@@ -91,9 +92,10 @@ class Watchdog:
             self._thread.join(1.0)
 
     def _run(self) -> None:
-        self._since = self._seen = time.monotonic()
+        monotonic = self._server.clock.monotonic
+        self._since = self._seen = monotonic()
         while not self._over.wait(self._interval):
-            self.check(time.monotonic())
+            self.check(monotonic())
 
     def check(self, now: float) -> None:
         """Log if the server hangs, or goes on; end the process if closing hangs.

@@ -12,6 +12,7 @@ from unit.agent.test_server import running
 from unit.agent.transports.faults import wait_for
 from unit.agent.transports.test_process import agent as process
 
+from uros.agent.clock import Clock
 from uros.agent.watchdog import Watchdog, standing
 from uros.middleware.memory import MemoryWriter
 
@@ -37,7 +38,7 @@ class Bench:
 
     def __init__(self):
         self.server = SimpleNamespace(
-            turns=0, asleep=False, thread=threading.get_ident(), stopping=False
+            turns=0, asleep=False, thread=threading.get_ident(), stopping=False, clock=Clock()
         )
         self.log = Log()
         self.left = []

@@ -13,7 +13,6 @@ import os
 import queue
 import stat
 import threading
-import time
 from typing import Final, Protocol
 
 from ..log import Log, RateLimit, unexpected
@@ -32,9 +31,9 @@ MAX_WAITING: Final = 16 * 1024 * 1024
 _OVERHEAD: Final = 300
 # Written at once where so much waits.
 _CHUNK: Final = 64 * 1024
-# How long closing waits for the disk in all, and for one that takes nothing, in seconds.
-_PATIENCE: Final = 5.0
+# Closing waits so many seconds for a disk that takes nothing, and so many times in all.
 _STILL: Final = 1.0
+_JOINS: Final = 5
 # Windows would change line ends; elsewhere a terminal would become our controlling terminal.
 _NEW: Final = (
     os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
@@ -118,9 +117,10 @@ class Capture:
         """Write the queued messages, as far as the disk takes them within a few seconds."""
         self._message_hooks.discard(self.record)
         self._waiting.put(None)
-        end = time.monotonic() + _PATIENCE
         before = -1
-        while self._thread.is_alive() and time.monotonic() < end and before != self._taken:
+        for _ in range(_JOINS):
+            if not self._thread.is_alive() or before == self._taken:
+                break
             before = self._taken
             self._thread.join(_STILL)
         if self._thread.is_alive():

@@ -8,10 +8,10 @@ block.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
+from ..clock import Clock
 from ..log import DEBUG, TRACE, Log, unexpected
 from ..objects.kinds import key_label
 from ..transports.base import ServerTransport
@@ -50,9 +50,10 @@ class MessageHooks(list[MessageHook]):
     At log level 5 or 6 it begins with a hook that logs each message.
     """
 
-    def __init__(self, log: Log) -> None:
+    def __init__(self, log: Log, clock: Clock) -> None:
         super().__init__()
         self._log = log
+        self._clock = clock
         if log.level >= DEBUG:
             self.append(lambda event: log_message(log, event))
 
@@ -61,7 +62,7 @@ class MessageHooks(list[MessageHook]):
         message: bytes | memoryview, length: int, key: int,
     ) -> None:  # fmt: skip
         """Call all hooks with ``message[:length]``; a hook that raises is removed."""
-        now = time.time_ns() // 1000
+        now = self._clock.time_ns() // 1000
         event = MessageEvent(transport, peer, direction, bytes(message[:length]), now, key)
         for hook in self[:]:  # a hook may remove itself
             try:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -126,7 +125,7 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
         if client is not None:  # otherwise it left meanwhile
             yield comma + _text(_client(server, client, rates))
             comma = ","
-    now = time.monotonic()
+    now = agent.clock.monotonic()
     refused = [
         {
             "key": key_label(key), "why": cut(refusal.why), "address": cut(refusal.address),
@@ -150,16 +149,17 @@ def gather(server: Server, done: Callable[[str], None], wanted: Callable[[], boo
     """
     made: list[str] = []
     more = pieces(server)
+    monotonic = server.clock.monotonic
 
     def work() -> None:
-        end = time.monotonic() + SLICE
+        end = monotonic() + SLICE
         while wanted():
             piece = next(more, None)
             if piece is None:
                 done("".join(made))
                 return
             made.append(piece)
-            if time.monotonic() >= end:
+            if monotonic() >= end:
                 server.wake_at(0.0, work)
                 return
 
@@ -175,10 +175,10 @@ def _head(server: Server) -> dict[str, Any]:
     return {
         "version": VERSION,
         "pid": os.getpid(),
-        "uptime": round(time.monotonic() - server.started, 3),
+        "uptime": round(agent.clock.monotonic() - server.started, 3),
         "middleware": agent.middleware.name,
         "rss": resident_bytes(),
-        "cpu": round(time.process_time(), 3),
+        "cpu": round(agent.clock.process_time(), 3),
         "fds": descriptors(),
         "limits": dataclasses.asdict(agent.limits),
         "transports": [_transport(transport) for transport in server.transports],
@@ -197,7 +197,7 @@ def _transport(transport: ServerTransport) -> dict[str, Any]:
 def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]:
     agent, session = server.agent, client.session
     transport, peer = agent.place(client.key)
-    now = time.monotonic()
+    now = agent.clock.monotonic()
     rate_in, rate_out, over = rates.of(client, now)
     unacknowledged, stalled, early, fragments = session.queues()
     found = [obj for obj in client.objects.values() if obj.endpoint is not None]

@@ -21,9 +21,8 @@ import os
 import re
 import socket
 import stat
-import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -139,6 +138,7 @@ class StatusSocket:
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = folder
         self._server: Server | None = None
+        self._monotonic: Callable[[], float] = lambda: 0.0  # until it is opened
         self._socket: socket.socket | None = None
         self._connections: dict[_Connection, None] = {}
         self.path: Path | None = None
@@ -147,6 +147,7 @@ class StatusSocket:
     def open(self, server: Server) -> None:
         """Open the socket; a failure is logged and the agent starts without it."""
         self._server = server
+        self._monotonic = server.clock.monotonic
         self.rates = Rates(server.agent.clients)
         self._sweep()
         places = folders()
@@ -208,7 +209,7 @@ class StatusSocket:
         server = self._server
         if server is None or self.rates is None:
             return
-        now = time.monotonic()
+        now = self._monotonic()
         server.wake_at(RATE_SECONDS, self._sweep)
         self.rates.mark(now)
         for connection in list(self._connections):
@@ -324,7 +325,7 @@ class StatusSocket:
                 raise
 
     def _work(self, connection: _Connection) -> None:
-        end = time.monotonic() + SLICE
+        end = self._monotonic() + SLICE
         while True:
             if connection.answer is not None and len(connection.out) < _CHUNK:
                 piece = next(connection.answer, None)
@@ -338,14 +339,14 @@ class StatusSocket:
                 connection.out += connection.encoder.encode(event, lost)
             elif len(connection.out) >= _CHUNK or not self._next(connection):
                 break
-            if time.monotonic() >= end:
+            if self._monotonic() >= end:
                 break
         if not self._push(connection):
             return
         more = bool(connection.answer is not None or connection.events or connection.queries)
         if connection.out:
             if connection.ended:
-                if connection.progress_at + PATIENCE < time.monotonic():
+                if connection.progress_at + PATIENCE < self._monotonic():
                     self._drop(connection)
                 else:
                     self._later(connection, _PAUSE)
@@ -371,7 +372,7 @@ class StatusSocket:
                 return False
             del connection.out[:sent]
             if sent or not connection.progress_at:
-                connection.progress_at = time.monotonic()
+                connection.progress_at = self._monotonic()
         if not connection.out:
             connection.progress_at = 0.0
         if not connection.ended and self._server is not None:

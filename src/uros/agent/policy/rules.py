@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import re
 import sys
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -42,7 +41,8 @@ from ...qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from ..token_bucket import TokenBucket
+from ...token_bucket import TokenBucket
+from ..clock import Clock
 from .config_values import ConfigError as ConfigError
 from .config_values import key_of, listed, only, shown, table_of, whole
 
@@ -177,7 +177,7 @@ class Limiter:
 class Settings:
     """The rules that apply to one node of one client, combined."""
 
-    def __init__(self, rules: list[Rule], clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, rules: list[Rule], clock: Callable[[], float] | None = None) -> None:
         self.any_name = False  # see Middleware.any_name; in a namespace they are ROS's all the same
         self.domain: int | None = None
         self.namespace = ""
@@ -195,7 +195,7 @@ class Settings:
         self.limiter = (
             None
             if self.max_rate is None and self.max_size is None
-            else Limiter(self.max_rate, self.max_size, clock)
+            else Limiter(self.max_rate, self.max_size, clock or Clock().monotonic)
         )
 
     # --- names ------------------------------------------------------------------
@@ -325,7 +325,7 @@ class Rules:
         self._rules.append(parse_rule(table))
 
     def settings(
-        self, key: int, address: str, node: str, clock: Callable[[], float] = time.monotonic
+        self, key: int, address: str, node: str, clock: Callable[[], float] | None = None
     ) -> Settings:
         """Return the settings of a node of a client; see :meth:`Rule.matches`."""
         rules = [rule for rule in self._rules if rule.matches(key, address, node)]

@@ -11,12 +11,11 @@ Entities of a client that leaves are closed in slices, see :class:`DeferredClose
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from ..token_bucket import TokenBucket
+from ...token_bucket import TokenBucket
 
 # Burst in seconds and refill rate (share of the time): of one client, and of all together. The
 # boards of a whole robot start within the second; others wait no longer than for a burst.
@@ -39,7 +38,7 @@ class TimeBudget:
         monotonic: The clock, in seconds.
     """
 
-    def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, monotonic: Callable[[], float]) -> None:
         self.enabled = False
         self.monotonic = monotonic
         self.shared = TokenBucket(BURST_OF_ALL, SHARE_OF_ALL)
@@ -98,7 +97,7 @@ class DeferredCloseQueue:
     def __init__(
         self,
         failed: Callable[[Exception], None],
-        monotonic: Callable[[], float] = time.monotonic,
+        monotonic: Callable[[], float],
     ) -> None:
         self._monotonic = monotonic
         self.schedule: Callable[[], None] | None = None

@@ -11,6 +11,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from ..clock import Clock
+
 # Levels of Host.note, as in the agent's log.
 ERROR, WARNING, INFO = 2, 3, 4
 
@@ -38,7 +40,13 @@ class Session(Protocol):
 
 
 class Host(Protocol):
-    """What a transport uses of the server."""
+    """What a transport uses of the server.
+
+    Attributes:
+        clock: The agent's clock.
+    """
+
+    clock: Clock
 
     def now(self) -> int:
         """Return the time in milliseconds modulo 2^30."""

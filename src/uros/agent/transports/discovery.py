@@ -10,16 +10,15 @@ from __future__ import annotations
 import errno
 import socket
 import sys
-import time
 from collections.abc import Sequence
 from typing import Final
 
+from ...token_bucket import KeyedTokenBuckets
 from ...wire import ids, session
 from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
 from ...wire.header import MessageWriter, pull_header, pull_subheader
 from ..log import RateLimit
-from ..token_bucket import KeyedTokenBuckets
 from . import addresses
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
 from .ip import Address, bind_trouble, family_of, text_of
@@ -241,7 +240,7 @@ class DiscoveryServer(ServerTransport):
             except DecodeError as error:
                 self._fault(peer, str(error))
                 continue
-            if self._limit.take(peer[0], time.monotonic()):
+            if self._limit.take(peer[0], self._host.clock.monotonic()):
                 locators = self.locators(peer)
                 if locators:
                     self._reply(sock, peer, write_answer(question, locators))

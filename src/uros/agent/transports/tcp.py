@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections import Counter
 from ipaddress import IPv6Address
 from typing import Final
@@ -55,13 +54,13 @@ class _Deframer(LengthDeframer):
 class _Connection:
     __slots__ = ("address", "begun", "deframer", "network", "sock", "spoke", "unsent", "whole")
 
-    def __init__(self, sock: socket.socket, address: Address) -> None:
+    def __init__(self, sock: socket.socket, address: Address, now: float) -> None:
         self.sock = sock
         self.address = address
         self.network = _network(address)
         self.deframer = _Deframer()
         self.unsent = bytearray()
-        self.whole = time.monotonic()  # when the last message was whole
+        self.whole = now  # when the last message was whole
         self.spoke = 0  # the session id of that message
         self.begun = 0.0  # since when one is there in part; 0: none is
 
@@ -179,7 +178,7 @@ class TcpServer(ServerTransport):
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         _acknowledge_at_once(sock)
-        connection = _Connection(sock, address)
+        connection = _Connection(sock, address, self._host.clock.monotonic())
         self._connections.add(connection)
         if not self._sweeping:
             self._sweeping = True
@@ -188,7 +187,7 @@ class TcpServer(ServerTransport):
 
     def _sweep(self) -> None:
         """Close idle connections."""
-        before = time.monotonic() - IDLE_SECONDS
+        before = self._host.clock.monotonic() - IDLE_SECONDS
         for connection in list(self._connections):
             if connection.whole > before:
                 continue
@@ -235,12 +234,12 @@ class TcpServer(ServerTransport):
         now = self._host.now()
         messages = connection.deframer.feed(chunk)
         if messages:
-            connection.whole = time.monotonic()
+            connection.whole = self._host.clock.monotonic()
             connection.spoke = messages[-1][0]
         if not connection.deframer.pending:
             connection.begun = 0.0
         elif messages or not connection.begun:
-            connection.begun = time.monotonic()
+            connection.begun = self._host.clock.monotonic()
         for message in messages:
             if connection not in self._connections:
                 return  # disconnected meanwhile: further answers could not be sent

@@ -12,14 +12,12 @@ import errno
 import hashlib
 import socket
 import ssl
-import time
 from collections import Counter
-from collections.abc import Callable
 from typing import Any, Final
 from urllib.parse import quote
 
+from ...token_bucket import TokenBucket
 from ..log import RateLimit
-from ..token_bucket import TokenBucket
 from .base import INFO, WARNING, Host, TransportError
 from .certificates import Certificates
 from .ip import text_of
@@ -78,29 +76,24 @@ class TlsServer(TcpServer):
     client's address: ``192.0.2.7:50123 (CN=left)``.
     """
 
-    def __init__(
-        self, port: int, host: str, certificates: Certificates,
-        clock: Callable[[], float] = time.monotonic,
-        cpu: Callable[[], float] = time.thread_time,
-    ) -> None:  # fmt: skip
+    def __init__(self, port: int, host: str, certificates: Certificates) -> None:
         super().__init__(port, host)
         self.name = self.name.replace("TCP", "TLS")
         self._certificates = certificates
-        self._clock = clock
-        self._cpu = cpu
         self._names: dict[Any, str] = {}  # by connection with TLS; "" without a certificate
         self._shown: dict[Any, str] = {}  # certificates of clients that showed one
         self._shaking: dict[Any, float] = {}  # start of handshakes, the oldest first
         self._waiting: set[Any] = set()  # those of them that wait for time
         self._spent: dict[str, float] = {}  # seconds, by network
         self._time_limit = TokenBucket(_SAVED, SHARE)
-        self._time_limit.available(clock())
         self._looking = False  # whether a check for slow handshakes is scheduled
-        self._faults = RateLimit(FAULT_SECONDS, FAULT_BURST, clock)
+        self._faults = RateLimit(FAULT_SECONDS, FAULT_BURST)
 
     def open(self, host: Host) -> None:
         """Open and start watching; raises TransportError."""
         super().open(host)
+        self._time_limit.available(host.clock.monotonic())
+        self._faults = RateLimit(FAULT_SECONDS, FAULT_BURST, host.clock.monotonic)
         files = self._certificates
         who = f"with a certificate of {files.ca}" if files.ca else "anybody (--tls-ca restricts)"
         host.note(
@@ -131,7 +124,7 @@ class TlsServer(TcpServer):
         """Do one step of a handshake, if there is time for it."""
         if connection not in self._shaking and not self._admitted(connection):
             return
-        if self._seconds_left(self._clock()) <= 0.0 or self._waiting:
+        if self._seconds_left(self._host.clock.monotonic()) <= 0.0 or self._waiting:
             self._host.unwatch(connection.sock.fileno())
             if not self._waiting:
                 self._host.wake_at(_PAUSE, self._resume)
@@ -148,7 +141,7 @@ class TlsServer(TcpServer):
 
     def _resume(self) -> None:
         """Continue waiting handshakes, the network with the least time used first."""
-        now = self._clock()
+        now = self._host.clock.monotonic()
         while self._waiting and self._seconds_left(now) > 0.0:
             connection = min(
                 self._waiting,
@@ -179,7 +172,7 @@ class TlsServer(TcpServer):
         if len(self._shaking) >= MAX_HANDSHAKES and not self._make_room(connection):
             self._fault(connection, f"over {MAX_HANDSHAKES} handshakes at once: it may try again")
             return False
-        self._shaking[connection] = self._clock()
+        self._shaking[connection] = self._host.clock.monotonic()
         if not self._looking:
             self._looking = True
             self._host.wake_at(_SWEEP_SECONDS, self._look)
@@ -197,7 +190,7 @@ class TlsServer(TcpServer):
 
     def _look(self) -> None:
         """Drop handshakes that take too long."""
-        late = self._clock() - HANDSHAKE_SECONDS
+        late = self._host.clock.monotonic() - HANDSHAKE_SECONDS
         slow = [connection for connection, since in self._shaking.items() if since <= late]
         for connection in slow:
             self._fault(
@@ -209,11 +202,11 @@ class TlsServer(TcpServer):
             self._host.wake_at(_SWEEP_SECONDS, self._look)
 
     def _step(self, connection: Any) -> None:
-        before = self._cpu()
+        before = self._host.clock.thread_time()
         try:
             done = self._go_on(connection)
         finally:
-            took = self._cpu() - before
+            took = self._host.clock.thread_time() - before
             self._time_limit.spend(took)
             self._spent[connection.network] = self._spent.get(connection.network, 0.0) + took
         if done:

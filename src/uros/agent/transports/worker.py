@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, Protocol
@@ -118,7 +117,8 @@ class Worker:
             self._wake.recv(4096)
         except OSError:
             pass
-        end = time.monotonic() + _TURN
+        monotonic = self._host.clock.monotonic
+        end = monotonic() + _TURN
         for _ in range(MAX_BURST):
             with self._change:
                 if not self._come:
@@ -132,7 +132,7 @@ class Worker:
                 self._received(item[0])
             else:
                 item()
-            if self._wake.fileno() < 0 or time.monotonic() >= end:
+            if self._wake.fileno() < 0 or monotonic() >= end:
                 return
 
     def _stuck(self) -> None:

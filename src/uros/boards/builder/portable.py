@@ -2,8 +2,8 @@
 
 The folder tells: every module in one of `FOLDERS` runs on MicroPython, except those whose name
 ends in ``_host``, which stand beside the board's modules of the same kind. `MODULES` are single
-modules of rooms that hosts and boards share. The builder, the package index for mip, the tests on
-MicroPython and the linters' exceptions take it from here.
+modules of rooms that hosts and boards share. The builder, the package index for mip and the tests
+on MicroPython take it from here; a test holds pyproject.toml to it.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class DiscoveryInfoReader:
         participant: SharedParticipant,
         on_change: Callable[[], None],
     ) -> None:
-        self.intake = intake.Intake(participant.domain, context.notice, time.monotonic())
+        self.intake = intake.Intake(participant.domain, context.notice)
         self.due: float | None = None
         self._context = context
         self._participant = participant

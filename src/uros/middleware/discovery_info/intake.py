@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from ...token_bucket import TokenBucket
 from ..guid import participant_of
 from .codec import TOPIC, NodeEntities, decode, subject_of
 
@@ -53,10 +54,9 @@ class Intake:
     Args:
         domain: The domain, for notices.
         notice: Called with a line for the user.
-        now: The time of creation, in seconds (``time.monotonic``).
     """
 
-    def __init__(self, domain: int, notice: Callable[[str], None], now: float) -> None:
+    def __init__(self, domain: int, notice: Callable[[str], None]) -> None:
         self.nodes: dict[bytes, list[NodeEntities]] = {}
         self.gid_sizes: dict[bytes, int] = {}
         self.parsed = 0
@@ -64,8 +64,7 @@ class Intake:
         self._notice = notice
         self._kept: dict[bytes, tuple[int, int]] = {}  # fingerprint of the sample, by GUID
         self._size = 0  # octets of these samples
-        self._tokens = float(BURST)
-        self._charged_at = now
+        self._tokens = TokenBucket(BURST, RATE)
 
     def cost(self, writer: bytes | None, sample: bytes) -> tuple[bool, int]:
         """Return whether a sample counts, and the octets it is charged.
@@ -110,9 +109,14 @@ class Intake:
     def charge(self, octets: int, now: float) -> float | None:
         """Take octets from the token bucket.
 
+        Args:
+            octets: As :meth:`cost` returned them.
+            now: Seconds of a monotonic clock.
+
         Returns:
             The seconds for which the reader is to be deleted; None while there are tokens.
         """
-        self._tokens = min(BURST, self._tokens + (now - self._charged_at) * RATE) - octets
-        self._charged_at = now
-        return max(_PAUSE, -self._tokens / RATE) if self._tokens < 0 else None
+        self._tokens.available(now)
+        self._tokens.spend(octets)
+        left = self._tokens.available(now)
+        return max(_PAUSE, -left / RATE) if left < 0 else None

@@ -19,6 +19,7 @@ from support.tshark import packets
 from support.waiting import eventually
 from unit.agent.helpers import get_info, message
 
+from uros.agent.clock import Clock
 from uros.agent.log import Log
 from uros.agent.observability import capture as captures
 from uros.agent.observability.capture import Capture, CaptureError, is_capture
@@ -54,7 +55,7 @@ class Desk:
 
     def __init__(self, path, limit=HUGE):
         self.said = io.StringIO()
-        self.message_hooks = MessageHooks(Log(4, self.said))
+        self.message_hooks = MessageHooks(Log(4, self.said), Clock())
         self.path = str(path)
         self.capture = Capture(self.path, limit, Log(4, self.said), self.message_hooks)
 

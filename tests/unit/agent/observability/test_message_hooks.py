@@ -7,6 +7,7 @@ from support.agent import running_agent
 from support.client import XrceClient
 from unit.agent.helpers import get_info, message
 
+from uros.agent.clock import Clock
 from uros.agent.log import Log
 from uros.agent.observability.message_hooks import AGENT, CLIENT, MessageHooks
 from uros.agent.transports.memory import MemoryServer
@@ -50,7 +51,7 @@ def said():
 
 
 def test_a_hook_that_raises_is_logged_once_and_removed(said):
-    message_hooks = MessageHooks(Log(4, said))
+    message_hooks = MessageHooks(Log(4, said), Clock())
     heard = []
 
     def broken(event):
@@ -65,7 +66,7 @@ def test_a_hook_that_raises_is_logged_once_and_removed(said):
 
 
 def test_a_hook_may_remove_itself(said):
-    message_hooks = MessageHooks(Log(4, said))
+    message_hooks = MessageHooks(Log(4, said), Clock())
     heard = []
 
     def once(event):
@@ -80,7 +81,7 @@ def test_a_hook_may_remove_itself(said):
 
 @pytest.mark.parametrize(("level", "lines"), [(4, 0), (5, 1), (6, 2)])
 def test_what_the_levels_of_the_log_show(said, level, lines):
-    message_hooks = MessageHooks(Log(level, said))
+    message_hooks = MessageHooks(Log(level, said), Clock())
     assert bool(message_hooks) == (lines > 0)
     ping = message([get_info()], 0, 0)
     message_hooks(MemoryServer(), 1, CLIENT, ping, len(ping), 0xCAFE)

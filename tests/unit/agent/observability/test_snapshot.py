@@ -52,6 +52,7 @@ class Owner:
     def __init__(self, **more):
         self.desk = Desk(**more)
         self.agent = self.desk.agent
+        self.clock = self.agent.clock
         self.transports = [self.desk.place]
         self.started = time.monotonic()
         self.calls = []

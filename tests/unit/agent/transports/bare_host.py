@@ -5,13 +5,15 @@ import time
 
 from support.lines import SECONDS
 
+from uros.agent.clock import Clock
 from uros.agent.transports.base import WARNING
 
 
 class BareHost:
     """``messages`` are (peer, bytes); ``calls`` are (seconds, call), made by :meth:`fire`."""
 
-    def __init__(self):
+    def __init__(self, clock=None):
+        self.clock = clock or Clock()
         self.messages = []
         self.notes = []
         self.calls = []

@@ -1,5 +1,7 @@
 """What bad input must not touch: two clients whose samples and answers go on."""
 
+import socket
+
 from support.client import XrceClient
 from support.waiting import eventually
 
@@ -35,3 +37,22 @@ class Bystanders:
 def wait_for(said, text, count=1):
     """Until the log says ``text`` so many times."""
     eventually(lambda: said().count(text) >= count, lambda: f"no {text!r} in:\n{said()}")
+
+
+def check_a_client_that_does_not_read_is_disconnected(agent, bystanders):
+    """On a stream transport: its session is closed with a line in the log, others go on."""
+    line = agent.line()
+    line._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    slow = XrceClient(line, 0x79, mtu=60_000)
+    assert slow.open() == 0
+    reader = slow.reader("slow", "rt/slow", TYPE, depth=1)
+    slow.read(reader, stream=ids.STREAM_BEST_EFFORT)
+    writer = bystanders.publisher.writer("publisher", "rt/slow", TYPE)
+    for _ in range(400):
+        bystanders.publisher.write(writer, bytes(50_000))
+        if "does not read its messages" in agent.said.getvalue():
+            break
+    assert "does not read its messages" in agent.said.getvalue()
+    wait_for(agent.said.getvalue, "session closed                 | client_key: 0x00000079")
+    assert 0x79 not in agent.agent.clients
+    bystanders.check()

@@ -15,6 +15,7 @@ from support.lines import SECONDS
 from unit.agent.helpers import get_info, message
 from unit.agent.transports.faults import Bystanders, wait_for
 
+from uros.agent.clock import Clock
 from uros.agent.transports import can as module
 from uros.agent.transports.base import TransportError
 from uros.agent.transports.can import CanServer
@@ -26,6 +27,8 @@ PING = message([get_info()], 0, 0, 0x80)
 
 class Host:
     """A server that does nothing by itself."""
+
+    clock = Clock()
 
     def __init__(self):
         self.notes = []

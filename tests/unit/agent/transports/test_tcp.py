@@ -8,11 +8,14 @@ import struct
 
 import pytest
 from support.agent import running_agent
-from support.client import XrceClient
 from support.lines import SECONDS
 from unit.agent.helpers import create_client, get_info, message
-from unit.agent.transports.faults import TYPE, wait_for
+from unit.agent.transports.faults import (
+    check_a_client_that_does_not_read_is_disconnected,
+    wait_for,
+)
 
+from uros.agent.clock import Clock
 from uros.agent.transports import tcp as module
 from uros.agent.transports.base import TransportError
 from uros.agent.transports.tcp import TcpServer
@@ -96,22 +99,9 @@ def test_a_half_closed_connection_ends_its_session(agent, raw):
     assert 0x78 not in agent.agent.clients
 
 
-def test_who_does_not_read_is_cut_off_and_only_he(agent, bystanders, monkeypatch):
+def test_a_client_that_does_not_read_is_disconnected_alone(agent, bystanders, monkeypatch):
     monkeypatch.setattr(module, "MAX_UNSENT", 200_000)
-    line = agent.line()
-    line._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    slow = XrceClient(line, 0x79, mtu=60_000)
-    assert slow.open() == 0
-    reader = slow.reader("slow", "rt/slow", TYPE, depth=1)
-    slow.read(reader, stream=ids.STREAM_BEST_EFFORT)
-    writer = bystanders.publisher.writer("publisher", "rt/slow", TYPE)
-    for _ in range(400):
-        bystanders.publisher.write(writer, bytes(50_000))
-        if "does not read its messages" in agent.said.getvalue():
-            break
-    assert "does not read its messages" in agent.said.getvalue()
-    wait_for(agent.said.getvalue, "session closed                 | client_key: 0x00000079")
-    assert 0x79 not in agent.agent.clients
+    check_a_client_that_does_not_read_is_disconnected(agent, bystanders)
 
 
 def test_connections_over_the_limit_are_refused(agent, raw, monkeypatch):
@@ -150,6 +140,8 @@ def test_without_descriptors_it_waits_and_does_not_spin():
     """accept() fails and goes on failing; the listener is left alone for a while."""
 
     class Host:
+        clock = Clock()
+
         def __init__(self):
             self.watched, self.later, self.said = [], [], []
 

@@ -24,8 +24,8 @@ SESSION = SimpleNamespace(session_id=0xFE)
 class Host(BareHost):
     """Sessions of low ids are those that ``residents`` names."""
 
-    def __init__(self):
-        super().__init__()
+    def __init__(self, clock):
+        super().__init__(clock)
         self.residents = []
 
     def gone(self, transport, peer):
@@ -36,7 +36,7 @@ class Host(BareHost):
 
 
 class Clock:
-    """Stands for the module ``time`` in tcp.py."""
+    """The agent's clock, which a test sets."""
 
     def __init__(self):
         self.now = 1000.0
@@ -46,10 +46,9 @@ class Clock:
 
 
 class Bench:
-    def __init__(self, monkeypatch):
+    def __init__(self):
         self.clock = Clock()
-        monkeypatch.setattr(module, "time", self.clock)
-        self.host = Host()
+        self.host = Host(self.clock)
         self.server = TcpServer(0, "127.0.0.1")
         self.server.open(self.host)
         self.ends = []
@@ -93,8 +92,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(monkeypatch):
-    one = Bench(monkeypatch)
+def bench():
+    one = Bench()
     yield one
     for sock in one.ends:
         sock.close()

@@ -20,7 +20,12 @@ from support.lines import SECONDS, TlsLine
 from unit.agent.helpers import create_client
 from unit.agent.transports import test_tcp as plain
 from unit.agent.transports.bare_host import BareHost
-from unit.agent.transports.faults import TYPE, Bystanders, wait_for
+from unit.agent.transports.faults import (
+    TYPE,
+    Bystanders,
+    check_a_client_that_does_not_read_is_disconnected,
+    wait_for,
+)
 from unit.agent.transports.test_tcp import answers, framed
 
 from uros.agent.policy.rules import _is_at
@@ -362,21 +367,9 @@ def test_keys_that_are_changed_for_ever(agent, bystanders):
     bystanders.check()
 
 
-def test_who_does_not_read_is_cut_off_and_only_he(agent, bystanders, monkeypatch):
+def test_a_client_that_does_not_read_is_disconnected_alone(agent, bystanders, monkeypatch):
     monkeypatch.setattr(tcp, "MAX_UNSENT", 200_000)
-    line = agent.line()
-    line._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    slow = XrceClient(line, 0x79, mtu=60_000)
-    assert slow.open() == 0
-    reader = slow.reader("slow", "rt/slow", TYPE, depth=1)
-    slow.read(reader, stream=ids.STREAM_BEST_EFFORT)
-    writer = bystanders.publisher.writer("publisher", "rt/slow", TYPE)
-    for _ in range(400):
-        bystanders.publisher.write(writer, bytes(50_000))
-        if "does not read its messages" in agent.said.getvalue():
-            break
-    wait_for(agent.said.getvalue, "session closed                 | client_key: 0x00000079")
-    bystanders.check()
+    check_a_client_that_does_not_read_is_disconnected(agent, bystanders)
 
 
 def test_who_reads_slowly_gets_it_all(agent):
@@ -470,19 +463,24 @@ def test_options_that_belong_together(given, missing):
 
 
 class Host(BareHost):
+    """A server whose clock the test sets."""
+
     def gone(self, transport, peer):
         pass
 
 
 class Times:
-    """The time, and the thread's share of it: between two looks at that, ``cost`` goes by."""
+    """The agent's clock: between two readings of the thread's CPU time, ``cost`` passes."""
 
     def __init__(self):
         self.now = 100.0
         self.cpu = 0.0
         self.cost = 0.0
 
-    def look(self):
+    def monotonic(self):
+        return self.now
+
+    def thread_time(self):
         self.cpu += self.cost
         return self.cpu
 
@@ -490,8 +488,8 @@ class Times:
 @pytest.fixture
 def made():
     """(server, its host, times)."""
-    host, times = Host(), Times()
-    server = TlsServer(0, "127.0.0.1", own_certificates(), lambda: times.now, times.look)
+    times = Times()
+    host, server = Host(times), TlsServer(0, "127.0.0.1", own_certificates())
     server.open(host)
     socks = []
 

@@ -1,8 +1,8 @@
-"""The rate limiter of the agent: token buckets.
+"""Token buckets, the rate limiter of the agent and the middlewares.
 
-Everything in the agent that has a rate uses these two classes: messages of a client
-(``max_rate``), time for creating and deleting, TLS handshakes, answers of the discovery port, and
-lines of the log. The caller passes the time, in seconds of any monotonic clock.
+Everything that has a rate uses these two classes: messages of a client (``max_rate``), time for
+creating and deleting, TLS handshakes, answers of the discovery port, lines of the log, and
+discovery info of other participants. The caller passes the time, in seconds of any monotonic clock.
 """
 
 from __future__ import annotations

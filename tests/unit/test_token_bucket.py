@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uros.agent.token_bucket import KeyedTokenBuckets, TokenBucket
+from uros.token_bucket import KeyedTokenBuckets, TokenBucket
 
 SECONDS = st.floats(0, 10, width=32)
 BURSTS = st.floats(1, 100, width=32)

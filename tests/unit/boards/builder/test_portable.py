@@ -1,0 +1,25 @@
+"""The lists of portable modules in other files agree with portable.py."""
+
+import json
+import re
+
+from support.paths import ROOT
+
+from uros.boards.builder.portable import FOLDERS, MODULES, portable_files
+
+
+def test_the_linter_spares_the_portable_folders() -> None:
+    """ruff does not ask for syntax that MicroPython lacks where boards' modules are."""
+    settings = (ROOT / "pyproject.toml").read_text("utf-8")
+    found = re.search(r'^"\{src/uros/\{([\w,]+)\}/.*= \[[^\]]*"UP007"', settings, re.MULTILINE)
+    assert found is not None
+    rooms = {name.split(".")[0] for name in MODULES if "." in name}
+    assert set(found[1].split(",")) == set(FOLDERS) | rooms
+
+
+def test_the_package_indexes_have_portable_modules_alone() -> None:
+    """mip installs what these files list."""
+    files = {str(path.relative_to(ROOT)) for path in portable_files()}
+    for name in ("package.json", "package-all.json"):
+        sources = {source for _, source in json.loads((ROOT / name).read_text("utf-8"))["urls"]}
+        assert sources <= files | {"src/uros/__init__.py"}, name
