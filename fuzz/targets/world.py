@@ -8,6 +8,7 @@ happens: no other client may be harmed.
 import io
 
 from uros.agent.agent import Agent
+from uros.agent.clock import Clock
 from uros.agent.log import Log, RateLimit
 from uros.agent.observability.message_hooks import CLIENT
 from uros.agent.policy.admission import MAX_CLIENTS
@@ -137,13 +138,14 @@ class World:
     """See the module. ``limits``: of each client and of all, None for those of ``uros agent``."""
 
     def __init__(self, level: int = 4, limits: Limits | None = None) -> None:
-        self.clock = 1000
+        self.time = 1000  # milliseconds
+        self.clock = Clock(lambda: self.time / 1000)
         self.bus = Bus()
         self.middleware = MemoryMiddleware(self.bus)
         self.outside = MemoryMiddleware(self.bus)
         self._sink = _Sink()
-        self.agent = Agent(self.middleware, Log(level, self._sink), limits=limits)
-        self.agent.now = lambda: self.clock
+        self.agent = Agent(self.middleware, Log(level, self._sink), clock=self.clock, limits=limits)
+        self.agent.now = lambda: self.time
         self.agent.faults = self.agent.unmatched_faults = _Always()
         self.place = Place()
         self.bytes_sent = 0
@@ -161,7 +163,7 @@ class World:
     # --- what a transport asks of its server -----------------------------------------
 
     def now(self) -> int:
-        return self.clock
+        return self.time
 
     def received(self, transport, session, buf, view, length, now) -> None:  # type: ignore
         self._look(transport, view[:length])
@@ -196,14 +198,14 @@ class World:
         self.agent.log(level, part, function, what, about)
 
     def wake_at(self, seconds: float, call: object) -> None:
-        self.calls.append((self.clock + int(seconds * 1000), call))
+        self.calls.append((self.time + int(seconds * 1000), call))
 
     # --- what happens ------------------------------------------------------------------
 
     def hear(self, peer: object, datagram: bytes) -> list[tuple[object, bytes]]:
         """A datagram comes in; what the agent sends at that, to anybody."""
         buf = bytearray(datagram[:MAX_DATAGRAM])
-        self.place.deliver(self, peer, buf, memoryview(buf), len(buf), self.clock)
+        self.place.deliver(self, peer, buf, memoryview(buf), len(buf), self.time)
         return self.settle()
 
     def settle(self) -> list[tuple[object, bytes]]:
@@ -222,7 +224,7 @@ class World:
                 it.finish()
                 agent.flush(it)
         if agent.budget.since > agent.budget.room:
-            agent.budget.settle(self.clock)
+            agent.budget.settle(self.time)
         must(not self._sink.trouble, "".join(self._sink.trouble))
         sent, self.place.sent = self.place.sent, []
         for peer, datagram in sent:
@@ -240,7 +242,7 @@ class World:
 
     def advance(self, milliseconds: int) -> None:
         """Time passes, timers fire."""
-        end = self.clock + milliseconds
+        end = self.time + milliseconds
         turns = 0
         while True:
             turns += 1
@@ -254,15 +256,15 @@ class World:
                 break
             first = min(due, key=lambda it: it[0])
             at, what = first
-            self.clock = max(self.clock, at)
+            self.time = max(self.time, at)
             if first in self.calls:
                 self.calls.remove(first)
                 what()  # type: ignore[operator]
             else:
-                what.poll(self.clock)  # type: ignore[attr-defined]
+                what.poll(self.time)  # type: ignore[attr-defined]
                 self.agent.attend(what.session)  # type: ignore[attr-defined]
             self.settle()
-        self.clock = end
+        self.time = end
         self.middleware.tick()
         self.settle()
 
