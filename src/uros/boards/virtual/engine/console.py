@@ -1,4 +1,4 @@
-"""What a core prints, line by line."""
+"""Splits a core's output into lines."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import re
 from collections.abc import Callable
 from typing import Final
 
-_TRACEBACK_LINES: Final = 200  # held back until its last one comes
+# A traceback is held back until its last line, but at most this many lines of it.
+_TRACEBACK_LINES: Final = 200
 
 
 class Console:
-    """Puts lines together and gives them to ``send``."""
+    """Assembles lines from the output, and passes them to ``send``."""
 
     def __init__(self, send: Callable[[str], None]) -> None:
         self._send = send
@@ -18,46 +19,48 @@ class Console:
         self._once = Once()
 
     def print(self, text: str) -> None:
+        """Take output; lines that it completes are sent."""
         *lines, self._unfinished = (self._unfinished + text).split("\n")
         for line in lines:
-            for told in self._once.pass_on(line.rstrip("\r")):
-                self._send(told)
+            for shown in self._once.pass_on(line.rstrip("\r")):
+                self._send(shown)
 
     def flush(self) -> None:
-        """End the line that is being printed."""
+        """End an unfinished line, and send lines that are held back."""
         if self._unfinished:
             self.print("\n")
         for line in self._once.flush():
             self._send(line)
 
     def forget(self) -> None:
-        """The program starts anew: what was told is told again."""
+        """Start anew with the program: faults that were shown are shown again."""
         self.flush()
         self._once = Once()
 
 
 class Once:
-    """Lets the traceback of a fault of one field through once: a program that goes on meets it at
-    each turn of its timer.
+    """Passes the traceback of an invalid field on once only.
+
+    A program that continues raises the same error at each turn of its timer.
     """
 
     _FAULT: Final = re.compile(r"\w+Error: \w+/(?:msg|srv|action)/\w+(?:[.\w]*:| has no field \w+)")
 
     def __init__(self) -> None:
-        self._held: list[str] = []  # of a traceback whose last line is to come
-        self._seen: set[str] = set()
+        self._held: list[str] = []  # lines of an unfinished traceback
+        self._faults: set[str] = set()  # whose traceback was passed on
 
     def pass_on(self, line: str) -> list[str]:
-        """The lines to show, now that this one is there."""
+        """Return the lines to show after this one has arrived."""
         inside = line.startswith("  ") and self._held
         if line.startswith("Traceback (most") or inside:
             return [] if self._hold(line) else self.flush()
         fault = self._FAULT.match(line)
         if fault and self._held:
-            if fault[0] in self._seen:
+            if fault[0] in self._faults:
                 self._held.clear()
                 return []
-            self._seen.add(fault[0])
+            self._faults.add(fault[0])
         return [*self.flush(), line]
 
     def _hold(self, line: str) -> bool:
@@ -65,6 +68,6 @@ class Once:
         return len(self._held) < _TRACEBACK_LINES
 
     def flush(self) -> list[str]:
-        """What is held back."""
+        """Return the lines that are held back, and release them."""
         held, self._held = self._held, []
         return held

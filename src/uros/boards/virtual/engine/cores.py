@@ -1,7 +1,8 @@
-"""A board's second core: the mailboxes between the cores, and `engine_host` for them.
+"""A board's second core: the mailboxes between the cores, and their system calls.
 
-Its program is a module of the firmware with ``start(inbox, outbox)`` and ``step()``, which runs in
-an interpreter of its own, in a thread of the engine. The cores share the board and the mailboxes.
+The second core's program is a module of the firmware with ``start(inbox, outbox)`` and ``step()``.
+It runs in an interpreter of its own, in a thread of the engine. The cores share the board and the
+mailboxes.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ from typing import Final
 from ..shims import _ops as ops
 
 BOXES: Final = 2
-MOST_NUMBERS: Final = 16  # of one box, so that a program in a loop fills nothing
+MOST_NUMBERS: Final = 16  # of one mailbox; limits the memory that a program in a loop takes
 
 
 class Mail:
-    """The mailboxes. The newest message of each number waits; they are taken in the order of their
+    """The mailboxes between the cores.
+
+    A mailbox holds the newest message of each number; messages are received in the order of their
     numbers.
     """
 
@@ -27,7 +30,12 @@ class Mail:
         self._waiting: list[dict[int, bytes]] = [{} for _ in range(BOXES)]
 
     def send(self, box: int, number: int, data: bytes) -> None:
-        """Raises OSError for a box that is not there, or too many numbers."""
+        """Put a message into a mailbox; it replaces a message of the same number.
+
+        Raises:
+            OSError: There is no such mailbox or number (EINVAL), or the mailbox holds
+                `MOST_NUMBERS` other numbers (ENOMEM).
+        """
         if box >= BOXES or not number:
             raise OSError(errno.EINVAL, "there is no such mailbox, or number")
         with self._lock:
@@ -37,7 +45,11 @@ class Mail:
             waiting[number] = data
 
     def receive(self, box: int) -> bytes:
-        """The next message's number, an octet, and its data; b"": there is none."""
+        """Take the next message: its number, an octet, and its data; b"" if there is none.
+
+        Raises:
+            OSError: There is no such mailbox (EINVAL).
+        """
         if box >= BOXES:
             raise OSError(errno.EINVAL, "there is no such mailbox")
         with self._lock:
@@ -48,24 +60,30 @@ class Mail:
             return bytes((number,)) + waiting.pop(number)
 
     def clear(self) -> None:
+        """Discard all messages."""
         with self._lock:
             for waiting in self._waiting:
                 waiting.clear()
 
 
 class CoreHost:
-    """The operations. ``start`` starts the second core with a module; None: this is that core."""
+    """The system calls of the second core and the mailboxes.
+
+    Args:
+        mail: The mailboxes.
+        start: Starts the second core with a module; None on the second core itself.
+    """
 
     def __init__(self, mail: Mail, start: Callable[[str], None] | None) -> None:
         self._mail = mail
         self._start = start
         self.operations: dict[int, Callable[[bytes], bytes | int]] = {
-            ops.CORE_START: self._started,
+            ops.CORE_START: self._start_core,
             ops.MAIL_SEND: self._send,
             ops.MAIL_RECEIVE: lambda data: self._mail.receive(data[0]),
         }
 
-    def _started(self, data: bytes) -> bytes:
+    def _start_core(self, data: bytes) -> bytes:
         if self._start is None:
             raise OSError(errno.ENODEV, "this board has two cores, and both are running")
         self._start(data.decode())

@@ -1,10 +1,10 @@
-"""Runs a board's program on CPython, next to the virtual hardware.
+"""Runs a board's program on CPython, in the process of the virtual hardware.
 
-The program gets what it would have on a board and nothing else: modules from the board's file
-system, the shims, and those of CPython that MicroPython has too. Its modules live in a table of
-their own and not in ``sys.modules``, so that it has the board's ``time`` while the host keeps its
-own, and that a reset forgets all of them. Annotations are not evaluated, and tracebacks look as
-MicroPython prints them.
+The program can import what it could on a board and nothing else: modules of the board's file
+system, the shims, and the modules of CPython that MicroPython has too. Its modules are in a table
+of their own and not in ``sys.modules``, so that the program uses the board's ``time`` while the
+host keeps its own, and that a reset discards all of them. Annotations are not evaluated, and
+tracebacks have MicroPython's format.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from .syscalls import BoardHost, Reset
 
 SHIMS: Final = Path(__file__).resolve().parents[1] / "shims"
 
-# What tracebacks call the place of what is built in.
+# The folder of built-in modules in tracebacks.
 _SHIMS_ON_BOARD: Final = "/shims/"
 
-# CPython's own that stand for MicroPython's.
+# Modules of CPython that are used in place of MicroPython's.
 _NATIVE: Final = frozenset(
     """array asyncio binascii cmath collections errno hashlib heapq io json math os platform random
     re zlib""".split()
@@ -37,9 +37,10 @@ _NATIVE: Final = frozenset(
 
 
 def run(root: Path, host: BoardHost) -> None:
-    """Run ``main.py`` of a board's file system until it ends, and report its end to the host.
+    """Run ``main.py`` of a board's file system, and report its end to the host.
 
-    Raises Reset when the program asks for one.
+    Raises:
+        Reset: The program asked for a reset.
     """
     board = _Modules(root, host)
     traceback = ""
@@ -48,15 +49,19 @@ def run(root: Path, host: BoardHost) -> None:
     except Reset:
         raise
     except SystemExit:
-        raise Reset from None  # what a board does
+        raise Reset from None  # a board resets at SystemExit, too
     except BaseException as error:
         traceback = board.format_exception(error)
     host.ended(traceback)
 
 
 def run_core(root: Path, host: BoardHost, name: str) -> None:
-    """Run a module of a board's file system on its second core, until Reset ends it, which is
-    raised, or an error, which is reported to the host.
+    """Run a module of a board's file system on its second core.
+
+    An error ends it and is reported to the host.
+
+    Raises:
+        Reset: A reset ended it.
     """
     board = _Modules(root, host)
     try:
@@ -68,19 +73,19 @@ def run_core(root: Path, host: BoardHost, name: str) -> None:
 
 
 class _Modules:
-    """The modules of one run of a program, and what is built in for them."""
+    """The modules and built-in functions of one run of a program."""
 
     def __init__(self, root: Path, host: BoardHost) -> None:
         self._root = root
         self._host = host
-        self._files: set[str] = set()  # as tracebacks call them
+        self._files: set[str] = set()  # their names in tracebacks
         self.modules: dict[str, ModuleType] = {}
         self._builtins = dict(vars(builtins))
         self._builtins["__import__"] = self._import
         self._builtins["print"] = self._print
-        made = {"_host": self._host_module(), "micropython": _micropython(), "gc": _gc()}
-        made["struct"] = _struct()
-        self._made: Mapping[str, ModuleType] = {**made, "sys": self._sys()}
+        built_in = {"_host": self._host_module(), "micropython": _micropython(), "gc": _gc()}
+        built_in["struct"] = _struct()
+        self._built_in: Mapping[str, ModuleType] = {**built_in, "sys": self._sys()}
 
     def run_main(self) -> None:
         file = self._root / "main.py"
@@ -105,7 +110,7 @@ class _Modules:
         fromlist: Sequence[str] | None = (),
         level: int = 0,
     ) -> ModuleType:
-        """What an ``import`` statement of the firmware calls."""
+        """Carry out an ``import`` statement of the firmware."""
         if level:
             package = (globals or {}).get("__package__") or ""
             parts = package.split(".")
@@ -127,7 +132,7 @@ class _Modules:
         return module
 
     def _load(self, name: str) -> ModuleType:
-        """The module of an absolute name, its packages loaded before it."""
+        """Return the module of an absolute name; its packages are loaded first."""
         if name in self.modules:
             return self.modules[name]
         parent, _, last = name.rpartition(".")
@@ -135,7 +140,7 @@ class _Modules:
             package = self._load(parent)
             if name in self.modules:
                 return self.modules[name]  # loaded by its package
-        module = self._made.get(name)
+        module = self._built_in.get(name)
         if module is None:
             module = self._from_files(name)
         else:
@@ -159,7 +164,7 @@ class _Modules:
         raise ImportError(f"no module named '{name}'", name=name)
 
     def _new(self, name: str, package: bool, file: Path | None, shown: str) -> ModuleType:
-        """A package may do without a file of its own."""
+        """Load a new module from its file; ``file`` is None for a package without ``__init__``."""
         module = ModuleType(name)
         module.__file__ = shown
         module.__package__ = name if package else name.rpartition(".")[0]
@@ -179,14 +184,14 @@ class _Modules:
         module.__dict__["__builtins__"] = self._builtins
         exec(_compile(file, shown), module.__dict__)
 
-    # --- what is built in -------------------------------------------------------------
+    # --- built-in modules and functions -----------------------------------------------
 
     def _host_module(self) -> ModuleType:
         def call(op: int, data: bytes = b"") -> bytes | int:
             try:
                 return self._host.call(op, data)
             except OSError as error:
-                # With the text that MicroPython has for it; what the host knows stays with it.
+                # With MicroPython's text; the host's text is not passed to the program.
                 number = error.errno or errno.EIO
                 raise OSError(number, errno.errorcode.get(number, "")) from None
 
@@ -210,7 +215,7 @@ class _Modules:
             modules=self.modules, path=["", ".frozen", "/lib"], platform="virtual",
             print_exception=self._print_exception, stdout=console, stderr=console,
             version=sys.version, version_info=sys.version_info,
-            # Programs and modules made for boards ask which one it is to know what they have.
+            # Programs and modules for boards read it to know what the interpreter has.
             implementation=SimpleNamespace(
                 name="micropython", version=(1, 27, 0, ""), _machine=f"{real.name} {sys.platform}"
             ),
@@ -229,7 +234,7 @@ class _Modules:
             file.write(text)
 
     def format_exception(self, error: BaseException) -> str:
-        """The traceback as MicroPython prints it, without the frames of the host."""
+        """Return the traceback in MicroPython's format, without the frames of the host."""
         frames = []
         if isinstance(error, SyntaxError) and error.filename in self._files:
             frames.append(f'  File "{error.filename}", line {error.lineno}\n')
@@ -249,25 +254,25 @@ class _Modules:
 
 
 def _struct() -> ModuleType:
-    """MicroPython's: its ``s`` takes any buffer, and what does not fit is a ValueError."""
+    """Return MicroPython's ``struct``: ``s`` takes any buffer, and errors are ValueErrors."""
 
-    def told(call: Callable[..., Any]) -> Callable[..., Any]:
-        def it(*values: Any) -> Any:
+    def with_value_error(function: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapper(*values: Any) -> Any:
             try:
-                return call(
+                return function(
                     *values[:2],
                     *[bytes(v) if isinstance(v, (array, memoryview)) else v for v in values[2:]],
                 )
             except struct.error as error:
                 raise ValueError(str(error)) from None
 
-        return it
+        return wrapper
 
     module = ModuleType("struct")
     vars(module).update(
-        calcsize=struct.calcsize, pack_into=told(struct.pack_into), unpack=told(struct.unpack),
-        unpack_from=told(struct.unpack_from),
-        pack=told(lambda *values: struct.pack(
+        calcsize=struct.calcsize, pack_into=with_value_error(struct.pack_into),
+        unpack=with_value_error(struct.unpack), unpack_from=with_value_error(struct.unpack_from),
+        pack=with_value_error(lambda *values: struct.pack(
             *[bytes(v) if isinstance(v, (array, memoryview)) else v for v in values]
         )),
     )  # fmt: skip
@@ -298,7 +303,10 @@ _compiled: dict[Path, tuple[int, CodeType]] = {}
 
 
 def _compile(file: Path, shown: str) -> CodeType:
-    """As MicroPython does: annotations are not evaluated. A reset compiles nothing again."""
+    """Compile a file as MicroPython does: annotations are not evaluated.
+
+    The code is cached, so a reset compiles nothing again.
+    """
     changed = file.stat().st_mtime_ns
     known = _compiled.get(file)
     if known is None or known[0] != changed:
@@ -326,7 +334,7 @@ def _micropython() -> ModuleType:
 
 
 def _gc() -> ModuleType:
-    """CPython's collector; how much there is on the heap it does not know, which is -1."""
+    """Return ``gc`` with CPython's collector; the use of the heap is unknown, which is -1."""
     module = ModuleType("gc")
     unknown: Callable[[], int] = lambda: -1  # noqa: E731
     vars(module).update(

@@ -1,19 +1,20 @@
-// Runs a board's program on MicroPython (WebAssembly) for engine_micropython.py.
+// Runs a board's program on MicroPython (WebAssembly) for micropython.py.
 //
-//   node engine_micropython.mjs MODULE ROOT SHIMS REQUESTS ANSWERS MEASURE CORE
+//   node micropython.mjs MODULE ROOT SHIMS REQUESTS ANSWERS MEASURE CORE
 //
-// MODULE is micropython.mjs, ROOT the board's file system, SHIMS what is built in. The program runs
-// in a worker thread and blocks there, as on a board: each call goes to the descriptor REQUESTS and
-// waits for its answer from ANSWERS. The main thread reads stdin, so that it is free to end a
-// program that is stuck: at its end, or that of the process that holds it. The line "heap" asks for
-// the heap in use. With MEASURE 1 the heap is looked at after each slice. CORE is the module that a
-// second core runs, or nothing for the program itself.
+// MODULE is micropython.mjs of the npm package, ROOT the board's file system, SHIMS the folder of
+// the built-in modules. The program runs in a worker thread and blocks there, as on a board: each
+// system call is written to the descriptor REQUESTS and waits for its answer from ANSWERS. The main
+// thread reads stdin and ends the process at the end of stdin, which is also that of the parent
+// process, even if the program is stuck. The line "heap" requests the heap in use. With MEASURE 1
+// the heap is measured after each slice. CORE is the module that the second core runs; empty runs
+// main.py.
 //
 // A request is u32 length, operation, data. An answer is u32 length, error number or 0, u32 number
 // or length of data, data; see shims/_host.py. CONSOLE and HEAP have no answer.
 //
-// This build sweeps its heap only when Python has returned to JavaScript. So a main.py that has
-// start() and step() at its top level is imported, and steps are called from here.
+// This build of MicroPython sweeps its heap only when Python has returned to JavaScript. So a
+// main.py that has start() and step() at its top level is imported, and this program calls step().
 
 import { readFileSync, readdirSync, readSync, writeSync } from "node:fs";
 import { createInterface } from "node:readline";
@@ -23,7 +24,7 @@ import { Worker, isMainThread, workerData } from "node:worker_threads";
 
 const CONSOLE = 1;
 const HEAP = 23;
-// A collection is due after so many octets, as on a board whose heap is full now and then.
+// Octets after which a collection runs, as on a board whose heap fills up from time to time.
 const THRESHOLD = 16384;
 
 function supervise() {
@@ -48,8 +49,8 @@ function supervise() {
   lines.on("close", () => process.exit(0));
 }
 
-// The calls of the firmware, through the device file /dev/board: it writes an operation and its
-// data, and the first read after that carries them out.
+// The system calls of the firmware, through the device file /dev/board: the firmware writes an
+// operation and its data, and its first read after that carries them out.
 class Line {
   constructor(requests, answers) {
     this.requests = requests;
@@ -73,7 +74,7 @@ class Line {
     let done = 0;
     while (done < length) {
       const count = readSync(this.answers, data, done, length - done, null);
-      if (!count) process.exit(0); // the board is gone
+      if (!count) process.exit(0); // the board's process has ended
       done += count;
     }
     return data;
@@ -93,13 +94,13 @@ class Line {
       else this.answer = this.receive(this.receive(4).readUInt32LE());
       this.at = 0;
     }
-    const some = this.answer.subarray(this.at, this.at + target.length);
-    target.set(some);
-    this.at += some.length;
-    return some.length;
+    const chunk = this.answer.subarray(this.at, this.at + target.length);
+    target.set(chunk);
+    this.at += chunk.length;
+    return chunk.length;
   }
 
-  // What is printed goes out line by line, and before any other call.
+  // Output is sent line by line, and before any other system call.
   print(data) {
     this.printed.push(Buffer.from(data));
     if (data.includes(10)) this.flush();
@@ -156,9 +157,9 @@ gc.threshold(${THRESHOLD})
     collect();
     report();
   };
-  if (!core) answerHeap(); // before the program: what the shims and MicroPython itself take
+  if (!core) answerHeap(); // before the program: the heap of the shims and of MicroPython itself
   if (measure && sliced) {
-    const imports = /^(?:import|from) [^(\n]*(?:\([^)]*\))?.*$/gm; // over several lines in parentheses
+    const imports = /^(?:import|from) [^(\n]*(?:\([^)]*\))?.*$/gm; // parentheses span lines
     for (const statement of source.match(imports) ?? []) boot.imported(statement);
   }
   let more = core ? boot.run_core(core) : begin(sliced, measure);
@@ -166,7 +167,7 @@ gc.threshold(${THRESHOLD})
     more = step();
     if (Atomics.compareExchange(asked, 0, 1, 0) === 1) answerHeap();
   }
-  // It stays at its prompt, and keeps what it has; whoever asks may know its heap.
+  // After its end the program stays in memory, and its heap can be requested.
   for (;;) {
     Atomics.wait(asked, 0, 0);
     Atomics.store(asked, 0, 0);

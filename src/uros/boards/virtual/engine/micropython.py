@@ -1,8 +1,7 @@
 """Runs a board's program on MicroPython, as WebAssembly in a Node process of its own.
 
-What the program asks for comes through a pipe and is answered through another;
-``engine_micropython.mjs`` is the other end and says how they look. The process ends with this one,
-however that ends.
+System calls come through one pipe, and their answers go through another; ``micropython.mjs`` is the
+other end and describes the format. The Node process ends with this one, however that ends.
 """
 
 from __future__ import annotations
@@ -23,11 +22,11 @@ _HERE: Final = Path(__file__).parent
 RUNNER: Final = _HERE / "micropython.mjs"
 PACKAGE: Final = "@micropython/micropython-webassembly-pyscript"
 VERSION: Final = "1.27.0"
-"""Of the package: the one that the shims are tested with."""
+"""The version of the package that the shims are tested with."""
 _MODULE: Final = Path("node_modules", *PACKAGE.split("/"), "micropython.mjs")
 _SILENT: Final = (ops.CONSOLE, ops.HEAP)
 
-# MicroPython numbers errors the same on every machine, namely as Linux does.
+# MicroPython has the error numbers of Linux on every machine.
 _ERRORS: Final = {
     "ENOENT": 2, "EIO": 5, "EBADF": 9, "EAGAIN": 11, "ENOMEM": 12, "ENODEV": 19, "EINVAL": 22,
     "ECONNRESET": 104, "ENOTCONN": 107, "ETIMEDOUT": 110, "ECONNREFUSED": 111, "EHOSTUNREACH": 113,
@@ -36,19 +35,22 @@ _ERRORS: Final = {
 
 
 class NoMicroPython(RuntimeError):
-    """Node or MicroPython's npm package is not here. The text has the remedy."""
+    """Node or MicroPython's npm package is missing. The text has the remedy."""
 
 
 def find() -> tuple[Path, Path]:
-    """``(node, micropython.mjs)``. Raises NoMicroPython.
+    """Find Node and MicroPython; return ``(node, micropython.mjs)``.
 
-    Looked for in ``$UROS_MICROPYTHON``, a folder with node_modules, and only there if it is set;
-    else in the ``build/micropython`` of the clone and of the current folder, then in the current
-    folder; node beside them, or on the PATH.
+    If ``$UROS_MICROPYTHON`` is set, only that folder is searched for node_modules; else
+    ``build/micropython`` of the clone and of the current folder, then the current folder. Node is
+    taken from the same folder, or from the PATH.
+
+    Raises:
+        NoMicroPython: MicroPython or Node was not found.
     """
     named = os.environ.get("UROS_MICROPYTHON")
     clones = dict.fromkeys((_HERE.parents[4], Path.cwd()))
-    folders = [Path(named)] if named else [it / "build" / "micropython" for it in clones]
+    folders = [Path(named)] if named else [clone / "build" / "micropython" for clone in clones]
     if not named:
         folders.append(Path.cwd())
     for folder in folders:
@@ -60,7 +62,7 @@ def find() -> tuple[Path, Path]:
         if node is None:
             raise NoMicroPython("the engine micropython needs Node 18 or newer: install node")
         return Path(node), module
-    raise NoMicroPython(_remedy(named, [it for it in clones if _is_clone(it)]))
+    raise NoMicroPython(_remedy(named, [clone for clone in clones if _is_clone(clone)]))
 
 
 def _is_clone(folder: Path) -> bool:
@@ -68,7 +70,7 @@ def _is_clone(folder: Path) -> bool:
 
 
 def _remedy(named: str | None, clones: list[Path]) -> str:
-    """What to say where nothing was found; its commands can be typed as they stand."""
+    """Return the error text; its commands can be typed as they stand."""
     script = ""
     if clones:
         file = os.path.relpath(clones[0] / "scripts" / "env.py")
@@ -77,43 +79,57 @@ def _remedy(named: str | None, clones: list[Path]) -> str:
     if named:
         place = Path(named, "node_modules")
         text = f"there is no MicroPython in {place}; install it with: {npm} {shlex.quote(named)}"
-        other = f"unset UROS_MICROPYTHON and: {script}" if script else "name another folder by it"
-        return f"{text} (UROS_MICROPYTHON names that folder), or {other}"
+        remedy = f"unset UROS_MICROPYTHON and: {script}" if script else "name another folder by it"
+        return f"{text} (UROS_MICROPYTHON names that folder), or {remedy}"
     if script:
         place = clones[0] / "build" / "micropython"
         return f"there is no MicroPython in {place}; install it with: {script}"
-    here = "~/micropython"
+    example = "~/micropython"
     return (
         "there is no MicroPython in node_modules here, and UROS_MICROPYTHON names no other folder;"
-        f" install it with: {npm} {here} && export UROS_MICROPYTHON={here}"
+        f" install it with: {npm} {example} && export UROS_MICROPYTHON={example}"
     )
 
 
 class MicroPythonEngine:
-    """One run of a program, or where ``core`` is the name of a module, of that on the board's
-    second core. :meth:`stop` and :meth:`ask_heap` may come from another thread.
+    """One run of a program on MicroPython.
+
+    :meth:`stop` and :meth:`ask_heap` may be called from another thread.
+
+    Args:
+        root: The board's file system.
+        host: Carries out the system calls.
+        measure: Whether the peak of the heap is measured.
+        core: The module that runs on the board's second core; "" runs ``main.py``.
+
+    Raises:
+        NoMicroPython: MicroPython or Node was not found.
     """
 
     def __init__(self, root: Path, host: BoardHost, measure: bool = False, core: str = "") -> None:
         node, module = find()
         self._host = host
-        requests, theirs = os.pipe()
-        answers, ours = os.pipe()
+        requests, node_requests = os.pipe()
+        node_answers, answers = os.pipe()
         self._requests = requests
-        self._answers = ours
+        self._answers = answers
         shims = _HERE.parent / "shims"
         try:
             self._process = subprocess.Popen(
-                [node, "--no-warnings", RUNNER, module, root, shims, str(theirs), str(answers),
-                 str(int(measure)), core],
-                stdin=subprocess.PIPE, stdout=2, pass_fds=(theirs, answers),
+                [node, "--no-warnings", RUNNER, module, root, shims, str(node_requests),
+                 str(node_answers), str(int(measure)), core],
+                stdin=subprocess.PIPE, stdout=2, pass_fds=(node_requests, node_answers),
             )  # fmt: skip
         finally:
-            os.close(theirs)
-            os.close(answers)
+            os.close(node_requests)
+            os.close(node_answers)
 
     def run(self) -> None:
-        """Serve the program until it ends, however. Raises Reset when it asks for one."""
+        """Serve the program until its process ends.
+
+        Raises:
+            Reset: The program asked for a reset.
+        """
         while True:
             head = self._receive(4)
             data = self._receive(int.from_bytes(head, "little"))
@@ -138,23 +154,23 @@ class MicroPythonEngine:
                 return
 
     def _receive(self, length: int) -> bytes:
-        """So many octets, or none when the process is gone."""
+        """Read exactly ``length`` octets; b"" when the process has ended."""
         data = b""
         while len(data) < length:
-            some = os.read(self._requests, length - len(data))
-            if not some:
+            chunk = os.read(self._requests, length - len(data))
+            if not chunk:
                 return b""
-            data += some
+            data += chunk
         return data
 
     def ask_heap(self) -> None:
-        """The host is told after the slice that runs."""
+        """Request the heap in use; the host receives it after the current slice."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(b"heap\n")
             self._process.stdin.flush()
         except OSError:
-            pass  # it has just ended
+            pass  # the process has just ended
 
     def stop(self) -> None:
         """End the process."""
@@ -162,7 +178,7 @@ class MicroPythonEngine:
         self._process.wait()
 
     def close(self) -> None:
-        """End the process and free what was held. Not while :meth:`run` runs."""
+        """End the process and close the pipes; not allowed while :meth:`run` runs."""
         self.stop()
         assert self._process.stdin is not None
         try:
@@ -174,7 +190,7 @@ class MicroPythonEngine:
 
 
 def run(engine: MicroPythonEngine) -> None:
-    """Run to the end; Reset is passed on."""
+    """Run the program to its end, and close the engine; Reset is passed on."""
     try:
         engine.run()
     except Reset:

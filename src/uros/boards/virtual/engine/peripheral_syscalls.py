@@ -1,4 +1,4 @@
-"""A firmware's UARTs, SPI buses, WLAN and sockets: `engine_host` for what is plugged in."""
+"""System calls for UARTs, SPI buses, WLAN and sockets."""
 
 from __future__ import annotations
 
@@ -23,11 +23,17 @@ _RECV: Final = struct.Struct("<BH")
 _WAIT: Final = struct.Struct("<IBB")
 _LONGEST_WAIT_US: Final = 1_000_000
 INTERRUPT_US: Final = 2_000
-"""How long a wait goes on before it looks for interrupts, where there may be some."""
+"""The period at which a wait polls for interrupts, if the firmware has enabled any."""
 
 
-class PlugHost:
-    """The operations; ``wait`` is called when the firmware is about to wait for a socket."""
+class PeripheralHost:
+    """Carries out the system calls for attached peripherals.
+
+    Args:
+        board: The virtual board.
+        wait: Called when the firmware is about to wait for a socket.
+        interrupts: The interrupts of the core.
+    """
 
     def __init__(
         self, board: VirtualBoard, wait: Callable[[], None], interrupts: Interrupts

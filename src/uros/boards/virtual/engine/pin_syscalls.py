@@ -1,4 +1,4 @@
-"""A firmware's pins, PWM, converters, interrupts and camera: `engine_host` for what is on pins."""
+"""System calls for pins, PWM, converters, interrupts and the camera."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _HZ: Final = range(1, 40_000_001)
 
 
 class PinHost:
-    """The operations."""
+    """Carries out the system calls for pins, and what is on them."""
 
     def __init__(self, board: VirtualBoard, interrupts: Interrupts) -> None:
         self._board = board
         self._interrupts = interrupts
-        self._due: tuple[Pin, int] | None = None  # the interrupt that is carried out
+        self._due: tuple[Pin, int] | None = None  # the interrupt that is being handled
         self.operations: dict[int, Callable[[bytes], bytes | int]] = {
             ops.PIN_MODE: self._mode,
             ops.PIN_SET: self._set,
@@ -60,7 +60,7 @@ class PinHost:
     def _get(self, data: bytes) -> int:
         pin = self._pin(data)
         if self._board.clock.held and self._due is not None and self._due[0] is pin:
-            return self._due[1]  # what it was then
+            return self._due[1]  # the level at the edge
         return pin.value()
 
     def _irq(self, data: bytes) -> int:
@@ -109,5 +109,5 @@ class PinHost:
         capture = self._board.capture
         if capture is None:
             raise OSError(errno.ENODEV, "this board has no camera")
-        # Without the lock: it takes its time, and a second core goes on meanwhile.
+        # Without the lock: a capture takes time, and a second core continues meanwhile.
         return capture(*_CAMERA.unpack(data))

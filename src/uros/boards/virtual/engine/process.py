@@ -1,31 +1,29 @@
-"""A virtual board as a process: hardware, firmware and the hand that plants faults.
+"""A virtual board as a process: hardware, firmware and fault injection.
 
-``python -m uros.boards.virtual.engine.process OPTIONS`` is what
-`uros.boards.virtual.engine.runner` starts; OPTIONS is a JSON
-object with the fields of `Options`. Commands come in as JSON lines::
+`uros.boards.virtual.engine.runner` starts ``python -m uros.boards.virtual.engine.process OPTIONS``;
+OPTIONS is a JSON object with the fields of `Options`. Commands are JSON lines on stdin::
 
     {"do": "happen", "spec": "sht3x:nack"}   answered by an event "happened"
     {"do": "reset"}                          the board's reset button
     {"do": "heap"}                           answered by an event "heap" (engine micropython)
 
-and events go out the same way::
+Events are JSON lines on stdout::
 
     {"event": "ready", "path": …, "happenings": […], "faults": […]}
-                                             the line has its name; the program starts
-    {"event": "usb", "state": …, "error": …} what became of it
-    {"event": "console", "line": …}          what the program printed
-    {"event": "read", "address": …, "ns": …} an I2C read has ended, by the monotonic clock; told
+                                             the serial line exists; the program starts
+    {"event": "usb", "state": …, "error": …} the state of the USB line has changed
+    {"event": "console", "line": …}          a line that the program printed
+    {"event": "read", "address": …, "ns": …} the end of an I2C read, by the monotonic clock; sent
                                              when the program next waits
     {"event": "happened", "spec": …, "error": …, "faults": […]}
-                                             all faults that the board has now
-    {"event": "part", "name": …, "shows": …} what is to be seen of a part has changed
+                                             the active faults after a command "happen"
+    {"event": "part", "name": …, "shows": …} the visible state of a part has changed
     {"event": "heap", "used": …, "peak": …, "base": …}
     {"event": "reset"}                       the program starts anew
-    {"event": "ended", "traceback": …}       the program is over; the board stays
-    {"event": "failed", "error": …}          nothing runs; the process ends with status 1
+    {"event": "ended", "traceback": …}       the program has ended; the board stays
+    {"event": "failed", "error": …}          the start has failed; the process ends with status 1
 
-The end of the commands is the end of the process: a parent that ends, however it does, leaves
-nothing behind.
+The process ends at the end of stdin, so it does not outlive its parent.
 """
 
 from __future__ import annotations
@@ -60,18 +58,29 @@ from .micropython import MicroPythonEngine, NoMicroPython, find
 from .syscalls import BoardHost, Reset
 
 _MOST_READS: Final = 64
-_LOOK_SECONDS: Final = 0.2
+_POLL_SECONDS: Final = 0.2
 _STOP_SECONDS: Final = 2.0
 
 
 @dataclass(frozen=True)
 class Options:
-    """What to run, and how. ``program`` is the firmware's folder; ``form`` the one of `build`;
-    ``reads`` whether events tell of I2C reads; ``measure`` whether the peak of the heap is;
-    ``plugs`` what is plugged into the board; ``interfaces`` folders of definitions; ``happen``
-    what happens before the program starts; ``speed`` that of the board's time; ``agent`` where the
-    agent is that the program looks for in its network, a host and a port; ``address`` the board's
-    own on this host.
+    """What to run, and how.
+
+    Attributes:
+        program: The firmware's folder.
+        board: The name of the board's model.
+        engine: "cpython" or "micropython".
+        form: The form of the files on the board (see `uros.boards.builder.file_system.build`).
+        link: Where the link to the USB line is created; None chooses a place.
+        seed: Seed of all random values of the board.
+        happen: Faults and actions before the program starts.
+        reads: Whether I2C reads are sent as events.
+        measure: Whether the peak of the heap is measured.
+        plugs: Peripherals that are attached to the board.
+        interfaces: Folders of interface definitions.
+        speed: The speed of the board's time; 1.0 is real time.
+        agent: Host and port of the agent that the program looks for in its network.
+        address: The board's own address on this host, "" for any.
     """
 
     program: str
@@ -91,7 +100,7 @@ class Options:
 
 
 class _SecondCore:
-    """The second core: an interpreter of its own, in a thread, once the program starts it."""
+    """The second core: an interpreter in a thread of its own, which the program starts."""
 
     def __init__(self, process: BoardProcess) -> None:
         self.mail = Mail()
@@ -102,7 +111,11 @@ class _SecondCore:
         self._thread: threading.Thread | None = None
 
     def start(self, root: Path, name: str) -> None:
-        """Raises OSError where it runs."""
+        """Run a module of the file system ``root`` on the second core.
+
+        Raises:
+            OSError: The second core runs already (EBUSY).
+        """
         if self._thread is not None:
             raise OSError(errno.EBUSY, "the second core runs already")
         console = Console(lambda line: self._process.send("console", line=line))
@@ -131,7 +144,7 @@ class _SecondCore:
     def _run_micropython(self, root: Path, host: BoardHost, name: str) -> None:
         with self._lock:
             if self._host is not host:
-                return  # stopped before it began
+                return  # stopped before the engine was created
             engine = self._engine = MicroPythonEngine(root, host, core=name)
         try:
             engine.run()
@@ -141,7 +154,7 @@ class _SecondCore:
                 engine.close()
 
     def stop(self) -> None:
-        """End its program, as a reset does."""
+        """End the program of the second core, as a reset does."""
         thread, self._thread = self._thread, None
         if thread is None or self._host is None:
             return
@@ -149,18 +162,29 @@ class _SecondCore:
         with self._lock:
             self._host = None
         self.kill()
-        # One that computes for ever without an operation touches nothing of the board any more.
+        # A thread that computes without a system call no longer affects the board.
         thread.join(_STOP_SECONDS)
 
     def kill(self) -> None:
-        """End its process, where it has one."""
+        """End the process of the second core, if it has one."""
         with self._lock:
             if self._engine is not None:
                 self._engine.stop()
 
 
 class BoardProcess:
-    """The process, without its beginning: see the module."""
+    """The process of a board; the module docstring has the commands and events.
+
+    Args:
+        options: What to run.
+        commands: The file descriptor from which commands are read.
+        events: The file descriptor to which events are written.
+
+    Raises:
+        BoardError: There is no such board.
+        PlugError: A peripheral cannot be attached.
+        OSError: The USB line cannot be created.
+    """
 
     def __init__(self, options: Options, commands: int, events: int) -> None:
         self.options = options
@@ -172,24 +196,32 @@ class BoardProcess:
         self._folder = tempfile.TemporaryDirectory(prefix="uros-board-")
         self._console = Console(lambda line: self.send("console", line=line))
         self._second = _SecondCore(self)
-        self._reads: list[tuple[int, int]] = []  # not told yet
+        self._reads: list[tuple[int, int]] = []  # not sent yet
         self._micropython: MicroPythonEngine | None = None
         self._base: int | None = None  # the heap before the program
-        self._heap_asked = False  # before there was an engine
-        self._shown: dict[str, str] = {}  # of parts, as it was told
+        self._heap_asked = False  # before the engine existed
+        self._shown: dict[str, str] = {}  # the visible state of each part, as sent last
         try:
             link = None if options.link is None else Path(options.link)
             self.board = VirtualBoard(
                 find_board(options.board), BoardClock(speed=options.speed), link, options.seed,
                 plugs=options.plugs, agent=(options.agent[0], options.agent[1]),
-                address=options.address, changed=self._tell_part,
+                address=options.address, changed=self._send_part,
             )  # fmt: skip
         except BaseException:
             self._folder.cleanup()
             raise
 
     def run(self) -> None:
-        """Until the end of the commands. Raises what keeps a board from starting."""
+        """Run the board; the process ends with the commands, so this does not return.
+
+        Raises:
+            FaultError: A fault or action of the options does not exist.
+            NoMicroPython: MicroPython or Node was not found.
+            InterfaceError: A folder of interface definitions is invalid.
+            BuildError: The program cannot be built.
+            OSError: A file cannot be read or written.
+        """
         options, board = self.options, self.board
         for spec in options.happen:
             board.happen(spec)
@@ -198,27 +230,27 @@ class BoardProcess:
         for folder in options.interfaces:
             add_folder(folder)
         root = Path(self._folder.name) / "flash"
-        # As a board has it where that is what is looked at: as bytecode, or for its memory.
+        # Bytecode, and programs whose memory is measured, are built as for a real board.
         checked = options.form == "py" and not options.measure
         build(Path(options.program), root, options.form, checked=checked, provided=["second_core"])
         if options.reads:
             for bus in board.i2c.values():
                 bus.on_read = self._read
         host = self._host = BoardHost(
-            board, self._console.print, self._ended, self._heap, self._usb, self._tell_reads,
+            board, self._console.print, self._ended, self._heap, self._usb, self._send_reads,
             self._second.mail, lambda name: self._second.start(root, name),
         )  # fmt: skip
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset())
         while not board.usb_inside and board.usb.state == ATTACHED:
-            board.usb.wait(1.0)  # its bridge has power already
-        happenings = [it.spec for it in (*board.acts(), *board.faults())]
-        self._tell_parts()  # before it is ready, so that who waits for that can look
+            board.usb.wait(1.0)  # the bridge chip has power before the program starts
+        happenings = [happening.spec for happening in (*board.acts(), *board.faults())]
+        self._send_parts()  # before "ready": a parent that waits for it may ask for their state
         self.send("ready", path=str(board.usb.path), happenings=happenings, faults=self._faults())
         host.usb_state()
-        threading.Thread(target=self._obey, name="commands", daemon=True).start()
-        threading.Thread(target=self._look, name="parts", daemon=True).start()
+        threading.Thread(target=self._read_commands, name="commands", daemon=True).start()
+        threading.Thread(target=self._poll, name="parts", daemon=True).start()
         while True:
             try:
                 self._run_program(root, host)
@@ -252,18 +284,19 @@ class BoardProcess:
     # --- events -----------------------------------------------------------------------
 
     def send(self, event: str, **fields: Any) -> None:
+        """Write an event; nothing is written once the process is ending."""
         data = json.dumps({"event": event, **fields}).encode() + b"\n"
         with self._lock:
             if self._ended_by is not None:
-                return  # what follows is the noise of taking a board apart
+                return  # closing the board causes further events
             try:
                 while data:
                     data = data[os.write(self._events, data) :]
             except BrokenPipeError:
-                pass  # the commands end, too
+                pass  # the parent has ended, and so do the commands
 
     def _ended(self, traceback: str) -> None:
-        self._tell_reads()
+        self._send_reads()
         if traceback:
             self._console.flush()
             self._console.print(traceback)
@@ -271,32 +304,32 @@ class BoardProcess:
         self.send("ended", traceback=traceback)
 
     def _read(self, address: int, ns: int) -> None:
-        # Told later: whoever measures the way of a reading must not lie in that way.
+        # Sent later, so that the event does not delay the reading whose latency is measured.
         self._reads.append((address, ns))
         if len(self._reads) >= _MOST_READS:
-            self._tell_reads()
+            self._send_reads()
 
-    def _look(self) -> None:
-        """Tell what is to be seen, also while the program computes, sleeps or is over."""
+    def _poll(self) -> None:
+        """Send the visible state, also while the program computes, sleeps or has ended."""
         while True:
-            time.sleep(_LOOK_SECONDS)
+            time.sleep(_POLL_SECONDS)
             self.board.advance()
-            self._tell_parts()
+            self._send_parts()
             if self._host is not None:
-                self._host.usb_state()  # the program may never ask for it
+                self._host.usb_state()  # the program may never ask for the state
 
-    def _tell_parts(self) -> None:
+    def _send_parts(self) -> None:
         with self.board.lock:
             for part in self.board.parts:
-                self._tell_part(part)
+                self._send_part(part)
 
-    def _tell_part(self, part: Part) -> None:
+    def _send_part(self, part: Part) -> None:
         shows = part.shows()
         if shows != self._shown.get(part.name, ""):
             self._shown[part.name] = shows
             self.send("part", name=part.name, shows=shows)
 
-    def _tell_reads(self) -> None:
+    def _send_reads(self) -> None:
         for address, ns in self._reads:
             self.send("read", address=address, ns=ns)
         self._reads.clear()
@@ -312,20 +345,20 @@ class BoardProcess:
 
     # --- commands ---------------------------------------------------------------------
 
-    def _obey(self) -> None:
+    def _read_commands(self) -> None:
         with open(self._commands, encoding="utf-8", closefd=False) as lines:
             for line in lines:
                 command = json.loads(line)
                 if command["do"] == "happen":
                     self._happen(command["spec"])
                 elif command["do"] == "reset":
-                    os.kill(os.getpid(), signal.SIGUSR1)  # the program's thread is to hear of it
+                    os.kill(os.getpid(), signal.SIGUSR1)  # interrupts the program's thread
                 elif command["do"] == "heap":
                     self._ask_heap()
         self.end(0)
 
     def _ask_heap(self) -> None:
-        """Now, or as soon as there is an engine to be asked."""
+        """Request the heap in use from the engine, at once or as soon as it exists."""
         with self._ending:
             if self._micropython is None:
                 self._heap_asked = True
@@ -336,10 +369,10 @@ class BoardProcess:
         error = ""
         try:
             self.board.happen(spec)
-        except FaultError as refused:
-            error = str(refused)
+        except FaultError as fault_error:
+            error = str(fault_error)
         faults = self._faults()
-        self._tell_parts()  # as they were when it happened, for who waits for that
+        self._send_parts()  # before "happened": a parent that waits for it may ask for their state
         self.send("happened", spec=spec, error=error, faults=faults)
         self._host.usb_state()
 
@@ -347,16 +380,16 @@ class BoardProcess:
         return [fault.spec for fault in self.board.faults() if fault.active]
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        # Not from here: the interrupted program may hold what the end has to wait for.
+        # In another thread: the interrupted program may hold a lock that end() waits for.
         threading.Thread(target=self.end, args=(128 + number,)).start()
 
     def close(self) -> None:
-        """Take a board apart that did not start."""
+        """Release the resources of a board that did not start."""
         self.board.close()
         self._folder.cleanup()
 
     def end(self, status: int) -> None:
-        """Take it apart and end the process, in the middle of whatever it does."""
+        """Close the board and end the process, whatever its threads do."""
         with self._lock:
             if self._ended_by is not None:
                 return
@@ -371,10 +404,10 @@ class BoardProcess:
 
 
 def main() -> None:
-    """See the module."""
+    """Run a board; the module docstring has the command line."""
     options = Options(**json.loads(sys.argv[1]))
     events = os.dup(1)
-    os.dup2(2, 1)  # nobody else is to write between the events
+    os.dup2(2, 1)  # other output must not mix with the events
     try:
         process = BoardProcess(options, 0, events)
         try:

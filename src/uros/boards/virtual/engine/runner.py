@@ -1,4 +1,4 @@
-"""Run a virtual board from Python: its firmware and hardware in a process of their own.
+"""Runs a virtual board from Python, in a process of its own.
 
 ::
 
@@ -8,8 +8,8 @@
         board.happen("usb:unplug")
         board.wait("some words")        # until the program prints them
 
-The board is plugged in and switched on when ``with`` is entered, and gone without a trace when it
-is left, or when this process ends.
+Entering ``with`` connects the board and switches it on. Leaving it, or the end of this process,
+ends the board's process and removes its files.
 """
 
 from __future__ import annotations
@@ -41,8 +41,12 @@ class BoardGone(RuntimeError):
 
 
 class Heap(NamedTuple):
-    """Octets in use on MicroPython's heap. What is reported is without the shims and MicroPython's
-    own, which are ``base``.
+    """Octets in use on MicroPython's heap.
+
+    Attributes:
+        used: In use after a collection, without ``base``.
+        peak: The highest use, without ``base``; 0 unless it is measured.
+        base: What the shims and MicroPython itself take.
     """
 
     used: int
@@ -51,7 +55,11 @@ class Heap(NamedTuple):
 
 
 def firmware_folder(spec: BoardSpec) -> Path:
-    """Where a board's program is: in the clone, or in the installed package. Raises BoardError."""
+    """Return the folder of a board's program, in the clone or in the installed package.
+
+    Raises:
+        BoardError: The program is not installed.
+    """
     boards = Path(__file__).resolve().parents[2]
     for folder in (boards.parents[2] / "firmware", boards / "firmware"):
         if (folder / spec.firmware / "main.py").is_file():
@@ -60,26 +68,46 @@ def firmware_folder(spec: BoardSpec) -> Path:
 
 
 class RunningBoard:
-    """A board that runs; a context manager.
+    """A running virtual board; a context manager.
 
-    ``firmware`` is a name in `BOARDS`, or a folder with a main.py; then ``board`` names the
-    hardware. ``link`` is where the USB line is to be found, by default a name of its own.
-    ``on_read(address, ns)`` is called for each I2C read that has ended, from another thread;
-    without it, they come into the queue ``reads`` if ``reads`` is true. ``on_event`` gets all else
-    that `uros.boards.virtual.engine.process` tells, from that thread too. ``measure`` finds the
-    peak of the heap.
-    ``plugs`` are plugged into the board; see `uros.boards.virtual.hardware.peripherals`.
-    ``interfaces`` are folders of
-    definitions that the program's imports may mean besides; see `uros.interfaces.add_folder`.
-    ``happen`` is what happens before the program starts; see `uros.boards.virtual.hardware.board`.
-    ``speed`` is how
-    many times faster than ours the board's time goes, and that of everything around it; the agent's
-    does not, so stamps are wrong then. ``agent`` is where the agent is that the program looks for
-    in its network, ``address`` the board's own on this host, such as 127.0.0.7 (default: any).
+    Methods that wait raise TimeoutError, and BoardGone when the board's process has ended.
 
-    ``happenings`` are all that can be made to happen. ``console`` is a queue of the lines that the
-    program prints, without ``on_event``. Waits raise TimeoutError, and BoardGone when there is
-    nothing to wait for any more.
+    Args:
+        firmware: A name in `BOARDS`, or a folder with a main.py; with a folder, ``board`` names the
+            hardware.
+        board: The name of the hardware; by default that of ``firmware``.
+        engine: "cpython" or "micropython".
+        form: The form of the files on the board (see `uros.boards.builder.file_system.build`).
+        happen: Faults and actions before the program starts (see
+            `uros.boards.virtual.hardware.board`).
+        link: Where the link to the USB line is created; by default a new name.
+        seed: Seed of all random values of the board.
+        reads: Whether the ends of I2C reads are put into the queue ``reads``.
+        on_read: Called with address and time in ns for each I2C read that has ended, from another
+            thread, in place of the queue ``reads``.
+        on_event: Called with each other event of `uros.boards.virtual.engine.process`, from the
+            same thread; ``console`` stays empty then.
+        measure: Whether the peak of the heap is measured.
+        plugs: Peripherals that are attached to the board (see
+            `uros.boards.virtual.hardware.peripherals`).
+        interfaces: Folders of interface definitions that the program may import besides (see
+            `uros.interfaces.add_folder`).
+        speed: How many times faster than real time the board and its environment run. The agent
+            runs in real time, so stamps are wrong unless this is 1.0.
+        agent: Host and port of the agent that the program looks for in its network.
+        address: The board's own address on this host, such as 127.0.0.7; "" for any.
+
+    Attributes:
+        path: The USB line.
+        happenings: All faults and actions of the board.
+        console: A queue of the lines that the program prints.
+        reads: A queue of the I2C reads that have ended: address, and time in ns of the monotonic
+            clock.
+        usb: The state of the USB line; see :meth:`wait_usb`.
+        usb_error: Why the host refused the USB device; "" if it did not.
+
+    Raises:
+        BoardError: There is no such board, or its program is not installed.
     """
 
     def __init__(
@@ -116,7 +144,7 @@ class RunningBoard:
             "link": None if link is None else str(Path(link).absolute()), "seed": seed,
             "happen": list(happen), "speed": speed, "agent": list(agent),
             "address": address, "reads": reads or on_read is not None, "measure": measure,
-            "plugs": list(plugs), "interfaces": [str(Path(it).absolute()) for it in interfaces],
+            "plugs": list(plugs), "interfaces": [str(Path(name).absolute()) for name in interfaces],
         }  # fmt: skip
         self._on_read = on_read
         self._on_event = on_event
@@ -127,8 +155,8 @@ class RunningBoard:
         self._failure = ""
         self._traceback: str | None = None
         self._resets = 0
-        self._heaps: list[Heap] = []  # the answers to heap
-        self._refused: list[str] = []  # the answers to what is to happen
+        self._heaps: list[Heap] = []  # the answers to "heap"
+        self._errors: list[str] = []  # the answers to "happen"; "" is success
         self._shows: dict[str, list[str]] = {}
         self.path = Path()
         self.happenings: list[str] = []
@@ -140,11 +168,16 @@ class RunningBoard:
     # --- beginning and end --------------------------------------------------------------
 
     def start(self) -> None:
-        """Switch it on. Raises StartError."""
+        """Start the board's process; return when the board is ready.
+
+        Raises:
+            StartError: The board does not start.
+            TimeoutError: The board was not ready within 30 s.
+        """
         self._process = subprocess.Popen(
             [sys.executable, "-m", "uros.boards.virtual.engine.process", json.dumps(self._options)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for us; the board ends with us
+            start_new_session=True,  # Ctrl-C reaches this process alone, which ends the board
         )  # fmt: skip
         self._reader = threading.Thread(target=self._listen, name="board", daemon=True)
         self._reader.start()
@@ -182,100 +215,112 @@ class RunningBoard:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    # --- what can be done to it ---------------------------------------------------------
+    # --- commands -----------------------------------------------------------------------
 
     def happen(self, spec: str) -> None:
-        """Plant or heal a fault, such as "sht3x:nack", "sht3x:off" or "usb:unplug", or do something
-        by hand, such as "button:press"; it is done when this returns. Raises FaultError.
-        """
-        self._refused.clear()
-        self._command(do="happen", spec=spec)
-        self._until(lambda: bool(self._refused), WAIT_SECONDS, "an answer")
-        if self._refused[0]:
-            raise FaultError(self._refused[0])
+        """Inject or clear a fault, or do an action of the user; it is done when this returns.
 
-    def press(self, what: str, **more: str) -> None:
-        """Ask for "reset", "heap" or "happen" (and its ``spec``) without waiting for it: an event
-        will tell.
+        Args:
+            spec: A fault, such as "sht3x:nack", "sht3x:off" or "usb:unplug", or an action, such as
+                "button:press".
+
+        Raises:
+            FaultError: There is no such fault or action.
         """
-        self._command(do=what, **more)
+        self._errors.clear()
+        self._command(do="happen", spec=spec)
+        self._until(lambda: bool(self._errors), WAIT_SECONDS, "an answer")
+        if self._errors[0]:
+            raise FaultError(self._errors[0])
+
+    def press(self, command: str, **fields: str) -> None:
+        """Send a command without waiting for its event.
+
+        Args:
+            command: "reset", "heap" or "happen".
+            fields: The fields of the command: ``spec`` of "happen".
+        """
+        self._command(do=command, **fields)
 
     def reset(self, timeout: float = WAIT_SECONDS) -> None:
-        """Press the reset button."""
+        """Press the reset button, and wait until the program starts anew."""
         before = self._resets
         self._command(do="reset")
         self._until(lambda: self._resets > before, timeout, "the reset")
 
     def heap(self, timeout: float = WAIT_SECONDS) -> Heap:
-        """What lives on the heap of MicroPython after a collection; see the engine for programs
-        that can be asked while they run. ``peak`` is 0 unless it is measured.
+        """Return the use of MicroPython's heap after a collection.
+
+        A program whose main.py has ``start()`` and ``step()`` is measured between two steps, any
+        other program at its end.
         """
         self._heaps.clear()
         self._command(do="heap")
         self._until(lambda: bool(self._heaps), timeout, "the heap")
         return self._heaps[0]
 
-    # --- what it does -------------------------------------------------------------------
+    # --- state --------------------------------------------------------------------------
 
     @property
     def ended(self) -> bool:
-        """Whether the program is over, or the whole board gone."""
+        """Whether the program or the board's process has ended."""
         return self._gone or self._traceback is not None
 
     @property
     def resets(self) -> int:
-        """How often the program has started anew."""
+        """How many times the program has started anew."""
         return self._resets
 
     def wait(self, text: str, timeout: float = WAIT_SECONDS) -> str:
-        """Wait for a line of the console with this text, and return it. Lines before it are
-        dropped; TimeoutError and BoardGone show them.
+        """Wait for a line of the console that contains ``text``, and return it.
+
+        Lines before it are dropped; TimeoutError and BoardGone show them.
         """
-        seen: list[str] = []
+        lines: list[str] = []
         end = time.monotonic() + timeout
         while True:
             try:
                 line = self.console.get(timeout=max(0.0, min(0.1, end - time.monotonic())))
             except queue.Empty:
                 if self._gone and self.console.empty():
-                    raise BoardGone(_without(text, seen, "the board has ended")) from None
+                    raise BoardGone(_no_line(text, lines, "the board has ended")) from None
                 if time.monotonic() >= end:
-                    raise TimeoutError(_without(text, seen, f"in {timeout:g} s")) from None
+                    raise TimeoutError(_no_line(text, lines, f"in {timeout:g} s")) from None
                 continue
             if text in line:
                 return line
-            seen.append(line)
+            lines.append(line)
 
     def wait_usb(self, state: str, timeout: float = WAIT_SECONDS) -> None:
-        """Wait until the line is "detached", "attached", "configured" or "suspended"."""
+        """Wait until USB is "detached", "attached", "configured" or "suspended"."""
         self._until(lambda: self.usb == state, timeout, f"USB to be {state}")
 
     def shows(self, part: str) -> str:
-        """What is to be seen of a part, such as "on" of an LED; "" for nothing."""
+        """Return the visible state of a part, such as "on" of an LED; "" if it has none."""
         with self._changed:
             return self._shows.get(part, [""])[-1]
 
     def shown(self, part: str) -> list[str]:
-        """All that was to be seen of it, one after the other, from the start on."""
+        """Return all visible states of a part from the start on, in order."""
         with self._changed:
             return list(self._shows.get(part, ()))
 
-    def wait_shows(self, part: str, what: str, timeout: float = WAIT_SECONDS) -> None:
-        """Wait until a part shows this; at once if it does."""
-        self._until(lambda: self._shows.get(part, [""])[-1] == what, timeout, f"{part} {what}")
+    def wait_shows(self, part: str, state: str, timeout: float = WAIT_SECONDS) -> None:
+        """Wait until the visible state of a part is ``state``."""
+        self._until(lambda: self._shows.get(part, [""])[-1] == state, timeout, f"{part} {state}")
 
     def wait_end(self, timeout: float = WAIT_SECONDS) -> str:
-        """Wait for the end of the program; returns its traceback, or ""."""
+        """Wait for the end of the program; return its traceback, or ""."""
         self._until(lambda: self._traceback is not None, timeout, "the program to end")
         return self._traceback or ""
 
-    def _until(self, done: Callable[[], bool], timeout: float, what: str) -> None:
+    def _until(self, done: Callable[[], bool], timeout: float, condition: str) -> None:
         with self._changed:
             self._changed.wait_for(lambda: done() or self._gone, timeout)
             if not done():
                 if self._gone:
-                    raise BoardGone(f"the board has ended; it was to wait for {what}")
-                raise TimeoutError(f"waited {timeout:g} s for {what}")
+                    raise BoardGone(f"the board has ended; it was to wait for {condition}")
+                raise TimeoutError(f"waited {timeout:g} s for {condition}")
 
     def _command(self, **command: str) -> None:
         if self._process is None or self._process.stdin is None:
@@ -317,7 +362,7 @@ class RunningBoard:
         elif kind == "usb":
             self.usb, self.usb_error = event["state"], event["error"]
         elif kind == "happened":
-            self._refused.append(event["error"])
+            self._errors.append(event["error"])
         elif kind == "part":
             self._shows.setdefault(event["name"], []).append(event["shows"])
         elif kind == "reset":
@@ -332,6 +377,6 @@ class RunningBoard:
             self._heaps.append(Heap(event["used"] - base, max(0, event["peak"] - base), base))
 
 
-def _without(text: str, seen: list[str], why: str) -> str:
-    """What a wait has to say that did not find its line."""
-    return "\n".join([f"no line with {text!r} ({why}); the console said:", *seen])
+def _no_line(text: str, lines: list[str], reason: str) -> str:
+    """Return the error text of a wait that did not find its line."""
+    return "\n".join([f"no line with {text!r} ({reason}); the console said:", *lines])

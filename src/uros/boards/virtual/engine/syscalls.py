@@ -1,4 +1,7 @@
-"""What the firmware asks for, done on the virtual board: the host's side of ``shims/_board.py``."""
+"""The system calls of the firmware, carried out on the virtual board.
+
+This is the host's side of ``shims/_board.py``.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from ..hardware.board import Interrupts
 from ..hardware.usb import CONFIGURED, DETACHED, SUSPENDED
 from ..shims import _ops as ops
 from .cores import CoreHost, Mail
-from .peripheral_syscalls import INTERRUPT_US, PlugHost
+from .peripheral_syscalls import INTERRUPT_US, PeripheralHost
 from .pin_syscalls import PinHost
 
 if TYPE_CHECKING:
@@ -23,22 +26,26 @@ _RTC_EPOCH_NS: Final = 946_684_800 * 10**9
 _CORE_HZ: Final = 200_000_000
 _TRANSFER: Final = struct.Struct("<BBBH")
 _CONFIGURED: Final = (CONFIGURED, SUSPENDED)
-# How often a wait looks for what does not wake it.
-_LOOK_NS: Final = 5_000_000
+# The period at which a wait polls for changes that do not wake it.
+_POLL_NS: Final = 5_000_000
 
 
 class Reset(BaseException):
-    """The board starts anew. No handler of the firmware is to stop that."""
+    """The board starts anew; a BaseException, so that handlers of the firmware do not catch it."""
 
 
 class BoardHost:
-    """Carries out operations of one core, from one thread.
+    """Carries out the system calls of one core, from one thread.
 
-    ``console`` takes what the firmware prints, ``ended`` the traceback (or "") of a program that
-    is over, ``heap`` the octets in use and their peak, ``usb`` the state of the line when it has
-    changed. ``idle`` is called when the firmware is about to wait: the time for what need not be
-    done at once. ``mail`` are the mailboxes between the cores, ``start_core`` starts the second
-    one, where this is the first.
+    Args:
+        board: The virtual board.
+        console: Called with what the firmware prints.
+        ended: Called with the traceback (or "") of a program that has ended.
+        heap: Called with the octets in use on the heap, and their peak.
+        usb: Called with the state of the USB line when it has changed.
+        idle: Called when the firmware is about to wait, for work that is not urgent.
+        mail: The mailboxes between the cores; by default new ones.
+        start_core: Starts the second core with a module; None if this is the second core.
     """
 
     def __init__(
@@ -60,11 +67,11 @@ class BoardHost:
         self._usb = usb
         self._last_usb = DETACHED
         self._reset_asked = False
-        self._within = False  # an operation that is not to be cut short
+        self._within = False  # in a system call, which a reset must not interrupt
         self.print = console
         self.ended = ended
         self._operations: dict[int, Callable[[bytes], bytes | int]] = {
-            ops.CONSOLE: self._printed,
+            ops.CONSOLE: self._print,
             ops.TICKS_MS: lambda _: board.clock.ticks_us() // 1000 & _TICKS,
             ops.TICKS_US: lambda _: board.clock.ticks_us() & _TICKS,
             ops.EPOCH: lambda _: struct.pack("<q", board.clock.epoch_ns() - _RTC_EPOCH_NS),
@@ -84,16 +91,18 @@ class BoardHost:
             ops.UNIQUE_ID: lambda _: board.unique_id,
             ops.FREQUENCY: lambda _: _CORE_HZ,
             ops.ENDED: self._end,
-            ops.HEAP: self._measured,
+            ops.HEAP: self._report_heap,
             **PinHost(board, interrupts).operations,
-            **PlugHost(board, self._waits, interrupts).operations,
+            **PeripheralHost(board, self._before_wait, interrupts).operations,
             **CoreHost(self._mail, start_core).operations,
         }
 
     def call(self, op: int, data: bytes = b"") -> bytes | int:
-        """The answer to one operation: octets, or a number where ``_ops`` says so.
+        """Carry out one operation; return octets, or a number where ``_ops`` defines one.
 
-        Raises OSError with what the firmware is to see, and Reset.
+        Raises:
+            OSError: The error for the firmware.
+            Reset: The board is to start anew.
         """
         self._within = True
         try:
@@ -108,19 +117,21 @@ class BoardHost:
         return answer
 
     def ask_reset(self) -> None:
-        """The reset button: raises Reset, at once or at the end of an operation. To be called in
-        the program's thread, by a signal.
+        """Press the reset button; called in the program's thread, by a signal handler.
+
+        Raises:
+            Reset: At once; during a system call, its end raises Reset instead.
         """
         self._reset_asked = True
         if not self._within:
             raise Reset
 
     def stop(self) -> None:
-        """End the program of this core: its next operation raises Reset. From another thread."""
+        """End the program of this core: its next system call raises Reset. Thread-safe."""
         self._reset_asked = True
 
     def reset(self) -> None:
-        """What a reset does to the board around the processor: the host loses its USB device."""
+        """Reset the board around the processor: the host loses its USB device."""
         self._reset_asked = False
         self._board.reset()
         self._interrupts.clear()
@@ -128,8 +139,8 @@ class BoardHost:
         self.usb_state()
 
     def usb_state(self) -> str:
-        """The state of the line, told as a change where it is one."""
-        with self._board.lock:  # of several threads, one tells a change
+        """Return the state of the USB line; report it if it has changed."""
+        with self._board.lock:  # one of several threads reports a change
             state = self._board.usb.state
             if state != self._last_usb:
                 self._last_usb = state
@@ -138,7 +149,7 @@ class BoardHost:
 
     # --- time -------------------------------------------------------------------------
 
-    def _waits(self) -> None:
+    def _before_wait(self) -> None:
         self._within = False
         self._board.clock.hold(None)
         self._idle()
@@ -150,7 +161,7 @@ class BoardHost:
 
     def _sleep(self, data: bytes) -> int:
         us = int.from_bytes(data, "little")
-        self._waits()
+        self._before_wait()
         board = self._board
         interrupts = self._interrupts
         if not interrupts.wanted:
@@ -183,21 +194,21 @@ class BoardHost:
 
     # --- USB --------------------------------------------------------------------------
 
-    def _usb_here(self) -> None:
+    def _require_usb(self) -> None:
         if not self._board.usb_inside:
             raise OSError(errno.ENODEV, "the USB socket is not the microcontroller's")
 
     def _usb_enable(self, data: bytes) -> bytes:
-        self._usb_here()
+        self._require_usb()
         device, at = _counted(data, 0)
         configuration, at = _counted(data, at)
-        strings = [it.decode() for it in data[at:].split(b"\0")]
+        strings = [string.decode() for string in data[at:].split(b"\0")]
         self._board.usb.enable(device, configuration, strings)
         self.usb_state()
         return b""
 
     def _usb_disable(self, data: bytes) -> bytes:
-        self._usb_here()
+        self._require_usb()
         self._board.usb.disable()
         self.usb_state()
         return b""
@@ -234,10 +245,10 @@ class BoardHost:
                 if self._interrupts.due:
                     return flags
                 left = min(left, INTERRUPT_US * 1000)
-            # What there is to read, and what happens to the cable, ends a wait. A program that
-            # opens the port is noticed by looking again.
+            # Received data and changes of the cable end a wait. A program that opens the port is
+            # found by polling.
             if wanted & ~(ops.USB_READABLE | ops.USB_CLOSED):
-                left = min(left, _LOOK_NS)
+                left = min(left, _POLL_NS)
             if flags & ops.USB_READABLE or not board.usb_inside:
                 clock.sleep_host_ns(left)
             else:
@@ -245,7 +256,7 @@ class BoardHost:
 
     # --- the program ------------------------------------------------------------------
 
-    def _printed(self, data: bytes) -> bytes:
+    def _print(self, data: bytes) -> bytes:
         self.print(data.decode(errors="replace"))
         return b""
 
@@ -256,13 +267,13 @@ class BoardHost:
         self.ended(data.decode(errors="replace"))
         return b""
 
-    def _measured(self, data: bytes) -> bytes:
+    def _report_heap(self, data: bytes) -> bytes:
         in_use, peak = map(int, data.split())
         self._heap(in_use, peak)
         return b""
 
 
 def _counted(data: bytes, at: int) -> tuple[bytes, int]:
-    """What follows its own length, and where it ends."""
+    """Return the data at ``at`` that follows a length of two octets, and the offset of its end."""
     end = at + 2 + int.from_bytes(data[at : at + 2], "little")
     return data[at + 2 : end], end
