@@ -4,12 +4,12 @@ from unit.agent.helpers import Board, Desk
 
 @pytest.fixture
 def desk():
-    made = Desk()
-    yield made
-    made.close()
-    assert not made.middleware.bus.nodes
-    assert not any(made.middleware.bus.writers.values())
-    assert not any(made.middleware.bus.readers.values())
+    desk = Desk()
+    yield desk
+    desk.close()
+    assert not desk.middleware.bus.nodes
+    assert not any(desk.middleware.bus.writers.values())
+    assert not any(desk.middleware.bus.readers.values())
 
 
 @pytest.fixture

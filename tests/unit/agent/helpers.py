@@ -1,4 +1,4 @@
-"""Boards made of the codecs, and an agent around them without sockets and with a clock of ours."""
+"""Boards made of the codecs, and an agent without sockets whose clock the test sets."""
 
 import heapq
 import io
@@ -12,7 +12,7 @@ from uros.middleware.memory import Bus, MemoryMiddleware
 from uros.wire import data, entities, header, ids, session
 from uros.wire.cdr import Writer
 
-_NUMBERS = itertools.count()  # of timers, for those of the same time
+_NUMBERS = itertools.count()  # break ties between timers that are due at the same time
 
 KEY = 0xAABBCCDD
 SESSION = 0x81
@@ -30,7 +30,7 @@ def sub(kind, payload=b"", flags=ids.FLAG_LITTLE_ENDIAN):
 
 
 def message(submessages, stream=ids.STREAM_RELIABLE, sequence=0, session_id=SESSION, key=KEY):
-    """A datagram."""
+    """One XRCE message: its header and its submessages."""
     out = bytearray(header.header_size(session_id))
     header.push_header(out, session_id, stream, sequence, key)
     for kind, flags, payload in submessages:
@@ -42,7 +42,7 @@ def message(submessages, stream=ids.STREAM_RELIABLE, sequence=0, session_id=SESS
 
 
 def parse(datagram):
-    """(session id, stream, sequence), [(kind, flags, payload)]."""
+    """Parse a message into (session id, stream, sequence), [(kind, flags, payload)]."""
     end = len(datagram)
     session_id, stream, sequence, _, at = header.pull_header(datagram, end)
     out = []
@@ -54,7 +54,7 @@ def parse(datagram):
 
 
 def built(push, *values, size=1 << 17):
-    """What one of the codecs' push functions writes."""
+    """Return the bytes that a push function of the codecs writes."""
     w = Writer(bytearray(size))
     push(w, *values)
     return bytes(memoryview(w.buf)[: w.offset])
@@ -121,7 +121,7 @@ def fragment(part, last=False):
 
 
 def whole(submessage):
-    """The bytes of a submessage, header included, as fragments carry them."""
+    """Return the bytes of a submessage with its header, as fragments carry them."""
     kind, flags, payload = submessage
     out = bytearray(4)
     header.push_subheader(out, 0, kind, flags, len(payload))
@@ -294,7 +294,10 @@ class Place(ServerTransport):
 
 
 class Desk:
-    """An agent on memory, its one thread played by hand. ``clock`` is in milliseconds."""
+    """An agent on the memory middleware; the test calls what its thread would call.
+
+    ``clock`` is in milliseconds.
+    """
 
     def __init__(self, bus=None, refs=None, middleware=None, **more):
         self.said = io.StringIO()
@@ -310,7 +313,7 @@ class Desk:
         self.place = Place()
         self.boards = {}  # by peer
 
-    # what a transport asks of its server
+    # The interface of a server towards its transports
 
     def now(self):
         return self.clock
@@ -325,15 +328,15 @@ class Desk:
     def wake_at(self, seconds, call):
         heapq.heappush(self.timers, (self.clock + round(seconds * 1000), next(_NUMBERS), call))
 
-    # what a test does
+    # Actions of a test
 
     def start(self):
-        """As a server does: from now on silent clients are looked for. The same desk."""
+        """Start the timers of the agent, as a server does: silent clients are probed."""
         self.agent.start(self.wake_at, [self.place])
         return self
 
     def hear(self, datagram, peer=1):
-        """A datagram comes in; what the agent sends at that, to anybody."""
+        """Deliver a datagram; return everything that the agent sends in response."""
         buf = bytearray(datagram)
         self.place.deliver(self, peer, buf, memoryview(buf), len(buf), self.clock)
         return self.settle()
@@ -348,7 +351,7 @@ class Desk:
         return sent
 
     def wait(self, milliseconds):
-        """Time passes, timers fire; what the agent sends meanwhile."""
+        """Advance the clock and fire timers; return what the agent sends meanwhile."""
         out = []
         end = self.clock + milliseconds
         while True:
@@ -381,7 +384,7 @@ class Desk:
 
 
 class Board:
-    """A client at a desk. It acknowledges what it gets on reliable streams if ``polite``."""
+    """A client at a desk; if ``polite``, it acknowledges messages on reliable streams."""
 
     def __init__(self, desk, peer=1, key=KEY, session_id=SESSION, mtu=512, polite=True):
         self.desk = desk
@@ -411,14 +414,14 @@ class Board:
         return self
 
     def take(self, sent):
-        """Boards look through what the agent sent, in order, and acknowledge."""
+        """Pass the agent's datagrams to their boards in order; boards acknowledge them."""
         while sent:
             peer, datagram = sent.pop(0)
             if peer in self.desk.boards:
                 sent += self.desk.boards[peer].look(datagram)
 
     def look(self, datagram):
-        """What the agent sends at our acknowledgement."""
+        """Read a datagram; return what the agent sends in response to the acknowledgement."""
         (session_id, stream, sequence), submessages = parse(datagram)
         assert session_id == self.session_id
         for kind, flags, payload in submessages:
@@ -446,31 +449,31 @@ class Board:
         self.take(self.desk.settle())
 
     def got(self, kind):
-        """Payloads of that kind that came, in order; they are gone from the inbox then."""
-        found = [payload for item, _, payload in self.inbox if item == kind]
+        """Remove the payloads of that kind from the inbox; return them in order."""
+        payloads = [payload for item, _, payload in self.inbox if item == kind]
         self.inbox = [item for item in self.inbox if item[0] != kind]
-        return found
+        return payloads
 
     def statuses(self):
-        """Status values that came."""
+        """Remove the status values from the inbox; return them."""
         return [payload[4] for payload in self.got(ids.STATUS)]
 
     def ask(self, *submessages, stream=ids.STREAM_RELIABLE):
-        """Send, and the status values that come back."""
+        """Send, and return the status values of the answers."""
         self.got(ids.STATUS)
         self.send(*submessages, stream=stream)
         return self.statuses()
 
     def samples(self):
-        """Samples of DATA, behind request and object id."""
+        """Remove DATA from the inbox; return the samples without request and object id."""
         return [payload[4:] for payload in self.got(ids.DATA)]
 
 
 def of(board):
-    """The agent's side of a board."""
+    """Return the agent's ProxyClient of a board."""
     return board.desk.agent.clients[board.key]
 
 
 def writer_of(board, object_id=WRITER):
-    """The writer at the middleware."""
+    """Return the middleware's writer of a datawriter."""
     return of(board).objects[object_id].endpoint._writer

@@ -1,7 +1,8 @@
-"""What the C++ agent takes with ``-m ced``: any text as the name of a participant or topic.
+"""The middleware ced: any text is the name of a participant or topic, as in the C++ agent.
 
-Its CED parses no XML. A participant's text means nothing, a topic's text is its name, and a
-datawriter or datareader calls the topic by the same text, as XML or as a reference.
+CED of the C++ agent (``-m ced``) parses no XML. It ignores a participant's text, takes a topic's
+text as its name, and finds the topic of a datawriter or datareader by the same text, as XML or as
+a reference.
 """
 
 import pytest
@@ -43,13 +44,13 @@ NAMES = [
 
 @pytest.fixture
 def desk():
-    one = Desk(middleware=open_middleware("ced"))
-    yield one
-    one.close()
+    desk = Desk(middleware=open_middleware("ced"))
+    yield desk
+    desk.close()
 
 
 def entities(name, form=xml, participant="participant", flags=0):
-    """All of them, as eProsima's clients of CED make them."""
+    """Create all entities as eProsima's clients of CED do."""
     return [
         form(PARTICIPANT, participant, flags=flags),
         form(TOPIC, name, PARTICIPANT, flags=flags),
@@ -62,20 +63,20 @@ def entities(name, form=xml, participant="participant", flags=0):
 
 @pytest.mark.parametrize("form", [xml, by_reference])
 @pytest.mark.parametrize("name", NAMES)
-def test_any_text_is_a_name_and_samples_meet_by_it(desk, name, form):
-    one, other = Board(desk, 1, key=1), Board(desk, 2, key=2)
-    assert one.ask(*entities(name, form)) == [OK] * 6
-    assert other.ask(*entities(name, form, participant=name)) == [OK] * 6
-    other.send(read_data(READER))
+def test_any_text_is_a_topic_name_and_samples_reach_its_readers(desk, name, form):
+    publisher, subscriber = Board(desk, 1, key=1), Board(desk, 2, key=2)
+    assert publisher.ask(*entities(name, form)) == [OK] * 6
+    assert subscriber.ask(*entities(name, form, participant=name)) == [OK] * 6
+    subscriber.send(read_data(READER))
     for number in range(3):
-        one.send(write_data(WRITER, bytes([number])))
-    other.settle()
-    assert other.samples() == [b"\0", b"\1", b"\2"]
+        publisher.send(write_data(WRITER, bytes([number])))
+    subscriber.settle()
+    assert subscriber.samples() == [b"\0", b"\1", b"\2"]
     assert "refused" not in desk.log()
 
 
 @given(st.text(st.characters(exclude_characters="\0<", codec="utf-8"), max_size=80))
-def test_any_text_at_all(name):
+def test_no_text_raises_an_error(name):
     desk = Desk(middleware=open_middleware("ced"))
     assert Board(desk).ask(*entities(name)) == [OK] * 6
     desk.close()
@@ -88,7 +89,7 @@ def test_creating_twice_follows_the_rules(desk, form):
     assert board.ask(*entities("a b", form)) == [EXISTS] * 6
     assert board.ask(*entities("a b", form, flags=REUSE)) == [MATCHED] * 6
     assert board.ask(*entities("a b", form, flags=REUSE | REPLACE)) == [MATCHED] * 6
-    # A participant's text means nothing.
+    # The text of a participant is ignored.
     assert board.ask(form(PARTICIPANT, "other", flags=REUSE)) == [MATCHED]
     assert board.ask(form(TOPIC, "c", PARTICIPANT, flags=REUSE)) == [MISMATCH]
 
@@ -99,17 +100,17 @@ def test_an_endpoint_needs_its_topic(desk):
     assert board.ask(xml(WRITER, "another", PUBLISHER)) == [UNKNOWN]
 
 
-def test_names_of_ros_and_binary_forms_go_on_as_with_memory(desk):
-    board, other = Board(desk, 1, key=1), Board(desk, 2, key=2)
+def test_ros_names_and_binary_representations_work_as_with_memory(desk):
+    board, second_board = Board(desk, 1, key=1), Board(desk, 2, key=2)
     assert board.ask(*publisher_entities()) == [OK] * 4
-    assert other.ask(*subscriber_entities()) == [OK] * 4
-    other.send(read_data(READER))
+    assert second_board.ask(*subscriber_entities()) == [OK] * 4
+    second_board.send(read_data(READER))
     board.send(write_data(WRITER, b"abcd"))
-    other.settle()
-    assert other.samples() == [b"abcd"]
+    second_board.settle()
+    assert second_board.samples() == [b"abcd"]
 
 
-def test_a_namespace_holds_every_board_all_the_same():
+def test_a_namespace_rule_applies_with_ced():
     rules = Rules()
     rules.add({"namespace": "/jail"})
     desk = Desk(middleware=open_middleware("ced"), rules=rules)
@@ -120,7 +121,7 @@ def test_a_namespace_holds_every_board_all_the_same():
     desk.close()
 
 
-def test_the_other_middlewares_take_none_of_it():
+def test_other_middlewares_refuse_text_that_is_no_xml():
     desk = Desk(middleware=open_middleware("memory"))
     board = Board(desk)
     assert OK not in board.ask(*entities("bighelloworld_topic"))

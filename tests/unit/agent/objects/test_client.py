@@ -1,4 +1,4 @@
-"""One client's objects: made by every rule in every format, deleted, read, and services."""
+"""Objects of one client: created in every format, deleted, read, and services."""
 
 import struct
 import time
@@ -83,7 +83,7 @@ PARTICIPANT_XML = "<dds><participant><rtps><name>{}</name></rtps></participant><
 TOPIC_XML = "<dds><topic><name>{}</name><dataType>ShapeType</dataType></topic></dds>"
 GROUP_XML = "<dds><{0}><qos><partition><names><name>p</name></names></partition></qos></{0}></dds>"
 
-# kind: content as XML, as XML of something else
+# kind: content as XML, XML of another object
 XML = {
     ids.KIND_PARTICIPANT: (PARTICIPANT_XML.format("one"), PARTICIPANT_XML.format("two")),
     ids.KIND_TOPIC: (TOPIC_XML.format("Square"), TOPIC_XML.format("Circle")),
@@ -141,7 +141,7 @@ def binary(kind, flags, second):
 
 
 def specimen(form, kind, flags=NONE, second=False):
-    """A CREATE of that kind; ``second``: of something else under the same id."""
+    """Return a CREATE of that kind; with ``second``, of another object with the same id."""
     if form == "binary":
         return binary(kind, flags, second)
     if form == "xml":
@@ -167,23 +167,25 @@ def test_all_kinds_in_one_format(refs_board, form):
     answers = refs_board.ask(*[specimen(form, kind) for kind in KINDS])
     assert answers == [OK] * len(KINDS), refs_board.desk.log()
     bus = refs_board.desk.middleware.bus
-    assert sum(map(len, bus.writers.values())) == 3  # one of them each service's
+    assert sum(map(len, bus.writers.values())) == 3  # one of each kind belongs to a service
     assert sum(map(len, bus.readers.values())) == 3
 
 
 @pytest.mark.parametrize(
-    ("flags", "equal", "other"),
+    ("flags", "equal", "different"),
     [(NONE, EXISTS, EXISTS), (REPLACE, OK, OK), (REUSE, MATCHED, MISMATCH), (BOTH, MATCHED, OK)],
     ids=["none", "replace", "reuse", "both"],
 )
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: KIND_NAMES[kind])
 @pytest.mark.parametrize("form", FORMS)
-def test_creating_what_exists(refs_board, form, kind, flags, equal, other):
+def test_creating_an_existing_object_follows_the_reuse_and_replace_flags(
+    refs_board, form, kind, flags, equal, different
+):
     board = refs_board
     client = board.desk.agent.clients[board.key]
     board.ask(*[specimen(form, item) for item in KINDS])
     before = client.objects[oid(1, kind)]
-    for second, status in ((False, equal), (True, other)):
+    for second, status in ((False, equal), (True, different)):
         answer = board.ask(specimen(form, kind, flags, second))
         assert answer == [status]
         now = client.objects[oid(1, kind)]
@@ -208,23 +210,23 @@ def test_another_parent_is_a_mismatch(board):
     assert board.ask(topic(parent=oid(2, 1), flags=BOTH)) == [OK]
 
 
-def test_the_reference_nobody_defines_and_what_to_do(board):
+def test_an_undefined_reference_is_an_error_that_names_the_remedy(board):
     assert board.ask(create(PARTICIPANT, ids.BY_REFERENCE, "nobody", 0)) == [UNKNOWN]
     assert "--refs FILE" in board.desk.log()
 
 
 def test_a_topic_of_the_xml_writer_is_found_by_its_name(board):
-    """The C examples give the writer its topic by name; the type may only be on the topic."""
+    """The C examples name the writer's topic; the type may stand on the topic alone."""
     board.ask(participant(), topic(name="Square", type_name="ShapeType"), group())
     xml = "<dds><data_writer><topic><name>{}</name></topic></data_writer></dds>"
     assert board.ask(create(WRITER, ids.AS_XML, xml.format("Square"), PUBLISHER)) == [OK]
     assert board.ask(create(oid(2, 5), ids.AS_XML, xml.format("None"), PUBLISHER)) == [UNKNOWN]
 
 
-def test_a_topic_that_ros_does_not_see_is_made_and_told(board):
+def test_a_topic_that_ros_does_not_see_is_created_with_a_warning(board):
     assert board.ask(participant(), topic(name="rt/a"), topic(oid(2, 2), name="Square")) == [OK] * 3
-    (told,) = [line for line in board.desk.log().splitlines() if "not a ROS topic" in line]
-    assert "topic: Square," in told
+    (warning,) = [line for line in board.desk.log().splitlines() if "not a ROS topic" in line]
+    assert "topic: Square," in warning
 
 
 # --- what cannot be created --------------------------------------------------------------
@@ -320,11 +322,11 @@ def test_truncated_creations_do_no_harm(board, cut):
 
 
 @pytest.mark.parametrize(
-    ("asked", "agent", "override", "domain"),
+    ("requested", "agent", "override", "domain"),
     [(7, 3, None, 7), (0, 3, None, 0), (255, 3, None, 3), (255, 3, 9, 9), (7, 3, 0, 0)],
 )
 @pytest.mark.parametrize("form", [ids.IN_BINARY, ids.AS_XML])
-def test_domains(asked, agent, override, domain, form):
+def test_domains(requested, agent, override, domain, form):
     desk = Desk(domain_of_agent=agent, domain_override=override)
     board = Board(desk)
     content = (
@@ -332,13 +334,13 @@ def test_domains(asked, agent, override, domain, form):
         if form == ids.AS_XML
         else helpers.built(helpers.entities.push_binary_participant, None, None)
     )
-    assert board.ask(create(PARTICIPANT, form, content, asked)) == [OK]
+    assert board.ask(create(PARTICIPANT, form, content, requested)) == [OK]
     assert [node.domain for node in desk.middleware.bus.nodes] == [domain]
     desk.close()
 
 
 @pytest.mark.parametrize(
-    ("given", "namespace", "name"),
+    ("participant_name", "namespace", "name"),
     [
         (None, "/", "xrce_client"),
         ("", "/", "xrce_client"),
@@ -352,8 +354,8 @@ def test_domains(asked, agent, override, domain, form):
         ("Ωμέγα", "/", "_____"),
     ],
 )
-def test_node_names(given, namespace, name):
-    assert node_name(given) == (namespace, name)
+def test_node_names(participant_name, namespace, name):
+    assert node_name(participant_name) == (namespace, name)
 
 
 # --- deleting --------------------------------------------------------------------------------
@@ -379,7 +381,7 @@ def test_delete_in_any_order(board, turn, backwards):
     assert not board.desk.agent.clients[board.key].session.writers
 
 
-def test_deleting_a_participant_ends_its_endpoints_and_no_other(board):
+def test_deleting_a_participant_closes_its_endpoints_alone(board):
     board.ask(*ALL)
     other = [
         participant(oid(2, 1)), topic(oid(2, 2), parent=oid(2, 1)),
@@ -396,7 +398,7 @@ def test_deleting_a_participant_ends_its_endpoints_and_no_other(board):
     assert "unknown object" in board.desk.log()
 
 
-def test_the_writer_ends_though_its_publisher_went_before_the_participant(board):
+def test_the_writer_closes_though_its_publisher_was_deleted_before_the_participant(board):
     board.ask(*publisher_entities())
     board.ask(delete(PUBLISHER), delete(PARTICIPANT))
     assert not board.desk.agent.clients[board.key].session.writers
@@ -405,7 +407,7 @@ def test_the_writer_ends_though_its_publisher_went_before_the_participant(board)
 
 
 @pytest.mark.parametrize("flags", [REUSE, REPLACE, BOTH])
-def test_what_lost_its_endpoint_is_made_anew(board, flags):
+def test_an_object_that_lost_its_endpoint_is_created_anew(board, flags):
     board.ask(*ALL)
     board.ask(delete(PARTICIPANT), participant())
     assert board.ask(endpoint(), endpoint(READER, parent=SUBSCRIBER)) == [EXISTS] * 2
@@ -427,7 +429,7 @@ def test_replacing_a_participant_replaces_its_node(board):
     assert board.ask(endpoint(flags=BOTH)) == [OK]
 
 
-def test_what_follows_delete_client_in_one_message_is_not_created(desk):
+def test_submessages_behind_a_delete_of_the_client_create_nothing(desk):
     board = Board(desk)
     board.send(delete(ids.OBJECT_CLIENT), *publisher_entities(), write_data(WRITER, b"x"))
     assert board.statuses() == [OK]
@@ -449,7 +451,7 @@ def pair():
 
 
 def publish(first, second, *samples, stream=ids.STREAM_RELIABLE):
-    """``first`` writes, and ``second`` gets what it has asked for."""
+    """Write samples on ``first``; deliver to ``second`` what it requested."""
     for sample in samples:
         first.send(write_data(WRITER, sample), stream=stream)
         second.settle()
@@ -459,11 +461,11 @@ def test_unlimited_reading(pair):
     first, second = pair
     second.send(read_data(READER, request=77))
     publish(first, second, *[bytes([i]) * 4 for i in range(50)])
-    got = second.got(ids.DATA)
-    assert got == [b"\0\x4d\0\x16" + bytes([i]) * 4 for i in range(50)]
+    payloads = second.got(ids.DATA)
+    assert payloads == [b"\0\x4d\0\x16" + bytes([i]) * 4 for i in range(50)]
 
 
-def test_nothing_is_sent_unasked(pair):
+def test_no_sample_is_sent_without_read_data(pair):
     first, second = pair
     publish(first, second, b"kept")
     assert second.samples() == []
@@ -473,7 +475,7 @@ def test_nothing_is_sent_unasked(pair):
     assert second.samples() == []
 
 
-def test_most_samples_and_a_new_request(pair):
+def test_max_samples_ends_a_delivery_and_a_new_request_goes_on(pair):
     first, second = pair
     second.send(read_data(READER, control=(2, 0, 0, 0), request=1))
     publish(first, second, b"a", b"b", b"c")
@@ -506,7 +508,7 @@ def test_cancelling_is_confirmed_on_the_best_effort_stream(pair):
     assert second.samples() == [] and second.expected == expected
 
 
-def test_most_seconds(pair):
+def test_max_elapsed_time_ends_a_delivery(pair):
     first, second = pair
     second.send(read_data(READER, control=(0xFFFF, 5, 0, 0)))
     publish(first, second, b"early")
@@ -517,7 +519,7 @@ def test_most_seconds(pair):
     assert second.samples() == [b"late"]
 
 
-def test_pace_and_rate(pair):
+def test_min_pace_period_and_max_bytes_per_second_delay_samples(pair):
     first, second = pair
     second.send(read_data(READER, control=(0xFFFF, 0, 0, 100)))
     publish(first, second, b"a", b"b", b"c")
@@ -539,7 +541,7 @@ def test_pace_and_rate(pair):
     assert second.samples() == [b"next"]
 
 
-def test_a_reset_lets_a_delivery_that_waited_for_room_go_on(pair):
+def test_a_reset_resumes_a_delivery_that_waited_for_room(pair):
     first, second = pair
     second.send(read_data(READER))
     second.polite = False
@@ -563,7 +565,7 @@ def test_more_than_64_kilobytes_both_ways(pair):
     assert second.samples() == [sample]
 
 
-def test_a_delivery_on_a_stream_too_many_ends_with_a_warning(pair):
+def test_a_delivery_on_a_stream_over_the_limit_ends_with_a_warning(pair):
     first, second = pair
     for stream in range(0x81, 0xB0):
         second.send(read_data(READER, stream))
@@ -573,7 +575,7 @@ def test_a_delivery_on_a_stream_too_many_ends_with_a_warning(pair):
 
 
 @pytest.mark.parametrize("object_id", [WRITER, TOPIC, 0x0996, ids.OBJECT_CLIENT])
-def test_reading_from_what_cannot_be_read(board, object_id):
+def test_read_data_of_an_object_that_is_no_reader_is_refused(board, object_id):
     board.ask(*publisher_entities())
     assert board.ask(read_data(object_id)) == [UNKNOWN]
 
@@ -584,7 +586,7 @@ def test_filters_and_formats_are_refused(pair):
     assert second.ask(read_data(READER, data_format=ids.FORMAT_SAMPLE_SEQ)) == [INVALID]
 
 
-def test_writing_to_what_cannot_be_written(board):
+def test_write_data_to_an_object_that_is_no_writer_is_logged(board):
     board.ask(*subscriber_entities())
     for object_id in (WRITER, READER, TOPIC, 0xFFFF, 0):
         board.send(write_data(object_id, b"data"))
@@ -607,7 +609,7 @@ def test_write_data_in_other_formats(board, flags):
     assert "data format" in board.desk.log() and "not supported" in board.desk.log()
 
 
-def test_partitions_of_the_publisher_count_for_its_writers(board):
+def test_partitions_of_the_publisher_apply_to_its_writers(board):
     board.ask(participant(), topic(), group(partitions=["a", "b"]), endpoint())
     (writers,) = [writer for writer in board.desk.middleware.bus.writers.values() if writer]
     assert writers[0].qos.partitions == ("a", "b")
@@ -643,11 +645,11 @@ def test_a_service_across_two_clients():
     desk.close()
 
 
-def test_answers_reach_only_who_asked_and_late_ones_too():
+def test_replies_reach_their_requester_alone_in_any_order():
     desk, server, asker = services()
-    other = Board(desk, 3, 0x33)
-    other.ask(participant(), service(REQUESTER))
-    other.send(read_data(REQUESTER))
+    other_client = Board(desk, 3, 0x33)
+    other_client.ask(participant(), service(REQUESTER))
+    other_client.send(read_data(REQUESTER))
     asker.send(write_data(REQUESTER, b"1234", request=1))
     asker.send(write_data(REQUESTER, b"5678", request=2))
     server.settle()
@@ -658,17 +660,17 @@ def test_answers_reach_only_who_asked_and_late_ones_too():
     assert [item[4:6] + item[8:] for item in asker.got(ids.DATA)] == [
         b"\0\2re: 5678", b"\0\1re: 1234"
     ]  # fmt: skip
-    assert other.got(ids.DATA) == []
+    assert other_client.got(ids.DATA) == []
     desk.close()
 
 
-def test_others_answers_do_not_hide_ones_own():
-    """All replies of a service pass by each requester; they are taken one at a time here."""
+def test_replies_to_other_requesters_do_not_hide_its_own_reply():
+    """Each requester takes all replies of a service, here one at a time."""
     desk, server, asker = services()
-    other = Board(desk, 3, 0x33)
-    other.ask(participant(), service(REQUESTER))
+    other_client = Board(desk, 3, 0x33)
+    other_client.ask(participant(), service(REQUESTER))
     for i in range(3):
-        other.send(write_data(REQUESTER, bytes([i]) * 4))
+        other_client.send(write_data(REQUESTER, bytes([i]) * 4))
     asker.send(write_data(REQUESTER, b"mine"))
     server.settle()
     asker.send(read_data(REQUESTER, control=(0, 0, 0, 0)))
@@ -680,7 +682,7 @@ def test_others_answers_do_not_hide_ones_own():
     desk.close()
 
 
-def test_a_second_answer_to_one_request_does_not_hide_the_next():
+def test_a_second_reply_to_one_request_does_not_hide_the_next_reply():
     desk, server, asker = services()
     asker.send(read_data(REQUESTER, control=(0, 0, 0, 0)))
     for request in (1, 2):
@@ -696,13 +698,13 @@ def test_a_second_answer_to_one_request_does_not_hide_the_next():
     desk.close()
 
 
-def test_a_service_that_never_answers_does_not_make_the_agent_grow():
+def test_requests_without_replies_take_bounded_memory():
     desk, server, asker = services()
     for i in range(1000):
         asker.send(write_data(REQUESTER, b"data", request=i & 0xFF))
         desk.settle()
-    thing = desk.agent.clients[asker.key].objects[REQUESTER]
-    assert len(thing.endpoint._pending) <= 256
+    requester = desk.agent.clients[asker.key].objects[REQUESTER]
+    assert len(requester.endpoint._pending) <= 256
     desk.close()
 
 
@@ -711,7 +713,7 @@ def test_a_service_that_never_answers_does_not_make_the_agent_grow():
     [b"", bytes(23), bytes(16) + b"\xff" * 8 + b"body"],
     ids=["empty", "short", "negative"],
 )
-def test_replies_that_answer_nothing(body):
+def test_malformed_replies_are_logged_and_the_service_goes_on(body):
     desk, server, asker = services()
     server.send(write_data(REPLIER, body))
     assert "deserialization error" in desk.log()
@@ -728,8 +730,8 @@ def test_a_middleware_error_of_a_request_is_a_fault_and_a_status():
         raise MiddlewareError("big-endian service payloads cannot be passed on")
 
     desk.agent.clients[asker.key].objects[REQUESTER].endpoint._requester.request = fail
-    asked = asker.ask(write_data(REQUESTER, b"data"), topic())
-    assert asked == [ids.STATUS_ERR_DDS_ERROR, OK]
+    statuses = asker.ask(write_data(REQUESTER, b"data"), topic())
+    assert statuses == [ids.STATUS_ERR_DDS_ERROR, OK]
     assert "big-endian service payloads" in desk.log()
     desk.close()
 
@@ -741,8 +743,8 @@ def test_a_middleware_error_of_a_request_is_a_fault_and_a_status():
 def test_get_info_within_a_session(board, stream):
     board.send(get_info(request=0x0708), stream=stream)
     (info,) = board.got(ids.INFO)
-    request, object_id, status, known, _ = session.pull_info(Reader(info, 0, len(info)))
-    assert (request, object_id, status, known) == (0x0708, ids.OBJECT_AGENT, OK, 1)
+    request, object_id, status, info_mask, _ = session.pull_info(Reader(info, 0, len(info)))
+    assert (request, object_id, status, info_mask) == (0x0708, ids.OBJECT_AGENT, OK, 1)
 
 
 def test_timestamp(board):
@@ -769,7 +771,7 @@ def test_an_info_answers_our_probe_silently(board):
     assert "error" not in board.desk.log()
 
 
-def test_statuses_go_by_the_stream_of_their_kind(board):
+def test_statuses_use_a_stream_of_the_reliability_of_the_request(board):
     board.send(participant(request=0x0102))
     sent = board.desk.hear(message([topic(request=0x0304)], 1, 0), 1)
     assert parse(sent[0][1]) == (
@@ -805,8 +807,8 @@ def test_topics_of_other_names_and_domains_may_have_other_types(desk):
     assert "type differs" not in desk.log()
 
 
-def test_a_flood_of_refused_objects_is_no_flood_of_lines():
-    desk = Desk(clock=Clock(lambda: 100.0))  # all of it in one second
+def test_refused_objects_write_a_limited_number_of_log_lines():
+    desk = Desk(clock=Clock(lambda: 100.0))  # everything happens within one second
     board = Board(desk)
     for _ in range(300):
         board.send(topic())  # it has no participant

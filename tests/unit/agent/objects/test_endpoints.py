@@ -14,7 +14,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Writer:
-    """A middleware's writer whose answers are given beforehand."""
+    """A middleware writer with scripted return values."""
 
     def __init__(self, calls, answers=(), readers=0):
         self.calls = calls
@@ -23,9 +23,9 @@ class Writer:
         self.closed = False
 
     def write(self, sample):
-        taken = self.answers.pop(0) if self.answers else True
-        self.calls.append(("write", bytes(sample), taken))
-        return taken
+        accepted = self.answers.pop(0) if self.answers else True
+        self.calls.append(("write", bytes(sample), accepted))
+        return accepted
 
     def matched(self):
         self.calls.append(("matched",))
@@ -45,7 +45,7 @@ def calls():
 
 
 def make(calls, qos=None, **more):
-    """An endpoint with everything that can stand in the way of a sample."""
+    """An endpoint with every condition that can hold back or drop a sample."""
     writer = Writer(calls, more.pop("answers", ()))
     endpoint = WriterEndpoint(
         writer, qos or QoSProfile(), unlimited(), on_too_large=calls.append, **more
@@ -66,7 +66,7 @@ def test_without_conditions_a_sample_goes_straight_to_the_middleware(calls):
 
 def test_the_order_is_gate_limiter_middleware_recorder(calls):
     writer, endpoint = make(calls, limiter=limiter(max_rate=1.0))
-    # Set in any order: that is not what decides.
+    # The order of the assignments does not matter.
     endpoint.set_recorder(record_in(calls))
     endpoint.set_gate(lambda matched: calls.append(("gate", matched)) or matched > 0)
     assert not endpoint.write(memoryview(SAMPLE))
@@ -89,7 +89,7 @@ def test_a_sample_over_max_size_is_neither_written_nor_recorded(calls):
     assert endpoint.written == 0 and endpoint.unread == 0
 
 
-def test_a_sample_that_the_middleware_does_not_take_is_not_recorded(calls):
+def test_a_sample_that_the_middleware_refuses_is_not_recorded(calls):
     _, endpoint = make(calls, qos=LATCHED, answers=[False, True])
     endpoint.set_recorder(record_in(calls))
     assert not endpoint.write(memoryview(SAMPLE))

@@ -16,19 +16,19 @@ from uros.wire import ids
 
 def test_every_kind_that_can_be_created_has_a_name_of_its_own():
     kinds = {item for name, item in vars(ids).items() if name.startswith("KIND_")}
-    others = {ids.KIND_INVALID, ids.KIND_AGENT, ids.KIND_CLIENT, ids.KIND_OTHER}
-    assert set(KIND_NAMES) == kinds - others
+    not_creatable = {ids.KIND_INVALID, ids.KIND_AGENT, ids.KIND_CLIENT, ids.KIND_OTHER}
+    assert set(KIND_NAMES) == kinds - not_creatable
     assert len(set(KIND_NAMES.values())) == len(KIND_NAMES)
     assert set(WITH_NODE) <= set(KIND_NAMES) and set(PARENTS) <= set(KIND_NAMES)
 
 
 @pytest.mark.parametrize("kind", KIND_NAMES, ids=KIND_NAMES.get)
-def test_whatever_kind_the_client_wrote_the_parent_is_of_the_right_one(kind):
-    found = {parent_id(kind, 0x0120 | written) for written in range(16)}
+def test_the_parent_has_the_right_kind_whatever_kind_the_client_sent(kind):
+    parents = {parent_id(kind, 0x0120 | written) for written in range(16)}
     if kind in PARENTS:
-        assert found == {0x0120 | PARENTS[kind]}
+        assert parents == {0x0120 | PARENTS[kind]}
     else:
-        assert found == {0}
+        assert parents == {0}
 
 
 def test_labels_are_those_of_the_log_and_a_key_can_be_given_back():

@@ -1,5 +1,7 @@
-"""A middleware that fails, or has no room for ever, in every call: its client hears of it, the
-others go on, and the agent ends as it should."""
+"""A middleware that fails, or never has room, in any call.
+
+The client gets a status or a log line, other clients are served, and the agent shuts down cleanly.
+"""
 
 import threading
 import time
@@ -32,7 +34,7 @@ def error_name(error):
 
 
 class Bad:
-    """``armed``: calls fail for what is called bad, and those that are for all."""
+    """While ``armed``, makes calls fail for entities with "bad" in their names, or for all."""
 
     def __init__(self, monkeypatch):
         self.patch = monkeypatch
@@ -42,11 +44,11 @@ class Bad:
     def fail(self, owner, name, error, is_bad=lambda *_: True):
         real = getattr(owner, name)
 
-        def call(this, *args):
-            if self.armed and is_bad(this, *args):
+        def call(instance, *args):
+            if self.armed and is_bad(instance, *args):
                 self.calls += 1
                 raise error
-            return real(this, *args)
+            return real(instance, *args)
 
         self.patch.setattr(owner, name, call)
 
@@ -57,7 +59,7 @@ def bad(monkeypatch):
 
 
 class Pair:
-    """Two clients on one topic, which must not notice anything."""
+    """Two clients on one topic that the faults must not affect."""
 
     def __init__(self, server):
         self.first, self.second = server.client(0x51), server.client(0x52)
@@ -76,7 +78,7 @@ class Pair:
 
 
 def echo(server):
-    """A client that hears what it writes to the bad topic: it, its writer and its reader."""
+    """Return a client, its writer and its reader, both on the topic that fails."""
     client = server.client(1)
     writer, reader = client.writer("n", "rt/bad", TYPE), client.reader("n", "rt/bad", TYPE)
     client.read(reader)
@@ -84,9 +86,11 @@ def echo(server):
 
 
 def create_status(client, kind, parent, push, *values, number=9):
-    thing = number << 4 | kind
+    object_id = number << 4 | kind
     content = client._payload(push, *values)
-    return client.request(ids.CREATE, entities.push_create, thing, ids.IN_BINARY, content, parent)
+    return client.request(
+        ids.CREATE, entities.push_create, object_id, ids.IN_BINARY, content, parent
+    )
 
 
 def service(client, kind, parent):
@@ -104,8 +108,8 @@ def service(client, kind, parent):
 @pytest.mark.parametrize(
     "call", ["create_node", "create_writer", "create_reader", "create_requester", "create_replier"]
 )
-def test_what_cannot_be_created_is_a_status(bad, call, error):
-    """The board hears of it at once, instead of waiting for an answer that never comes."""
+def test_an_entity_that_cannot_be_created_is_an_error_status(bad, call, error):
+    """The board gets an error status at once, so it does not wait for an answer in vain."""
     if call == "create_node":
         bad.fail(MemoryMiddleware, call, error, lambda _, domain, space, name, *more: name == "bad")
     elif call.endswith("er") and call[7:] in ("writer", "reader"):
@@ -140,8 +144,8 @@ def test_what_cannot_be_created_is_a_status(bad, call, error):
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=error_name)
-def test_a_write_that_fails_costs_its_sample(bad, error):
-    bad.fail(MemoryWriter, "write", error, lambda this, cdr: "bad" in this._key[1])
+def test_a_write_that_fails_loses_its_sample_alone(bad, error):
+    bad.fail(MemoryWriter, "write", error, lambda instance, cdr: "bad" in instance._key[1])
     with running() as server:
         pair = Pair(server)
         client, writer, reader = echo(server)
@@ -155,16 +159,16 @@ def test_a_write_that_fails_costs_its_sample(bad, error):
             )  # fmt: skip
         assert client.ping() == 1
         pair.check()
-        # What stands behind it in the same message counts.
+        # The submessage behind it in the same message is handled.
         fine, ear = client.writer("n", "rt/fine", TYPE), client.reader("n", "rt/fine", TYPE)
         client.read(ear)
-        both = [(writer, b"lost"), (fine, b"not lost")]
+        writes = [(writer, b"lost"), (fine, b"not lost")]
         number = client._out.next
         client._out.put(b"")
         client._out.take(now_ms())
         client.line.send(
             message(
-                [write_data(*item) for item in both], 0x80, number, client.session_id, client.key
+                [write_data(*item) for item in writes], 0x80, number, client.session_id, client.key
             )
         )
         assert client.sample(ear) == b"not lost"
@@ -175,22 +179,24 @@ def test_a_write_that_fails_costs_its_sample(bad, error):
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=error_name)
-def test_a_take_that_fails_ends_the_delivery_and_is_told(bad, error):
-    bad.fail(MemoryReader, "take", error, lambda this, limit: "bad" in this._key[1])
+def test_a_take_that_fails_ends_the_delivery_and_is_logged(bad, error):
+    bad.fail(MemoryReader, "take", error, lambda instance, limit: "bad" in instance._key[1])
     with running() as server:
         pair = Pair(server)
         client, writer, reader = echo(server)
         bad.armed = True
         client.write(writer, b"sample")
-        wanted = "delivery ended" if isinstance(error, MiddlewareError) else error_name(error)
-        wait_for(server.said.getvalue, wanted)
+        expected_text = (
+            "delivery ended" if isinstance(error, MiddlewareError) else error_name(error)
+        )
+        wait_for(server.said.getvalue, expected_text)
         for _ in range(20):
             client.write(writer, b"sample")
         pair.check()
-        assert bad.calls == 1  # nobody asks again and again
+        assert bad.calls == 1  # the agent does not retry
         assert server.agent.clients[1].objects[reader].delivery is None
         bad.armed = False
-        client.read(reader)  # but the client may
+        client.read(reader)  # but the client can send READ_DATA again
         assert client.sample(reader) == b"sample"
 
 
@@ -220,15 +226,15 @@ def test_services_likewise(bad, owner, call, error):
         pair.check()
 
 
-def test_calls_without_a_server_that_understands_them_get_a_status(monkeypatch):
-    """Those that are refused at once, and those that wait when such a server comes."""
+def test_requests_without_a_server_that_understands_them_get_a_status(monkeypatch):
+    """Test requests that are refused at once, and requests that wait when such a server appears."""
     why = []
-    made = []
+    requesters = []
     monkeypatch.setattr(MemoryRequester, "refusal", lambda self: "".join(why), raising=False)
     create = MemoryNode.create_requester
 
     def keep(self, service, qos, on_ready):
-        made.append(on_ready)
+        requesters.append(on_ready)
         return create(self, service, qos, on_ready)
 
     monkeypatch.setattr(MemoryNode, "create_requester", keep)
@@ -236,16 +242,16 @@ def test_calls_without_a_server_that_understands_them_get_a_status(monkeypatch):
         pair = Pair(server)
         client = server.client(1)
         assert service(client, ids.KIND_REQUESTER, client.participant("n")) == ids.STATUS_OK
-        thing = 9 << 4 | ids.KIND_REQUESTER
-        waiting = [client.write(thing, b"abcd") for _ in range(3)]
+        requester_id = 9 << 4 | ids.KIND_REQUESTER
+        waiting = [client.write(requester_id, b"abcd") for _ in range(3)]
         why.append("no server understands it")
-        server.server.soon(made[0])
+        server.server.soon(requesters[0])
         for request in waiting:
-            client.until(lambda key=(request, thing): key in client.statuses, "no STATUS")
-            assert client.statuses[request, thing] == ids.STATUS_ERR_DDS_ERROR
+            client.until(lambda key=(request, requester_id): key in client.statuses, "no STATUS")
+            assert client.statuses[request, requester_id] == ids.STATUS_ERR_DDS_ERROR
         monkeypatch.setattr(MemoryRequester, "request", _refuse)
-        request = client.write(thing, b"abcd")
-        client.until(lambda: (request, thing) in client.statuses, "no STATUS")
+        request = client.write(requester_id, b"abcd")
+        client.until(lambda: (request, requester_id) in client.statuses, "no STATUS")
         pair.check()
         assert "request refused" in server.said.getvalue()
         assert "no server understands it" in server.said.getvalue()
@@ -255,7 +261,7 @@ def _refuse(self, cdr):
     raise MiddlewareError("not called")
 
 
-def test_a_writer_that_never_has_room_holds_up_its_client_only_and_it_can_leave(monkeypatch):
+def test_a_writer_that_never_has_room_delays_its_client_alone_and_the_client_can_close(monkeypatch):
     write = MemoryWriter.write
     monkeypatch.setattr(
         MemoryWriter, "write", lambda self, cdr: "bad" not in self._key[1] and write(self, cdr)
@@ -272,7 +278,7 @@ def test_a_writer_that_never_has_room_holds_up_its_client_only_and_it_can_leave(
                 )  # fmt: skip
         before = server.server.turns
         pair.check()
-        assert server.server.turns - before < 2000  # it does not spin
+        assert server.server.turns - before < 2000  # the thread does not spin
         for client in stuck:
             assert client.close() == ids.STATUS_OK
         pair.check()
@@ -284,17 +290,17 @@ def test_a_writer_that_never_has_room_holds_up_its_client_only_and_it_can_leave(
 
 @pytest.mark.parametrize("error", ERRORS, ids=error_name)
 @pytest.mark.parametrize("owner", [MemoryWriter, MemoryReader, MemoryNode])
-def test_what_does_not_close_is_told_and_the_rest_is_closed(bad, owner, error):
-    names = {MemoryNode: lambda this: "bad" in this.full_name}
-    bad.fail(owner, "close", error, names.get(owner, lambda this: "bad" in this._key[1]))
+def test_entities_that_fail_to_close_are_logged_and_the_others_are_closed(bad, owner, error):
+    names = {MemoryNode: lambda instance: "bad" in instance.full_name}
+    bad.fail(owner, "close", error, names.get(owner, lambda instance: "bad" in instance._key[1]))
     with running() as server:
         pair = Pair(server)
         client = server.client(1)
         writer, reader = client.writer("bad", "rt/bad", TYPE), client.reader("bad", "rt/bad2", TYPE)
-        other = client.writer("fine", "rt/fine", TYPE)
+        other_writer = client.writer("fine", "rt/fine", TYPE)
         bad.armed = True
         assert client.delete(writer) == client.delete(reader) == ids.STATUS_OK
-        assert client.delete(other) == ids.STATUS_OK
+        assert client.delete(other_writer) == ids.STATUS_OK
         again = client.writer("again", "rt/fine", TYPE)
         client.write(again, b"works")
         pair.check()
@@ -323,8 +329,8 @@ def test_calls_of_the_data_plane_that_fail_for_ever(bad, call, error):
         assert server.server.turns - before[0] < 300
         pair.check()
         assert bad.calls > before[1] or call == "tick"
-        late = server.client(7)
-        late.writer("late", "rt/late", TYPE)
+        new_client = server.client(7)
+        new_client.writer("late", "rt/late", TYPE)
         assert server.said.getvalue().count("\n") < 100
         bad.armed = False
         pair.check()
@@ -347,7 +353,7 @@ def test_a_tick_that_fails_and_is_always_due(bad, monkeypatch, error):
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=error_name)
-def test_a_dispatch_that_fails_for_ever_gives_no_samples_and_all_else(bad, error):
+def test_a_dispatch_that_always_fails_delivers_no_samples_and_everything_else_works(bad, error):
     bad.fail(MemoryMiddleware, "dispatch", error)
     with running() as server:
         pair = Pair(server)
@@ -358,14 +364,14 @@ def test_a_dispatch_that_fails_for_ever_gives_no_samples_and_all_else(bad, error
         wait = threading.Event()
         before = bad.calls
         wait.wait(0.3)
-        assert bad.calls - before < 100  # it does not spin
+        assert bad.calls - before < 100  # the thread does not spin
         bad.armed = False
         assert pair.second.sample(pair.reader) == b"waits"
         pair.check()
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=error_name)
-def test_an_end_that_fails_closes_the_rest(bad, error):
+def test_a_shutdown_step_that_fails_does_not_skip_the_others(bad, error):
     bad.fail(MemoryMiddleware, "close", error)
     with running() as server:
         client = server.client(1)
@@ -380,14 +386,14 @@ def test_an_end_that_fails_closes_the_rest(bad, error):
     server.middleware.close()
 
 
-def test_a_middleware_that_hangs_is_gone_on_with_when_it_returns(monkeypatch):
+def test_the_agent_goes_on_when_a_middleware_call_that_hung_returns(monkeypatch):
     """Nobody can be served meanwhile, there is one thread; nothing is lost or left behind."""
-    hang, there = threading.Event(), threading.Event()
+    hang, hanging = threading.Event(), threading.Event()
     create = MemoryNode.create_writer
 
     def stuck(self, topic, *more):
         if "bad" in topic:
-            there.set()
+            hanging.set()
             hang.wait(SECONDS)
         return create(self, topic, *more)
 
@@ -399,7 +405,7 @@ def test_a_middleware_that_hangs_is_gone_on_with_when_it_returns(monkeypatch):
         assert client.open() == 0
         thread = threading.Thread(target=client.writer, args=("n", "rt/bad", TYPE))
         thread.start()
-        assert there.wait(SECONDS)
+        assert hanging.wait(SECONDS)
         pair.first._put(
             ids.WRITE_DATA, b"\0\1" + pair.writer.to_bytes(2, "big") + b"meanwhile",
             ids.STREAM_RELIABLE, 1,

@@ -1,4 +1,4 @@
-"""GET_INFO about objects, the client and the agent, and submessages that only others know."""
+"""GET_INFO about objects, the client and the agent, and PERFORMANCE submessages."""
 
 import struct
 
@@ -50,15 +50,15 @@ from uros.wire.cdr import Reader
 # --- submessages of others -----------------------------------------------------------------------
 
 
-def test_performance_is_nothing_to_an_agent(board):
-    """Neither to the C++ agent, which only has a number for it: 255."""
+def test_performance_is_not_for_an_agent(board):
+    """The C++ agent ignores PERFORMANCE as well: it only defines its number, 255."""
     board.send(sub(255, struct.pack("<II", 1, 0) + b"echo me", flags=3), topic())
     assert "submessage 255 is not for an agent" in board.desk.log()
     assert board.ask(participant()) == [OK]
 
 
 def test_performance_of_a_c_client_is_a_timestamp(board):
-    """Built with PERFORMANCE_TESTING it sends 14, which is TIMESTAMP, and gets what that gets."""
+    """Built with PERFORMANCE_TESTING, a C client sends 14, which is TIMESTAMP: it gets a reply."""
     board.send(sub(14, struct.pack("<II", 77, 0) + b"echo me", flags=3), stream=0)
     (reply,) = board.got(ids.TIMESTAMP_REPLY)
     assert session.pull_timestamp_reply(Reader(reply, 0, len(reply)))[2] == (77, 0)
@@ -107,17 +107,17 @@ CREATED = [
 @pytest.fixture
 def full(desk):
     board = Board(desk, mtu=8192)
-    for one in CREATED:
-        assert board.ask(create(*one)) == [OK], desk.log()
+    for submessage in CREATED:
+        assert board.ask(create(*submessage)) == [OK], desk.log()
     return board
 
 
 @pytest.mark.parametrize("number", range(len(CREATED)))
 @pytest.mark.parametrize("stream", [0, 1, 0x80])
-def test_the_configuration_is_what_it_was_created_with(full, number, stream):
+def test_the_configuration_equals_the_representation_of_the_create(full, number, stream):
     object_id, form, content, parent = CREATED[number]
-    status, known, r = ask_info(full, object_id, ids.INFO_CONFIGURATION, stream=stream)
-    assert (status, known) == (OK, 1)
+    status, info_mask, r = ask_info(full, object_id, ids.INFO_CONFIGURATION, stream=stream)
+    assert (status, info_mask) == (OK, 1)
     assert r.boolean()
     kind = object_id & 15
     expected = None if kind >= ids.KIND_TYPE else parent
@@ -126,7 +126,7 @@ def test_the_configuration_is_what_it_was_created_with(full, number, stream):
 
 
 @pytest.mark.parametrize("number", range(len(CREATED)))
-def test_nothing_is_said_that_was_not_asked_for(full, number):
+def test_info_contains_only_what_the_mask_requests(full, number):
     status, _, r = ask_info(full, CREATED[number][0], 0)
     assert status == OK
     assert (r.boolean(), r.boolean(), r.remaining()) == (False, False, 0)
@@ -138,20 +138,20 @@ def test_the_activity_of_a_writer(full):
     _, _, r = ask_info(full, WRITER, ids.INFO_ACTIVITY)
     assert not r.boolean() and r.boolean()
     assert r.u8() == ids.KIND_DATAWRITER
-    # The message that asks is being handled: the stream has come to it.
+    # The message with GET_INFO is being handled, so the stream counts it.
     assert r.u16() == sequence
     r._next(8, 8)
     assert int.from_bytes(r.buf[r.offset - 8 : r.offset], "little") == 3
     assert r.remaining() == 0
 
 
-def test_a_sample_that_found_no_room_does_not_count(full):
-    thing = of(full).objects[WRITER].endpoint
+def test_a_sample_without_room_is_not_counted(full):
+    writer = of(full).objects[WRITER].endpoint
     answers = iter([False, False, True])
-    thing._direct = lambda cdr: next(answers)
+    writer._direct = lambda cdr: next(answers)
     full.send(write_data(WRITER, b"x"))
     full.wait(100)
-    assert thing.written == 1
+    assert writer.written == 1
 
 
 def test_the_activity_of_a_reader(full):
@@ -173,9 +173,9 @@ def test_the_activity_of_a_reader(full):
 
 
 @pytest.mark.parametrize("object_id", [oid(7, 1), oid(7, 5), 0, oid(1, 8), oid(5, 15)])
-def test_info_about_what_does_not_exist(full, object_id):
-    status, known, r = ask_info(full, object_id)
-    assert (status, known) == (UNKNOWN, 1)
+def test_info_about_an_unknown_object(full, object_id):
+    status, info_mask, r = ask_info(full, object_id)
+    assert (status, info_mask) == (UNKNOWN, 1)
     assert (r.boolean(), r.boolean(), r.remaining()) == (False, False, 0)
 
 
@@ -191,8 +191,8 @@ def test_info_about_the_client_and_its_session(full, object_id):
 
 
 @pytest.mark.parametrize("mask", [0, ids.INFO_CONFIGURATION, ids.INFO_ACTIVITY, BOTH, 0xFFFFFFFF])
-def test_the_ping_is_answered_alike_whatever_the_mask(board, mask):
-    """Recorded in tests/captures: eProsima's clients ask for the activity and get both."""
+def test_a_ping_gets_the_same_answer_for_any_mask(board, mask):
+    """Recorded in tests/captures: eProsima's clients ask for the activity and get both answers."""
     payload = helpers.built(session.push_get_info, 10, ids.OBJECT_AGENT, mask)
     sent = board.desk.hear(message([sub(ids.GET_INFO, payload)], 0, 0), 1)
     assert [item for _, item in sent] == [
@@ -210,17 +210,17 @@ def test_a_configuration_larger_than_a_message(desk):
     for start in range(0, len(raw), 100):
         board.send(helpers.fragment(raw[start : start + 100], start + 100 >= len(raw)))
     assert board.statuses() == [OK, OK]
-    _, _, r = ask_info(board, TOPIC)  # reliably: in fragments
+    _, _, r = ask_info(board, TOPIC)  # reliable: in fragments
     assert r.boolean() and variant(r)[2] == xml_text
-    status, _, r = ask_info(board, TOPIC, stream=0)  # not so: without
+    status, _, r = ask_info(board, TOPIC, stream=0)  # best effort: without fragments
     assert status == OK and not r.boolean()
 
 
-def test_what_info_needs_is_bounded(board):
+def test_memory_for_info_is_bounded(board):
     board.desk.agent.limits = Limits(representations=1000)
     board.ask(participant())
-    kept = of(board)._kept
-    assert kept > 0
+    stored_bytes = of(board)._kept
+    assert stored_bytes > 0
     fat = "<types><struct name='a'/></types>" + " " * 400
     assert board.ask(xml(TYPE, fat), xml(oid(2, 10), fat)) == [OK, OK]
     assert board.ask(xml(oid(3, 10), fat)) == [RESOURCES]
@@ -228,12 +228,12 @@ def test_what_info_needs_is_bounded(board):
     assert board.ask(delete(TYPE), xml(oid(3, 10), fat)) == [OK, OK]
     assert board.ask(xml(oid(3, 10), fat, flags=REPLACE)) == [OK]
     board.ask(delete(oid(2, 10)), delete(oid(3, 10)))
-    assert of(board)._kept == kept
+    assert of(board)._kept == stored_bytes
 
 
 @settings(max_examples=examples(200), deadline=None)
 @given(st.binary(max_size=16), st.sampled_from([0, 1, 0x80]))
-def test_any_question_is_answered_or_a_fault(payload, stream):
+def test_any_get_info_gets_an_answer_or_is_a_fault(payload, stream):
     desk = Desk()
     board = Board(desk)
     board.ask(*publisher_entities())
@@ -242,7 +242,7 @@ def test_any_question_is_answered_or_a_fault(payload, stream):
     desk.close()
 
 
-def test_long_answers_that_nobody_acknowledges_are_not_kept_without_end(desk, monkeypatch):
+def test_long_answers_without_acknowledgement_take_bounded_memory(desk, monkeypatch):
     monkeypatch.setattr(module, "MAX_ANSWERS", 10_000)
     board = Board(desk, mtu=65507)
     text = "<types><struct name='a'/></types>" + " " * 2000
@@ -251,8 +251,8 @@ def test_long_answers_that_nobody_acknowledges_are_not_kept_without_end(desk, mo
     payload = helpers.built(session.push_get_info, 1, TYPE, BOTH)
     for _ in range(100):
         board.send(sub(ids.GET_INFO, payload))
-    held = sum(item.size for item in of(board).session._out.values())
-    assert 10_000 < held < 13_000
+    held_bytes = sum(item.size for item in of(board).session._out.values())
+    assert 10_000 < held_bytes < 13_000
     assert "over 10000 bytes of answers are not acknowledged" in desk.log()
     board.acknowledge()
     assert len(board.got(ids.INFO)) == 5

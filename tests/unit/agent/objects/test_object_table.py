@@ -1,4 +1,4 @@
-"""Types, QoS profiles, applications, GET_INFO about them all, and what no object may ask for."""
+"""Types, QoS profiles, applications, GET_INFO about them, and invalid representations."""
 
 import pytest
 from hypothesis import given, settings
@@ -108,7 +108,7 @@ def test_a_type_of_the_agents_files(refs_board):
     assert board.ask(by_reference(TYPE, "ShapeType", flags=REUSE)) == [MISMATCH]
 
 
-def test_the_name_of_a_type_goes_before_its_reference(board):
+def test_the_name_of_a_type_has_precedence_over_its_reference(board):
     assert board.ask(participant(), referring_topic("nobody", "Given")) == [OK] * 2
     assert of(board).objects[TOPIC].spec.type_name == "Given"
 
@@ -120,7 +120,7 @@ def test_a_topic_without_any_type(board):
 
 @pytest.mark.parametrize("kind", [ids.KIND_TYPE, ids.KIND_QOS_PROFILE, ids.KIND_APPLICATION])
 @pytest.mark.parametrize("content", [b"", b"\0\0\0\0"])
-def test_what_has_no_binary_format(board, kind, content):
+def test_kinds_without_a_binary_format_are_refused(board, kind, content):
     assert board.ask(create(oid(1, kind), ids.IN_BINARY, content, 0)) == [INVALID]
     assert "has no binary format" in board.desk.log()
 
@@ -134,7 +134,7 @@ def test_xml_that_defines_nothing(board, kind, text):
 
 @pytest.mark.parametrize("kind", [0, 9, ids.KIND_AGENT, ids.KIND_CLIENT, ids.KIND_OTHER])
 @pytest.mark.parametrize("form", [ids.BY_REFERENCE, ids.AS_XML])
-def test_kinds_nobody_creates(board, kind, form):
+def test_kinds_that_no_client_creates_are_refused(board, kind, form):
     assert board.ask(create(oid(1, kind), form, "x", 0)) == [INVALID]
     assert f"objects of kind {kind} cannot be created" in board.desk.log()
 
@@ -157,7 +157,7 @@ def with_qos(tag, base, inside=""):
 
 
 @pytest.mark.parametrize("name", ["slow", "Lib::slow"])
-def test_entities_stand_on_a_qos_profile(board, name):
+def test_entities_take_the_qos_of_a_profile_object(board, name):
     board.ask(participant(), group(), group(SUBSCRIBER))
     assert board.ask(xml(QOS, QOS_XML)) == [OK]
     assert board.ask(
@@ -171,7 +171,7 @@ def test_entities_stand_on_a_qos_profile(board, name):
     assert (qos.depth, qos.separation_ms, qos.deadline_ms) == (3, 1000, None)
 
 
-def test_what_the_entity_says_goes_before_its_qos_profile(board):
+def test_the_qos_of_an_entity_has_precedence_over_its_profile(board):
     board.ask(participant(), group(), xml(QOS, QOS_XML))
     inside = "<history><depth>2</depth></history>"
     assert board.ask(xml(WRITER, with_qos("data_writer", "Lib::kept", inside), PUBLISHER)) == [OK]
@@ -197,13 +197,13 @@ def test_a_qos_profile_of_the_agents_files(refs_board):
     ]  # fmt: skip
 
 
-def test_a_qos_profile_nobody_defines(board):
+def test_an_undefined_qos_profile_is_an_error(board):
     board.ask(participant(), group())
     assert board.ask(xml(WRITER, with_qos("data_writer", "none"), PUBLISHER)) == [UNKNOWN]
     assert "create an object of kind QOS_PROFILE" in board.desk.log()
 
 
-def test_qos_profiles_that_stand_on_each_other(board):
+def test_qos_profiles_that_are_each_others_base_are_refused(board):
     board.ask(participant(), group())
     text = (
         '<dds><qos_profile name="a" base_name="b"/>'
@@ -224,15 +224,22 @@ def test_any_text_is_profiles_or_an_error(text):
 # --- applications ----------------------------------------------------------------------------
 
 
-def test_an_application_makes_all_it_lists_and_takes_it_away(board):
+def test_an_application_creates_and_deletes_all_its_entities(board):
     bus = board.desk.middleware.bus
     assert board.ask(xml(APPLICATION, APPLICATION_XML)) == [OK], board.desk.log()
     nodes = [(node.domain, node.full_name) for node in bus.nodes]
     assert nodes == [(3, "/arm/left"), (4, "/right")]
-    assert sum(map(len, bus.writers.values())) == 3  # one of them the service's
+    assert sum(map(len, bus.writers.values())) == 3  # one of them belongs to the service
     assert sum(map(len, bus.readers.values())) == 2
-    mine = of(board).objects
-    assert [mine[item].kind for item in (0x11, 0x33, 0x45, 0x56, 0x65, 0x78)] == [1, 3, 5, 6, 5, 8]
+    objects = of(board).objects
+    assert [objects[item].kind for item in (0x11, 0x33, 0x45, 0x56, 0x65, 0x78)] == [
+        1,
+        3,
+        5,
+        6,
+        5,
+        8,
+    ]
     board.send(read_data(0x56))
     ground = board.desk.middleware.create_node(3, "/", "ground")
     out = ground.create_reader("rt/joints", "T", QoSProfile(), lambda: None)
@@ -261,17 +268,17 @@ def test_creating_an_application_that_exists(board):
     board.ask(first)
     assert board.ask(first) == [EXISTS]
     assert board.ask(xml(APPLICATION, APPLICATION_XML, flags=REUSE)) == [MATCHED]
-    other = APPLICATION_XML.replace("rt/joints", "rt/other")
-    assert board.ask(xml(APPLICATION, other, flags=REUSE)) == [MISMATCH]
-    assert board.ask(xml(APPLICATION, other, flags=REPLACE)) == [OK]
+    different_xml = APPLICATION_XML.replace("rt/joints", "rt/other")
+    assert board.ask(xml(APPLICATION, different_xml, flags=REUSE)) == [MISMATCH]
+    assert board.ask(xml(APPLICATION, different_xml, flags=REPLACE)) == [OK]
     assert len(board.desk.middleware.bus.nodes) == 2
-    # One that lost a part is made anew where it would be reused.
+    # With REUSE, an application that lost a part is created anew.
     board.ask(delete(0x45))
-    assert board.ask(xml(APPLICATION, other, flags=REUSE | REPLACE)) == [OK]
+    assert board.ask(xml(APPLICATION, different_xml, flags=REUSE | REPLACE)) == [OK]
     assert 0x45 in of(board).objects
 
 
-def test_an_application_of_which_a_part_cannot_be_made_leaves_nothing(board):
+def test_an_application_with_a_part_that_cannot_be_created_leaves_nothing(board):
     bus = board.desk.middleware.bus
     board.ask(participant(oid(9, 1), name="mine", domain=9))
     for text, status, why in (
@@ -302,7 +309,7 @@ def test_an_application_of_which_a_part_cannot_be_made_leaves_nothing(board):
          f"over {application.MAX_ITEMS} entities"),
     ],
 )  # fmt: skip
-def test_applications_that_mean_nothing(board, inside, why):
+def test_invalid_applications_are_refused(board, inside, why):
     text = f"<application>{inside}</application>"
     raw = helpers.whole(xml(APPLICATION, text))
     for start in range(0, len(raw), 400):
@@ -312,7 +319,7 @@ def test_applications_that_mean_nothing(board, inside, why):
     assert not of(board).objects
 
 
-def test_an_application_counts_what_is_in_it(board):
+def test_the_entities_of_an_application_count_towards_the_limit(board):
     board.desk.agent.limits = Limits(objects=10)
     assert board.ask(xml(APPLICATION, APPLICATION_XML)) == [RESOURCES]
     assert not of(board).objects
@@ -322,7 +329,7 @@ def test_an_application_counts_what_is_in_it(board):
     assert board.ask(xml(oid(2, 12), many)) == [RESOURCES]
 
 
-def test_the_domain_of_an_application_that_names_none():
+def test_the_default_domain_of_an_application():
     desk = Desk(domain_of_agent=7)
     board = Board(desk)
     assert board.ask(xml(APPLICATION, "<application><participant/></application>")) == [OK]
@@ -330,7 +337,7 @@ def test_the_domain_of_an_application_that_names_none():
     desk.close()
 
 
-def test_the_end_of_a_client_ends_its_application(board):
+def test_deleting_a_client_deletes_its_application(board):
     board.ask(xml(APPLICATION, APPLICATION_XML), xml(TYPE, TYPES_XML), xml(QOS, QOS_XML))
     board.desk.agent.delete_client(board.key)
     assert not board.desk.middleware.bus.nodes
@@ -354,23 +361,23 @@ ELEMENTS = st.recursive(
 
 def written(element):
     tag, attributes, inner = element
-    said = "".join(f' {name}="{value}"' for name, value in attributes.items())
-    return f"<{tag}{said}>{''.join(map(written, inner))}</{tag}>"
+    attributes_text = "".join(f' {name}="{value}"' for name, value in attributes.items())
+    return f"<{tag}{attributes_text}>{''.join(map(written, inner))}</{tag}>"
 
 
 @settings(max_examples=examples(200), deadline=None)
 @given(st.lists(ELEMENTS, max_size=4))
-def test_any_application_is_made_whole_or_not_at_all(inside):
+def test_any_application_is_created_whole_or_not_at_all(inside):
     desk = Desk()
     board = Board(desk, mtu=60_000)
     text = f"<application>{''.join(map(written, inside))}</application>"
     (status,) = board.ask(xml(APPLICATION, text))
-    mine = of(board).objects
+    objects = of(board).objects
     if status == OK:
-        assert len(mine) == 1 + len(mine[APPLICATION].parts)
+        assert len(objects) == 1 + len(objects[APPLICATION].parts)
         board.ask(delete(APPLICATION))
     bus = desk.middleware.bus
-    assert not mine and not bus.nodes
+    assert not objects and not bus.nodes
     assert not any(bus.writers.values()) and not any(bus.readers.values())
     desk.close()
 
@@ -395,7 +402,7 @@ FILTER_XML = (
 
 @pytest.mark.parametrize("form", [ids.IN_BINARY, ids.AS_XML, ids.BY_REFERENCE])
 def test_readers_with_a_content_filter_are_refused(tmp_path, form):
-    """The C++ agent makes them and filters nothing."""
+    """The C++ agent creates them and filters nothing."""
     file = tmp_path / "agent.refs"
     file.write_text(FILTER_XML.format(' profile_name="filtered"'))
     desk = Desk(refs=file)
@@ -417,10 +424,12 @@ FORMATS = [ids.FORMAT_SAMPLE, ids.FORMAT_DATA_SEQ, ids.FORMAT_SAMPLE_SEQ, ids.FO
 
 @pytest.mark.parametrize("data_format", FORMATS)
 @pytest.mark.parametrize("stream", [0, 1, 0x80])
-def test_writing_in_other_formats_is_answered_and_the_rest_counts(board, data_format, stream):
+def test_write_data_in_other_formats_is_refused_and_the_other_samples_are_written(
+    board, data_format, stream
+):
     board.ask(*publisher_entities(), service())
-    taken = []
-    writer_of(board).write = taken.append
+    samples = []
+    writer_of(board).write = samples.append
     for object_id in (WRITER, REQUESTER, 0x0996):
         board.send(
             write_data(object_id, b"data", request=0x0708, flags=1 | data_format),
@@ -430,7 +439,7 @@ def test_writing_in_other_formats_is_answered_and_the_rest_counts(board, data_fo
         statuses = board.got(ids.STATUS)
         expected = bytes.fromhex("0708") + object_id.to_bytes(2, "big") + bytes((INVALID, 0))
         assert statuses[0] == expected and statuses[1][4] == OK
-    assert not taken
+    assert not samples
     assert f"data format 0x{data_format:02X} is not supported" in board.desk.log()
 
 

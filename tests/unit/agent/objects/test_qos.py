@@ -1,4 +1,4 @@
-"""QoS and names as clients send them, in every format, and what is created of them."""
+"""QoS and names as clients send them, in every format, and the entities that result."""
 
 import pytest
 from unit.agent import helpers
@@ -43,8 +43,8 @@ from uros.wire.cdr import Writer
 @pytest.mark.parametrize("length", [61, 100, 255, 256, 1000])
 @pytest.mark.parametrize("form", ["binary", "xml", "reference"])
 def test_names_of_any_length(tmp_path, length, form):
-    """micro-ROS has room for 60 characters, XRCE clients in C for 512; topics and nodes have what
-    ROS allows, types and references what fits a message."""
+    """micro-ROS has room for 60 characters, XRCE clients in C for 512; topics and nodes may be as
+    long as ROS allows, types and references as long as fits a message."""
     node, type_name = "n" * min(length, 255), "a::" + "T" * length
     name = "rt/" + "t" * (min(length, 246) - len("_Request"))
     on_topic = f"<name>{name}</name><dataType>{type_name}</dataType>"
@@ -63,19 +63,19 @@ def test_names_of_any_length(tmp_path, length, form):
     desk = Desk(refs=file)
     board = Board(desk, mtu=60_000)
     if form == "binary":
-        made = [
+        submessages = [
             participant(name=node), topic(name=name, type_name=type_name), group(), endpoint(),
             create(REPLIER, ids.IN_BINARY, helpers.built(
                 entities.push_binary_service, name, type_name, type_name, None, None,
             ), PARTICIPANT),
         ]  # fmt: skip
     elif form == "xml":
-        made = [xml(item, text.format(""), parents[item]) for item, text in texts.items()]
-        made.insert(2, group())
+        submessages = [xml(item, text.format(""), parents[item]) for item, text in texts.items()]
+        submessages.insert(2, group())
     else:
-        made = [by_reference(item, reference, parents[item]) for item in texts]
-        made.insert(2, group())
-    assert board.ask(*made) == [OK] * 5, desk.log()
+        submessages = [by_reference(item, reference, parents[item]) for item in texts]
+        submessages.insert(2, group())
+    assert board.ask(*submessages) == [OK] * 5, desk.log()
     bus = desk.middleware.bus
     assert bus.nodes[0].full_name == "/" + node
     assert {name, f"{name}_Reply"} == {key[1] for key, item in bus.writers.items() if item}
@@ -87,7 +87,7 @@ def test_names_of_any_length(tmp_path, length, form):
 
 KEEP_LAST, RELIABLE, LOCAL = ids.QOS_KEEP_LAST, ids.QOS_RELIABLE, ids.QOS_TRANSIENT_LOCAL
 PROFILES = {
-    # name: (flags, depth) of uxr_buffer_create_*_bin, what is created
+    # name: (flags, depth) of uxr_buffer_create_*_bin, expected QoS
     "default": (RELIABLE | KEEP_LAST, 10, ("reliable", "volatile", "last", 10)),
     "sensor_data": (KEEP_LAST, 5, ("best effort", "volatile", "last", 5)),
     "services_default": (RELIABLE | KEEP_LAST, 10, ("reliable", "volatile", "last", 10)),
@@ -116,17 +116,17 @@ def said_of(qos):
 def test_the_qos_profiles_of_micro_ros(board, name):
     flags, depth, expected = PROFILES[name]
     board.ask(*publisher_entities()[:3], group(SUBSCRIBER))
-    made = [
+    submessages = [
         endpoint(qos=flags, depth=depth),
         endpoint(READER, parent=SUBSCRIBER, qos=flags, depth=depth),
     ]
-    assert board.ask(*made) == [OK] * 2
-    both = writer_of(board).qos, of(board).objects[READER].endpoint._reader.qos
-    assert said_of(both[0]) == expected
+    assert board.ask(*submessages) == [OK] * 2
+    profiles = writer_of(board).qos, of(board).objects[READER].endpoint._reader.qos
+    assert said_of(profiles[0]) == expected
     if expected[2] == "all":  # bounded in the reader, as Fast DDS does
         expected = (*expected[:2], "last", 5000)
-    assert said_of(both[1]) == expected
-    for qos in both:
+    assert said_of(profiles[1]) == expected
+    for qos in profiles:
         assert (qos.deadline_ms, qos.lifespan_ms, qos.partitions) == (None, None, ())
 
 
@@ -146,7 +146,7 @@ def test_endpoints_without_qos_have_fast_ddss_defaults(board):
         assert said_of(qos) == ("best effort", "volatile", "last", 1)
 
 
-def test_no_client_has_the_agent_keep_more_than_fast_dds_would(board):
+def test_history_depth_is_limited_as_in_fast_dds(board):
     board.ask(*publisher_entities()[:3], group(SUBSCRIBER))
     history = "<historyQos><kind>KEEP_LAST</kind><depth>2147483647</depth></historyQos>"
     inside = f"<topic><name>rt/chatter</name><dataType>T</dataType>{history}</topic>"
@@ -159,7 +159,7 @@ def test_no_client_has_the_agent_keep_more_than_fast_dds_would(board):
 
 
 def test_the_xml_of_micro_ros(board):
-    """What rmw_microxrcedds built with references off sends (build_datawriter_xml)."""
+    """Test the XML of rmw_microxrcedds built without references (build_datawriter_xml)."""
     board.ask(*publisher_entities(type_name=STRING)[:3])
     text = (
         "<dds><data_writer><historyMemoryPolicy>PREALLOCATED_WITH_REALLOC</historyMemoryPolicy>"
@@ -172,7 +172,7 @@ def test_the_xml_of_micro_ros(board):
 
 
 @pytest.mark.parametrize("dialect", ["fast", "dds-xml"])
-def test_everything_xml_can_say_of_qos(board, dialect):
+def test_every_qos_element_of_xml(board, dialect):
     inside = {
         "fast": (
             "<qos><reliability><kind>RELIABLE</kind></reliability>"
@@ -220,7 +220,7 @@ def test_everything_xml_can_say_of_qos(board, dialect):
     assert (qos.partitions, qos.user_data) == (("a", "b"), b"hi\xff")
 
 
-def test_everything_binary_can_say_of_qos(board):
+def test_every_qos_field_of_the_binary_format(board):
     board.ask(*publisher_entities()[:3], group(SUBSCRIBER))
     flags = RELIABLE | KEEP_LAST | ids.QOS_OWNERSHIP_EXCLUSIVE | ids.QOS_TRANSIENT
     for object_id, parent in ((WRITER, PUBLISHER), (READER, SUBSCRIBER)):
@@ -234,12 +234,12 @@ def test_everything_binary_can_say_of_qos(board):
             w.boolean(False)
         content = bytes(w.buf[: w.offset])
         assert board.ask(create(object_id, ids.IN_BINARY, content, parent)) == [OK]
-    both = writer_of(board).qos, of(board).objects[READER].endpoint._reader.qos
-    for qos in both:
+    profiles = writer_of(board).qos, of(board).objects[READER].endpoint._reader.qos
+    for qos in profiles:
         assert (qos.depth, qos.deadline_ms, qos.lifespan_ms) == (6, 1500, 3000)
         assert (qos.user_data, qos.ownership_exclusive) == (b"hi\xff", True)
         assert qos.durability == DurabilityPolicy.TRANSIENT
-    assert (both[0].ownership_strength, both[1].separation_ms) == (9, 9)
+    assert (profiles[0].ownership_strength, profiles[1].separation_ms) == (9, 9)
 
 
 @pytest.mark.parametrize(
@@ -251,7 +251,7 @@ def test_everything_binary_can_say_of_qos(board):
         ("<partition><names>" + "<name>p</name>" * 65 + "</names></partition>", "over the limit"),
     ],
 )
-def test_qos_that_means_nothing(board, qos, why):
+def test_invalid_qos_is_refused(board, qos, why):
     board.ask(participant(), group())
     named = "<topic><name>a</name><dataType>T</dataType></topic>"
     text = f"<data_writer><qos>{qos}</qos>{named}</data_writer>"
@@ -269,5 +269,5 @@ def test_a_reader_that_keeps_all_is_bounded(board, monkeypatch):
     board.send(helpers.read_data(READER))
     for _ in range(20):
         board.settle()
-    got = [int.from_bytes(sample, "little") for sample in board.samples()]
-    assert got == list(range(150, 250))
+    numbers = [int.from_bytes(sample, "little") for sample in board.samples()]
+    assert numbers == list(range(150, 250))

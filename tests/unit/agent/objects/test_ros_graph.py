@@ -1,4 +1,4 @@
-"""The ROS graph for boards: its message, what stays of it where room is short, and who gets it."""
+"""The ROS graph for boards: its message, what is cut where room is short, and who receives it."""
 
 from types import SimpleNamespace
 
@@ -39,8 +39,8 @@ SUBSCRIPTION = ros_graph.SUBSCRIBER
 
 # --- the message ----------------------------------------------------------------------
 
-# Written by hand from Graph.msg, Node.msg and Entity.msg of micro_ros_msgs and from CDR; neither
-# an agent nor a ROS wrote it.
+# Written by hand from Graph.msg, Node.msg and Entity.msg of micro_ros_msgs and from CDR, not by an
+# agent or ROS.
 HAND = bytes.fromhex(
     "02000000"  # two nodes
     "02000000" "2f00" "0000"  # "/", padding
@@ -81,10 +81,10 @@ DEFINITIONS = {
 @pytest.fixture(scope="module")
 def oracle():
     store = get_typestore(Stores.EMPTY)
-    found = {}
+    definitions = {}
     for name, text in DEFINITIONS.items():
-        found |= get_types_from_msg(text, f"micro_ros_msgs/msg/{name}")
-    store.register(found)
+        definitions |= get_types_from_msg(text, f"micro_ros_msgs/msg/{name}")
+    store.register(definitions)
     return store
 
 
@@ -111,7 +111,7 @@ def test_rosbags_reads_and_writes_the_same(oracle, nodes):
         for node in read.nodes
     ] == nodes
     written = bytes(oracle.serialize_cdr(read, "micro_ros_msgs/msg/Graph"))
-    # rosbags fills the end of a sample up, which is no part of it.
+    # rosbags pads the end of a sample; the padding is no part of the message.
     assert written[4:].rstrip(b"\0") == message.rstrip(b"\0")
     assert len(written) - 4 - len(message) in (0, 1, 2, 3)
 
@@ -128,7 +128,7 @@ def test_the_constants_are_those_of_the_definition(oracle):
 
 
 class Network:
-    """What a middleware would have discovered."""
+    """Holds the nodes that a middleware would have discovered."""
 
     def __init__(self):
         self.participants, self.endpoints, self.announced = {}, {}, {}
@@ -136,16 +136,16 @@ class Network:
         self.open = 0
 
     def node(self, namespace, name, *ends, alive=True):
-        """A node in a participant of its own; each of ``ends``: "w" or "r", topic, type."""
+        """Add a node in a participant of its own; each of ``ends``: "w" or "r", topic, type."""
         guid = bytes([len(self.announced) + 1]) * 16
         if alive:
             self.participants[guid] = b"enclave=/;"
-        found = SimpleNamespace(namespace=namespace, name=name, readers=[], writers=[])
+        node = SimpleNamespace(namespace=namespace, name=name, readers=[], writers=[])
         for kind, *about in ends:
             gid = len(self.endpoints).to_bytes(16, "big")
-            (found.writers if kind == "w" else found.readers).append(gid)
+            (node.writers if kind == "w" else node.readers).append(gid)
             self.endpoints[gid] = SimpleNamespace(topic=about[0], type_name=about[1])
-        self.announced[guid] = [found]
+        self.announced[guid] = [node]
         return guid
 
     # as the middleware's graph()
@@ -183,7 +183,7 @@ def test_topics_and_services_by_their_ros_names():
     )
 
 
-def test_only_what_is_there_is_told_and_in_order():
+def test_the_graph_lists_only_existing_entities_in_order():
     network = Network()
     network.node("/", "z", ("w", "rt/out", STRING))
     network.node("/", "a")
@@ -192,29 +192,31 @@ def test_only_what_is_there_is_told_and_in_order():
     assert ros_graph.ros_nodes(network) == [GraphNode("/", "a", ()), GraphNode("/", "z", ())]
 
 
-def test_a_service_over_ros2_is_its_boards_and_told_once():
-    """The auto middleware has a hidden node for it, and lists its ends as the board's own."""
+def test_a_service_over_ros2_is_listed_once_as_the_boards():
+    """The auto middleware has a hidden node for the service; its endpoints count as the board's."""
     network = Network()
     serve = ("r", "rq/serveRequest", SET + "Request_"), ("w", "rr/serveReply", SET + "Response_")
     board = network.announced[network.node("/ns", "gate", ("w", "rt/out", STRING))][0]
     (twin,) = network.announced[network.node("/ns", "_gate", *serve)]
     board.readers, board.writers = list(twin.readers), board.writers + twin.writers
-    network.node("/ns", "_ros2cli_7", ("r", "rt/out", STRING))  # hidden, and what it hears counts
+    network.node(
+        "/ns", "_ros2cli_7", ("r", "rt/out", STRING)
+    )  # hidden; discovery reports its endpoints
     network.node("/", "_gate", ("r", "rt/in", STRING))
     network.node("/ns", "_out", ("r", "rt/in", STRING))
     network.node("/ns", "out", ("r", "rt/in", STRING))
-    found = {(node.namespace, node.name): [end.name for end in node.entities]
+    entities = {(node.namespace, node.name): [end.name for end in node.entities]
              for node in ros_graph.ros_nodes(network)}  # fmt: skip
-    assert found == {
+    assert entities == {
         ("/ns", "gate"): ["/out", "/serve"], ("/ns", "_ros2cli_7"): ["/out"],
         ("/", "_gate"): ["/in"], ("/ns", "_out"): ["/in"], ("/ns", "out"): ["/in"],
     }  # fmt: skip
-    twin.readers, twin.writers = [], []  # its last service is gone, and it still there
+    twin.readers, twin.writers = [], []  # its last service is gone, the node still exists
     assert ("/ns", "_gate") not in {node[:2] for node in ros_graph.ros_nodes(network)}
 
 
-def test_what_a_c_client_cannot_read_is_left_out():
-    """Names and types are read into 256 octets there, and one too long spoils the whole graph."""
+def test_names_that_a_c_client_cannot_read_are_left_out():
+    """C clients read names and types into 256 octets; a longer one spoils the whole graph."""
     network = Network()
     longest = "/" + "x" * 254
     network.node("/", "fits", ("w", "rt" + longest, STRING), ("w", "rt" + longest + "x", STRING),
@@ -247,24 +249,26 @@ def what_is_in(message, oracle):
     return [(node.node_name, [entity.name for entity in node.entities]) for node in read.nodes]
 
 
-def test_what_matters_least_goes_first(oracle):
-    seen = []
+def test_the_least_important_entities_are_cut_first(oracle):
+    versions = []
     for room in range(len(ros_graph.encode(FULL)), 3, -1):
         message, left_out = ros_graph.cut(FULL, room)
         assert len(message) <= room
-        if not seen or seen[-1][0] != left_out:
-            seen.append((left_out, what_is_in(message, oracle)))
-    assert seen[0][0] == ""
+        if not versions or versions[-1][0] != left_out:
+            versions.append((left_out, what_is_in(message, oracle)))
+    assert versions[0][0] == ""
     names = ["one", "two", "three"]
-    kept = [
+    names_left = [
         ["/parameter_events", "/rosout", "/scan", "/reset"],
         ["/scan", "/reset"],
         ["/scan"],
         [],
     ]
-    assert [item[1] for item in seen[1:5]] == [[(name, some) for name in names] for some in kept]
-    assert [[name for name, _ in item[1]] for item in seen[5:]] == [["one", "two"], ["one"], []]
-    assert seen[5][0] == "all topics and services and 1 of 3 nodes"
+    assert [item[1] for item in versions[1:5]] == [
+        [(name, some) for name in names] for some in names_left
+    ]
+    assert [[name for name, _ in item[1]] for item in versions[5:]] == [["one", "two"], ["one"], []]
+    assert versions[5][0] == "all topics and services and 1 of 3 nodes"
 
 
 @given(GRAPHS, st.integers(4, 2000))
@@ -297,17 +301,17 @@ def network():
 
 @pytest.fixture
 def desk(network):
-    one = Desk()
-    one.middleware.graph = network.watch
-    yield one
-    assert network.open == 0 or one.agent.clients
-    one.close()
+    desk = Desk()
+    desk.middleware.graph = network.watch
+    yield desk
+    assert network.open == 0 or desk.agent.clients
+    desk.close()
     assert network.open == 0
-    assert "internal error" not in one.log()
+    assert "internal error" not in desk.log()
 
 
 def asking(domain=0, **more):
-    """What a micro-ROS board with RMW_UXRCE_GRAPH creates, in binary."""
+    """Return what a micro-ROS board with RMW_UXRCE_GRAPH creates, in binary."""
     return [
         participant(name="microros_graph", domain=domain),
         topic(name=ros_graph.TOPIC, type_name=ros_graph.TYPE),
@@ -322,7 +326,7 @@ def ask(board, *submessages):
     return board
 
 
-def test_a_board_that_asks_gets_the_graph_and_its_changes(desk, network):
+def test_a_board_that_reads_the_graph_receives_it_and_its_changes(desk, network):
     board = ask(Board(desk), *asking(domain=7))
     assert network.domain == 7 and network.open == 1
     assert board.samples() == []  # nothing is discovered yet
@@ -331,14 +335,14 @@ def test_a_board_that_asks_gets_the_graph_and_its_changes(desk, network):
     board.settle()
     first = [GraphNode("/garden", "weather", (Entity(0, "/garden/t", ("std_msgs/msg/String",)),))]
     assert board.samples() == [ros_graph.encode(first)]
-    network.on_change()  # news of something that boards are not told
+    network.on_change()  # a change that does not concern boards
     board.settle()
     assert board.samples() == []
-    gone = network.node("/", "other")
+    leaving_node = network.node("/", "other")
     network.on_change()
     board.settle()
     assert board.samples() == [ros_graph.encode([GraphNode("/", "other", ()), *first])]
-    del network.participants[gone]
+    del network.participants[leaving_node]
     network.on_change()
     board.settle()
     assert board.samples() == [ros_graph.encode(first)]
@@ -367,20 +371,20 @@ def test_as_micro_ros_asks_in_xml(desk, network):
     assert board.samples() == [ros_graph.encode([GraphNode("/", "n", ())])]
 
 
-def test_a_board_that_was_reset_asks_again_and_is_told_again(desk, network):
+def test_a_board_that_was_reset_receives_the_graph_again(desk, network):
     network.node("/", "n")
     board = ask(Board(desk))
     assert len(board.samples()) == 1
     reset = Board(desk)  # the same key: its objects stay at the agent
-    both = ids.FLAG_REUSE | ids.FLAG_REPLACE
-    assert reset.ask(*asking(flags=both)[3:]) == [ids.STATUS_OK_MATCHED]
+    flags = ids.FLAG_REUSE | ids.FLAG_REPLACE
+    assert reset.ask(*asking(flags=flags)[3:]) == [ids.STATUS_OK_MATCHED]
     reset.send(read_data(READER))
     assert len(reset.samples()) == 1
     reset.settle()
     assert reset.samples() == []
 
 
-def test_a_domain_is_watched_once_and_as_long_as_somebody_asks(desk, network):
+def test_a_domain_is_watched_once_while_any_board_reads_its_graph(desk, network):
     network.node("/", "n")
     boards = [ask(Board(desk, peer, key=peer)) for peer in (1, 2, 3)]
     assert network.open == 1
@@ -422,7 +426,7 @@ def test_the_graph_is_cut_to_what_the_client_can_take(desk, network, oracle):
     assert "graph is whole" in desk.log()
 
 
-def test_graphs_are_not_kept_for_every_mtu_there_was(desk, network):
+def test_cached_graphs_are_bounded_however_many_mtus_there_are(desk, network):
     network.node("/", "node", ("w", "rt/topic", STRING))
     ask(Board(desk, 1, key=1))
     for mtu in range(100, 200):
@@ -430,7 +434,7 @@ def test_graphs_are_not_kept_for_every_mtu_there_was(desk, network):
     assert len(desk.agent.graphs._domains[0]._messages) <= ros_graph._MAX_CACHED
 
 
-def test_other_topics_and_types_are_readers_as_always(desk, network):
+def test_other_topics_and_types_have_ordinary_readers(desk, network):
     board = Board(desk)
     assert set(
         board.ask(
@@ -444,7 +448,7 @@ def test_other_topics_and_types_are_readers_as_always(desk, network):
     assert (0, ros_graph.TOPIC) in desk.middleware.bus.readers
 
 
-def test_a_middleware_without_a_graph_says_so_and_the_reader_waits():
+def test_a_middleware_without_a_graph_is_logged_and_the_reader_waits():
     desk = Desk()
     board = ask(Board(desk))
     assert board.samples() == []

@@ -1,4 +1,4 @@
-"""XML representations and reference files, those of the C examples and hostile ones."""
+"""XML representations and reference files: those of the C examples, and hostile ones."""
 
 import pytest
 from unit.agent.helpers import REFS
@@ -10,7 +10,7 @@ from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPol
 TOPIC = "<dds><topic><name>{}</name><dataType>T</dataType></topic></dds>"
 
 
-def test_glued_attributes_as_the_c_examples_send_them():
+def test_attributes_without_space_between_them_as_the_c_examples_send_them():
     profile = parse_xml(
         "replier",
         '<dds><replier profile_name="my_requester"service_name="service_name"'
@@ -75,7 +75,7 @@ def test_partitions_of_groups():
          "</interfaceWhiteList></rtps>", False),
     ],
 )  # fmt: skip
-def test_participants_that_never_leave_the_machine(inside, only):
+def test_participants_that_stay_on_the_machine(inside, only):
     profile = parse_xml("participant", f"<dds><participant>{inside}</participant></dds>")
     assert profile.localhost_only is only
 
@@ -137,7 +137,7 @@ def test_bad_xml(xml, why):
     assert why is None or why in str(caught.value)
 
 
-def test_elements_without_end(tmp_path):
+def test_more_elements_than_the_limit_are_refused(tmp_path):
     file = tmp_path / "many.refs"
     file.write_text("<profiles>" + "<a/>" * 30_000 + "</profiles>")
     with pytest.raises(ProfileError, match="more than 20000 elements"):
@@ -147,7 +147,7 @@ def test_elements_without_end(tmp_path):
 
 
 @pytest.mark.parametrize("value", ["99999999999", "4294967296", "2147483648", "-1", "", "1e3", "٣"])
-def test_numbers_that_are_none(value):
+def test_invalid_numbers_are_refused(value):
     xml = (
         "<dds><data_writer><topic><name>n</name><dataType>t</dataType><historyQos>"
         f"<depth>{value or 'x'}</depth></historyQos></topic></data_writer></dds>"
@@ -156,7 +156,7 @@ def test_numbers_that_are_none(value):
         parse_xml("data_writer", xml)
 
 
-def test_words_that_are_none():
+def test_invalid_words_are_refused():
     xml = (
         "<dds><data_reader><topic><name>n</name></topic><qos><reliability><kind>MAYBE</kind>"
         "</reliability></qos></data_reader></dds>"

@@ -107,7 +107,7 @@ def test_unlimited(stream):
     assert talk.delivery.next_deadline() is None
 
 
-def test_most_seconds(stream):
+def test_max_elapsed_time_ends_a_delivery(stream):
     talk = Talk(numbered(1), (ids.MAX_SAMPLES_UNLIMITED, 2, 0, 0), stream)
     assert len(talk.pump()) == 1
     talk.now += 1999

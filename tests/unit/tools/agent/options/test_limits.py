@@ -28,7 +28,7 @@ def test_each_is_what_it_says():
         ("--max-message", "9" * 5000),
     ],
 )  # fmt: skip
-def test_numbers_that_are_none(words):
+def test_invalid_numbers_are_refused(words):
     status, said = refused("udp4", *words)
     assert status == 2 and words[0] in said
 

@@ -66,7 +66,7 @@ def test_wrong_rules_say_what_would_be_right(line, said):
         ("--domain 233", "'233' is not a domain; give 0 to 232"),
     ],
 )
-def test_numbers_that_are_none(line, said, capsys):
+def test_invalid_numbers_are_refused(line, said, capsys):
     with pytest.raises(SystemExit):
         parts(f"udp4 {line}")
     assert said in capsys.readouterr().err
