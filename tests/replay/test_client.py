@@ -153,7 +153,7 @@ class Player:
         elif len(submessages) > 1:  # several requests in one message, as ours never does
             one.defer(bytearray(message))
         elif kind == ids.DELETE and stream == ids.STREAM_NONE:
-            one.goodbye()
+            one.delete_session()
         else:
             self.request(kind, flags, stream, payload)
 
@@ -209,10 +209,10 @@ def test_the_session_ends_where_the_recorded_one_did(name, client):
         assert reassembled(ours) == reassembled(theirs)
     else:
         told = [parts(it) for it in ours]
-        # A goodbye of ours has a request id of its own.
+        # Our DELETE has another request id.
         for head, submessages in told:
             if submessages[0][0] == ids.DELETE and head[1] == ids.STREAM_NONE:
-                submessages[0][2][0] = goodbyes(theirs)
+                submessages[0][2][0] = delete_request_id(theirs)
         assert told == [parts(it) for it in theirs]
     assert player.session.told == player.told_by_the_agent()
     one = player.session
@@ -241,13 +241,13 @@ def fragments_from(talk):
     raise AssertionError("the last fragment was not recorded")
 
 
-def goodbyes(theirs):
-    """The request id of the recorded goodbye."""
+def delete_request_id(theirs):
+    """Return the request id of the recorded DELETE of the client."""
     for it in theirs:
         head, submessages = parts(it)
         if submessages[0][0] == ids.DELETE and head[1] == ids.STREAM_NONE:
             return submessages[0][2][0]
-    raise AssertionError("no goodbye was recorded")
+    raise AssertionError("no DELETE of the client was recorded")
 
 
 def reassembled(sent):
@@ -264,7 +264,7 @@ def reassembled(sent):
                     whole = b""
             elif kind == ids.CREATE:
                 out.append((head[1], kind, flags, parts(message)))
-            elif kind != ids.DELETE or head[1]:  # a goodbye of ours has another request id
+            elif kind != ids.DELETE or head[1]:  # our DELETE has another request id
                 out.append((head[1], kind, flags, payload))
     return out
 

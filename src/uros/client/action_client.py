@@ -243,12 +243,12 @@ class ActionClient(End):
             handle._feedback_callback(message)
 
     def _on_status(self, message: "Any") -> None:
-        for it in message.status_list:
-            key = bytes(it.goal_info.goal_id.uuid)
+        for goal_status in message.status_list:
+            key = bytes(goal_status.goal_info.goal_id.uuid)
             handle = self._goals.get(key)
             if handle is not None:
-                handle.status = it.status
-                if it.status >= SUCCEEDED and not handle._results and handle.accepted:
+                handle.status = goal_status.status
+                if goal_status.status >= SUCCEEDED and not handle._results and handle.accepted:
                     del self._goals[key]  # no more messages, unless the result is requested
 
 

@@ -68,11 +68,11 @@ _LONGEST_S: Final = 500000
 class Wait:
     """Awaitable for coroutines: ``Wait(seconds)``, ``Wait(None)`` or ``Wait(future)``."""
 
-    def __init__(self, what: "Any") -> None:
-        self.what = what
+    def __init__(self, awaited: "Any") -> None:
+        self.awaited = awaited
 
     def __await__(self) -> "Any":
-        result = yield self.what
+        result = yield self.awaited
         return result
 
     __iter__ = __await__  # MicroPython awaits by __iter__
@@ -81,10 +81,10 @@ class Wait:
 class ServerGoalHandle:
     """An accepted goal; ``request`` is the Goal message, ``goal_id`` its UUID."""
 
-    def __init__(self, server: "ActionServer", request: "Any", said: "Any") -> None:
+    def __init__(self, server: "ActionServer", request: "Any", goal_status: "Any") -> None:
         self.request = request
         self._server = server
-        self._said = said  # a GoalStatus: UUID, time of acceptance and status
+        self._goal_status = goal_status  # a GoalStatus: UUID, time of acceptance and status
         self._work: "Any" = None  # the execute callback, then its generator or coroutine
         self._begun = False
         self._due = 0
@@ -96,12 +96,12 @@ class ServerGoalHandle:
     @property
     def goal_id(self) -> "Any":
         """The UUID message of the goal."""
-        return self._said.goal_info.goal_id
+        return self._goal_status.goal_info.goal_id
 
     @property
     def status(self) -> int:
         """A state of GoalStatus."""
-        status: int = self._said.status
+        status: int = self._goal_status.status
         return status
 
     @property
@@ -157,7 +157,7 @@ class ServerGoalHandle:
         packed = None
         if status >= SUCCEEDED and (result is not None or self._work is None):
             packed = server._pack(status, result)
-        self._said.status = status
+        self._goal_status.status = status
         self._end = server.node.clock.ms()
         server._say()
         if packed is not None:
@@ -271,7 +271,7 @@ class ActionServer(End):
         self.goals: "list[ServerGoalHandle]" = []  # the known goals, the oldest first
         self._keep_ms = int(result_timeout * 1000) if 0 <= result_timeout < _LONGEST_S else -1
         self._turn = 0  # index of the goal that is executed next
-        self._unsaid = False  # the status has changed and is not published yet
+        self._status_pending = False  # the status has changed and is not published yet
         self._away = False  # a session was lost, and no new one has been seen
         impl = action_type.Impl
         make = self.make
@@ -309,7 +309,7 @@ class ActionServer(End):
             self._away = False
             for goal in self.goals:
                 goal._end = now
-        if self._unsaid and self.states.created:
+        if self._status_pending and self.states.created:
             self._say()
         if super().is_ready(now):
             return True
@@ -390,13 +390,13 @@ class ActionServer(End):
             wait = 0 if pause is None else int(min(pause, _LONGEST_S) * 1000)
             goal._due = ticks_add(self.node.clock.ms(), wait)
 
-    def _ended(self, goal: ServerGoalHandle, result: "Any", told: bool) -> None:
+    def _ended(self, goal: ServerGoalHandle, result: "Any", reported: bool) -> None:
         """Handle the end of the execution.
 
         Args:
             goal: The goal.
             result: What the execute callback returned.
-            told: Whether it raised, which is reported already.
+            reported: Whether it raised, which is reported already.
         """
         goal._work = None
         if goal._result is not None:  # passed to succeed(), abort() or canceled()
@@ -406,12 +406,12 @@ class ActionServer(End):
             packed = self._pack(status, result)
         except Exception as error:
             self.node.executor._fail(error)
-            told = True
+            reported = True
             packed = self._pack(status, None)
         if not goal.is_active:
             self._done(goal, packed)
             return
-        if not told:
+        if not reported:
             self.node.executor._fail(
                 RuntimeError(
                     "%s: the work on a goal ended without succeed(), abort() or canceled(): it"
@@ -445,12 +445,14 @@ class ActionServer(End):
 
     def _say(self) -> None:
         """Publish the states of all goals, now or as soon as there is room."""
-        self._unsaid = True
+        self._status_pending = True
         if self.states.created:
-            self._unsaid = self.attempt(self._publish_status) is False
+            self._status_pending = self.attempt(self._publish_status) is False
 
     def _publish_status(self) -> "Any":
-        message = self.action_type.Impl.GoalStatusMessage([goal._said for goal in self.goals])
+        message = self.action_type.Impl.GoalStatusMessage(
+            [goal._goal_status for goal in self.goals]
+        )
         return self.states.publish(message)
 
     def _feed(self, goal: ServerGoalHandle, feedback: "Any") -> bool:
@@ -463,7 +465,7 @@ class ActionServer(End):
     def _lost(self) -> None:
         """Drop pending requests for results and publish the status again: the session has ended."""
         self._away = True
-        self._unsaid = bool(self.goals)
+        self._status_pending = bool(self.goals)
         for goal in self.goals:
             goal._asked = []
 
@@ -498,12 +500,12 @@ class ActionServer(End):
         )
         goal = None
         if response.accepted:
-            said = impl.Status()
-            said.goal_info.goal_id = request.goal_id
-            said.status = ACCEPTED
-            self.node.clock.stamp(said.goal_info.stamp)
-            response.stamp = said.goal_info.stamp
-            goal = ServerGoalHandle(self, request.goal, said)
+            goal_status = impl.Status()
+            goal_status.goal_info.goal_id = request.goal_id
+            goal_status.status = ACCEPTED
+            self.node.clock.stamp(goal_status.goal_info.stamp)
+            response.stamp = goal_status.goal_info.stamp
+            goal = ServerGoalHandle(self, request.goal, goal_status)
             self.goals.append(goal)
         self._send_goal.reply(identity, response)
         if goal is not None:
@@ -520,20 +522,20 @@ class ActionServer(End):
         uuid = bytes(info.goal_id.uuid)
         until = (info.stamp.sec, info.stamp.nanosec)
         timed = until != (0, 0)
-        one = uuid != bytes(16)
+        has_id = uuid != bytes(16)
         response = self.action_type.Impl.CancelGoalService.Response()
-        if one and not timed:
+        if has_id and not timed:
             response.return_code = _UNKNOWN_GOAL
         wanted = []
         for goal in self.goals:
-            its = goal._said.goal_info
-            if one and bytes(its.goal_id.uuid) == uuid:
+            goal_info = goal._goal_status.goal_info
+            if has_id and bytes(goal_info.goal_id.uuid) == uuid:
                 if not timed:
                     response.return_code = 0 if goal._may(CANCELING) else _TERMINATED
             elif timed:
-                if (its.stamp.sec, its.stamp.nanosec) > until:
+                if (goal_info.stamp.sec, goal_info.stamp.nanosec) > until:
                     continue
-            elif one:
+            elif has_id:
                 continue
             if goal._may(CANCELING):
                 wanted.append(goal)
@@ -544,7 +546,7 @@ class ActionServer(End):
                 and goal._may(CANCELING)  # the callback may have ended it
             ):
                 goal._move(CANCELING)
-                response.goals_canceling.append(goal._said.goal_info)
+                response.goals_canceling.append(goal._goal_status.goal_info)
         if wanted and not response.goals_canceling:
             response.return_code = _REJECTED
         self._cancel_goal.reply(identity, response)

@@ -18,7 +18,7 @@ from ..ticks import TIME_MASK, ticks_add, ticks_diff
 from ..wire import ids
 from ..wire.errors import WireError
 from .clock import Clock
-from .session import GOODBYE, Session
+from .session import DELETE_CLIENT_REQUEST, Session
 
 try:
     from typing import Any, Callable, Final
@@ -219,7 +219,7 @@ class Connection(Session):
 
     def on_status(self, request_id: int, status: int) -> None:
         """Handle the STATUS of a request."""
-        if request_id == GOODBYE:
+        if request_id == DELETE_CLIENT_REQUEST:
             self._known = False
             return
         self._answered = self.clock.ms()
@@ -402,8 +402,8 @@ class Connection(Session):
             except Exception as error:
                 self.log("uros: on_state raised %r" % error)
 
-    def _refused(self, what: str, status: int) -> None:
-        self._lost = "the agent refuses %s: %s" % (what, ids.status_name(status))
+    def _refused(self, subject: str, status: int) -> None:
+        self._lost = "the agent refuses %s: %s" % (subject, ids.status_name(status))
         self.log("uros: " + self._lost)
 
     def _disconnect(self, now: int) -> None:
@@ -433,7 +433,7 @@ class Connection(Session):
         """Delete the session at the agent, waiting for its STATUS for ``wait_ms`` at most."""
         if self._known:
             end = ticks_add(self.clock.ms(), self.wait_ms)
-            self.goodbye()
+            self.delete_session()
             try:
                 while self._known and ticks_diff(end, self.clock.ms()) > 0:
                     message = self.transport.receive(ticks_diff(end, self.clock.ms()))

@@ -64,7 +64,7 @@ class Executor:
     def remove(self, handle: "Any") -> None:
         """Remove a handle; no effect if it was not added."""
         if handle in self.handles:
-            self.handles = [it for it in self.handles if it is not handle]
+            self.handles = [item for item in self.handles if item is not handle]
             self._held = None
 
     def execute(self, now: int) -> int:

@@ -99,35 +99,35 @@ class Graph(Subscription):
 
     def get_topic_names_and_types(self) -> "list[tuple[str, list[str]]]":
         """Return (name, types) of each topic, sorted."""
-        return self._found((_PUBLISHER, _SUBSCRIBER))
+        return self._sorted_names((_PUBLISHER, _SUBSCRIBER))
 
     def get_service_names_and_types(self) -> "list[tuple[str, list[str]]]":
         """Return (name, types) of each service, sorted."""
-        return self._found((_SERVICE,))
+        return self._sorted_names((_SERVICE,))
 
     def get_publisher_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> "list[tuple[str, list[str]]]":
         """Return (name, types) of each topic that the node publishes, sorted."""
-        return self._found((_PUBLISHER,), node_name, node_namespace)
+        return self._sorted_names((_PUBLISHER,), node_name, node_namespace)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> "list[tuple[str, list[str]]]":
         """Return (name, types) of each topic that the node subscribes to, sorted."""
-        return self._found((_SUBSCRIBER,), node_name, node_namespace)
+        return self._sorted_names((_SUBSCRIBER,), node_name, node_namespace)
 
     def get_service_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> "list[tuple[str, list[str]]]":
         """Return (name, types) of each service that the node serves, sorted."""
-        return self._found((_SERVICE,), node_name, node_namespace)
+        return self._sorted_names((_SERVICE,), node_name, node_namespace)
 
     def get_client_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> "list[tuple[str, list[str]]]":
         """Return (name, types) of each service of which the node is a client, sorted."""
-        return self._found((_CLIENT,), node_name, node_namespace)
+        return self._sorted_names((_CLIENT,), node_name, node_namespace)
 
     def count_publishers(self, topic: str) -> int:
         """Return the number of nodes that publish a topic, our own included."""
@@ -147,21 +147,21 @@ class Graph(Subscription):
 
     def _count(self, kind: int, name: str) -> int:
         count = 0
-        for _, _, its, entity, _ in _lines(self._buf, self._little):
-            count += its == kind and entity == name
+        for _, _, entity_kind, entity, _ in _lines(self._buf, self._little):
+            count += entity_kind == kind and entity == name
         return count
 
-    def _found(
+    def _sorted_names(
         self, kinds: "tuple[int, ...]", node: "str | None" = None, space: str = ""
     ) -> "list[tuple[str, list[str]]]":
         """Return (name, types) of the entities of these kinds, sorted by name."""
         out: "dict[str, list[str]]" = {}
-        for its_space, its_node, kind, name, types in _lines(self._buf, self._little):
-            if kind in kinds and (node is None or (its_node == node and its_space == space)):
+        for node_space, node_name, kind, name, types in _lines(self._buf, self._little):
+            if kind in kinds and (node is None or (node_name == node and node_space == space)):
                 known = out.setdefault(name, [])
-                for it in types:
-                    if it not in known:
-                        known.append(it)
+                for type_name in types:
+                    if type_name not in known:
+                        known.append(type_name)
         return [(name, sorted(out[name])) for name in sorted(out)]
 
 

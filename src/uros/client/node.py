@@ -459,12 +459,12 @@ class Node:
         return future.done()
 
 
-def check_name(name: str, what: str, slashes: int = 1) -> str:
+def check_name(name: str, subject: str, slashes: int = 1) -> str:
     """Return the name if ROS allows it.
 
     Args:
         name: The name, without a leading slash.
-        what: What is named, for the message.
+        subject: What is named, for the message.
         slashes: Whether slashes are allowed.
 
     Raises:
@@ -485,7 +485,7 @@ def check_name(name: str, what: str, slashes: int = 1) -> str:
                 ):
                     fault = "is of letters, digits and _"
     if fault:
-        raise ValueError("%r: %s %s" % (name, what, fault))
+        raise ValueError("%r: %s %s" % (name, subject, fault))
     return name
 
 

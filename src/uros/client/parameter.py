@@ -163,9 +163,9 @@ class ParameterValue:
     def __init__(self, kind: int, value: "Any") -> None:
         self.type = kind
         nothing: "Any" = (None, False, 0, 0.0, "", b"", [], [], [], [])
-        for other in range(1, len(nothing)):
-            name = kind_name(other).lower() + "_value"
-            setattr(self, name, value if other == kind else nothing[other])
+        for number in range(1, len(nothing)):
+            name = kind_name(number).lower() + "_value"
+            setattr(self, name, value if number == kind else nothing[number])
 
 
 class IntegerRange:

@@ -51,7 +51,7 @@ class ParameterServices:
         if self._events is None or not self._events.created:
             return
         node = self._server.node
-        lists = [[_message(it) for it in part] for part in (new, changed, deleted)]
+        lists = [[_message(parameter) for parameter in part] for part in (new, changed, deleted)]
         try:
             self._events.publish(
                 self._events.type(
@@ -66,15 +66,16 @@ class ParameterServices:
         response.values = [[]]
         try:
             for name in request.values[0]:
-                it = server.describe_parameter(name)
+                descriptor = server.describe_parameter(name)
                 ranges = [
-                    [[one.from_value, one.to_value, one.step] for one in part]
-                    for part in (it.floating_point_range, it.integer_range)
+                    [[limits.from_value, limits.to_value, limits.step] for limits in part]
+                    for part in (descriptor.floating_point_range, descriptor.integer_range)
                 ]
                 response.values[0].append(
                     [
-                        it.name, it.type, it.description, it.additional_constraints,
-                        it.read_only, it.dynamic_typing,
+                        descriptor.name, descriptor.type, descriptor.description,
+                        descriptor.additional_constraints, descriptor.read_only,
+                        descriptor.dynamic_typing,
                     ]
                     + ranges
                 )  # fmt: skip
@@ -85,7 +86,7 @@ class ParameterServices:
     def _get(self, request: "Any", response: "Any") -> "Any":
         try:
             parameters = self._server.get_parameters(request.values[0])
-            response.values = [[_message(it)[1:] for it in parameters]]
+            response.values = [[_message(parameter)[1:] for parameter in parameters]]
         except ParameterException:
             response.values = [[]]
         return response
@@ -113,7 +114,9 @@ class ParameterServices:
     def _try(self, messages: "list[Any]") -> "list[Any]":
         """Set all of the parameters or none; return [successful, reason]."""
         try:
-            result = self._server.set_parameters_atomically([_parameter(it) for it in messages])
+            result = self._server.set_parameters_atomically(
+                [_parameter(values) for values in messages]
+            )
         except ParameterException as error:
             result = SetParametersResult(False, str(error))
         except Exception as error:

@@ -144,10 +144,10 @@ class ParameterServer:
         ``namespace`` and a dot are put before each name, unless it is empty.
         """
         out = []
-        for one in parameters:
-            name = namespace + "." + one[0] if namespace else one[0]
-            value = one[1] if len(one) > 1 else None
-            descriptor = one[2] if len(one) > 2 else None
+        for declaration in parameters:
+            name = namespace + "." + declaration[0] if namespace else declaration[0]
+            value = declaration[1] if len(declaration) > 1 else None
+            descriptor = declaration[2] if len(declaration) > 2 else None
             out.append(self.declare_parameter(name, value, descriptor, ignore_override))
         return out
 
@@ -226,7 +226,7 @@ class ParameterServer:
             depth: Names have fewer than ``depth`` dots behind the prefix; 0: any number.
         """
         names: "list[str]" = []
-        found: "list[str]" = []
+        parents: "list[str]" = []
         for name in sorted(self._parameters):
             if not prefixes:
                 if depth and name.count(".") >= depth:
@@ -235,9 +235,9 @@ class ParameterServer:
                 continue
             names.append(name)
             dot = name.rfind(".")
-            if dot >= 0 and name[:dot] not in found:
-                found.append(name[:dot])
-        return ListParametersResult(names, found)
+            if dot >= 0 and name[:dot] not in parents:
+                parents.append(name[:dot])
+        return ListParametersResult(names, parents)
 
     # --- setting ------------------------------------------------------------------------------
 

@@ -33,7 +33,7 @@ class Remap:
 
     def __init__(self, *rules: str) -> None:
         # (node or "" for all, kind: 0 topics, 1 services, 2 both, name to match, new name)
-        self._rules = [_rule(it) for it in rules]
+        self._rules = [_rule(rule) for rule in rules]
 
     def node(self, name: str, namespace: str) -> "tuple[str, str]":
         """Return a node's name and namespace after remapping."""

@@ -38,7 +38,7 @@ _NAMES: Final = "DEBUG INFO WARN ERROR FATAL"
 
 # Lines kept while there is no agent; with an agent one line each 50 ms is sent, and bursts of
 # _AT_ONCE lines.
-_KEPT: Final = 8
+_QUEUE: Final = 8
 _EACH_MS: Final = 50
 _AT_ONCE: Final = 32
 # Characters of a line sent to /rosout; the console gets all of it.
@@ -167,8 +167,8 @@ class Rosout:
         self._node = node
         space = node.get_namespace()[1:].replace("/", ".")
         self.logger = Logger(space + "." + node.name if space else node.name, self)
-        self._kept: "list[Any]" = []  # (ticks, name, text, severity)
-        self._told = 0  # part of left_out that was logged
+        self._queue: "list[Any]" = []  # (ticks, name, text, severity)
+        self._reported = 0  # part of left_out that was logged
         self._free = node.clock.ms()  # rate limit: when all lines sent have had their 50 ms
         self._filters: "list[list[Any]]" = []  # text, last time, skipped, logged
         qos = QoSProfile(
@@ -176,7 +176,7 @@ class Rosout:
         )
         shape = Shape("rcl_interfaces/msg/Log", "iIBssssI")
         self._publisher = create_latched(node, shape, "/rosout", qos)
-        self._publisher.on_connected = self._send_kept
+        self._publisher.on_connected = self._send_queue
         if node.executor.report is print_exception:
             node.executor.report = self.report
 
@@ -190,7 +190,7 @@ class Rosout:
             if not "0" <= char <= "9":
                 text += char
         now = self._node.clock.ms()
-        known = [it for it in self._filters if it[0] == text]
+        known = [entry for entry in self._filters if entry[0] == text]
         if known:
             entry = known[0]
         else:
@@ -222,11 +222,11 @@ class Rosout:
                 )
             )  # fmt: skip
         now = self._node.clock.ms()
-        if self._publisher.created and self._kept:
-            self._send_kept()
-        if not self._publisher.created or self._kept:
-            if len(self._kept) < _KEPT:
-                self._kept.append((now, name, message, severity))
+        if self._publisher.created and self._queue:
+            self._send_queue()
+        if not self._publisher.created or self._queue:
+            if len(self._queue) < _QUEUE:
+                self._queue.append((now, name, message, severity))
             else:
                 self.left_out += 1
             return
@@ -235,23 +235,23 @@ class Rosout:
         if ticks_diff(self._free, now) > _AT_ONCE * _EACH_MS:
             self.left_out += 1
             return
-        self._tell_left_out(now)
+        self._report_left_out(now)
         if not self._send(now, name, message, severity):
             self.left_out += 1
 
-    def _send_kept(self) -> bool:
+    def _send_queue(self) -> bool:
         now = self._node.clock.ms()
-        while self._kept:
-            if not self._send(*self._kept[0]):
+        while self._queue:
+            if not self._send(*self._queue[0]):
                 return False
-            self._kept.pop(0)
-        self._tell_left_out(now)
+            self._queue.pop(0)
+        self._report_left_out(now)
         return True
 
-    def _tell_left_out(self, now: int) -> None:
-        count = self.left_out - self._told
+    def _report_left_out(self, now: int) -> None:
+        count = self.left_out - self._reported
         if count and self._send(now, self.logger.name, "%d lines were left out" % count, WARN):
-            self._told = self.left_out
+            self._reported = self.left_out
 
     def _send(self, when: int, name: str, message: str, severity: int) -> bool:
         """Publish a line logged at the ticks ``when``; return whether it was sent.

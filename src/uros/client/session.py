@@ -33,7 +33,7 @@ FIRST_SESSION_ID: Final = 0x81
 LAST_SESSION_ID: Final = 0xFE
 # Smaller request ids are reserved (XRCE 7.7.3.1).
 FIRST_REQUEST: Final = 10
-GOODBYE: Final = 9
+DELETE_CLIENT_REQUEST: Final = 9  # ends the session
 # Sizes of a message header, of that and a submessage header, and of both and a request's two ids.
 _SUBHEADER: Final = 4
 _IDS: Final = 8
@@ -101,13 +101,13 @@ class Session:
         self.request_id = FIRST_REQUEST
         self.next = 0  # number of the next message to send
         self.acked = 0  # first number not acknowledged
-        self.deadline: "int | None" = None  # when tick() has something to send, as ticks, as ticks
+        self.deadline: "int | None" = None  # when tick() has something to send, as ticks
         self.waiting: "list[Any]" = []  # messages queued behind the window
         self._queued = 0  # bytes of the queued messages that are in memory
         self._split_at = 0  # octets of the first queued message already sent in fragments
         self._in = ReliableIn()
         self._best_in = BestEffortIn()
-        self._best_out = SEQUENCE_MASK  # the last number sent sent
+        self._best_out = SEQUENCE_MASK  # the last number sent
         self._fragments.drop()
         self._acknowledge = False
         self._asked: "tuple[int, int] | None" = None  # the time in the last TIMESTAMP
@@ -193,8 +193,11 @@ class Session:
         pack_into("<H", payload, 14, self.mtu)
         self._short(ids.SESSION_NONE_WITHOUT_KEY, ids.CREATE_CLIENT, payload)
 
-    def goodbye(self) -> None:
-        """Send DELETE of the client; ``on_status`` gets the answer as that of request GOODBYE."""
+    def delete_session(self) -> None:
+        """Send DELETE of the client, which ends the session at the agent.
+
+        ``on_status`` gets the answer as that of request DELETE_CLIENT_REQUEST.
+        """
         self._short(self.id, ids.DELETE, b"\0\x09\xff\xfe")
 
     def ask_time(self, seconds: int, nanoseconds: int) -> None:

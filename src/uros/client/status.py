@@ -27,7 +27,7 @@ class StatusLed:
         self._say = say
         self._level = False
         self._connections = 0
-        self._told: "str | None" = None  # why there is no agent
+        self._reason: "str | None" = None  # why there is no agent
         node.create_timer(_TOGGLE_S, self._look)
 
     def _look(self) -> None:
@@ -37,10 +37,10 @@ class StatusLed:
             # The count also changes if an agent was lost and found since the last call.
             if self._connections != connection.connections:
                 self._connections = connection.connections
-                self._told = None
+                self._reason = None
                 self._say("connected to the agent")
-        elif self._told != connection.reason:
-            self._told = connection.reason
-            self._say("no agent: " + self._told if self._told else "looking for the agent")
+        elif self._reason != connection.reason:
+            self._reason = connection.reason
+            self._say("no agent: " + self._reason if self._reason else "looking for the agent")
         self._level = connected or not self._level
         self._led.value(self._level)

@@ -58,8 +58,8 @@ def publish_stream(publisher: "Any", message: "Any", length: int, source: "Any")
     object_id = publisher.object_id(ids.KIND_DATAWRITER)
     whole = size + 12 + length
     # As for all samples, the length is 0 over 64 kB.
-    told = whole - 8 if whole - 8 <= 0xFFFF else 0
-    pack_into("<BBH", head, 4, ids.WRITE_DATA, ids.FLAG_LITTLE_ENDIAN, told)
+    body_size = whole - 8 if whole - 8 <= 0xFFFF else 0
+    pack_into("<BBH", head, 4, ids.WRITE_DATA, ids.FLAG_LITTLE_ENDIAN, body_size)
     pack_into(">HH", head, 8, connection.next_request(), object_id)
     if not hasattr(source, "readinto"):
         source = _Chunks(source)

@@ -76,7 +76,7 @@ class StaticTransformBroadcaster:
     def __init__(self, node: "Any", qos: "Any" = None) -> None:
         if qos is None:
             qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._kept: "list[Any]" = []
+        self._transforms: "list[Any]" = []
         self.publisher = create_latched(node, Transforms, "/tf_static", qos)
         self.publisher.on_connected = self._send
 
@@ -86,19 +86,21 @@ class StaticTransformBroadcaster:
         Returns:
             False if they are sent later, when there is an agent and room.
         """
-        for one in _listed(transform):
-            octets = bytearray(one.cdr_size())
-            one.pack_into(octets, 0, 0)
-            copy = type(one).unpack_from(octets, 0, 0, len(octets))[0]
-            kept = [it for it in self._kept if it.child_frame_id != copy.child_frame_id]
-            self._kept = kept + [copy]
+        for message in _listed(transform):
+            octets = bytearray(message.cdr_size())
+            message.pack_into(octets, 0, 0)
+            copy = type(message).unpack_from(octets, 0, 0, len(octets))[0]
+            others = [
+                item for item in self._transforms if item.child_frame_id != copy.child_frame_id
+            ]
+            self._transforms = others + [copy]
         sent = self._send()
         if not sent and self.publisher.created:
             self.publisher.call_in()
         return sent
 
     def _send(self) -> bool:
-        return not self._kept or self.publisher.publish(Transforms(self._kept))
+        return not self._transforms or self.publisher.publish(Transforms(self._transforms))
 
 
 def _listed(transform: "Any") -> "list[Any]":
@@ -108,7 +110,7 @@ def _listed(transform: "Any") -> "list[Any]":
         TypeError: An item is no transform.
     """
     out = transform if isinstance(transform, (list, tuple)) else [transform]
-    for one in out:
-        if getattr(one, "_TYPE", "") != _TRANSFORM:
-            raise TypeError("%r is no %s" % (one, _TRANSFORM))
+    for item in out:
+        if getattr(item, "_TYPE", "") != _TRANSFORM:
+            raise TypeError("%r is no %s" % (item, _TRANSFORM))
     return list(out)

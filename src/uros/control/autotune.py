@@ -21,7 +21,7 @@ _KP: Final = 0.7
 
 
 class Answer:
-    """What the test runs tell of one motor.
+    """Model of one motor, estimated from the test runs.
 
     ``starts`` is the duty at which it begins to turn, ``dead_zone`` and ``kf`` are those of
     :class:`~.pid.Pid`, ``lag`` is its time constant in seconds.

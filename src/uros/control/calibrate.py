@@ -128,7 +128,7 @@ class Calibration:
         right = self.radius * (1 + sizes[0] + sizes[1])
         left = self.radius * (1 + sizes[0] - sizes[1])
         d = self._nominal_d * (1 + sizes[2])
-        for value, nominal, most, what in (
+        for value, nominal, most, subject in (
             (right, self.radius, _RADIUS_OFF, "the right wheel would have a radius"),
             (left, self.radius, _RADIUS_OFF, "the left wheel would have a radius"),
             (d, self._nominal_d, _TRACK_OFF, "half the track would be"),
@@ -137,7 +137,7 @@ class Calibration:
                 raise CalibrationError(
                     "%s of %.4f m instead of %.4f m, which cannot be: check the measured poses"
                     " (metres; x ahead, y to the left) and that no wheel slipped"
-                    % (what, value, nominal)
+                    % (subject, value, nominal)
                 )
         rest = self._residuals(sizes)
         off = math.sqrt(sum(error * error for error in rest) / len(rest))
@@ -152,7 +152,7 @@ class Calibration:
         self.misfit = off * _METRES
 
     def _residuals(self, sizes: "list[float]") -> "list[float]":
-        """Differences of measured and computed poses, in standard deviations of a measurement."""
+        """Return measured minus computed poses, in standard deviations of a measurement."""
         right = 1 + sizes[0] + sizes[1]
         left = 1 + sizes[0] - sizes[1]
         track = 2 * self._nominal_d * (1 + sizes[2])
@@ -161,11 +161,11 @@ class Calibration:
         at = 0
         for mark in self._marks:
             while at < mark[0]:
-                one = self._rights[at] * right
-                other = self._lefts[at] * left
-                turn = (one - other) / track
-                x += (one + other) / 2 * math.cos(theta + turn / 2)
-                y += (one + other) / 2 * math.sin(theta + turn / 2)
+                right_way = self._rights[at] * right
+                left_way = self._lefts[at] * left
+                turn = (right_way - left_way) / track
+                x += (right_way + left_way) / 2 * math.cos(theta + turn / 2)
+                y += (right_way + left_way) / 2 * math.sin(theta + turn / 2)
                 theta += turn
                 at += 1
             if len(mark) == 4:
@@ -181,7 +181,7 @@ class Calibration:
     def _improve(
         self, sizes: "list[float]", held: "tuple[bool, ...]"
     ) -> "tuple[list[float], list[float]]":
-        """A Gauss-Newton step, and the standard deviation of each size."""
+        """Return a Gauss-Newton step, and the standard deviation of each size."""
         rest = self._residuals(sizes)
         columns = []
         for i in range(3):
@@ -203,7 +203,7 @@ class Calibration:
 
 
 def _inverse(m: "list[list[float]]") -> "list[list[float]]":
-    """Inverse of a symmetric 3 by 3 matrix, by its cofactors."""
+    """Return the inverse of a symmetric 3 by 3 matrix, by its cofactors."""
     a = m[1][1] * m[2][2] - m[1][2] * m[2][1]
     b = m[1][2] * m[2][0] - m[1][0] * m[2][2]
     c = m[1][0] * m[2][1] - m[1][1] * m[2][0]

@@ -139,8 +139,8 @@ class DiffDrive:
         if dt_us == 0:
             return
         dt = dt_us / 1000000
-        self.right_duty = self._one(self.right, self.right_pid, self._right_target, dt)
-        self.left_duty = self._one(self.left, self.left_pid, self._left_target, dt)
+        self.right_duty = self._duty(self.right, self.right_pid, self._right_target, dt)
+        self.left_duty = self._duty(self.left, self.left_pid, self._left_target, dt)
         right_runs = abs(self.right.speed) >= _RUNS * abs(self._right_target)
         left_runs = abs(self.left.speed) >= _RUNS * abs(self._left_target)
         # For how long each has been driven hard without turning.
@@ -164,7 +164,7 @@ class DiffDrive:
         elif right_runs and left_runs:
             self.fault = ""
 
-    def _one(self, wheel: Wheel, pid: Pid, target: float, dt: float) -> float:
+    def _duty(self, wheel: Wheel, pid: Pid, target: float, dt: float) -> float:
         if target == 0 or wheel.reversing:
             pid.reset()
             return 0.0
@@ -172,9 +172,9 @@ class DiffDrive:
         soon = _START_US + 2.5e6 * wheel.pitch / abs(target)
         return pid.step(target, wheel.speed, dt, not 0 < wheel.unsure_us < soon)
 
-    def _stuck(self, who: str) -> None:
+    def _stuck(self, subject: str) -> None:
         self.stop()
-        self.fault = who + " not turn: look for a block, a motor without power, a loose encoder"
+        self.fault = subject + " not turn: look for a block, a motor without power, a loose encoder"
         self._rest_us = _REST_MS * 1000
 
     def stop(self) -> None:

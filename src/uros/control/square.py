@@ -4,7 +4,7 @@ import math
 
 
 def _difference(a: float, b: float) -> float:
-    """From b to a, within ±π."""
+    """Return the angle from b to a, within ±π."""
     turn = a - b
     while turn > math.pi:
         turn -= 2 * math.pi

@@ -75,7 +75,7 @@ class Wheel:
         # Position between two edges, as a share of the pitch. It is unknown at rest: the middle is
         # right on average.
         self._part = 0.5
-        self._seen = 0
+        self._last_count = 0
         self._updated = 0
         self._held_us = 0
 
@@ -114,8 +114,8 @@ class Wheel:
             second = self._second
             third = self._third
         known = self._known
-        new = _since(count, self._seen)
-        self._seen = count
+        new = _since(count, self._last_count)
+        self._last_count = count
         age = _since(now_us, last)
         if age < 0:
             age = 0

@@ -79,8 +79,8 @@ class MPU6050(Sampled):
         while index < 15:
             raw = word(buf, index, index + 1)
             if index != 7 and (raw == 32767 or raw == -32768):
-                what = "acceleration" if index < 7 else "rate of turn"
-                raise SensorError("%s is out of range" % what)
+                quantity = "acceleration" if index < 7 else "rate of turn"
+                raise SensorError("%s is out of range" % quantity)
             index += 2
         per = self._per_accel
         self.ax = word(buf, 1, 2) * per

@@ -108,7 +108,7 @@ class NMEA:
         self._valid = False
         self._systems = 0
         self._place: "tuple[int, ...] | None" = None  # of GGA
-        self._other: "tuple[int, ...] | None" = None  # of RMC
+        self._rmc_place: "tuple[int, ...] | None" = None  # of RMC
 
     @property
     def latitude(self) -> float:
@@ -206,10 +206,10 @@ class NMEA:
         place = self._place
         if place is not None:
             # The checksum does not detect every damage: compare the positions of both sentences.
-            other = self._other
-            if other is not None and (
-                _apart(place[0], other[0], place[1], other[1])
-                or _apart(place[2], other[2], place[3], other[3])
+            rmc_place = self._rmc_place
+            if rmc_place is not None and (
+                _apart(place[0], rmc_place[0], place[1], rmc_place[1])
+                or _apart(place[2], rmc_place[2], place[3], rmc_place[3])
             ):
                 self.damaged += 1
                 return False
@@ -259,10 +259,10 @@ class NMEA:
             # Receivers that do not know the date yet send one in 1980.
             if year < 80:
                 seconds = days(2000 + year, month, day) * 86400 + when // 1000
-        other = None
+        place = None
         if valid and fields[3]:
-            other = _angle(fields[3], fields[4], "NS", 90) + _angle(fields[5], fields[6], "EW", 180)
-        self._other = other
+            place = _angle(fields[3], fields[4], "NS", 90) + _angle(fields[5], fields[6], "EW", 180)
+        self._rmc_place = place
         self._valid = valid
         self.speed = speed * 1852 / 3600000
         self.course = course / 100
@@ -282,12 +282,12 @@ class NMEA:
 
 
 def _apart(a: int, b: int, a_nano: int, b_nano: int) -> bool:
-    """Whether two angles differ by more than _APART."""
+    """Return whether two angles differ by more than _APART."""
     return not (-2 < a - b < 2) or abs((a - b) * _NANO + a_nano - b_nano) > _APART
 
 
 def _moment(text: str) -> "int | None":
-    """``hhmmss.sss`` in ms of the day; None: the field is empty. A leap second is the 60th."""
+    """Return ``hhmmss.sss`` in ms of the day; None if empty. A leap second is the 60th."""
     if not text:
         return None
     value = fixed(text, 3)
@@ -298,7 +298,7 @@ def _moment(text: str) -> "int | None":
 
 
 def _angle(text: str, side: str, sides: str, most: int) -> "tuple[int, int]":
-    """``dddmm.mmmmm`` and a letter: degrees and billionths of a degree."""
+    """Return degrees and billionths of a degree of ``dddmm.mmmmm`` and a letter."""
     # Units of 1e-7 minutes, the resolution of the best receivers: 600 million are a degree.
     value = fixed(text, 7)
     degrees, units = value // 1000000000, value % 1000000000

@@ -99,28 +99,28 @@ class PidLine:
 
     def feed(self, octets: "bytes | bytearray | memoryview") -> "list[tuple[float, ...]]":
         """Process received bytes; return the complete commands, each as of `parse_gains`."""
-        found: "list[tuple[float, ...]]" = []
+        commands: "list[tuple[float, ...]]" = []
         for octet in octets:
             if octet in (10, 13, 59, 0):
-                self._end(found)
+                self._end(commands)
             elif self._skips or octet in (9, 32):
                 continue
             elif octet == 44 and self._text.count(",") == 7:
-                self._next(found)
+                self._next(commands)
             elif len(self._text) == MAX_LINE:
                 self._wrong("more than %d characters without an end" % MAX_LINE)
                 self._skips = True
             else:
                 self._text += chr(octet) if 32 < octet < 127 else "?"
-        return found
+        return commands
 
     def flush(self) -> "list[tuple[float, ...]]":
         """End the message after a pause; return its command, if it is valid."""
-        found: "list[tuple[float, ...]]" = []
-        self._end(found)
-        return found
+        commands: "list[tuple[float, ...]]" = []
+        self._end(commands)
+        return commands
 
-    def _next(self, found: "list[tuple[float, ...]]") -> None:
+    def _next(self, commands: "list[tuple[float, ...]]") -> None:
         """Handle an eighth comma: two messages without a line end between them, or a fault."""
         at = self._text.rindex(",") + 1
         if self._text[at : at + 1] in ("+", "-"):
@@ -131,15 +131,15 @@ class PidLine:
             self._skips = True
             return
         self._text = self._text[: at + 1]
-        self._end(found)
+        self._end(commands)
         self._text = rest + ","
 
-    def _end(self, found: "list[tuple[float, ...]]") -> None:
+    def _end(self, commands: "list[tuple[float, ...]]") -> None:
         text, self._text = self._text, ""
         self._skips = False
         if text:
             try:
-                found.append(parse_gains(text))
+                commands.append(parse_gains(text))
             except ValueError as error:
                 self._wrong(str(error))
 

@@ -42,7 +42,7 @@ class Sampled:
         self._status = bytes((status,))
         self._new = new
         self._discarded = discarded  # invalid samples after each setup
-        self._one = bytearray(1)
+        self._byte = bytearray(1)
         self._buf = bytearray(size)
         self._last = bytearray(size)
         self._is_set_up = False
@@ -94,9 +94,9 @@ class Sampled:
 
     def identify(self, register: bytes, wanted: int, name: str) -> None:
         """Compare the id in a register; ``name`` is for the error. Raises SensorError."""
-        self.get(register, self._one)
-        if self._one[0] != wanted:
-            raise SensorError("id 0x%02x is not %s's" % (self._one[0], name))
+        self.get(register, self._byte)
+        if self._byte[0] != wanted:
+            raise SensorError("id 0x%02x is not %s's" % (self._byte[0], name))
 
     def put(self, *data: int) -> None:
         """Write bytes: a register and its values."""

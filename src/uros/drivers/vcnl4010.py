@@ -38,7 +38,7 @@ class VCNL4010:
         self._i2c = i2c
         self._address = address
         self._is_set_up = False
-        self._one = bytearray(1)
+        self._byte = bytearray(1)
         self._settings = bytearray(5)  # 0x80 to 0x84
         self._counts = bytearray(4)  # 0x85 to 0x88
 
@@ -68,9 +68,9 @@ class VCNL4010:
         return True
 
     def _set_up(self) -> None:
-        self._get(_PRODUCT, self._one)
-        if self._one[0] >> 4 != 2:
-            raise SensorError("product id 0x%02x is not a VCNL4010's" % self._one[0])
+        self._get(_PRODUCT, self._byte)
+        if self._byte[0] >> 4 != 2:
+            raise SensorError("product id 0x%02x is not a VCNL4010's" % self._byte[0])
         self._i2c.writeto(self._address, bytes((0x83, _LED_CURRENT)))
         self._i2c.writeto(self._address, bytes((0x84, _AMBIENT)))
 

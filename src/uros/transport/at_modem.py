@@ -19,15 +19,15 @@ except ImportError:  # MicroPython
 OK: Final = b"OK"
 ERROR: Final = b"ERROR"
 
-# Lines that end answers and nobody has looked at yet. More come from noise only.
+# Most final answers that are queued. Only noise on the line causes more.
 _MOST_ANSWERS: Final = 8
-# Text of a modem's line that is looked at; what is longer is cut.
+# Most bytes of a modem's line that are parsed; the rest of a longer line is cut off.
 _LINE: Final = 96
 # Most reads after the timeout: a modem that never stops must not block the program.
 _CHUNKS: Final = 16
-# A modem that works on something says so, and is asked again after this time.
+# A modem that answers "busy" gets the command again after this time.
 _BUSY_MS: Final = 20
-# Who waits for it to be silent does so no longer than this: noise may never end.
+# Longest wait for the modem to be silent: noise may never end.
 _SETTLES_MS: Final = 1000
 
 
@@ -53,66 +53,82 @@ class ModemTransport:
         self.mute = 0
         self._awake = False  # it has answered since it was opened
         self._is_open = False
-        self._steps: "Iterator[None] | None" = None  # the dialogue, until something breaks it off
-        self._gone = ""  # what the modem has said of its own accord
+        self._steps: "Iterator[None] | None" = None  # the dialogue; None after a failure
+        self._gone = ""  # why the link is lost, as an unsolicited line of the modem reported
         self._answers: "list[bytes]" = []
-        self._said = b""  # the last line that ends no answer
+        self._info = b""  # the last line of an answer before the final one
         self._line = bytearray(_LINE)
-        self._length = 0  # of the line so far
-        # The datagram that comes in.
+        self._length = 0  # of the line received so far
+        # The datagram that is being received, its size, and the bytes still missing.
         self._in = bytearray(mtu)
         self._size = 0
         self._left = 0
         self._messages: "list[bytes]" = []
-        # What waits to be sent, each message behind its length, in _out[:_to].
+        # The send queue is _out[:_to]: messages, each behind its length of two bytes.
         self._out = bytearray(max(room, mtu + 2))
         self._to = 0
-        self._quiet = True  # nothing has come in this turn
+        self._quiet = True  # the last read returned nothing
 
-    # --- what a modem does in its own way -----------------------------------------------------
+    # --- methods of the subclass of a modem ---------------------------------------------------
 
     def _open(self) -> None:
-        """Make the line to the modem ready. Raises OSError."""
+        """Make the line to the modem ready.
+
+        Raises:
+            OSError: The line is not available.
+        """
 
     def _close(self) -> None:
-        """The end of a link, in a word and without waiting."""
+        """Close the link with one command; do not wait for its answer."""
 
     def _read(self) -> bool:
-        """Take what has come; whether anything has."""
+        """Process the bytes received; return whether there were any."""
         raise NotImplementedError
 
     def _wait(self, ms: int) -> None:
-        """Until something comes, or so long."""
+        """Wait until the modem sends something, at most ``ms``."""
         sleep_ms(1)
 
     def _put(self, data: "Buffer") -> "Any":
-        """Give bytes to the modem. False: it did not take them in time."""
+        """Send bytes to the modem; return False if it did not accept them in time."""
         raise NotImplementedError
 
     def _event(self, line: bytes) -> bool:
-        """Whether a line tells of something that nobody has asked for."""
+        """Return whether a line is unsolicited, and handle it."""
         raise NotImplementedError
 
     def _ends(self, line: bytes) -> bool:
-        """Whether a line ends an answer."""
+        """Return whether a line is the final one of an answer."""
         raise NotImplementedError
 
     def _join(self) -> "Iterator[None]":
-        """The way to the agent. Raises OSError."""
+        """Join the network and open the link to the agent.
+
+        Raises:
+            OSError: A permanent failure; the message has the remedy.
+        """
         raise NotImplementedError
 
     def _send_first(self, size: int) -> "Iterator[None]":
-        """Send the first message of the queue. Raises OSError."""
+        """Send the first message of the queue.
+
+        Raises:
+            OSError: The link is lost, or too many messages have failed.
+        """
         raise NotImplementedError
 
     # --- the transport ------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Begin to join. Raises OSError where there is no line to the modem."""
+        """Begin to join the network.
+
+        Raises:
+            OSError: The line to the modem is not available.
+        """
         self.close()
         self._gone = ""
         self._awake = False
-        self._said = b""
+        self._info = b""
         self._length = self._left = self._to = 0
         self._answers.clear()
         self._messages.clear()
@@ -129,10 +145,10 @@ class ModemTransport:
         self.linked = False
 
     def send(self, message: "Buffer", size: int = -1) -> None:
-        """See :class:`uros.client.protocols.Transport`. Without ``size``, all of the message."""
+        """Queue a message, see :class:`uros.client.protocols.Transport`; by default all of it."""
         if size < 0:
             size = len(message)
-        if not self.linked and self._to:  # a question of half a second ago
+        if not self.linked and self._to:  # a ping of half a second ago
             self._to = 0
             self.dropped += 1
         if size > self.mtu or self._to + size + 2 > len(self._out):
@@ -148,11 +164,11 @@ class ModemTransport:
         if self._steps is None:
             raise OSError(errno.ENOTCONN, "the modem is not open")
         if self.linked:
-            self._quiet = False  # which says that no time is up: nobody has looked
+            self._quiet = False  # no timeout may expire here: the line was not read
             self._step()
 
     def receive(self, timeout_ms: int) -> "bytes | None":
-        """See :class:`uros.client.protocols.Transport`. This takes the dialogue on."""
+        """See :class:`uros.client.protocols.Transport`; this call resumes the dialogue."""
         if self._messages:
             return self._messages.pop(0)
         if self._steps is None:
@@ -179,10 +195,10 @@ class ModemTransport:
         steps, self._steps = self._steps, None
         assert steps is not None
         next(steps)
-        self._steps = steps  # it goes on; after whatever it may have raised, it cannot
+        self._steps = steps  # not after an exception, which ends the generator
 
     def _talk(self) -> "Iterator[None]":
-        """All that is ever said to the modem."""
+        """Yield during the whole dialogue with the modem: join, then send the queue for ever."""
         yield from self._join()
         self.linked = True
         while True:
@@ -194,17 +210,17 @@ class ModemTransport:
                 self._pop(size + 2)
 
     def _pop(self, taken: int) -> None:
-        """Drop the first message, and move up the others.
+        """Remove the first message, of ``taken`` bytes, and move the others up.
 
-        They are moved here and not when space is needed for another one: then the modem may be
-        taking a message out of the queue.
+        They are not moved later, when another message needs the space: at that time the modem may
+        be reading a message of the queue.
         """
         view = memoryview(self._out)
         self._to -= taken
         view[: self._to] = view[taken : taken + self._to]
 
     def _first(self, size: int) -> "memoryview":
-        """The first message of the queue."""
+        """Return the first message of the queue."""
         return memoryview(self._out)[2 : 2 + size]
 
     # --- commands and answers -----------------------------------------------------------------
@@ -212,12 +228,12 @@ class ModemTransport:
     def _ask(self, command: str, timeout_ms: int, good: bytes = OK) -> "Any":
         """Send a command; return whether its final answer is ``good``, None if there was none.
 
-        ``_said`` is the last line before the answer.
+        ``_info`` is the last line before the answer.
         """
         end = ticks_add(ticks_ms(), timeout_ms)
         while True:
             self._answers.clear()
-            self._said = b""
+            self._info = b""
             taken = yield from self._put(command.encode() + b"\r\n")
             while True:
                 answer = b""
@@ -235,7 +251,7 @@ class ModemTransport:
             yield from self._pause(_BUSY_MS)
 
     def _answer(self, end: int) -> "Any":
-        """The next line that ends an answer; none when the time is up and all is read."""
+        """Return the next final line of an answer; empty if there is none until ``end``."""
         while not self._answers:
             if self._quiet and ticks_diff(end, ticks_ms()) <= 0:
                 return b""
@@ -248,7 +264,7 @@ class ModemTransport:
             yield
 
     def _settle(self, ms: int) -> "Iterator[None]":
-        """Until the modem has said nothing for so long."""
+        """Wait until the modem has sent nothing for ``ms``, at most _SETTLES_MS longer."""
         end = ticks_add(ticks_ms(), ms)
         last = ticks_add(end, _SETTLES_MS)
         while ticks_diff(end, ticks_ms()) > 0 and ticks_diff(last, ticks_ms()) > 0:
@@ -256,10 +272,10 @@ class ModemTransport:
             if not self._quiet:
                 end = ticks_add(ticks_ms(), ms)
 
-    # --- what comes ---------------------------------------------------------------------------
+    # --- receiving ----------------------------------------------------------------------------
 
     def _text(self, char: int) -> None:
-        """One byte of a line."""
+        """Process one byte of a line."""
         if char != 10:
             if char != 13 and self._length < _LINE:
                 self._line[self._length] = char
@@ -272,18 +288,18 @@ class ModemTransport:
         if self._ends(line):
             self._ended(line)
         elif not self._event(line):
-            self._said = line
+            self._info = line
 
     def _ended(self, line: bytes) -> None:
         if len(self._answers) < _MOST_ANSWERS:
             self._answers.append(line)
 
     def _datagram(self, size: int) -> None:
-        """One of so many bytes follows."""
+        """Begin to receive a datagram of ``size`` bytes."""
         self._size = self._left = size
 
     def _data(self, chunk: bytes, at: int) -> int:
-        """Bytes of a datagram from ``at`` on; where they end."""
+        """Process the datagram's bytes in ``chunk[at:]``; return where they end."""
         count = min(self._left, len(chunk) - at)
         if self._size <= self.mtu:
             start = self._size - self._left

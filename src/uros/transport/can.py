@@ -13,7 +13,7 @@ try:
     from ..wire.cdr import Buffer
 
     class Port(Protocol):
-        """What :class:`CanTransport` needs of a CAN controller. Neither call waits.
+        """CAN controller of a :class:`CanTransport`. Neither call waits.
 
         A port may have ``wait(timeout_ms)``, which returns when there is a frame or the time is
         up, and ``open()`` and ``close()``, which raise OSError.

@@ -24,12 +24,12 @@ class CanPort:
         self._next: Any = None
 
     def open(self) -> None:
-        """Open the bus. Raises OSError with a text that says what is wrong."""
+        """Open the bus. Raises OSError with the reason."""
         self.close()
         self._can = python_can()
         try:
             self._bus = self._can.Bus(**self._options)
-        except Exception as error:  # drivers raise what they like
+        except Exception as error:  # drivers raise any exception
             raise OSError(
                 getattr(error, "errno", None) or errno.ENODEV,
                 f"{self._options['channel']}: {error}",

@@ -72,9 +72,9 @@ def discover_agent(
             again = ticks_add(ticks_ms(), min(left, _AGAIN_MS))
             while True:
                 left = ticks_diff(again, ticks_ms())
-                found = search.take(max(0, left))
-                if found:
-                    return found[0]
+                agents = search.take(max(0, left))
+                if agents:
+                    return agents[0]
                 if left <= 0:
                     break
             if ticks_diff(end, ticks_ms()) <= 0:
@@ -116,7 +116,7 @@ class DiscoveringTransport:
         self._turn = 0  # which of an agent's locators to try next
         self._search: "Any" = None
         self._line: "Any" = None  # the transport to the agent, once there is one
-        self._kept = b""  # the last message sent before there was an agent
+        self._last_message = b""  # the last message sent before there was an agent
         self._again = 0  # when GET_INFO is due
         self._until: "int | None" = None  # when the search or the locator is given up
 
@@ -143,7 +143,7 @@ class DiscoveringTransport:
         """Close the transport; idempotent."""
         search, line = self._search, self._line
         self._search = self._line = self.agent = None
-        self._kept = b""
+        self._last_message = b""
         if search is not None:
             search.close()
         if line is not None:
@@ -157,7 +157,7 @@ class DiscoveringTransport:
         if self._line is not None:
             self._line.send(message, size)
             return
-        self._kept = bytes(message if size < 0 else memoryview(message)[:size])
+        self._last_message = bytes(message if size < 0 else memoryview(message)[:size])
         if ticks_diff(self._again, ticks_ms()) <= 0:
             self._ask()
 
@@ -165,13 +165,13 @@ class DiscoveringTransport:
         """See :class:`uros.client.protocols.Transport`."""
         end = ticks_add(ticks_ms(), timeout_ms)
         if self._line is None:
-            found = self._search.take(timeout_ms)
-            if not found:
+            agents = self._search.take(timeout_ms)
+            if not agents:
                 if self._late():
                     where = ", ".join(["%s port %d" % address for address in self._addresses])
                     raise OSError(errno.ETIMEDOUT, "no agent answers at %s: %s" % (where, _REMEDY))
                 return None
-            self._link(found)
+            self._link(agents)
         message: "bytes | None" = self._line.receive(max(0, ticks_diff(end, ticks_ms())))
         if message is None:
             if self._late():
@@ -182,8 +182,8 @@ class DiscoveringTransport:
             self._turn -= 1
         return message
 
-    def _link(self, found: "list[tuple[str, int]]") -> None:
-        agent = found[self._turn % len(found)]
+    def _link(self, agents: "list[tuple[str, int]]") -> None:
+        agent = agents[self._turn % len(agents)]
         self._turn += 1  # the next locator, unless this one answers
         self._search.close()
         line = self._make(agent[0], agent[1], self.mtu)
@@ -191,9 +191,9 @@ class DiscoveringTransport:
         self._line = line
         self.agent = agent
         self._until = ticks_add(ticks_ms(), self._patience_ms)
-        if self._kept:
-            line.send(self._kept, len(self._kept))
-            self._kept = b""
+        if self._last_message:
+            line.send(self._last_message, len(self._last_message))
+            self._last_message = b""
 
     def _late(self) -> bool:
         return self._until is not None and ticks_diff(self._until, ticks_ms()) <= 0
@@ -246,11 +246,11 @@ class _Search:
                 answer, source = self._socket.recvfrom(_LARGEST)
                 # Some MicroPython ports give the address as bytes.
                 host = source[0] if isinstance(source, tuple) else ""
-                found = agents_of(answer, host)
+                agents = agents_of(answer, host)
             except (OSError, DecodeError):  # no agent at the address; not an answer
                 continue
-            if found:
-                return found
+            if agents:
+                return agents
         return []
 
 
@@ -285,7 +285,7 @@ def agents_of(answer: "Buffer", source: str = "") -> "list[tuple[str, int]]":
     request, subject, status, _, locators = pull_info(r)
     if request != _REQUEST or subject != ids.OBJECT_AGENT or status > ids.STATUS_OK_MATCHED:
         raise DecodeError("an answer to something else")
-    found: "list[tuple[int, int, str, int]]" = []
+    ranked: "list[tuple[int, int, str, int]]" = []
     for octets, port in locators:
         host = source if octets == bytes(len(octets)) else _text(octets)
         if not host or not 0 < port < 0x10000:
@@ -296,10 +296,10 @@ def agents_of(answer: "Buffer", source: str = "") -> "list[tuple[str, int]]":
         elif host.startswith("127.") or host == _LOOPBACK:
             rank = 1 if source.startswith("127.") else 3
         # The position keeps the order: MicroPython's sort is not stable.
-        found.append((rank, len(found), host, port))
-    found.sort()
+        ranked.append((rank, len(ranked), host, port))
+    ranked.sort()
     agents: "list[tuple[str, int]]" = []
-    for _, _, host, port in found:
+    for _, _, host, port in ranked:
         if (host, port) not in agents:
             agents.append((host, port))
     return agents

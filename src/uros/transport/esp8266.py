@@ -210,12 +210,12 @@ class Esp8266Transport(ModemTransport):
         yield from self._ask("AT+CIPDINFO=0", _QUICK_MS)  # unknown to old firmware
         ssid = _quoted(self._ssid)
         yield from self._ask("AT+CWJAP?", _QUICK_MS)
-        if not self._said.startswith(b"+CWJAP:" + ssid.encode()):
+        if not self._info.startswith(b"+CWJAP:" + ssid.encode()):
             command = "AT+CWJAP=%s,%s" % (ssid, _quoted(self._password))
             if not (yield from self._ask(command, _JOIN_MS)):
                 why = "the modem does not say why"
-                if self._said.startswith(b"+CWJAP:"):
-                    why = _WHY_NOT.get(self._said[7:], why)
+                if self._info.startswith(b"+CWJAP:"):
+                    why = _WHY_NOT.get(self._info[7:], why)
                 raise OSError(
                     errno.EHOSTUNREACH, "the modem cannot join %s: %s" % (self._ssid, why)
                 )
@@ -224,7 +224,7 @@ class Esp8266Transport(ModemTransport):
             command += ",%d,0" % local_port
         if not (yield from self._ask(command, _LINK_MS)):
             why = "is it an address, and does the network have it?"
-            if self._said == b"no ip":
+            if self._info == b"no ip":
                 why = "the network has given the modem no address"
             raise OSError(
                 errno.EHOSTUNREACH, "the modem finds no way to %s, port %d: %s" % (host, port, why)

@@ -94,7 +94,7 @@ class Gs2200Transport(ModemTransport):
             if "," in text or '"' in text:
                 raise ValueError("the modem's commands take no comma or quotation mark: " + text)
         parts = host.split(".")
-        if len(parts) != 4 or not all([it.isdigit() and int(it) < 256 for it in parts]):
+        if len(parts) != 4 or not all([part.isdigit() and int(part) < 256 for part in parts]):
             raise ValueError("host must be an address like 192.168.1.10: the modem knows no names")
         super().__init__(mtu, room)
         self._spi = spi
@@ -109,7 +109,7 @@ class Gs2200Transport(ModemTransport):
         self._asked: "int | None" = None  # when a read was requested
         self._writing = False  # the pin announces the answer to a write request
         self._escape = _TEXT
-        self._here = False  # the datagram being received is from the agent
+        self._from_agent = False  # the datagram being received is from the agent
         self._joined = 0
         self._cid = 0
         self._fails = 0
@@ -155,12 +155,12 @@ class Gs2200Transport(ModemTransport):
         h = self._header
         self._fetch(h)
         if h[0] != _START:
-            self._in_step()
+            self._resynchronize()
             return 0, 0
         return h[1], h[5] | h[6] << 8
 
-    def _in_step(self) -> None:
-        """Resynchronize: read all that the modem may send, and clock in what it may expect."""
+    def _resynchronize(self) -> None:
+        """Read all bytes that the modem may send, and send as many idle bytes as it may expect."""
         self.malformed += 1
         for _ in range(_MOST // _CHUNK + 1):
             self._fetch(self._chunk)
@@ -176,14 +176,14 @@ class Gs2200Transport(ModemTransport):
         if not self._ready.value():
             if ticks_diff(now, self._asked) > _READY_MS:
                 self._asked = None
-                self._in_step()
+                self._resynchronize()
             return False
         kind, size = self._answered()
         self._asked = None
         if kind != _MAY_READ:
             return False
         if not 0 < size <= _MOST:
-            self._in_step()
+            self._resynchronize()
             return False
         self._fetch(self._header)
         while size:
@@ -211,7 +211,7 @@ class Gs2200Transport(ModemTransport):
             while not self._ready.value() and ticks_diff(end, ticks_ms()) > 0:
                 yield
             if not self._ready.value():
-                self._in_step()
+                self._resynchronize()
                 break
             kind, granted = self._answered()
             self._writing = False
@@ -263,7 +263,7 @@ class Gs2200Transport(ModemTransport):
         if self._escape == _SENDER:
             if char == 9:  # TAB; the length follows, so keep the link's letter only
                 sender = bytes(line[1 : self._length - 1])
-                self._here = sender == ("%s %d" % self._agent[:2]).encode()
+                self._from_agent = sender == ("%s %d" % self._agent[:2]).encode()
                 self._escape = _HEAD
                 self._length = 1
             elif self._length == 32:
@@ -271,7 +271,7 @@ class Gs2200Transport(ModemTransport):
             return
         if self._length < _DIGITS:
             if self._length == 1:
-                self._here = True
+                self._from_agent = True
             return
         size = 0
         for digit in line[1:_DIGITS]:
@@ -282,7 +282,7 @@ class Gs2200Transport(ModemTransport):
         self._escape = _TEXT
         self._length = 0
         if size:
-            if not self._here or line[0] != self._cid:
+            if not self._from_agent or line[0] != self._cid:
                 self._datagram_for_others(size)
             else:
                 self._datagram(size)
@@ -327,7 +327,7 @@ class Gs2200Transport(ModemTransport):
                 yield from self._settle(_AT_MS if turn else 20)
                 return
             if turn == 0:
-                self._in_step()
+                self._resynchronize()
                 yield from self._settle(_AT_MS)
         raise OSError(
             errno.ENODEV,
@@ -364,14 +364,16 @@ class Gs2200Transport(ModemTransport):
                 errno.EHOSTUNREACH, "the modem makes no link to %s, port %d" % self._agent[:2]
             )
 
-    def _must(self, command: str, timeout_ms: int = _QUICK_MS, what: str = "") -> "Iterator[None]":
+    def _must(
+        self, command: str, timeout_ms: int = _QUICK_MS, subject: str = ""
+    ) -> "Iterator[None]":
         """Send a required command.
 
         Raises:
             OSError: The modem refuses it.
         """
         if not (yield from self._ask(command, timeout_ms)):
-            raise OSError(errno.EIO, "the modem refuses " + (what or command))
+            raise OSError(errno.EIO, "the modem refuses " + (subject or command))
 
     def _send_first(self, size: int) -> "Iterator[None]":
         head = ("\x1bZ%s%04d" % (chr(self._cid), size)).encode()

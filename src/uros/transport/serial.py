@@ -14,7 +14,7 @@ try:
     from ..wire.cdr import Buffer
 
     class Port(Protocol):
-        """What :class:`StreamTransport` needs of a line. Neither call waits.
+        """Line of a :class:`StreamTransport`. Neither call waits.
 
         A port may have ``wait(timeout_ms)``, which returns when there is something to read or
         the time is up, and ``open()`` and ``close()``, which raise OSError.
@@ -60,7 +60,7 @@ class StreamTransport:
         self._out = bytearray(frame_size(mtu))
         self._from = 0  # _out[_from:_to] is not sent yet
         self._to = 0
-        self._lasting = False  # what is in _out is a reliable message
+        self._lasting = False  # whether _out holds a reliable message
         # Reliable messages behind it, where the session has them until they are acknowledged.
         self._late: "list[Buffer]" = []
         self._messages: "list[bytes]" = []
@@ -107,7 +107,7 @@ class StreamTransport:
         self._push()
 
     def _load(self, message: "Buffer", size: int, at: int) -> None:
-        """Frame it into ``_out[at:]``, if it fits."""
+        """Write the message as a frame into ``_out[at:]``, if the frame fits; else drop it."""
         out: "Any" = self._out
         if at:
             out = memoryview(out)[at:]
@@ -119,7 +119,7 @@ class StreamTransport:
         self._to = at + frame(message, self._address, AGENT_ADDRESS, out, size)
 
     def _push(self) -> None:
-        """Send what the line takes now."""
+        """Send as many bytes as the port accepts now."""
         while True:
             if self._from == self._to:
                 if not self._late:
@@ -132,7 +132,7 @@ class StreamTransport:
             if sent:
                 self._from += sent
             elif not self._from and not self._lasting:
-                # Nobody reads the line: the message would be outdated when somebody does.
+                # The line has no reader: the message would be outdated when it has one.
                 self._from = self._to
                 self.dropped += 1
             if self._from < self._to:

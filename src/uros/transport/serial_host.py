@@ -62,7 +62,7 @@ class DevicePort:
         self._poll = select.poll()
 
     def open(self) -> None:
-        """Open the device. Raises OSError with a text that says what to do."""
+        """Open the device. Raises OSError with the remedy."""
         self.close()
         try:
             self.fd = open_device(self.path, self._baud)

@@ -147,7 +147,7 @@ class TcpTransport:
         return "%s, port %d" % (self._host, self._port)
 
     def _connected(self) -> bool:
-        """Whether there is a connection by now."""
+        """Return whether the connection is established."""
         for _, events in self._poll.poll(0):
             if events & (select.POLLERR | select.POLLHUP):
                 raise OSError(errno.ECONNREFUSED, "nobody answers at " + self._where())
@@ -156,7 +156,7 @@ class TcpTransport:
         return self._line is not None
 
     def _take(self) -> "bytes | None":
-        """Send what is not sent yet; return what was received, None: nothing."""
+        """Send unsent bytes; return the bytes received, or None if there are none."""
         self._push()
         data: "bytes | None" = self._read()
         if data is not None and not data:
@@ -181,7 +181,7 @@ class TcpTransport:
         return sock
 
     def _read(self) -> "bytes | None":
-        """Return what was received; None: nothing, b"": the connection was closed."""
+        """Return the bytes received; None: none yet, b"": the connection was closed."""
         try:
             data: bytes = self._line.recv(_CHUNK)
             return data
@@ -191,7 +191,7 @@ class TcpTransport:
             raise
 
     def _write(self, data: "Buffer") -> "int | None":
-        """Return how much was written; None: something must be received first."""
+        """Return the number of bytes written; None: the peer must send something first."""
         try:
             sent: int = self._line.send(data)
             return sent

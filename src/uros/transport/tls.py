@@ -33,12 +33,12 @@ _WANT_WRITE: Final = getattr(ssl, "SSLWantWriteError", _Never)
 _BEGIN: Final = b"-----BEGIN "
 
 
-def _bytes_of(what: "Any") -> bytes:
+def _bytes_of(source: "Any") -> bytes:
     """Return the content of a file by its name; bytes are returned as they are."""
-    if isinstance(what, str):
-        with open(what, "rb") as file:
+    if isinstance(source, str):
+        with open(source, "rb") as file:
             return file.read()
-    data: bytes = what
+    data: bytes = source
     return data
 
 

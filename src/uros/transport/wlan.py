@@ -19,7 +19,7 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# What the ports call their reasons; each has some of them.
+# Failure states of a station; each MicroPython port defines some of them.
 _WHY_NOT: Final = (
     ("STAT_WRONG_PASSWORD", errno.EACCES, "the password is wrong"),
     ("STAT_HANDSHAKE_TIMEOUT", errno.EACCES, "the password is probably wrong"),
@@ -33,8 +33,8 @@ _WHY_NOT: Final = (
     ("STAT_CONNECT_FAIL", errno.ECONNREFUSED, "the access point refuses"),
     ("STAT_BEACON_TIMEOUT", errno.ETIMEDOUT, "the access point is too far away"),
 )
-# What an ESP32 says, for which it has no name, when the password is wrong: the third of four
-# messages never comes.
+# Status of an ESP32, without a name, when the password is wrong: the third message of the four-way
+# handshake is missing.
 _FOUR_WAY: Final = 15
 
 
@@ -51,7 +51,7 @@ class Over:
         self.link = link
         self.transport = transport
         self.mtu: int = transport.mtu
-        # Not by calls of our own: they would cost time for each message.
+        # Bound directly: a method that forwards the call would cost time for each message.
         self.send: "Any" = transport.send
         self.receive: "Any" = transport.receive
 
@@ -84,7 +84,7 @@ class Station:
         self._password = password
         self._timeout_ms = timeout_ms
         self._hostname = hostname
-        self._until: "int | None" = None  # when the attempt that runs is given up
+        self._until: "int | None" = None  # when the current attempt is given up
 
     def check(self) -> None:
         """Raise OSError until the board has joined."""
@@ -110,12 +110,12 @@ class Station:
             self._network.hostname(self._hostname)
         self.wlan.active(True)
         try:
-            # An ESP32 tries for ever otherwise, and never says why.
+            # Otherwise an ESP32 tries for ever and reports no reason.
             self.wlan.config(reconnects=1)
         except (ValueError, TypeError):
             pass
         try:
-            self.wlan.disconnect()  # from what it does by itself, such as another network
+            self.wlan.disconnect()  # from a network that the port joined by itself
         except OSError:
             pass
         if self._password is None:
@@ -178,7 +178,7 @@ class AccessPoint:
             )
 
     def _security(self) -> "Any":
-        """The port's number for WPA2, or for none; None where it has no name for it."""
+        """Return the port's number for WPA2 or for an open network; None if it has no such name."""
         new, old = ("SEC_OPEN", "AUTH_OPEN")
         if self._password is not None:
             new, old = ("SEC_WPA2", "AUTH_WPA2_PSK")

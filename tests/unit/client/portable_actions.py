@@ -361,7 +361,7 @@ def test_the_stamp_is_the_time_of_accepting() -> None:
     ((_, answer),) = desk.answers(SEND_GOAL, SendGoal.Response)
     now = desk.agent.epoch_us + desk.clock.t
     (goal,) = desk.server.goals
-    stamp = goal._said.goal_info.stamp
+    stamp = goal._goal_status.goal_info.stamp
     assert (answer.stamp.sec, answer.stamp.nanosec) == (stamp.sec, stamp.nanosec)
     assert abs(answer.stamp.sec * 1000000 + answer.stamp.nanosec // 1000 - now) < 100000
 
@@ -653,7 +653,7 @@ def test_cancel_all_and_by_time() -> None:
     for n in (1, 2, 3, 4, 5):
         assert desk.send(n)
         desk.run(20)
-    stamps = [goal._said.goal_info.stamp for goal in desk.server.goals]
+    stamps = [goal._goal_status.goal_info.stamp for goal in desk.server.goals]
     assert desk.cancel(None, stamps[1].sec, stamps[1].nanosec) == (0, [1, 2])
     # With an id and a time: that one, and what is as old.
     assert desk.cancel(4, stamps[2].sec, stamps[2].nanosec) == (0, [3, 4])

@@ -814,7 +814,7 @@ def test_strays_keep_nobody_alive() -> None:
 # --- the end ----------------------------------------------------------------------------------
 
 
-def test_close_says_goodbye_and_waits_for_the_answer() -> None:
+def test_close_deletes_the_session_and_waits_for_the_status() -> None:
     bench = Bench()
     entity = FakeEntity(connection=bench.connection)
     bench.run(10)

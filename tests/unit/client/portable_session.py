@@ -4,7 +4,7 @@ from support.board import KEY, Blob, Number, built, message, pattern
 from support.conversation import unpack
 from support.recorder import Recorder
 
-from uros.client.session import FIRST_REQUEST, GOODBYE
+from uros.client.session import DELETE_CLIENT_REQUEST, FIRST_REQUEST
 from uros.wire import ids, session
 from uros.wire.errors import EncodeError
 from uros.wire.streams import HEARTBEAT_MS, RESEND_HOLD_MS, Fragments
@@ -88,12 +88,12 @@ def test_hello_is_the_one_of_the_c_client() -> None:
     ]
 
 
-def test_pings_and_goodbye() -> None:
+def test_bytes_of_pings_and_of_delete() -> None:
     bench = Bench()
     bench.session.ping(False)
     bench.session.ping(True)
-    bench.session.goodbye()
-    assert bench.take() == [  # recorded: ping; by hand: goodbye
+    bench.session.delete_session()
+    assert bench.take() == [  # recorded: ping; by hand: DELETE
         bytes.fromhex("80000000 02010800 000a fffd 02000000"),
         bytes.fromhex("81000000 02010800 000a fffd 02000000"),
         bytes.fromhex("81000000 03010400 0009 fffe"),
@@ -567,10 +567,11 @@ def test_what_the_agent_says() -> None:
     info = built(session.push_info, 10, ids.OBJECT_AGENT, 0, 0, [])
     bench.hear(ids.INFO, info)
     bench.hear(ids.INFO, built(session.push_info, 10, ids.OBJECT_AGENT, 0, 1, []))
-    bench.hear(ids.STATUS, built(session.push_status, GOODBYE, ids.OBJECT_CLIENT, 0))
+    bench.hear(ids.STATUS, built(session.push_status, DELETE_CLIENT_REQUEST, ids.OBJECT_CLIENT, 0))
     assert not bench.session.receive(message(ids.INFO, info, session_id=0x80), 0)
     assert bench.owner.told == [
-        ("agent", ids.STATUS_ERR_DENIED), ("unknown",), ("status", GOODBYE, 0), ("pong",),
+        ("agent", ids.STATUS_ERR_DENIED), ("unknown",), ("status", DELETE_CLIENT_REQUEST, 0),
+        ("pong",),
     ]  # fmt: skip
     assert bench.session.dropped == 0
 

@@ -65,7 +65,7 @@ def texts(words):
 
 def seen(transport):
     return (
-        transport._messages, transport._answers, transport._said, transport._gone,
+        transport._messages, transport._answers, transport._info, transport._gone,
         transport.malformed, transport._left,
     )  # fmt: skip
 
