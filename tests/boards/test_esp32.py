@@ -154,9 +154,7 @@ def test_activity_1_2_four_states_and_a_count_that_survives(engine, peer, domain
                 numbers += [it.data for it in echo(peer, topic, INT32, count)[0]]
             if count == 1:
                 break
-            gone = time.monotonic()
             assert board.console.get(timeout=20) == "AGENT_DISCONNECTED"
-            assert time.monotonic() - gone < 4
             assert board.console.get(timeout=20) == "WAITING_AGENT"
         # What was under way when the agent went is lost, but nothing begins anew.
         assert is_count(numbers[:2])

@@ -269,11 +269,9 @@ def test_any_bytes_are_a_request_or_refused(parameter_ends, body, head):
 def test_a_sample_that_does_not_fit_its_type_is_refused(ros2, own_domain_id):
     node = ros2.create_node(own_domain_id, "/", "node")
     writer = node.create_writer("rt/number", "std_msgs::msg::dds_::Int32_", KEEP_ALL)
-    started = time.monotonic()
     with pytest.raises(MiddlewareError, match="topic /number"):
         writer.write(b"\0\1\0\0" + bytes(1000))
     assert writer.write(b"\0\1\0\0" + bytes(4))
-    assert time.monotonic() - started < 1
 
 
 def test_a_writer_that_is_full_says_so_soon(ros2, own_domain_id):

@@ -3,7 +3,6 @@
 import os
 import select
 import textwrap
-import time
 
 import pytest
 from mpy.harness import INSTALLED
@@ -177,8 +176,8 @@ def test_a_stuck_program_can_be_reset_and_ended(program, stuck):
         board.wait("started")
         board.reset()
         board.wait("started")
-        begun = time.monotonic()
-    assert time.monotonic() - begun < 3
+        process = board._process
+    assert process.returncode == 0  # it ended by itself and was not killed
 
 
 SLICED = """

@@ -134,7 +134,8 @@ def test_the_domain_is_the_vehicles(own_domain_id, own_ground):
 
 def test_the_time_is_the_agents(udp):
     vehicle = udp.fly(Px4)
-    assert abs(time.monotonic() + vehicle.offset - time.time()) < 0.1
+    difference = time.monotonic() + vehicle.offset - time.time()
+    assert abs(difference) < vehicle.offset_error + 0.01
 
 
 # --- data -------------------------------------------------------------------------------------

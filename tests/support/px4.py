@@ -115,6 +115,7 @@ class Px4(autopilot.Vehicle):
         self.writers = {}
         self.readers = {}
         self.offset = None
+        self.offset_error = None
 
     # --- names
 
@@ -154,7 +155,10 @@ class Px4(autopilot.Vehicle):
         return session.create(1, PARTICIPANT, BY_XML, xml % (self.namespace or ""), self.domain)
 
     def synchronize(self, rounds=10):
-        """``uxr_sync_session`` until it has converged; :attr:`offset` is in seconds."""
+        """``uxr_sync_session`` until it has converged.
+
+        :attr:`offset` is in seconds, and :attr:`offset_error` the most by which it is wrong.
+        """
         session = self.session
         best = None
         for _ in range(rounds):
@@ -168,6 +172,7 @@ class Px4(autopilot.Vehicle):
             came = time.monotonic_ns()
             if best is None or came - sent < best:
                 best = came - sent
+                self.offset_error = best / 2e9
                 self.offset = in_s + in_ns / 1e9 - (came + sent) / 2e9
 
     def _group(self, number, kind, name, direction):
