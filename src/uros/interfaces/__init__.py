@@ -13,7 +13,7 @@ On boards and hosts:
 ``compact``  Helpers of classes generated for boards, which save memory and garbage.
 ``dynamic``  Types from the text of their definitions, at run time.
 ``table``    Messages that are packed and unpacked by a table of their fields.
-``checked``  Messages that refuse to set fields which they do not have, for virtual boards.
+``checked``  Messages that reject assignments to unknown fields, for virtual boards.
 ``errors``   Errors of definitions and of serialized messages.
 ===========  =====================================================================================
 
@@ -26,9 +26,9 @@ On hosts alone:
 ``typehash``    RIHS01 type hashes.
 ``layout``      Sizes, alignment and struct codes of fields.
 ``walk``        Traversal of a message's fields, common to the emitters.
-``emit``        Emitter of codec methods for hosts, which are fast.
+``emit``        Emitter of codec methods for hosts, made for speed.
 ``board_walk``  Traversal of a message's fields, common to both emitters for boards.
-``emit_board``  Emitter of packing methods for boards, which are small.
+``emit_board``  Emitter of packing methods for boards, made for small code.
 ``emit_load``   Emitter of loading methods for boards.
 ``generate``    Source of a module from a definition.
 ``package``     Board modules of a set of types, written to a folder.
@@ -44,7 +44,7 @@ __all__ = ["InterfaceError", "add_folder", "known_hash", "list_types", "load", "
 
 
 def load(name):
-    """The class of a type: ``std_msgs/msg/Int32``, ``std_msgs/Int32`` or the DDS name."""
+    """Return the class of a type: ``std_msgs/msg/Int32``, ``std_msgs/Int32`` or the DDS name."""
     from .hook import load
 
     return load(name)
@@ -58,28 +58,28 @@ def add_folder(path):
 
 
 def list_types():
-    """The names of all known types, sorted."""
+    """Return the names of all known types, sorted."""
     from .registry import list_types
 
     return list_types()
 
 
 def known_hash(ros_type_name):
-    """The RIHS01 hash of a type by name, or None where no definition is at hand."""
+    """Return the RIHS01 hash of a type by name, or None if its definition is unknown."""
     from .typehash import known_hash
 
     return known_hash(ros_type_name)
 
 
 def write_package(names, out_dir):
-    """Write board modules for the types and all that they nest; returns the paths written."""
+    """Write board modules for the types and their nested types; returns the paths written."""
     from .package import write_package
 
     return write_package(names, out_dir)
 
 
 class _Finder:
-    """Last on the import path: hands ``uros.interfaces.<package>`` to `hook`, and nothing else."""
+    """Last import finder: passes ``uros.interfaces.<package>`` to `hook` and ignores the rest."""
 
     @staticmethod
     def find_spec(fullname, path=None, target=None):

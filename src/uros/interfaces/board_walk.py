@@ -1,4 +1,4 @@
-"""What packing and loading of a board's messages share, see `emit_board`. Host only."""
+"""Common base of packing and loading a board's messages, see `emit_board`. Host only."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .parse import Message
 from .walk import Attribute, Walker
 
 HALVES: Final = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"}
-"""Their ``sec`` is kept in two halves: the seconds since 1970 are no small integer on a board."""
+"""Types with ``sec`` in two halves: the seconds since 1970 are no small integer on a board."""
 INLINE_CHUNKS: Final = 12
-"""A nested message of more values or arrays than this is called."""
+"""Largest number of values and arrays in a nested message that is inlined."""
 
 
 def is_doubles(message: Message) -> bool:
@@ -25,7 +25,7 @@ def is_doubles(message: Message) -> bool:
 
 @cache
 def chunks(message: Message) -> int:
-    """Numbers and arrays of the message, with those of what it nests; many where a size varies."""
+    """Count the numbers and arrays of a message, nested ones too; 1000 or more if a size varies."""
     if is_doubles(message):
         return 1
     count = 0
@@ -43,36 +43,36 @@ def chunks(message: Message) -> int:
 
 
 def in_place(name: str) -> Message | None:
-    """The nested message, where it is written and read with what holds it."""
+    """Return the nested message if it is written and read with its holder, else None."""
     nested = registry.message(name)
     return nested if chunks(nested) <= INLINE_CHUNKS else None
 
 
 def calls(message: Message) -> list[tuple[str, bool]]:
-    """The types whose methods those of this message call, and whether for an array's elements."""
-    found: list[tuple[str, bool]] = []
+    """Return the types whose methods this message's call, each with whether an array holds it."""
+    called: list[tuple[str, bool]] = []
     for field in message.fields:
         type_ = field.type
         if type_.primitive:
             continue
         if type_.array or in_place(type_.name) is None:
-            found.append((type_.name, bool(type_.array)))
+            called.append((type_.name, bool(type_.array)))
         else:
-            found += calls(registry.message(type_.name))
-    return found
+            called += calls(registry.message(type_.name))
+    return called
 
 
 class Names(NamedTuple):
-    """How the methods begin, and the names by which those of nested messages are called."""
+    """The first lines of the methods, and the names of nested messages' methods."""
 
     size: str = "_size"
     pack: str = "_pack"
     size_head: str = "def _size(self, o):"
     pack_head: str = "def _pack(self, buf, o, start):"
     tell: str = ""
-    """What an error that is raised on purpose says."""
+    """The arguments of errors that the methods raise."""
     once: frozenset[str] = frozenset()
-    """Types that would be called from one place: they are written and read there."""
+    """Types nested at one place only: their code is inlined there."""
     lean: bool = False
     """Big-endian data counts as malformed; `InterfaceError` is ValueError."""
 
@@ -85,15 +85,16 @@ PUBLIC: Final = Names(
     "(self._TYPE)",
     lean=True,
 )
-"""Where no base class has the public methods."""
+"""For classes without a base class that has the public methods."""
 
 
 class BoardWalker(Walker):
-    """What packing and loading share."""
+    """Base of packing and loading."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases, calls: Names) -> None:
         super().__init__(attribute, aliases)
         self.calls = calls
 
     def in_place(self, name: str) -> Message | None:
+        """Return the nested message if it is written and read with its holder, else None."""
         return registry.message(name) if name in self.calls.once else in_place(name)

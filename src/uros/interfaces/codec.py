@@ -11,13 +11,15 @@ except ImportError:
     pass
 
 HEADER = b"\x00\x01\x00\x00"
-"""Encapsulation of what we write: plain CDR (XCDR1), little endian."""
+"""Encapsulation header of messages that uros writes: plain CDR (XCDR1), little endian."""
 
 
 def to_cdr(msg: "Any") -> bytes:
-    """The message as CDR, little endian, behind its encapsulation header.
+    """Return the message as an encapsulation header and little-endian CDR.
 
-    A value that does not fit its field raises TypeError or InterfaceError with the field's name.
+    Raises:
+        TypeError: If a value has the wrong type; the text names the field.
+        InterfaceError: If a value does not fit its field; the text names the field.
     """
     size = msg.cdr_size()
     data = bytearray(4 + size)
@@ -27,10 +29,12 @@ def to_cdr(msg: "Any") -> bytes:
 
 
 def from_cdr(cls: "Any", data: "Any") -> "Any":
-    """The message of class ``cls`` in ``data``: encapsulation header, then CDR, either endianness.
+    """Return the message of class ``cls`` that ``data`` holds: encapsulation header, then CDR.
 
-    Octets behind the message are tolerated: writers pad to four. Any other fault raises
-    InterfaceError.
+    Either endianness is read. Octets after the message are tolerated: writers pad to four.
+
+    Raises:
+        InterfaceError: For any other fault in ``data``.
     """
     if len(data) < 4:
         raise InterfaceError("%s: %d octets are no CDR message" % (cls._TYPE, len(data)))

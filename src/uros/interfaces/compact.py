@@ -1,10 +1,10 @@
-"""What the generated messages of a board share beyond `runtime`: little memory, no garbage.
+"""Helpers of the classes generated for boards, beyond `runtime`: little memory, no garbage.
 
-A board's classes (see `emit_board`) keep float64 values where they can be copied as they lie on the
-wire: a `Doubles` (Vector3, Point, Quaternion) in one array, a fixed array of them in a `Row`. To
-pack one is to copy its octets; MicroPython's ``struct`` copies any buffer by the code ``s``, and
-makes no object of it. CPython and hosts that are big-endian take the slow way, and come to the same
-octets. `get`, `fill` and `load_row` read behind a check of `room`, `load_text` checks itself.
+A board's classes (see `emit_board`) store float64 values in the byte order of the wire: a `Doubles`
+(Vector3, Point, Quaternion) in one array, a fixed array of float64 in a `Row`. Packing copies the
+octets: MicroPython's ``struct`` copies any buffer by the code ``s`` without creating an object.
+CPython and big-endian hosts convert each value, with the same octets as the result. `get`, `fill`
+and `load_row` read after a length check by `room`; `load_text` checks the length itself.
 """
 
 import sys
@@ -22,15 +22,15 @@ except ImportError:  # MicroPython
 if sys.implementation.name == "micropython" and sys.byteorder == "little":
     from struct import pack_into, unpack_from
 
-    _AS_IT_LIES = True
+    _WIRE_ORDER = True
 else:
-    _AS_IT_LIES = False
+    _WIRE_ORDER = False
 
     def pack_into(fmt: str, buf: "Any", o: int, *values: "Any") -> None:  # type: ignore[misc]
-        """As struct has it; an array for ``s`` is doubles, in whatever order this host has them."""
+        """Pack as struct does; an array for ``s`` holds doubles in the host's byte order."""
         import struct
 
-        if isinstance(buf, array):  # into doubles, what lies on the wire
+        if isinstance(buf, array):  # an array of doubles is the target, the value is wire octets
             if calcsize(fmt) > 8 * len(buf):
                 raise ValueError
             for i, value in enumerate(unpack_from("<%dd" % len(buf), values[0])):
@@ -40,7 +40,7 @@ else:
         struct.pack_into(fmt, buf, o, *plain)
 
     def unpack_from(fmt: str, buf: "Any", o: int = 0) -> "Any":  # type: ignore[misc]
-        """As struct has it, but a ValueError where data is too short."""
+        """Unpack as struct does, but raise InterfaceError if the data is too short."""
         import struct
 
         if o + calcsize(fmt) > len(buf):
@@ -49,10 +49,10 @@ else:
 
 
 class Row(array):  # type: ignore[type-arg]
-    """A fixed array of float64. `row` makes it, and notes how many it holds: it stays so many."""
+    """A fixed array of float64. `row` creates it and stores its length in ``n``."""
 
     n: int
-    append = extend = None  # type: ignore[assignment]  # its length stays
+    append = extend = None  # type: ignore[assignment]  # the length is constant
 
 
 class Doubles(Message if NAMES_FIELDS else object):  # type: ignore[misc]
@@ -65,18 +65,21 @@ class Doubles(Message if NAMES_FIELDS else object):  # type: ignore[misc]
     def __init__(self) -> None:
         self._d = array("d", self._made)
 
-    # What is never named is dropped from a board's build, so each is by itself.
+    # A board's build drops members whose name is never used, so each value has its own.
     def x(self, value: float) -> None:
+        """Set the first value."""
         self._d[0] = value
 
     x = property(lambda self: self._d[0], x)  # type: ignore[assignment]
 
     def y(self, value: float) -> None:
+        """Set the second value."""
         self._d[1] = value
 
     y = property(lambda self: self._d[1], y)  # type: ignore[assignment]
 
     def z(self, value: float) -> None:
+        """Set the third value."""
         self._d[2] = value
 
     z = property(lambda self: self._d[2], z)  # type: ignore[assignment]
@@ -88,9 +91,7 @@ class Doubles(Message if NAMES_FIELDS else object):  # type: ignore[misc]
 
 
 def row(values: "Any", n: int) -> "Any":
-    """The values as they are, where they are a `Row` of n; else a new one of the same values, or
-    of zeros where there are none.
-    """
+    """Return the values if they are a `Row` of n, else a new `Row` of them, or of zeros if None."""
     if values.__class__ is not Row:
         values = Row("d", bytes(8 * n) if values is None else values)
         values.n = len(values)
@@ -100,7 +101,7 @@ def row(values: "Any", n: int) -> "Any":
 
 
 def align(buf: "Any", o: int, start: int, mask: int) -> int:
-    """Write zeros up to the next multiple of ``mask + 1`` from ``start`` on; gives the offset."""
+    """Write zeros up to the next multiple of ``mask + 1`` from ``start`` on; returns the offset."""
     while o - start & mask:
         buf[o] = 0
         o += 1
@@ -121,7 +122,7 @@ def put_numbers(buf: "Any", o: int, values: "Any", code: str, low: int = 0, high
 
 
 def room(o: int, start: int, mask: int, n: int, end: int) -> int:
-    """The offset aligned as `align` does; raises where n octets are not left there."""
+    """Return the offset aligned as by `align`; raises InterfaceError if n octets are not left."""
     o += start - o & mask
     if o + n > end:
         raise InterfaceError("%d octets needed at offset %d, %d are left" % (n, o, end - o))
@@ -129,13 +130,13 @@ def room(o: int, start: int, mask: int, n: int, end: int) -> int:
 
 
 def get(fmt: str, buf: "Any", o: int, little: bool) -> "Any":
-    """What struct reads by a little-endian format, of data in either order."""
+    """Unpack data of either byte order by a little-endian format."""
     return unpack_from(fmt if little else ">" + fmt[1:], buf, o)
 
 
 def fill(doubles: "Any", fmt: str, buf: "Any", o: int, little: bool) -> None:
-    """Read into an array of float64; ``fmt`` is ``s`` for so many octets."""
-    if _AS_IT_LIES and little:
+    """Read into an array of float64; ``fmt`` is the code ``s`` with the number of octets."""
+    if _WIRE_ORDER and little:
         pack_into(fmt, doubles, 0, buf[o:])
     else:
         for i in range(len(doubles)):
@@ -143,10 +144,10 @@ def fill(doubles: "Any", fmt: str, buf: "Any", o: int, little: bool) -> None:
 
 
 def load_row(old: "Any", n: int, fmt: str, buf: "Any", o: int, little: bool) -> "Any":
-    """Read n float64 into ``old``, or where that is no Row of n, into a new one."""
+    """Read n float64 into ``old`` if it is a `Row` of n, else into a new `Row`."""
     if type(old) is not Row or old.n != n:
         old = row(None, n)
-    if _AS_IT_LIES and little:  # what fill does, without a call
+    if _WIRE_ORDER and little:  # as fill does, without a call
         pack_into(fmt, old, 0, buf[o:])
     else:
         fill(old, fmt, buf, o, little)
@@ -154,7 +155,7 @@ def load_row(old: "Any", n: int, fmt: str, buf: "Any", o: int, little: bool) -> 
 
 
 def new_text(buf: "Any", o: int, n: int) -> str:
-    """Read a string of n octets with its NUL, of which there may be none where n is 0."""
+    """Read a string of n octets with its NUL; with n = 0 there is no NUL."""
     buf = buf[o : o + n]
     if len(buf) < n or any(buf[-1:]):
         raise InterfaceError("string at offset %d does not end with NUL" % o)
@@ -162,7 +163,7 @@ def new_text(buf: "Any", o: int, n: int) -> str:
 
 
 def load_text(buf: "Any", o: int, n: int, end: int, old: "Any", bound: int = 0) -> str:
-    """Read a string of n octets with its NUL: ``old`` itself where it is the same text."""
+    """Read a string of n octets with its NUL; returns ``old`` itself if the text is equal."""
     if not n:  # some writers send an empty string without its NUL
         return ""
     end = room(o, o, 0, n, end) + n - 1
@@ -176,7 +177,7 @@ def load_text(buf: "Any", o: int, n: int, end: int, old: "Any", bound: int = 0) 
     if NAMES_FIELDS:
         try:
             return str(octets, "utf-8", "replace")
-        except ValueError:  # MicroPython knows no "replace"
+        except ValueError:  # MicroPython does not support "replace"
             return "".join([chr(c) if c < 128 else "\ufffd" for c in octets])
     else:
-        return str(octets, "utf-8")  # what is no UTF-8 is malformed, and raises ValueError
+        return str(octets, "utf-8")  # invalid UTF-8 is malformed data: ValueError

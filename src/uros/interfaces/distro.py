@@ -1,8 +1,8 @@
-"""Which ROS 2 distribution's definitions count: those of ROS_DISTRO, or as `use` says. Host only.
+"""The ROS 2 distribution whose definitions are used: by ROS_DISTRO or `use`. Host only.
 
-``definitions`` has the newest that uros knows. A folder of ``older`` has those which were another
-up to that distribution: Humble's are in ``older/humble`` and ``older/iron``, Iron's in
-``older/iron`` alone. What differs in comments only is not there.
+``definitions`` has the newest that uros knows. A folder of ``older`` has the definitions that were
+different up to that distribution: Humble's are in ``older/humble`` and ``older/iron``, Iron's in
+``older/iron`` alone. Definitions that differ in comments only are left out.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Final
 from .errors import InterfaceError
 
 DISTROS: Final = ("humble", "iron", "jazzy", "kilted")
-"""Those whose definitions uros has, the oldest first."""
+"""Distributions whose definitions uros has, the oldest first."""
 NEWEST: Final = DISTROS[-1]
 _AS_NEWEST: Final = ("lyrical", "rolling")
 NAMES: Final = (*DISTROS, *_AS_NEWEST)
-"""All that may be chosen. Those which are newer than ours have the newest definitions."""
+"""All distributions that may be chosen; those newer than `NEWEST` use its definitions."""
 _WITHOUT_HASHES: Final = ("humble",)
 
 _OLDER: Final = Path(__file__).parent / "older"
@@ -45,37 +45,43 @@ _used = ""
 
 
 def use(name: str) -> None:
-    """Take the definitions of a distribution, whatever ROS_DISTRO says; "" for ROS_DISTRO's.
+    """Use the definitions of a distribution in place of ROS_DISTRO's; "" for ROS_DISTRO's.
 
-    Call it before types are loaded; a class that is loaded already stays. Raises InterfaceError
-    for a name that is none of `NAMES`.
+    Call it before types are loaded: a loaded class is not replaced.
+
+    Raises:
+        InterfaceError: If the name is none of `NAMES`.
     """
     global _used
     _used = _known(name, "") if name else ""
 
 
 def chosen() -> str:
-    """The distribution, one of `DISTROS`. Raises InterfaceError where ROS_DISTRO names none."""
+    """Return the distribution, one of `DISTROS`.
+
+    Raises:
+        InterfaceError: If ROS_DISTRO names no known distribution.
+    """
     return _used or _known(os.environ.get("ROS_DISTRO", ""), "ROS_DISTRO: ")
 
 
 def has_hashes() -> bool:
-    """Whether ROS of that distribution knows type hashes, which came with Iron."""
+    """Whether the chosen distribution has type hashes, which were added in Iron."""
     return chosen() not in _WITHOUT_HASHES
 
 
 def since(type_name: str) -> str:
-    """The distribution that a type came with, where it is not that old; else ""."""
+    """Return the distribution that added a type, or "" if Humble has it already."""
     return _SINCE.get(type_name, "")
 
 
 def missing(type_name: str, distro: str) -> bool:
-    """Whether the distribution does not have a type of the packaged ones yet."""
+    """Whether a packaged type is newer than the distribution."""
     return type_name in _SINCE and DISTROS.index(distro) < DISTROS.index(_SINCE[type_name])
 
 
 def older(distro: str) -> list[Path]:
-    """The folders whose definitions go before the newest ones, the first one first."""
+    """Return the folders whose definitions override the newest ones, by precedence."""
     return [_OLDER / name for name in DISTROS[DISTROS.index(distro) :] if (_OLDER / name).is_dir()]
 
 

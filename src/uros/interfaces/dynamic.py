@@ -6,12 +6,12 @@ r"""Types from the text of their definitions, on a board at run time.
     others = {"my_msgs/msg/Reading": Reading}
     Store = load("my_msgs/srv/Store", "Reading reading\n---\nbool kept", others)
 
-The classes (see `table`) are used as generated ones are; their octets are the same. The rules for
-definitions are those of `parse`, which has the better words, and so has ``uros interface show``;
-but a name has at most 200 characters.
+The classes (see `table`) are used as generated classes are, and encode the same octets. The rules
+for definitions are those of `parse`, except that a name has at most 200 characters. The errors of
+`parse` and of ``uros interface show`` say more.
 
-Nothing here is needed once the types are loaded: a program that imports this module in a function
-can have 4 kB back by `forget`. Runs on MicroPython.
+The module is not needed once the types are loaded: a program that imports it in a function frees
+4 kB by `forget`. Runs on MicroPython.
 """
 
 import sys
@@ -24,35 +24,41 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# Each primitive type, its struct code (or one of ours), and rclpy's word for it.
+# Each primitive type, its struct code (or a code of `table`), and its name in rclpy.
 _TYPES: Final = (
     "bool:?:boolean byte:B:octet char:B:uint8 uint8:B:uint8 int8:b:int8 int16:h:int16"
     " uint16:H:uint16 int32:i:int32 uint32:I:uint32 int64:q:int64 uint64:Q:uint64 float32:f:float"
     " float64:d:double string:s:string wstring:w:wstring"
 )
-# What names are of, see _is: the first is what they begin with.
+# The kinds of characters in a name, see _is; a name begins with the first kind.
 _LOWER: Final = "a0_"
 _UPPER: Final = "A0_"
 _CAMEL: Final = "Aa0"
-# Some boards have no attributes of longer names.
+# Some boards do not support longer attribute names.
 _LONGEST_NAME: Final = 200
-# Whether attributes that are no fields are refused: a virtual board's build says True.
+# Whether assignments to unknown attributes are rejected: the build of a virtual board sets True.
 _CHECKED: Final = False
 
 
 def load(name: str, text: str, others: "dict[str, Any] | None" = None) -> "Any":
-    """The class of a message, or of a service where ``name`` is ``pkg/srv/Name``.
+    """Return the class of a message, or of a service if ``name`` is ``pkg/srv/Name``.
 
-    ``others`` has the definitions that the text names, by their names: their classes, of this
-    function or generated, or their texts, which give way to their classes. What it lacks is
-    imported as generated modules are, from ``pkg.msg``. A class has what generated ones have, but
-    for ``_HASH``. What is wrong with a text raises InterfaceError, which has the line.
+    The class has all that generated classes have, except ``_HASH``.
+
+    Args:
+        name: The full type name, ``pkg/msg/Name`` or ``pkg/srv/Name``.
+        text: The definition.
+        others: The nested types, by name: each a class, from this function or generated, or a text,
+            which is replaced by its class. Types that are not in it are imported from ``pkg.msg``.
+
+    Raises:
+        InterfaceError: For a fault in a text, with the line.
     """
     return _Maker(name, {} if others is None else others, ()).load(text)
 
 
 def forget() -> None:
-    """Let go of this module, where nothing else holds it; the next import reads it again."""
+    """Free this module if nothing else refers to it; the next import loads it again."""
     sys.modules.pop(__name__, None)
     parent, _, name = __name__.rpartition(".")
     if hasattr(sys.modules.get(parent), name):
@@ -66,13 +72,13 @@ class _Maker:
         self.name = name
         self.others = others
         self.within = within + (name,)
-        self.at = 0  # the line, and what it says
+        self.at = 0  # the number of the line, and its text
         self.line = name
 
-    def bad(self, what: str) -> InterfaceError:
+    def bad(self, part: str) -> InterfaceError:
         return InterfaceError(
             "%s:%d: bad %s in %r; on a host, 'uros interface show' says more"
-            % (self.name, self.at, what, self.line)
+            % (self.name, self.at, part, self.line)
         )
 
     def load(self, text: str) -> "Any":
@@ -82,22 +88,22 @@ class _Maker:
             raise self.bad("name")
         if not _is(_CAMEL, parts[2]):
             raise self.bad("name")
-        made = {}  # type: dict[str, Any]
+        constants = {}  # type: dict[str, Any]
         plan = []  # type: list[Any]
-        sections = [(made, plan)]
+        sections = [(constants, plan)]
         for line in text.split("\n"):
             self.at += 1
             self.line = line = _uncommented(line.replace("\t", " ").strip("\ufeff\r ")).strip()
             if line == "---":
-                made = {}
+                constants = {}
                 plan = []
-                sections.append((made, plan))
+                sections.append((constants, plan))
             elif line:
-                self.statement(line, made, plan)
+                self.statement(line, constants, plan)
         if len(sections) != (2 if kind == "srv" else 1):
             raise self.bad("number of lines '---'")
         if kind == "msg":
-            return _class(self.name, made, plan)
+            return _class(self.name, constants, plan)
         request = _class(self.name + "_Request", *sections[0])
         response = _class(self.name + "_Response", *sections[1])
         return type(
@@ -105,27 +111,27 @@ class _Maker:
                            "Response": response},
         )  # fmt: skip
 
-    def statement(self, line: str, made: "dict[str, Any]", plan: "list[Any]") -> None:
-        """Take a constant into ``made``, or a field into ``plan``."""
+    def statement(self, line: str, constants: "dict[str, Any]", plan: "list[Any]") -> None:
+        """Add the line's constant to ``constants``, or its field to ``plan``."""
         kind, _, rest = line.partition(" ")
-        entry, told = self.kind(kind)
+        entry, word = self.kind(kind)
         code = entry[0]
         name, _, value = rest.partition("=")
         name = name.strip()
         if "=" in rest and _all("Aa0_", name):
-            # What has a bound or is an array is not told by one word.
-            if not _is(_UPPER, name) or name in made or told[-1] in ">]" or code == MESSAGE:
+            # The word of a bounded type or of an array ends with a bracket.
+            if not _is(_UPPER, name) or name in constants or word[-1] in ">]" or code == MESSAGE:
                 raise self.bad("constant")
-            made[name] = self.scalar(entry, value.strip())
+            constants[name] = self.scalar(entry, value.strip())
             return
         name, _, value = rest.strip().partition(" ")
-        if not _is(_LOWER, name) or [1 for it in plan if it[0] == name]:
+        if not _is(_LOWER, name) or [1 for field in plan if field[0] == name]:
             raise self.bad("name")
         value = value.strip()
-        plan.append((name, told, self.default(entry, told, value) if value else None) + entry)
+        plan.append((name, word, self.default(entry, value) if value else None) + entry)
 
     def kind(self, text: str) -> "tuple[tuple[Any, str, int, int], str]":
-        """A type: (code, array, its size, the bound of its texts or the class), and rclpy's word.
+        """Parse a type: (code, array, size, bound of strings or class), and its name in rclpy.
 
         ``array`` is "" for none, "[" for one of a fixed size and "<" for a sequence.
         """
@@ -133,40 +139,40 @@ class _Maker:
         base, bounded, limit = base.partition("<=")
         code = ""
         of = size = 0  # type: Any
-        for it in _TYPES.split(" "):
-            primitive = it.split(":")
+        for row in _TYPES.split(" "):
+            primitive = row.split(":")
             if primitive[0] == base:
-                _, code, told = primitive
+                _, code, word = primitive
         if bounded:
             if code not in ("s", "w"):
                 raise self.bad("type")
             of = self.size(limit)
-            told += "<%d>" % of
+            word += "<%d>" % of
         elif not code:
             code = MESSAGE
             of = self.nested(base)
-            told = of._TYPE.replace("/msg/", "/")
+            word = of._TYPE.replace("/msg/", "/")
         if "[" not in text:
-            return (code, "", 0, of), told
+            return (code, "", 0, of), word
         if inner[-1:] != "]":
             raise self.bad("type")
         inner = inner[:-1]
         if inner and inner[:2] != "<=":
             size = self.size(inner)
-            return (code, "[", size, of), "%s[%d]" % (told, size)
+            return (code, "[", size, of), "%s[%d]" % (word, size)
         if inner:
             size = self.size(inner[2:])
-            told += ", %d" % size
-        return (code, "<", size, of), "sequence<%s>" % told
+            word += ", %d" % size
+        return (code, "<", size, of), "sequence<%s>" % word
 
     def size(self, text: str) -> int:
-        # Attack: to read a number of many digits takes long, and CPython refuses it.
+        # Attack: the conversion of a number of many digits takes long, and CPython rejects it.
         if len(text) > 10 or not _all("0", text) or not 0 < int(text) < 1 << 32:
             raise self.bad("size")
         return int(text)
 
     def nested(self, text: str) -> "Any":
-        """The class of a message that the definition names."""
+        """Return the class of a message that the definition names."""
         parts = text.split("/")
         if len(parts) == 3 and parts[1] == "msg":
             del parts[1]
@@ -179,23 +185,23 @@ class _Maker:
         name = parts[0] + "/msg/" + plain
         if name in self.within:
             raise self.bad("ring of types")
-        found = self.others.get(name)
-        if isinstance(found, str):
-            found = _Maker(name, self.others, self.within).load(found)
-            self.others[name] = found
+        message = self.others.get(name)
+        if isinstance(message, str):
+            message = _Maker(name, self.others, self.within).load(message)
+            self.others[name] = message
         for place in (package, "uros.interfaces." + package):
-            if found is None:
+            if message is None:
                 try:
-                    found = getattr(__import__(place, None, None, (plain,)), plain)
+                    message = getattr(__import__(place, None, None, (plain,)), plain)
                 except (ImportError, AttributeError):
                     pass
-        if found is None:
+        if message is None:
             raise InterfaceError(
                 "%s:%d: no %s; give load its class or text" % (self.name, self.at, name)
             )
-        return found
+        return message
 
-    def default(self, entry: "tuple[Any, str, int, int]", told: str, text: str) -> "Any":
+    def default(self, entry: "tuple[Any, str, int, int]", text: str) -> "Any":
         code, array, size, _ = entry
         if not array:
             return self.scalar(entry, text)
@@ -218,7 +224,7 @@ class _Maker:
         return bytes(values) if code == "B" else values
 
     def scalar(self, entry: "tuple[Any, str, int, int]", text: str) -> "Any":
-        """A constant, a default, or an element of one."""
+        """Parse the value of a constant or a default, or of one element of a default."""
         code = entry[0]
         value = None  # type: Any
         if code in ("s", "w"):
@@ -265,8 +271,9 @@ class _Maker:
 
 
 def _all(kinds: str, text: str) -> bool:
-    """Whether a text is of characters of these kinds: a, A, 0, _. An expression (module re) would
-    fill a board's stack by a long one.
+    """Whether all characters of a text are of these kinds: a, A, 0, _.
+
+    A regular expression (module re) would overflow a board's stack on a long text.
     """
     for char in text:
         for kind, last in ("az", "AZ", "09"):
@@ -278,7 +285,7 @@ def _all(kinds: str, text: str) -> bool:
 
 
 def _is(kinds: str, name: str) -> bool:
-    """Whether this is a name of these kinds: underscores are single, and in between."""
+    """Whether this is a name of these kinds: underscores are single, and not at an end."""
     if len(name) > _LONGEST_NAME or not _all(kinds, name) or not _all(kinds[0], name[0]):
         return False
     return name[-1] != "_" and "__" not in name
@@ -290,7 +297,7 @@ def _dds(name: str) -> str:
 
 
 def _closing(text: str, at: int) -> int:
-    """Where the quote at ``at`` is closed; -1: nowhere."""
+    """Return where the quote at ``at`` is closed, or -1."""
     quote = text[at]
     at += 1
     while at < len(text):
@@ -301,8 +308,8 @@ def _closing(text: str, at: int) -> int:
 
 
 def _uncommented(line: str) -> str:
-    """A line without its comment; a # within quotes belongs to a text."""
-    if "#" not in line:  # to walk through a long line takes long on boards
+    """Return a line without its comment; a # within quotes belongs to a string."""
+    if "#" not in line:  # the loop below is slow on a board
         return line
     at = 0
     last = " "
@@ -318,7 +325,7 @@ def _uncommented(line: str) -> str:
     return line
 
 
-def _class(name: str, made: "dict[str, Any]", plan: "list[Any]") -> "Any":
+def _class(name: str, members: "dict[str, Any]", plan: "list[Any]") -> "Any":
     attributes = []
     for i in range(len(plan)):
         word = plan[i][0]
@@ -329,13 +336,13 @@ def _class(name: str, made: "dict[str, Any]", plan: "list[Any]") -> "Any":
         except SyntaxError:
             word += "_"
         attributes.append(word)
-    made["_TYPE"] = name
-    made["_DDS_TYPE"] = _dds(name)
-    made["_FIELDS"] = tuple([it[:2] for it in plan])
-    made["__slots__"] = tuple(attributes)
-    made["_plan"] = [it[2:] for it in plan]
+    members["_TYPE"] = name
+    members["_DDS_TYPE"] = _dds(name)
+    members["_FIELDS"] = tuple([field[:2] for field in plan])
+    members["__slots__"] = tuple(attributes)
+    members["_plan"] = [field[2:] for field in plan]
     if _CHECKED:
         from .checked import checked
 
-        made["__setattr__"] = checked(name, made["__slots__"], "")
-    return type(name.split("/")[2], (Table,), made)
+        members["__setattr__"] = checked(name, members["__slots__"], "")
+    return type(name.split("/")[2], (Table,), members)

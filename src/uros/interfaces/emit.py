@@ -18,23 +18,23 @@ from .parse import INTEGERS, Message, Type
 from .walk import Attribute, Run, Walker
 
 RUN_VALUES: Final = 64
-"""Values after which one struct call is closed; MicroPython passes at most 255 arguments."""
+"""Values after which a struct call ends; MicroPython passes at most 255 arguments."""
 UNROLL: Final = 36
 """Fixed arrays up to this size (a covariance) are packed within the run, without allocation."""
 
 
 def sizer(message: Message, attribute: Attribute) -> str:
-    """The source of ``cdr_size``."""
+    """Return the source of ``cdr_size``."""
     return Sizer(attribute, Aliases()).method(message)
 
 
 def packer(message: Message, attribute: Attribute, aliases: Aliases) -> str:
-    """The source of ``pack_into``."""
+    """Return the source of ``pack_into``."""
     return _Packer(attribute, aliases).method(message)
 
 
 def unpacker(message: Message, aliases: Aliases) -> str:
-    """The source of ``unpack_from``."""
+    """Return the source of ``unpack_from``."""
     return _Unpacker(aliases).method(message)
 
 
@@ -44,7 +44,7 @@ def _inlined(type_: Type) -> Message | None:
 
 
 def runs(codes: list[str]) -> str:
-    """``["d", "d", "x", "I"]`` → ``2dxI``."""
+    """Join struct codes to a format: ``["d", "d", "x", "I"]`` → ``2dxI``."""
     out: list[tuple[str, int]] = []
     for code in codes:
         if out and out[-1][0] == code and len(code) == 1:
@@ -55,12 +55,15 @@ def runs(codes: list[str]) -> str:
 
 
 def range_of(name: str) -> tuple[int, int] | None:
+    """Return the limits of an integer type or bool, or None for other types."""
     return (0, 1) if name == "bool" else INTEGERS.get(name)
 
 
 def within(var: str, low: int, high: int) -> str:
-    """The condition that an integer is in range. Numbers that MicroPython does not keep in a word
-    would take 16 bytes for each place where they stand.
+    """Return the condition that an integer is in range.
+
+    On MicroPython a literal that is no small integer takes 16 bytes at each place in the code, so
+    wide limits are tested by shifts.
     """
     bits = high.bit_length()
     if bits < 30:
@@ -69,12 +72,13 @@ def within(var: str, low: int, high: int) -> str:
 
 
 class Sizer(Walker):
-    """`cdr_size`: constants are summed here, only what varies is computed at run time."""
+    """Writes ``cdr_size``: constant sizes are summed here, variable sizes at run time."""
 
     called = "cdr_size"
     """The method of nested messages that are not inlined."""
 
     def method(self, message: Message) -> str:
+        """Return the source of the method for a message."""
         self.walk(message, "self")
         tail = f"o + {self.octets}" if self.octets else "o"
         if not any(" self." in line or "(self." in line for line in self.lines):
@@ -93,24 +97,30 @@ class Sizer(Walker):
         )
 
     def add(self, octets: int, alignment: int) -> None:
+        """Add octets of a constant size, aligned."""
         self.advance([], octets, alignment)
 
     def pad(self, alignment: int) -> None:
+        """Write the alignment of the offset at run time."""
         self.lines.append(f"o = (o + {alignment - 1}) & -{alignment}")
 
     def flush(self) -> None:
+        """Write the sum of the constant sizes gathered so far."""
         if self.octets:
             self.lines.append(f"o += {self.octets}")
             self.octets = 0
 
     def nothing(self) -> None:
+        """Add the one octet of a message without fields."""
         self.add(1, 1)
 
     def number(self, name: str, path: str) -> None:
+        """Add the size of a number."""
         octets = CODES[name][1]
         self.add(octets, octets)
 
     def text(self, type_: Type, path: str) -> None:
+        """Write the size of a string, with its length and its NUL."""
         self.add(4, 4)
         wide = type_.name == "wstring"
         text = f"len(_wide({path}))" if wide else f"len(_utf8({path}))"
@@ -119,6 +129,7 @@ class Sizer(Walker):
         self.at.know(4 if wide else 1)
 
     def nested(self, type_: Type, path: str) -> None:
+        """Add the sizes of a nested message's fields, or write a call of its method."""
         if nested := _inlined(type_):
             self.walk(nested, path)
         else:
@@ -127,6 +138,7 @@ class Sizer(Walker):
             self.at.know(1)
 
     def fixed(self, type_: Type, path: str) -> None:
+        """Add the size of a fixed array."""
         if type_.name in ("string", "wstring"):
             self.texts(type_, path)
         elif not type_.primitive:
@@ -136,6 +148,7 @@ class Sizer(Walker):
             self.add(octets * type_.size, octets)
 
     def sequence(self, type_: Type, path: str) -> None:
+        """Write the size of a sequence, with its length."""
         self.add(4, 4)
         if type_.name in ("string", "wstring"):
             self.texts(type_, path)
@@ -157,11 +170,13 @@ class Sizer(Walker):
             self.at.know(min(octets, 4))
 
     def texts(self, type_: Type, path: str) -> None:
+        """Write the size of an array's strings."""
         self.flush()
         self.lines.append(f"o = _size_texts(o, {path}, {type_.name == 'wstring'})")
         self.at.know(1)
 
     def messages(self, type_: Type, path: str) -> None:
+        """Write the size of an array's messages."""
         self.flush()
         nested = registry.message(type_.name)
         if fixed := fixed_size(nested):
@@ -177,7 +192,7 @@ class Sizer(Walker):
 
 
 class _Packer(Walker):
-    """`pack_into`: each run is written by one ``struct.pack_into``."""
+    """Writes ``pack_into``: one ``struct.pack_into`` for each run."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases) -> None:
         super().__init__(attribute, aliases)
@@ -325,7 +340,7 @@ class _Packer(Walker):
 
 
 class _Unpacker(Run):
-    """`unpack_from`: the mirror of `_Packer`; the whole message is built in its last line."""
+    """Writes ``unpack_from``, the inverse of `_Packer`; its last line builds the whole message."""
 
     def __init__(self, aliases: Aliases) -> None:
         super().__init__(aliases)
@@ -356,7 +371,7 @@ class _Unpacker(Run):
         self.lines.append(f"o += (start - o) & {alignment - 1}")
 
     def take(self, code: str, octets: int, alignment: int, values: int = 1) -> tuple[str, int]:
-        """Add to the run; gives the run's tuple and the index of the first value in it."""
+        """Add to the run; returns the run's tuple and the index of the first value in it."""
         codes = [f"{values}{code}"] if values > UNROLL else [code] * values
         self.advance(codes, octets, alignment)
         index = self.values
@@ -397,7 +412,7 @@ class _Unpacker(Run):
         return var
 
     def count(self) -> str:
-        """Read a length; what follows it starts a new run."""
+        """Read a length and end the run."""
         values, index = self.take("I", 4, 4)
         self.flush()
         return self.local("n", f"{values}[{index}]")

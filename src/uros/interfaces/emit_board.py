@@ -1,13 +1,13 @@
-"""Writes a board's codec methods, on which `runtime.Message` builds the public ones. Host only.
+"""Writes the codec methods of a board's class, which `runtime.Message` calls. Host only.
 
-They are to be small and to make no garbage (a host's are to be fast, see `emit`):
+The methods are small and make no garbage (those of a host are fast, see `emit`):
 
-``_size(o)`` – the end offset; ``_pack(buf, o, start)`` – writes, and raises whatever it meets;
+``_size(o)`` – returns the end offset; ``_pack(buf, o, start)`` – writes, and passes on any error;
 ``_load(buf, o, start, end, little)`` – reads a memoryview into this message.
 
-Nested messages that are but a few numbers are written and read in place, so that a type which only
-ever is a part needs no methods (`board_walk.calls` says which do); the others by a call, that all
-who nest them share. See `compact` for how float64 values are kept.
+A nested message of a few numbers is written and read in place, so a type that occurs only nested
+needs no methods (`board_walk.calls` lists the types that do). Larger nested messages are handled by
+a call of their own methods. See `compact` for the storage of float64 values.
 """
 
 from __future__ import annotations
@@ -26,8 +26,15 @@ from .walk import Attribute
 def methods(
     message: Message, attribute: Attribute, aliases: Aliases, names: Names, load: str
 ) -> list[str]:
-    """The sources of the three methods; ``load`` is the name of the one that reads: ``_load``, or
-    where nothing calls that, the public one which it stands for.
+    """Return the sources of the three methods.
+
+    Args:
+        message: The definition.
+        attribute: Returns the attribute of a field name.
+        aliases: The names of nested classes in the module.
+        names: The names and heads of the methods.
+        load: The name of the method that reads: ``_load``, or the public method if nothing calls
+            ``_load``.
     """
     return [
         _Sizer(attribute, aliases, names).method(message),
@@ -49,7 +56,7 @@ FROM: Final = """\
 
 
 class _Sizer(Sizer):
-    """`_size`: `Sizer` without the names of what is wrong."""
+    """Writes ``_size``: as `Sizer`, but without the names of faulty fields."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases, names: Names) -> None:
         super().__init__(attribute, aliases)
@@ -70,7 +77,7 @@ class _Sizer(Sizer):
         return "\n".join(["    " + self.head, *body, f"        return {tail}"])
 
     def nested(self, type_: Type, path: str) -> None:
-        # It is asked for its size first, and nobody above turns an AttributeError.
+        # cdr_size runs before pack_into, and no caller converts an AttributeError.
         if self.tell and fixed_size(registry.message(type_.name)) is None:
             self.lines += [
                 f"if {path}.__class__ is not {self.aliases[type_.name]}:",
@@ -80,8 +87,11 @@ class _Sizer(Sizer):
 
 
 def _beyond(var: str, low: int, high: int) -> str:
-    """What is not 0 where an integer is out of its range. Numbers that MicroPython does not keep in
-    a word would take 16 bytes for each place where they stand."""
+    """Return an expression that is not 0 if an integer is out of its range.
+
+    On MicroPython a literal that is no small integer takes 16 bytes at each place in the code, so
+    the limits are tested by shifts.
+    """
     bits = high.bit_length()
     if not low:
         return f"{var} >> {bits}"
@@ -92,11 +102,11 @@ class _Packer(BoardWalker):
     def __init__(self, attribute: Attribute, aliases: Aliases, calls: Names) -> None:
         super().__init__(attribute, aliases, calls)
         self.args: list[str] = []
-        self.types: dict[str, list[str]] = {}  # by a class, those that are to be of it
-        self.beyond: list[str] = []  # what is true where a value is out of its range
-        self.late = calls.lean  # classes are checked before the last run only
+        self.types: dict[str, list[str]] = {}  # by class, the variables that must be of it
+        self.beyond: list[str] = []  # expressions that are true if a value is out of range
+        self.late = calls.lean  # classes are checked only before the last run
         self.rows: dict[int, list[str]] = {}
-        self.zeros: tuple[int, str] | None = None  # the line of a text's NUL, and its place
+        self.zeros: tuple[int, str] | None = None  # the line of a string's NUL, and its offset
         self.padded: tuple[int, int] | None = None  # the line of the padding, and its mask
 
     def method(self, message: Message) -> str:
@@ -121,7 +131,7 @@ class _Packer(BoardWalker):
 
     def align(self, alignment: int) -> None:
         if self.calls.lean and not self.codes and self.at.padding(alignment) is None:
-            self.pad(alignment)  # what is to be checked waits for the values
+            self.pad(alignment)  # the checks wait for the values
             self.at.know(alignment)
         else:
             super().align(alignment)
@@ -133,7 +143,7 @@ class _Packer(BoardWalker):
         if self.zeros and not any(
             line.lstrip().startswith("o ") for line in self.lines[self.zeros[0] + 3 :]
         ):
-            # The NUL and the padding by one call, if enough follows: flush knows.
+            # One call writes the NUL and the padding if at least 7 octets follow, see flush.
             self.padded = len(self.lines), mask
         self.lines += self.zero(mask)
 
@@ -151,8 +161,8 @@ class _Packer(BoardWalker):
     def check(self) -> None:
         types = []
         if not self.late:
-            for alias, its in self.types.items():
-                types.append(" is ".join([*(f"{var}.__class__" for var in its), alias]))
+            for alias, variables in self.types.items():
+                types.append(" is ".join([*(f"{var}.__class__" for var in variables), alias]))
             self.types.clear()
         if types:
             wrong = f"not ({' and '.join(types)})"
@@ -218,7 +228,7 @@ class _Packer(BoardWalker):
 
     def text(self, type_: Type, path: str) -> None:
         wide = type_.name == "wstring"
-        # Looking into the cache here saves the call for a text that is sent over and over.
+        # The lookup in the cache saves a call for a string that is sent repeatedly.
         octets = f"_wide({path})" if wide else f"_utf8_of.get({path}) or _utf8({path})"
         data = self.local("s", octets)
         length = self.local("n", f"len({data})" + (" >> 2" if wide else ""))
@@ -228,7 +238,7 @@ class _Packer(BoardWalker):
         self.flush()
         if wide:
             self.lines.append(f"o = _put_bytes(buf, o, {data})")
-        else:  # the NUL first: struct looks for its room
+        else:  # the NUL first: struct checks the length of the buffer
             if self.calls.lean:
                 self.zeros = len(self.lines), f"o + {length}"
             self.lines += [
@@ -267,7 +277,7 @@ class _Packer(BoardWalker):
             self.elements(type_, var)
 
     def elements(self, type_: Type, var: str) -> None:
-        """What an array consists of, but octets and rows."""
+        """Write the elements of an array, except octets and rows."""
         if type_.name in ("string", "wstring"):
             self.flush()
             wide = type_.name == "wstring"
@@ -279,7 +289,7 @@ class _Packer(BoardWalker):
             tail = "".join(f", {limit}" for limit in limits)
             put = f'_put_numbers(buf, o, {var}, "<{code}"{tail})'
             if type_.array == "fixed":
-                self.flush()  # not with padding: MicroPython writes none behind the last value
+                self.flush()  # before the padding: MicroPython writes none after the last value
                 padding = self.at.padding(octets)
                 if padding is None:
                     self.at.know(octets)

@@ -1,4 +1,4 @@
-"""Writes a board's ``_load``, see `emit_board`. Host only."""
+"""Writes the ``_load`` method of a board's class, see `emit_board`. Host only."""
 
 from __future__ import annotations
 
@@ -30,22 +30,23 @@ _LOADERS: Final = {
 
 
 VIEW: Final = "[: end if little else 0]"
-"""Of big-endian data nothing is left."""
+"""Slice of the buffer in lean classes: empty for big-endian data."""
 
 
 class Loader(BoardWalker):
-    """The mirror of `_Packer`. A run is checked for its length before anything of it is stored."""
+    """The inverse of `emit_board._Packer`. It checks a run's length before it stores any value."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases, calls: Names) -> None:
         super().__init__(attribute, aliases, calls)
         self.lean = calls.lean
-        self.fresh = False  # all is as the constructor made it
+        self.fresh = False  # whether all fields have their values from the constructor
         self.mask = 0
         self.targets: list[str] = []
-        self.then: list[str] = []  # what comes behind the run's numbers
-        self.rows = False  # whether that copies
+        self.then: list[str] = []  # the lines after the run's numbers
+        self.rows = False  # whether these lines copy float64 values
 
     def method(self, message: Message, load: str) -> str:
+        """Return the source of the method; ``load`` is a key of `_LOADERS`."""
         self.fresh = self.lean and load == "unpack_from"
         self.walk(message, "self")
         self.flush()
@@ -68,17 +69,21 @@ class Loader(BoardWalker):
         )
 
     def nothing(self) -> None:
+        """Read the one octet of a message without fields."""
         self.advance(["x"], 1, 1)
 
     def pad(self, alignment: int) -> None:
+        """Note the alignment, which `flush` writes before the run."""
         self.mask = alignment - 1
 
     def take(self, name: str, target: str) -> None:
+        """Add a number to the run; ``target`` is the variable it is assigned to."""
         code, octets = CODES[name]
         self.advance([code], octets, octets)
         self.targets.append(target)
 
     def flush(self) -> None:
+        """Write the length check of the run, its reading, and the lines of ``then``."""
         if self.lean and self.octets:
             if self.mask:
                 self.lines.append(f"o += start - o & {self.mask}")
@@ -89,7 +94,7 @@ class Loader(BoardWalker):
                 self.then = [
                     line.replace("buf[o :]", "v").replace("buf[o + ", "v[") for line in self.then
                 ]
-            elif self.rows or not self.targets:  # else struct looks
+            elif self.rows or not self.targets:  # else struct checks the length
                 self.lines += [f"if o + {self.octets} > len(buf):", "    raise ValueError"]
         elif self.octets:
             room = f"_room(o, start, {self.mask}, {self.octets}, end)"
@@ -110,12 +115,13 @@ class Loader(BoardWalker):
         self.rows = False
 
     def get(self, fmt: str, place: str) -> str:
+        """Return the expression that reads a struct format at an offset."""
         if self.lean:
             return f'_unpack_from("{fmt}", buf, {place})'
         return f'_get("{fmt}", buf, {place}, little)'
 
     def aligned(self, alignment: int) -> None:
-        """Align here, without anything of the run behind it."""
+        """End the run and align."""
         self.align(alignment)
         self.flush()
         if self.mask:
@@ -123,11 +129,13 @@ class Loader(BoardWalker):
             self.mask = 0
 
     def number(self, name: str, path: str) -> None:
+        """Read a number; a bool is compared with 0 afterwards."""
         self.take(name, path)
         if name == "bool":
             self.then.append(f"{path} = {path} != 0")
 
     def nested(self, type_: Type, path: str) -> None:
+        """Read a nested message in place, or by a call of its ``_load``."""
         nested = self.in_place(type_.name)
         if nested is None:
             self.flush()
@@ -148,6 +156,7 @@ class Loader(BoardWalker):
             self.walk(nested, self.local("m", path))
 
     def halves(self, var: str) -> None:
+        """Read a Time or a Duration, whose seconds are two halves."""
         self.align(4)
         place = self.octets
         self.take("uint16", f"{var}.low")
@@ -155,18 +164,19 @@ class Loader(BoardWalker):
         self.take("uint32", f"{var}.nanosec")
         if self.lean:
             return
-        # Big-endian seconds are no two halves in this order.
+        # In big-endian data the high half comes first.
         seconds = f'_get("<i", buf, {_at(place)}, little)[0]'
         self.then += ["if not little:", f"    {var}._set_sec({seconds})"]
 
     def count(self) -> str:
-        """Read a length; what follows it starts a new run."""
+        """Read a length and end the run."""
         var = self.name("n")
         self.take("uint32", var)
         self.flush()
         return var
 
     def text(self, type_: Type, path: str) -> None:
+        """Read a string; an equal text stays the same object."""
         length = self.count()
         bound = f", {type_.string_bound}" if type_.string_bound else ""
         if type_.name == "wstring":
@@ -182,6 +192,7 @@ class Loader(BoardWalker):
             self.at.know(1)
 
     def fixed(self, type_: Type, path: str) -> None:
+        """Read a fixed array."""
         size = type_.size
         if is_octets(type_):
             self.advance([f"{size}s"], size, 1)
@@ -207,6 +218,7 @@ class Loader(BoardWalker):
             self.elements(type_, path, str(size))
 
     def sequence(self, type_: Type, path: str) -> None:
+        """Read a sequence, after a check of its bound."""
         length = self.count()
         if type_.size:
             self.lines += [
@@ -221,7 +233,7 @@ class Loader(BoardWalker):
             self.elements(type_, path, length)
 
     def elements(self, type_: Type, path: str, count: str) -> None:
-        """What an array consists of, but octets and rows."""
+        """Read the elements of an array, except octets and rows."""
         if type_.name in ("string", "wstring"):
             self.flush()
             self.lines.append(
@@ -247,6 +259,7 @@ class Loader(BoardWalker):
             self.at.know(1)
 
     def numbers(self, type_: Type, path: str, count: str) -> None:
+        """Read an array of numbers."""
         code, size = CODES[type_.name]
         if type_.array == "fixed":
             self.aligned(size)

@@ -1,14 +1,14 @@
 """Generator: a definition → Python source of a module with its class (or classes, of a service).
 
 There are two forms of the same class. A host's is fast: packing is straight-line, nested messages
-are inlined, and runs of fixed-size fields go by one ``struct`` call, with the alignment modulo 8
+are inlined, and one ``struct`` call packs a run of fixed-size fields, with the alignment modulo 8
 tracked as far as it is known (`layout`); `emit` writes its codec. A board's is small, runs on
 MicroPython 1.27 and on CPython unchanged, and makes no garbage; `emit_board` and `emit_load` write
-its codec. The octets are the same.
+its codec. Both forms encode the same octets.
 
 Values in a class: ``uint8[]``, ``byte[]`` and ``char[]`` are bytes; sequences of other numbers are
-``array.array``; fixed arrays of numbers and everything else are lists. When packed, any sequence of
-the right values will do. Host only.
+``array.array``; fixed arrays of numbers and everything else are lists. Packing accepts any sequence
+of valid values. Host only.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .typehash import hash_of
 
 CANCEL_GOAL: Final = "action_msgs/srv/CancelGoal"
 GOAL_STATUS: Final = "action_msgs/msg/GoalStatusArray"
-"""What all actions share, and each has in its ``Impl``, as in rclpy."""
+"""Types common to all actions; each action has them in its ``Impl``, as in rclpy."""
 
 _RCLPY_NAMES: Final = {
     "bool": "boolean",
@@ -41,16 +41,20 @@ _RCLPY_NAMES: Final = {
 
 
 def module_name(type_name: str) -> str:
-    """The module of a type in its package's ``msg`` or ``srv``: ``Int32`` → ``_int32``."""
+    """Return the name of a type's module in its package's ``msg`` or ``srv``: ``_int32``."""
     return "_" + type_name.lower()
 
 
 def generate(definition: Message | Service | Action, prefix: str = "") -> str:
-    """The source of the module that holds the type's class.
+    """Return the source of the module that holds the type's class.
 
-    ``prefix`` stands before the package names it imports (``"uros.interfaces."`` on a host, nothing
-    on a board). A service's module has ``Name_Request``, ``Name_Response`` and ``Name``, an
-    action's those of all that it makes.
+    A service's module has ``Name_Request``, ``Name_Response`` and ``Name``, an action's the classes
+    of its goal, result and feedback and of their services and message too.
+
+    Args:
+        definition: The parsed definition.
+        prefix: Stands before the package names that the module imports: ``"uros.interfaces."`` for
+            a host, ``""`` for a board.
     """
     own = _own_names([definition])
     aliases = Aliases(own)
@@ -66,31 +70,31 @@ def generate(definition: Message | Service | Action, prefix: str = "") -> str:
 
 
 class Parts(NamedTuple):
-    """What classes of a board can do without, by the names of their types."""
+    """What is left out of a board's classes: names of types, and options."""
 
     unnamed: frozenset[str] = frozenset()
-    """Only ever parts of others: nobody asks for the type's name."""
+    """Types that occur only nested in others: nothing reads the name of such a type."""
     called: frozenset[str] = frozenset()
-    """Types whose methods others call. Who is neither named nor called needs none."""
+    """Types whose methods other types call. A type in neither set needs no methods."""
     elements: frozenset[str] = frozenset()
-    """Those whose size others ask for: as of an array's elements."""
+    """Types whose ``_size`` other types call, such as those of an array's elements."""
     once: frozenset[str] = frozenset()
-    """Not named, and nested at one place: they are written and read there."""
+    """Unnamed types nested at one place: their code is inlined there."""
     lean: bool = False
-    """Without a base class that has the public methods and puts words to errors."""
+    """Classes have no base class with the public methods and error texts."""
     reused: bool = False
-    """The program reads into messages that it has."""
+    """The program reads into existing messages (``unpack_into``)."""
     alike: str = ""
-    """A type that needs nothing which its base, `compact.Doubles`, has not."""
+    """A type that adds nothing to its base, `compact.Doubles`."""
     checked: bool = False
-    """Attributes that are no fields are refused: see `checked`. Not together with ``lean``."""
+    """Assignments to unknown attributes are rejected: see `checked`. Not together with ``lean``."""
 
 
 def generate_together(definitions: Sequence[Message | Service | Action], parts: Parts) -> str:
-    """The source of one board module, ``std_msgs.msg``, with the classes of many of its types.
+    """Return the source of one board module, ``std_msgs.msg``, with the classes of many types.
 
-    It costs a board less than a module for each. Types come after those of the same module that
-    they nest; the others are imported from modules of this kind.
+    One module takes less memory on a board than a module for each type. A type comes after the
+    types of the same module that it nests; types of other modules are imported.
     """
     package, kind, _ = definitions[0].type_name.split("/")
     aliases = Aliases(_own_names(definitions))
@@ -99,14 +103,14 @@ def generate_together(definitions: Sequence[Message | Service | Action], parts: 
         classes += _classes(definition, aliases, parts)
     nested = []
     for name, alias in sorted(aliases.names.items()):
-        other, other_kind, plain = name.split("/")
-        if (other, other_kind) != (package, kind):
-            nested.append(f"from {other}.{other_kind} import {plain} as {alias}")
+        owner, owner_kind, plain = name.split("/")
+        if (owner, owner_kind) != (package, kind):
+            nested.append(f"from {owner}.{owner_kind} import {plain} as {alias}")
     return _module(f"{package}/{kind}", nested, "\n\n\n".join(classes))
 
 
 def _own_names(definitions: Sequence[Message | Service | Action]) -> dict[str, str]:
-    """The structures that a module defines, and its names for them."""
+    """Return the structures that a module defines, with the class name of each."""
     return {part.type_name: part.name for whole in definitions for part in whole.parts}
 
 
@@ -183,14 +187,14 @@ _METHODS: Final = {
 
 
 def attribute_name(field_name: str) -> str:
-    """The attribute of a field; a keyword or method name gets an underscore appended."""
+    """Return the attribute of a field; a keyword or method name gets an underscore appended."""
     if keyword.iskeyword(field_name) or field_name in _METHODS:
         return field_name + "_"
     return field_name
 
 
 def field_type_name(type_: Type) -> str:
-    """A field's type as rclpy's ``get_fields_and_field_types`` spells it."""
+    """Return a field's type as rclpy's ``get_fields_and_field_types`` spells it."""
     if type_.primitive:
         name = _RCLPY_NAMES.get(type_.name, type_.name)
     else:
@@ -259,9 +263,9 @@ def _message_class(message: Message, aliases: Aliases, board: Parts | None) -> s
     lines.append(f"    _FIELDS = {_tuple(pairs)}")
     lines += [f"    {c.name} = {_literal(c.value)}" for c in message.constants]
     if board is not None and board.checked:
-        kept = "doubles" if doubles else "halves" if halves else ""
-        what = f'"{message.type_name}", {_tuple(map(repr, names))}, "{kept}"'
-        lines.append(f"    __setattr__ = _checked({what})")
+        storage = "doubles" if doubles else "halves" if halves else ""
+        arguments = f'"{message.type_name}", {_tuple(map(repr, names))}, "{storage}"'
+        lines.append(f"    __setattr__ = _checked({arguments})")
     blocks = ["\n".join(lines)]
     part = board is not None and board.lean and message.type_name in board.unnamed
     if board is not None and message.type_name == board.alike:
@@ -315,8 +319,8 @@ def _unpack_into(names: list[str]) -> str:
     )
 
 
-# On a board seconds are kept in halves: those since 1970 are no small integer there. What writes
-# or reads the halves runs on a host, too.
+# A board stores seconds as two 16-bit halves: the seconds since 1970 are no small integer in
+# MicroPython. Host classes have the halves as properties, so the same code runs there.
 _GIVEN: Final = """\
     def __init__(self, sec=0, nanosec=0):
         self._set_sec(sec)
@@ -342,14 +346,15 @@ _SECONDS: Final = """\
 
 
 def _doubles(message: Message, part: bool) -> list[str]:
-    """Of a `compact.Doubles` what its base has not."""
+    """Return what the class of x, y and z (and w) adds to its base `compact.Doubles`."""
     blocks = []
     names = [f.name for f in message.fields]
-    given = [f.default for f in message.fields]
-    defaults = [0.0 if isinstance(value, tuple) else value or 0.0 for value in given]
+    values = [f.default for f in message.fields]
+    defaults = [0.0 if isinstance(value, tuple) else value or 0.0 for value in values]
     if part:
         if len(names) > 3 or any(defaults):  # whole numbers take less memory
-            plain = [int(it) if it == int(it) else it for it in map(float, defaults)]
+            numbers = map(float, defaults)
+            plain = [int(number) if number == int(number) else number for number in numbers]
             blocks.append(f"    _made = {_tuple(map(_literal, plain))}")
     else:
         arguments = [f"{name}={_literal(value)}" for name, value in zip(names, defaults)]
@@ -363,15 +368,15 @@ def _doubles(message: Message, part: bool) -> list[str]:
 def _init(
     message: Message, names: list[str], aliases: Aliases, board: bool, part: bool = False
 ) -> str:
-    """``part``: of messages that are made without arguments, as those that occur in others."""
+    """Return the source of ``__init__``, without arguments if ``part``: if only nested."""
     arguments, lines = [], []
     for name, field in zip(names, message.fields):
         default, fresh = _defaults(field, aliases)
         if board and field.type.array == "fixed" and field.type.name == "float64":
-            given = name
+            values = name
             if isinstance(field.default, tuple):
-                given = f"{_tuple(map(_literal, field.default))} if {name} is None else {name}"
-            lines.append(f"        self.{name} = _row({given}, {field.type.size})")
+                values = f"{_tuple(map(_literal, field.default))} if {name} is None else {name}"
+            lines.append(f"        self.{name} = _row({values}, {field.type.size})")
             if part:
                 lines[-1] = lines[-1].replace(f" if {name} is None else {name}", "")
                 lines[-1] = lines[-1].replace(f"_row({name},", "_row(None,")
@@ -383,7 +388,7 @@ def _init(
         arguments.append(f"{name}={default}")
         value = f"{fresh} if {name} is None else {name}" if fresh else name
         if board and fresh and not field.type.primitive and not field.type.array:
-            value = f"{name} or {fresh}"  # shorter there; messages are always true
+            value = f"{name} or {fresh}"  # shorter code; a message is always true
         lines.append(f"        self.{name} = {value}")
     if part:
         arguments.clear()
@@ -391,17 +396,17 @@ def _init(
 
 
 def _defaults(field: Field, aliases: Aliases) -> tuple[str, str]:
-    """The default in the signature, and for what must be made anew the expression that does."""
-    type_, given = field.type, field.default
+    """Return the default in the signature, and the expression that makes a mutable value anew."""
+    type_, default = field.type, field.default
     if not type_.array:
         if not type_.primitive:
             return "None", f"{aliases[type_.name]}()"
-        if not isinstance(given, tuple) and given is not None:
-            return _literal(given), ""
+        if not isinstance(default, tuple) and default is not None:
+            return _literal(default), ""
         return {"bool": "False", "string": '""', "wstring": '""'}.get(
             type_.name, "0.0" if type_.name.startswith("float") else "0"
         ), ""
-    values = given if isinstance(given, tuple) else ()
+    values = default if isinstance(default, tuple) else ()
     if is_octets(type_):
         if values:
             return repr(bytes(int(v) for v in values)), ""

@@ -23,12 +23,14 @@ PREFIX: Final = __name__.rpartition(".")[0] + "."
 
 @cache
 def load(name: str) -> Any:
-    """The class of a type, made on first use together with what it nests, then kept.
+    """Return the class of a type, made on first use with its nested types, then cached.
 
     ``name`` is ``std_msgs/msg/Int32``, ``std_msgs/Int32``, ``std_msgs::msg::dds_::Int32_``, a
-    service, an action, or what these make (``std_srvs/srv/Trigger_Request``,
-    ``test_msgs/action/Fibonacci_SendGoal``). A name that no definition has, and a definition that
-    is broken, raise `InterfaceError`.
+    service, an action, or a part of these (``std_srvs/srv/Trigger_Request``,
+    ``test_msgs/action/Fibonacci_SendGoal``).
+
+    Raises:
+        InterfaceError: If the type has no definition, or a broken one.
     """
     definition = registry.definition(registry.normalize(name))
     package, kind, plain = definition.type_name.split("/")
@@ -41,7 +43,7 @@ def load(name: str) -> Any:
 
 
 def find_spec(fullname: str) -> ModuleSpec | None:
-    """The import system's question; None for what is no known package, kind or type."""
+    """Return the import system's spec of a module; None if no known package, kind or type."""
     parts = fullname[len(PREFIX) :].split(".")
     if len(parts) > 3 or not registry.has_package(parts[0]):
         return None
@@ -89,7 +91,7 @@ class _Names(_Folder):
 
 
 class _Type(Loader):
-    """Loader of one generated module; gives its source to tracebacks."""
+    """Loader of one generated module; provides its source to tracebacks."""
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""What the generator knows about bytes: sizes, alignment, struct codes. Host only."""
+"""Sizes, alignment and struct codes of fields, for the generator. Host only."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ CODES: Final = {
     "float32": ("f", 4),
     "float64": ("d", 8),
 }
-"""Struct code and octets of every number type."""
+"""Struct code and size in octets of every number type."""
 
 INLINE_LEAVES: Final = 128
-"""A nested message of more fields than this is called, not inlined: code must not explode."""
+"""Largest number of fields in a nested message that is inlined: limits the size of the code."""
 
 
 def is_octets(type_: Type) -> bool:
@@ -36,7 +36,7 @@ def is_octets(type_: Type) -> bool:
 
 @cache
 def leaves(message: Message) -> int:
-    """How many fields the message has when all single nested messages are inlined."""
+    """Return the number of fields with all single nested messages inlined."""
     count = 0
     for field in message.fields:
         if field.type.primitive or field.type.array:
@@ -48,7 +48,7 @@ def leaves(message: Message) -> int:
 
 @cache
 def first_alignment(message: Message) -> int:
-    """The alignment of the first value on the wire."""
+    """Return the alignment of the first value on the wire."""
     if not message.fields:
         return 1
     type_ = message.fields[0].type
@@ -61,9 +61,9 @@ def first_alignment(message: Message) -> int:
 
 @cache
 def fixed_size(message: Message) -> tuple[int, int] | None:
-    """(octets, alignment) of a message of fixed size whose elements follow without padding.
+    """Return (octets, alignment) of a message of fixed size, of which arrays have no padding.
 
-    None where the size varies, or depends on where the message starts.
+    None if the size varies, or depends on the offset at which the message starts.
     """
     size, widest = 0, 1
     for field in message.fields:
@@ -87,7 +87,7 @@ def fixed_size(message: Message) -> tuple[int, int] | None:
 
 @cache
 def least_size(message: Message) -> int:
-    """The fewest octets the message can have on the wire; never 0."""
+    """Return the fewest octets the message can have on the wire; never 0."""
     size = 0
     for field in message.fields:
         type_ = field.type
@@ -105,22 +105,23 @@ def least_size(message: Message) -> int:
 
 
 class Alignment:
-    """What is known of the offset from the payload's start: it is ``rest`` modulo ``modulus``."""
+    """The known part of the offset from the payload's start: ``rest`` modulo ``modulus``."""
 
     def __init__(self) -> None:
         self.modulus = 1
         self.rest = 0
 
     def know(self, modulus: int) -> None:
-        """From here on the offset is a multiple of ``modulus``, and nothing more is known."""
+        """Set the offset to an unknown multiple of ``modulus``."""
         self.modulus = modulus
         self.rest = 0
 
     def advance(self, octets: int) -> None:
+        """Move the offset on by a known number of octets."""
         self.rest = (self.rest + octets) % self.modulus
 
     def padding(self, alignment: int) -> int | None:
-        """The octets up to the next multiple, or None where only the run time can know."""
+        """Return the octets up to the next multiple, or None if known only at run time."""
         if alignment > self.modulus:
             return None
         return -self.rest % alignment
@@ -130,9 +131,9 @@ _TAKEN: Final = {"_Message", "_array", "_Doubles", "_Row"}
 
 
 class Aliases:
-    """The names under which a generated module knows the classes it nests.
+    """The names of nested classes in a generated module.
 
-    ``local`` are those that it defines itself; the others are imported.
+    ``local`` has the classes that the module defines itself; all others are imported.
     """
 
     def __init__(self, local: dict[str, str] | None = None) -> None:

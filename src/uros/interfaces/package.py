@@ -27,11 +27,14 @@ def __getattr__(name):
 
 
 def write_package(names: Iterable[str], out_dir: str | os.PathLike[str]) -> list[Path]:
-    """Write modules for the named messages, services and actions and for all that they nest.
+    """Write modules for the named messages, services and actions and for their nested types.
 
-    With ``out_dir`` on the board's path, ``from std_msgs.msg import Int32`` loads Int32 and what it
-    nests, nothing else. The modules need ``uros.interfaces.runtime`` beside them. Returns the paths
-    written, sorted; other files in ``out_dir`` are left alone.
+    With ``out_dir`` on the board's path, ``from std_msgs.msg import Int32`` loads only Int32 and
+    the types that Int32 nests. The modules need ``uros.interfaces.runtime`` beside them. Other
+    files in ``out_dir`` stay as they are.
+
+    Returns:
+        The paths written, sorted.
     """
     root = Path(out_dir)
     texts = module_texts(names)
@@ -43,7 +46,7 @@ def write_package(names: Iterable[str], out_dir: str | os.PathLike[str]) -> list
 
 
 def module_texts(names: Iterable[str]) -> dict[str, str]:
-    """What `write_package` writes: the text of each file, by its path below the folder."""
+    """Return the text of each file that `write_package` writes, by its path below the folder."""
     texts: dict[str, str] = {}
     owners: dict[str, str] = {}
     for definition in _wanted(names):
@@ -65,12 +68,11 @@ def modules(
     reused: bool = True,
     checked: bool = False,
 ) -> dict[str, str]:
-    """The sources of one module for each ``package.msg`` (srv, action), by its full name.
+    """Return the source of one module for each ``package.msg`` (srv, action), by its full name.
 
-    They hold the named types and all that these nest, and nothing else. A board's file system gets
-    them this way (`uros.boards.builder.file_system`): all types that its program needs are known
-    there. ``lean``,
-    ``reused`` and ``checked`` are those of `generate.Parts`.
+    The modules hold the named types and their nested types only. The builder of a board's file
+    system (`uros.boards.builder.file_system`) uses this form, since it knows all types that the
+    program needs. ``lean``, ``reused`` and ``checked`` are those of `generate.Parts`.
     """
     together: dict[str, dict[str, Definition]] = {}
     names = list(names)
@@ -84,13 +86,15 @@ def modules(
 
 
 def _parts(wanted: list[Definition], named: set[str], lean: bool) -> Parts:
-    """What is wanted only since something else nests it."""
-    inner = {it.type_name for it in wanted if lean and isinstance(it, Message)} - named
-    if any(isinstance(it, Action) for it in wanted):
+    """Find out what the classes can do without; see `generate.Parts`."""
+    messages = [definition for definition in wanted if isinstance(definition, Message)]
+    inner = {message.type_name for message in messages if lean} - named
+    if any(isinstance(definition, Action) for definition in wanted):
         inner.discard(GOAL_STATUS)
     times: dict[str, int] = {}
     elements: set[str] = set()
-    open_ = [part for it in wanted if it.type_name not in inner for part in it.parts]
+    outer = [definition for definition in wanted if definition.type_name not in inner]
+    open_ = [part for definition in outer for part in definition.parts]
     while open_:
         for name, element in calls(open_.pop()):
             nested = registry.message(name)
@@ -101,10 +105,10 @@ def _parts(wanted: list[Definition], named: set[str], lean: bool) -> Parts:
             times[name] = times.get(name, 0) + 1
     once = {name for name, count in times.items() if count == 1} & inner - elements
     alike = sorted(
-        it.type_name
-        for it in wanted
-        if it.type_name in inner and isinstance(it, Message) and is_doubles(it)
-        if len(it.fields) == 3 and not it.constants and not any(f.default for f in it.fields)
+        message.type_name
+        for message in messages
+        if message.type_name in inner and is_doubles(message) and len(message.fields) == 3
+        if not message.constants and not any(field.default for field in message.fields)
     )
     return Parts(
         frozenset(inner), frozenset(times.keys() - (once if lean else set())),
@@ -113,7 +117,7 @@ def _parts(wanted: list[Definition], named: set[str], lean: bool) -> Parts:
 
 
 def _inner_first(types: dict[str, Definition]) -> list[Definition]:
-    """The types of one module, each behind those that it nests."""
+    """Return the types of one module, each after the types that it nests."""
     ordered: dict[str, Definition] = {}
 
     def place(definition: Definition) -> None:
@@ -129,7 +133,7 @@ def _inner_first(types: dict[str, Definition]) -> list[Definition]:
 
 
 def _wanted(names: Iterable[str]) -> list[Definition]:
-    """What the files of the named types define, and all that it nests."""
+    """Return the definitions in the files of the named types, and those that they nest."""
     wanted: dict[str, Definition] = {}
     open_ = [registry.file_type(registry.normalize(name)) for name in names]
     while open_:

@@ -1,10 +1,11 @@
 """Parser of ROS 2 ``.msg``, ``.srv`` and ``.action`` text.
 
-It is our own because rosbags drops default values and loads numpy; rosbags is the test oracle.
+uros has its own parser since that of rosbags drops default values and loads numpy; rosbags is the
+test oracle.
 
 Names, bounds and values follow the ROS 2 interface definition rules: package and field names are
 lower snake case, type names CamelCase, constants UPPER_CASE; ``char`` is an unsigned octet. Every
-fault raises `InterfaceError` whose text has the file, the line, the fault and the remedy.
+fault raises `InterfaceError`; its text has the file, the line, the fault and the remedy.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ FLOATS: Final = ("float32", "float64")
 STRINGS: Final = ("string", "wstring")
 PRIMITIVES: Final = ("bool", *INTEGERS, *FLOATS, *STRINGS)
 FLOAT32_MAX: Final = 3.4028235677973366e38
-"""Values of this size and above round to infinity in a float32."""
+"""Magnitudes from this value on round to infinity in a float32."""
 
 MAX_BOUND: Final = 2**32 - 1
 
@@ -52,11 +53,11 @@ _ESCAPES: Final = {"n": "\n", "t": "\t", "r": "\r", "a": "\a", "b": "\b", "f": "
 
 @dataclass(frozen=True)
 class Type:
-    """What a field holds.
+    """The type of a field.
 
     ``name`` is a primitive (`PRIMITIVES`) or a message as ``pkg/msg/Name``. ``array`` is ``""``,
     ``"fixed"``, ``"bounded"`` or ``"unbounded"``, with its ``size`` in elements; ``string_bound``
-    is 0 where a string has none.
+    is 0 if a string has no bound.
     """
 
     name: str
@@ -66,11 +67,12 @@ class Type:
 
     @property
     def primitive(self) -> bool:
+        """Whether the type is one of `PRIMITIVES`, and no message."""
         return "/" not in self.name
 
     @property
     def element(self) -> Type:
-        """The type of one element of an array (itself, if it is none)."""
+        """The type of one element of an array; the type itself if it is no array."""
         return replace(self, array="", size=0)
 
     def __str__(self) -> str:
@@ -91,7 +93,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Field:
-    """A field; ``default`` is None where the text gives none, a tuple for arrays."""
+    """A field; ``default`` is None if the text has none, a tuple for arrays."""
 
     type: Type
     name: str
@@ -100,7 +102,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Message:
-    """One structure: a .msg file, or what a .srv or .action file makes.
+    """One structure: of a .msg file, or one of those of a .srv or .action file.
 
     ``kind`` is the folder: ``msg``, ``srv`` or ``action``. ``source`` names the file in errors.
     """
@@ -114,16 +116,17 @@ class Message:
 
     @property
     def parts(self) -> tuple[Message]:
-        """Itself, as other definitions give their structures."""
+        """The message itself, as the only structure of its definition."""
         return (self,)
 
     @property
     def type_name(self) -> str:
+        """The full name, such as ``std_msgs/msg/Int32``."""
         return f"{self.package}/{self.kind}/{self.name}"
 
     @property
     def nested(self) -> tuple[str, ...]:
-        """The message types its fields name, each once, in order."""
+        """The message types of its fields, without duplicates, in order."""
         return tuple(dict.fromkeys(f.type.name for f in self.fields if not f.type.primitive))
 
 
@@ -139,6 +142,7 @@ class Service:
 
     @property
     def type_name(self) -> str:
+        """The full name, such as ``std_srvs/srv/Trigger``."""
         return f"{self.package}/{self.kind}/{self.name}"
 
     @property
@@ -151,7 +155,7 @@ class Service:
 class Action:
     """A .action file: ``Name_Goal``, ``Name_Result`` and ``Name_Feedback``.
 
-    What goes over the wire is made of these: two services and the message of a topic.
+    The wire has structures derived from these: two services and the message of a topic.
     """
 
     package: str
@@ -162,19 +166,20 @@ class Action:
 
     @property
     def type_name(self) -> str:
+        """The full name, such as ``example_interfaces/action/Fibonacci``."""
         return f"{self.package}/action/{self.name}"
 
     @property
     def send_goal(self) -> Service:
-        """``Name_SendGoal``: a goal and its id; whether it is accepted, and since when."""
+        """``Name_SendGoal``: the request is a goal and its id, the response acceptance and time."""
         accepted = Field(Type("bool"), "accepted"), Field(_TIME, "stamp")
         return self._service("SendGoal", (_GOAL_ID, self._field("goal")), accepted)
 
     @property
     def get_result(self) -> Service:
-        """``Name_GetResult``: a goal's id; how it ended, and its result."""
-        answer = Field(Type("int8"), "status"), self._field("result")
-        return self._service("GetResult", (_GOAL_ID,), answer)
+        """``Name_GetResult``: the request is a goal's id, the response its status and result."""
+        response = Field(Type("int8"), "status"), self._field("result")
+        return self._service("GetResult", (_GOAL_ID,), response)
 
     @property
     def feedback_message(self) -> Message:
@@ -183,7 +188,7 @@ class Action:
 
     @property
     def parts(self) -> tuple[Message, ...]:
-        """All its structures, each behind those of them that it nests."""
+        """All its structures, each after those of them that it nests."""
         services = self.send_goal.parts + self.get_result.parts
         return self.goal, self.result, self.feedback, *services, self.feedback_message
 
@@ -245,7 +250,7 @@ def parse_action(text: str, package: str, name: str, source: str = "") -> Action
 
 
 class _Place:
-    """Where the parser is, for its errors."""
+    """The parser's position, for its errors."""
 
     def __init__(self, source: str) -> None:
         self.source = source
@@ -276,7 +281,7 @@ def _lines(text: str) -> list[tuple[int, str]]:
 
 
 def strip_comment(line: str) -> str:
-    """Cut a comment; a # inside a quoted default or constant belongs to the value."""
+    """Remove a comment; a # inside a quoted default or constant belongs to the value."""
     cut = line.find("#")
     if cut < 0:
         return line
@@ -480,7 +485,7 @@ def _scalar(type_: Type, text: str, where: _Place) -> Scalar:
 
 
 def _string(text: str, where: _Place) -> str:
-    """Undo quotes and escapes; text without quotes stands for itself."""
+    """Decode quotes and escapes; text without quotes is taken literally."""
     quote = text[:1]
     if quote not in ("'", '"'):
         return text

@@ -1,8 +1,8 @@
-"""Where definitions come from, and which one a name means. Host only.
+"""Search path of interface definitions, by type name. Host only.
 
-The first hit wins: folders given to `add_folder` in their order, the packaged definitions as the
-chosen distribution has them (see `distro`), then ``share`` of every prefix in AMENT_PREFIX_PATH. A
-file is parsed when its type is asked for, so a broken file hurts nobody else.
+The first match is used: folders given to `add_folder` in their order, the packaged definitions of
+the chosen distribution (see `distro`), then ``share`` of every prefix in AMENT_PREFIX_PATH. A file
+is parsed when its type is requested, so a broken file affects only its own type.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Definition = Union[Message, Service, Action]
 
 KINDS: Final = ("msg", "srv", "action")
 MAX_FILE: Final = 1 << 20
-"""Bytes of one definition file; a bigger one is no definition."""
+"""Largest definition file, in bytes; a larger one is rejected."""
 _SKIP: Final = {"node_modules", "__pycache__"}
 _SECTION: Final = {
     "srv": re.compile(r"([^_]+)_(Request|Response)"),
@@ -36,7 +36,7 @@ _added: dict[str, Path] = {}
 
 
 def normalize(name: str) -> str:
-    """``pkg/msg/Name`` of any spelling: ``pkg/Name``, ``pkg/msg/Name``, ``pkg::msg::dds_::Name_``.
+    """Return ``pkg/msg/Name`` for ``pkg/Name``, ``pkg/msg/Name`` or ``pkg::msg::dds_::Name_``.
 
     ``pkg/Name`` means the message, or the service (action) where there is no such message.
     """
@@ -44,8 +44,8 @@ def normalize(name: str) -> str:
     if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
         parts = [parts[0], parts[1], parts[3][:-1]]
     if len(parts) == 2 and all(parts):
-        found = [f"{parts[0]}/{kind}/{parts[1]}" for kind in KINDS]
-        return next((full for full in found if _find(full) is not None), found[0])
+        candidates = [f"{parts[0]}/{kind}/{parts[1]}" for kind in KINDS]
+        return next((full for full in candidates if _find(full) is not None), candidates[0])
     if len(parts) != 3 or not all(parts) or parts[1] not in KINDS:
         raise InterfaceError(f"bad type name {name!r}; write it as std_msgs/msg/Int32")
     return "/".join(parts)
@@ -55,9 +55,9 @@ def add_folder(path: str | os.PathLike[str]) -> list[str]:
     """Make the .msg, .srv and .action files under ``path`` known; returns their type names.
 
     ``path`` is a package folder (``my_pkg/msg/*.msg``), a tree of many packages (a workspace or a
-    share folder), or a flat folder of files whose package is the folder's name. A package.xml
-    beside the msg folder has the last word on the package's name. Call it before the types are
-    loaded; a class that is loaded already stays.
+    share folder), or a flat folder of files whose package is the folder's name. The name in a
+    package.xml beside the msg folder overrides the folder's name. Call it before the types are
+    loaded: a loaded class is not replaced.
     """
     root = Path(path).resolve()
     if not root.is_dir():
@@ -75,7 +75,7 @@ def add_folder(path: str | os.PathLike[str]) -> list[str]:
 
 
 def is_added(name: str) -> bool:
-    """Whether `add_folder` brought the type (in its normal spelling), so no table knows it."""
+    """Whether the type (in its normal spelling) is from `add_folder`, so in no table of hashes."""
     return file_type(name) in _added
 
 
@@ -85,7 +85,7 @@ def exists(name: str) -> bool:
 
 
 def list_types() -> list[str]:
-    """The names of all known messages, services and actions, sorted; parses nothing."""
+    """Return the names of all known messages, services and actions, sorted; parses nothing."""
     names = {*_added, *_packaged()}
     for share in _ament_shares():
         names.update(
@@ -97,14 +97,14 @@ def list_types() -> list[str]:
 
 
 def packages(kinds: Iterable[str] = KINDS) -> list[str]:
-    """The names of the packages that have types of any of the kinds, sorted."""
+    """Return the names of the packages that have types of any of the kinds, sorted."""
     wanted = tuple(kinds)
     parts = (name.split("/") for name in list_types())
     return sorted({package for package, kind, _ in parts if kind in wanted})
 
 
 def packaged_types() -> list[str]:
-    """The names of the types that come with this package, sorted."""
+    """Return the names of the types that come with this package, sorted."""
     return sorted(_packaged())
 
 
@@ -116,7 +116,7 @@ def has_package(package: str) -> bool:
 
 
 def names_in(package: str, kind: str) -> list[str]:
-    """The plain names of a package's types of one kind, sorted."""
+    """Return the plain names of a package's types of one kind, sorted."""
     prefix = f"{package}/{kind}/"
     names = {n[len(prefix) :] for n in (*_added, *_packaged()) if n.startswith(prefix)}
     for share in _ament_shares():
@@ -125,10 +125,10 @@ def names_in(package: str, kind: str) -> list[str]:
 
 
 def definition(name: str) -> Definition:
-    """The parsed definition of a type in its normal spelling.
+    """Return the parsed definition of a type in its normal spelling.
 
     ``pkg/srv/Name_Request`` (and Response) gives that section; ``pkg/action/Name_Goal`` (and
-    Result, Feedback, SendGoal, SendGoal_Request, FeedbackMessage …) what the action makes.
+    Result, Feedback, SendGoal, SendGoal_Request, FeedbackMessage …) a structure of the action.
     """
     return _definition(name, distro.chosen())
 
@@ -138,12 +138,12 @@ def _definition(name: str, _: str) -> Definition:
     owner = file_type(name)
     if owner != name:
         whole = definition(owner)
-        made: list[Definition]
+        parts: list[Definition]
         if isinstance(whole, Action):
-            made = [*whole.parts, whole.send_goal, whole.get_result]
+            parts = [*whole.parts, whole.send_goal, whole.get_result]
         else:
-            made = list(whole.parts)
-        return next(part for part in made if part.type_name == name)
+            parts = list(whole.parts)
+        return next(part for part in parts if part.type_name == name)
     package, kind, plain = name.split("/")
     text, path = source(name)
     if kind == "msg":
@@ -154,7 +154,7 @@ def _definition(name: str, _: str) -> Definition:
 
 
 def source(name: str) -> tuple[str, str]:
-    """The text of the file that defines a type (in its normal spelling), and the file's path."""
+    """Return the text and the path of the file that defines a type (in its normal spelling)."""
     path = _find(name)
     if path is None:
         raise InterfaceError(_unknown(name))
@@ -171,16 +171,16 @@ def source(name: str) -> tuple[str, str]:
 
 
 def message(name: str) -> Message:
-    """The definition of a structure: a message, or a section of a service or action."""
-    found = definition(name)
-    if not isinstance(found, Message):
+    """Return the definition of a structure: a message, or a section of a service or action."""
+    structure = definition(name)
+    if not isinstance(structure, Message):
         raise InterfaceError(f"{name} is not a message; its sections are")
-    return found
+    return structure
 
 
 def closure(root: Message) -> dict[str, Message]:
-    """All messages that ``root`` nests, at any depth, by name, without ``root`` itself."""
-    found: dict[str, Message] = {}
+    """Return all messages that ``root`` nests, at any depth, by name, without ``root`` itself."""
+    nested: dict[str, Message] = {}
 
     def visit(parent: Message, path: tuple[str, ...]) -> None:
         for name in parent.nested:
@@ -188,20 +188,20 @@ def closure(root: Message) -> dict[str, Message]:
                 raise InterfaceError(
                     f"{parent.source}: {name} contains itself; a message cannot be recursive"
                 )
-            if name not in found:
+            if name not in nested:
                 try:
                     child = message(name)
                 except InterfaceError as error:
                     raise InterfaceError(f"{parent.source}: {error}") from error
                 visit(child, (*path, name))
-                found[name] = child
+                nested[name] = child
 
     visit(root, (root.type_name,))
-    return found
+    return nested
 
 
 def file_type(name: str) -> str:
-    """The type whose file defines a type (in its normal spelling); most often itself."""
+    """Return the type whose file defines a type (in its normal spelling); usually the same."""
     head, _, plain = name.rpartition("/")
     section = _SECTION.get(head.rpartition("/")[2])
     match = section.fullmatch(plain) if section else None
@@ -214,15 +214,16 @@ def _packaged() -> dict[str, Path]:
 
 @lru_cache(maxsize=len(distro.DISTROS))
 def _packaged_of(name: str) -> dict[str, Path]:
-    found = {it: file for it, file in _scan(_PACKAGED).items() if not distro.missing(it, name)}
+    newest = _scan(_PACKAGED).items()
+    files = {type_: file for type_, file in newest if not distro.missing(type_, name)}
     for folder in reversed(distro.older(name)):
-        found.update(_scan(folder))
-    return found
+        files.update(_scan(folder))
+    return files
 
 
 def _find(name: str) -> Path | None:
-    if found := _added.get(name) or _packaged().get(name):
-        return found
+    if file := _added.get(name) or _packaged().get(name):
+        return file
     parts = name.split("/")
     if len(parts) != 3 or any(part in ("", ".", "..") or os.sep in part for part in parts):
         return None
@@ -239,21 +240,21 @@ def _ament_shares() -> list[Path]:
 
 
 def _scan(root: Path) -> dict[str, Path]:
-    found: dict[str, Path] = {}
-    for folder, subfolders, files in os.walk(root):
+    definitions: dict[str, Path] = {}
+    for path, subfolders, files in os.walk(root):
         subfolders[:] = sorted(f for f in subfolders if not f.startswith(".") and f not in _SKIP)
-        here = Path(folder)
-        in_kind = here.name in KINDS
+        folder = Path(path)
+        in_kind = folder.name in KINDS
         package = ""
         for file in sorted(files):
             stem, _, suffix = file.rpartition(".")
             if suffix not in KINDS or not stem:
                 continue
-            if in_kind and suffix != here.name:
+            if in_kind and suffix != folder.name:
                 continue
-            package = package or _package(here.parent if in_kind else here)
-            found.setdefault(f"{package}/{suffix}/{stem}", here / file)
-    return found
+            package = package or _package(folder.parent if in_kind else folder)
+            definitions.setdefault(f"{package}/{suffix}/{stem}", folder / file)
+    return definitions
 
 
 def _package(folder: Path) -> str:

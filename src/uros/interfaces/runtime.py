@@ -1,4 +1,4 @@
-"""What generated messages share: their base class, checks, strings and sequences.
+"""Base class, checks, strings and sequences of generated messages.
 
 Runs on MicroPython. ``put_*`` write at ``buf[o:]`` and return the end offset; ``get_*`` read, check
 every length against ``end`` before they allocate, and raise `InterfaceError` only.
@@ -15,8 +15,8 @@ try:
 except ImportError:
     pass
 
-# Whether an error names the field, and messages can be printed and compared. A board's build says
-# False: there it is 4 kB for what can be tried on a host.
+# Whether an error names the field, and messages can be printed and compared. A board's build sets
+# False, which saves 4 kB; a host names the field.
 NAMES_FIELDS: Final = True
 _LITTLE_HOST = sys.byteorder == "little"
 _CPYTHON = sys.implementation.name != "micropython"
@@ -33,7 +33,7 @@ _RANGES = {
     "int64": (-9223372036854775808, 9223372036854775807),
     "uint64": (0, 18446744073709551615),
 }
-# A text that a board publishes over and over (a frame id) is encoded once.
+# A string that a board publishes repeatedly (a frame id) is encoded once.
 _CACHED_TEXTS = 8
 _CACHED_LENGTH = 64
 utf8_of = {}  # type: dict[str, bytes]
@@ -48,16 +48,16 @@ class Message:
     ``cdr_size(o=0)`` – the end offset of the payload when it starts at ``o``, so with 0 its size;
     ``pack_into(buf, offset, start)`` – writes little-endian CDR, aligned from ``start``, and
     returns the end offset; TypeError or InterfaceError name the field that does not fit;
-    ``unpack_from(buf, offset, start, end, little=True)`` – a classmethod, gives (message, end
+    ``unpack_from(buf, offset, start, end, little=True)`` – a classmethod, returns (message, end
     offset), and raises InterfaceError for any fault in the bytes;
-    ``unpack_into(buf, offset, start, end, little=True)`` – reads into this message, and gives the
-    end offset. On a board nested messages, fixed arrays of float64 and texts that are the same
-    stay the objects that they are, so that next to nothing is allocated. A fault in the bytes
-    leaves the message valid; on a board fields that came before it may be the new ones.
+    ``unpack_into(buf, offset, start, end, little=True)`` – reads into this message, and returns the
+    end offset. On a board nested messages, fixed arrays of float64 and equal strings stay the same
+    objects, so that almost nothing is allocated. A fault in the bytes leaves the message valid; on
+    a board the fields before the fault may have their new values.
 
     A field named like one of these methods, like ``self`` or like a Python keyword has an
-    underscore appended. The classes of boards have ``_size``, ``_pack`` and ``_load`` (see
-    `emit_board`) behind the methods of this one, those of hosts have methods of their own.
+    underscore appended. The methods of this class call ``_size``, ``_pack`` and ``_load`` of a
+    board's class (see `emit_board`); a host's class has its own methods.
     """
 
     __slots__ = ()  # type: tuple[str, ...]
@@ -67,12 +67,14 @@ class Message:
     _NAMES = ()  # type: tuple[str, ...]
 
     def cdr_size(self: "Any", o: int = 0) -> int:
+        """Return the end offset of the payload when it starts at ``o``."""
         try:
             return self._size(o)  # type: ignore[no-any-return]
         except Exception as error:
             return fault(self, error)
 
     def pack_into(self: "Any", buf: "Any", offset: int, start: int) -> int:
+        """Write little-endian CDR, aligned from ``start``; returns the end offset."""
         try:
             return self._pack(buf, offset, start)  # type: ignore[no-any-return]
         except Exception as error:
@@ -82,12 +84,14 @@ class Message:
     def unpack_from(
         cls, buf: "Any", offset: int, start: int, end: int, little: bool = True
     ) -> "tuple[Any, int]":
+        """Decode a new message; returns (message, end offset)."""
         message = cls()
         return message, message.unpack_into(buf, offset, start, end, little)
 
     def unpack_into(
         self: "Any", buf: "Any", offset: int, start: int, end: int, little: bool = True
     ) -> int:
+        """Decode into this message; returns the end offset."""
         view = memoryview(buf)[:end]
         return self._load(view, offset, start, len(view), little)  # type: ignore[no-any-return]
 
@@ -117,7 +121,7 @@ class Message:
 
 
 def _same(a: "Any", b: "Any") -> bool:
-    """Equality that does not care whether a sequence is a list, an array or bytes."""
+    """Compare two values; a list, an array and bytes of equal elements are equal."""
     whole = (str, bool, int, float, Message)  # on MicroPython a bool is no int
     if isinstance(a, whole) or isinstance(b, whole):
         return bool(a == b)
@@ -130,7 +134,7 @@ def _same(a: "Any", b: "Any") -> bool:
 
 
 def pick(package: str, name: str) -> "Any":
-    """The class ``name`` of a written package, from its own module (see `write_package`)."""
+    """Return the class ``name`` of a written package, from its module (see `write_package`)."""
     if "A" <= name[:1] <= "Z":
         try:
             module = __import__(package + "._" + name.lower(), None, None, (name,))
@@ -141,9 +145,9 @@ def pick(package: str, name: str) -> "Any":
 
 
 def fault(message: "Any", error: Exception, room: int = -1) -> int:
-    """Turn an error met while packing into the one to report; always raises.
+    """Raise the error to report for an error of packing.
 
-    ``room`` is the number of octets the buffer had for the payload, -1 where there is none.
+    ``room`` is the number of octets the buffer had for the payload, or -1 without a buffer.
     """
     if NAMES_FIELDS:
         check(message, message._TYPE)
@@ -156,7 +160,7 @@ def fault(message: "Any", error: Exception, room: int = -1) -> int:
         if isinstance(error, (TypeError, AttributeError)):
             raise TypeError(text)
         wrong = InterfaceError(text)
-        raise wrong  # a board's build takes the text off where the class is raised
+        raise wrong  # a board's build strips the text from a direct `raise Class(text)`
     raise error
 
 
@@ -174,6 +178,7 @@ def check(message: "Any", where: str) -> None:
 
 
 def check_value(value: "Any", kind: str, where: str) -> None:
+    """Check one value; ``kind`` is its type as rclpy spells it, ``where`` its place for errors."""
     if kind.startswith("sequence<"):
         inner, _, bound = kind[9:-1].rpartition(", ")
         if inner and not bound.endswith(">"):
@@ -249,10 +254,10 @@ def _wrong(value: "Any", kind: str, where: str) -> TypeError:
 
 
 def utf8(text: "Any") -> bytes:
-    """The UTF-8 octets of a str."""
+    """Return the UTF-8 octets of a str."""
     data = utf8_of.get(text)
     if data is None:
-        data = str.encode(text)  # a TypeError for what is no str
+        data = str.encode(text)  # TypeError if it is no str
         if len(data) <= _CACHED_LENGTH:
             if len(utf8_of) >= _CACHED_TEXTS:
                 utf8_of.clear()
@@ -261,7 +266,7 @@ def utf8(text: "Any") -> bytes:
 
 
 def wide(text: str) -> bytes:
-    """The UTF-16 code units of a str as a wstring has them in XCDR1: four octets a unit.
+    """Return the UTF-16 code units of a str as a wstring has them in XCDR1: four octets a unit.
 
     Both rmw_fastrtps and rmw_cyclonedds write a unit as a uint32, and no terminator.
     """
@@ -279,14 +284,14 @@ def wide(text: str) -> bytes:
 
 
 def octet(value: "Any") -> int:
-    """A ``byte`` field: an int, or bytes of length 1 as rclpy has it."""
+    """Return the int of a ``byte`` field, which may be bytes of length 1 as in rclpy."""
     if isinstance(value, (bytes, bytearray)) and len(value) == 1:
         return value[0]
     return value  # type: ignore[no-any-return]
 
 
 def octets(value: "Any") -> "bytes | bytearray":
-    """The elements of a uint8 sequence, copied only if they are not in bytes already."""
+    """Return the elements of a uint8 sequence as bytes; bytes and bytearray are not copied."""
     if isinstance(value, (bytes, bytearray)):
         return value
     if isinstance(value, str):
@@ -300,7 +305,7 @@ def octets(value: "Any") -> "bytes | bytearray":
 
 
 def wire_bytes(value: "Any") -> "Any":
-    """Like `octets`, but a memoryview of octets passes as it is."""
+    """Like `octets`, but a memoryview of octets is not copied."""
     if not isinstance(value, memoryview):
         return octets(value)
     if not _CPYTHON:
@@ -318,7 +323,7 @@ def put_bytes(buf: "Any", o: int, data: "Any") -> int:
 
 
 def put_text(buf: "Any", o: int, data: bytes) -> int:
-    """Write the octets of a string and its NUL; the length stands before them already."""
+    """Write the octets of a string and its NUL; the length is written already."""
     e = o + len(data)
     if e >= len(buf):
         raise ValueError
@@ -360,19 +365,19 @@ def put_texts(buf: "Any", o: int, start: int, values: "Any", bound: int, is_wide
 
 
 def size_texts(o: int, values: "Any", is_wide: bool) -> int:
-    """Where strings written from ``o`` on would end."""
+    """Return the end offset of strings written from ``o`` on."""
     for value in values:
         o = (o + 3 & -4) + 4 + (len(wide(value)) if is_wide else len(utf8(value)) + 1)
     return o
 
 
 def short(need: int, o: int, end: int) -> InterfaceError:
-    """The error for bytes that end too early."""
+    """Return the error for bytes that end too early."""
     return InterfaceError("%d octets needed at offset %d, %d are left" % (need, o, end - o))
 
 
 def long(count: int, bound: int) -> InterfaceError:
-    """The error for a received length over the type's bound."""
+    """Return the error for a received length over the type's bound."""
     return InterfaceError("length %d, at most %d are allowed" % (count, bound))
 
 
@@ -396,7 +401,7 @@ def get_text(buf: "Any", o: int, n: int, end: int, bound: int = 0) -> str:
     data = bytes(buf[o : o + n - 1])
     try:
         return str(data, "utf-8", "replace")
-    except ValueError:  # MicroPython knows no "replace"
+    except ValueError:  # MicroPython does not support "replace"
         return "".join([chr(c) if c < 128 else "\ufffd" for c in data])
 
 
@@ -443,7 +448,7 @@ def get_bools(buf: "Any", o: int, n: int, end: int) -> "list[bool]":
 def get_texts(
     buf: "Any", o: int, start: int, end: int, n: int, little: bool, bound: int, is_wide: bool
 ) -> "tuple[list[str], int]":
-    """Read ``n`` strings; gives them and the end offset."""
+    """Read ``n`` strings; returns them and the end offset."""
     if n * 4 > end - o:
         raise short(n * 4, o, end)
     out = []

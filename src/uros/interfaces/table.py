@@ -1,7 +1,7 @@
 """Messages that are packed and unpacked by a table, for types that are known only at run time.
 
-`dynamic` makes them. Their octets are those of generated classes; what it costs is time, and
-garbage for each value. Runs on MicroPython.
+`dynamic` makes the classes. They encode the same octets as generated classes, but take more time,
+and allocate memory for each value. Runs on MicroPython.
 """
 
 from array import array as numbers
@@ -19,12 +19,12 @@ MESSAGE: Final = "m"
 
 
 class Table(Message):
-    """Base of the classes: a subclass says all by ``__slots__``, ``_TYPE``, ``_FIELDS`` and this.
+    """Base of the classes; a subclass defines ``__slots__``, ``_TYPE``, ``_FIELDS`` and ``_plan``.
 
     ``_plan`` has for each field (default, code, array, size, of). The code is that of struct,
     ``?`` for bool, ``s`` for string, ``w`` for wstring, or `MESSAGE`; ``array`` is "" for none,
-    "[" for one of a fixed size, "<" for a sequence; ``of`` is the bound of a text, or the class of
-    a message. A default of None stands for zeros.
+    "[" for one of a fixed size, "<" for a sequence; ``of`` is the bound of a string, or the class
+    of a message. A default of None stands for zeros.
     """
 
     __slots__ = ()  # type: tuple[str, ...]
@@ -50,12 +50,14 @@ class Table(Message):
             raise TypeError("%s has %d fields: %s" % (self._TYPE, at, ", ".join(self.__slots__)))
 
     def cdr_size(self, o: int = 0) -> int:
+        """Return the end offset of the payload when it starts at ``o``."""
         try:
             return _walk(self, None, o, 0)
         except Exception as error:
             return fault(self, error)
 
     def pack_into(self, buf: "Any", offset: int, start: int) -> int:
+        """Write little-endian CDR, aligned from ``start``; returns the end offset."""
         try:
             return _walk(self, buf, offset, start)
         except Exception as error:
@@ -65,13 +67,14 @@ class Table(Message):
     def unpack_from(
         cls, buf: "Any", offset: int, start: int, end: int, little: bool = True
     ) -> "tuple[Any, int]":
+        """Decode a new message; returns (message, end offset)."""
         message = cls()
         return message, message.unpack_into(buf, offset, start, end, little)
 
     def unpack_into(
         self, buf: "Any", offset: int, start: int, end: int, little: bool = True
     ) -> int:
-        """Decode into this message; a fault in the octets leaves it as it is."""
+        """Decode into this message; a fault in the octets leaves the message unchanged."""
         if end > len(buf):
             raise short(end - offset, offset, len(buf))
         values = []
@@ -95,14 +98,14 @@ class Table(Message):
 
 
 def _zero(code: str, of: "Any") -> "Any":
-    """What a value is when nobody has said."""
+    """Return the default of a type without one in its definition."""
     if code == MESSAGE:
         return of()
     return "" if code in "sw" else False if code == "?" else 0.0 if code in "fd" else 0
 
 
 def _walk(message: "Table", buf: "Any", o: int, start: int) -> int:
-    """Write the message at ``buf[o:]``, or where ``buf`` is None, nothing; the end offset."""
+    """Write the message at ``buf[o:]`` unless ``buf`` is None; returns the end offset."""
     at = 0
     for _, code, array, size, of in message._plan:
         value = getattr(message, message.__slots__[at])
@@ -131,7 +134,7 @@ def _walk(message: "Table", buf: "Any", o: int, start: int) -> int:
 
 
 def write(code: str, of: "Any", value: "Any", buf: "Any", o: int, start: int) -> int:
-    """Write one value; see `_walk`."""
+    """Write one value as `_walk` does."""
     if code == MESSAGE:
         if getattr(value, "_TYPE", None) != of._TYPE:
             raise TypeError
@@ -182,8 +185,8 @@ def _read(
 def _read_all(
     code: str, n: int, of: "Any", buf: "Any", o: int, start: int, end: int, little: bool
 ) -> "tuple[Any, int]":
-    """So many values, and the end offset."""
-    if n > end - o:  # each is an octet at least: no loop is longer than the sample
+    """Read ``n`` values; returns them and the end offset."""
+    if n > end - o:  # a value is at least one octet: the loop is no longer than the sample
         raise short(n, o, end)
     if code == "B":
         return bytes(buf[o : o + n]), o + n

@@ -38,11 +38,11 @@ _BOUNDED_STRING: Final = 4  # string 17 → bounded string 21, wstring 18 → 22
 _ARRAY_IDS: Final = {"": 0, "fixed": 48, "bounded": 96, "unbounded": 144}
 
 EMPTY_MEMBER: Final = Field(Type("uint8"), "structure_needs_at_least_one_member")
-"""What an empty structure holds in IDL, and so in its hash."""
+"""The member of an empty structure in IDL, and so in its hash."""
 
 
 def type_hash(definition: Message | Service | Action) -> str:
-    """The ``RIHS01_…`` of a message, a service, an action, or what these two make."""
+    """Return the ``RIHS01_…`` of a message, service or action, or of a part of the latter two."""
     root, *members = _structures(definition)
     known = {member.type_name: member for member in members}
     for member in members or [root]:
@@ -64,7 +64,7 @@ def type_hash(definition: Message | Service | Action) -> str:
 
 
 def _structures(definition: Message | Service | Action) -> list[Message]:
-    """The definition as the structure that its hash describes, and those of its own behind it."""
+    """Return the definition as the structure that its hash describes, then its own structures."""
     if isinstance(definition, Message):
         return [definition]
     if isinstance(definition, Service):
@@ -86,7 +86,7 @@ def _structure(whole: Service | Action, names: list[str], members: list[Message]
 
 
 def event_message(service: Service) -> Message:
-    """The service's ``_Event`` message, which its hash includes."""
+    """Return the service's ``_Event`` message, which its hash includes."""
     return Message(
         service.package,
         service.kind,
@@ -100,20 +100,20 @@ def event_message(service: Service) -> Message:
 
 
 def known_hash(ros_type_name: str) -> str | None:
-    """The hash of a type by name, or None where no definition of it is at hand, or ROS 2 of the
-    chosen distribution has no hashes.
+    """Return the hash of a type by name, or None if unknown.
 
-    Packaged types cost one look into a table; those of `add_folder` and of AMENT_PREFIX_PATH are
-    computed once. Takes every spelling that `uros.interfaces.load` takes.
+    It is None too where the chosen distribution of ROS 2 has no hashes. The hashes of packaged
+    types are looked up in a table; those of `add_folder` and of AMENT_PREFIX_PATH are computed
+    once. Takes every spelling that `uros.interfaces.load` takes.
     """
     try:
         if not distro.has_hashes():
             return None
         name = ros_type_name.replace("::dds_::", "::").replace("::", "/").rstrip("_")
-        if not registry.is_added(name) and (found := _table().get(name)) is not None:
-            # No hash of ours has changed since hashes came, but types have come.
-            gone = distro.missing(registry.file_type(name), distro.chosen())
-            return None if gone else found
+        if not registry.is_added(name) and (digest := _table().get(name)) is not None:
+            # No hash of a packaged type changed between distributions, but types were added.
+            absent = distro.missing(registry.file_type(name), distro.chosen())
+            return None if absent else digest
         name = registry.normalize(ros_type_name)
         if not registry.exists(name):
             return None
@@ -123,7 +123,7 @@ def known_hash(ros_type_name: str) -> str | None:
 
 
 def is_known(ros_type_name: str) -> bool:
-    """Whether a definition of a type is at hand, by its name in every spelling."""
+    """Whether a definition of a type is known, by its name in every spelling."""
     name = ros_type_name.replace("::dds_::", "::").replace("::", "/").rstrip("_")
     if name in _table():
         return True
@@ -134,7 +134,7 @@ def is_known(ros_type_name: str) -> bool:
 
 
 def hash_of(definition: Message | Service | Action) -> str:
-    """The hash that a class has; "" where ROS 2 of the chosen distribution has none."""
+    """Return the hash for a class; "" if the chosen distribution of ROS 2 has no hashes."""
     return type_hash(definition) if distro.has_hashes() else ""
 
 
@@ -150,7 +150,7 @@ def _table() -> dict[str, str]:
 
 
 def table_text() -> str:
-    """What ``hashes.txt`` has to say: a line ``name hash`` for each packaged type."""
+    """Return the text of ``hashes.txt``: a line ``name hash`` for each packaged type."""
     rows: dict[str, str] = {}
     for name in registry.packaged_types():
         definition = registry.definition(name)

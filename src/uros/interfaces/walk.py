@@ -1,4 +1,4 @@
-"""What all who write a class's codec methods share, see `emit` and `emit_board`. Host only."""
+"""Base of the emitters of a class's codec methods, see `emit` and `emit_board`. Host only."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from .layout import Aliases, Alignment
 from .parse import Message, Type
 
 Attribute = Callable[[str], str]
-"""A field's name in the class, by that in the definition."""
+"""Returns a field's name in the class for its name in the definition."""
 
 
 class Run:
-    """A method's lines so far, and behind them a run: values whose places are known from its start,
-    gathered until `flush` writes them down as one.
+    """A method's lines so far, and the current run.
+
+    A run is a row of values at known offsets from its start, which `flush` writes by one call.
     """
 
     def __init__(self, aliases: Aliases) -> None:
@@ -25,16 +26,18 @@ class Run:
         self.octets = 0
 
     def name(self, letter: str) -> str:
+        """Return a new variable name that begins with ``letter``."""
         self.names += 1
         return f"{letter}{self.names}"
 
     def local(self, letter: str, expression: str) -> str:
+        """Write the assignment of an expression to a new variable; returns its name."""
         var = self.name(letter)
         self.lines.append(f"{var} = {expression}")
         return var
 
     def flush(self) -> None:
-        """Write down what the run has gathered."""
+        """Write the current run."""
         raise NotImplementedError
 
     def pad(self, alignment: int) -> None:
@@ -42,6 +45,7 @@ class Run:
         raise NotImplementedError
 
     def align(self, alignment: int) -> None:
+        """Align the run: by padding where the offset is known, else at run time."""
         padding = self.at.padding(alignment)
         if padding is None:
             self.flush()
@@ -53,7 +57,7 @@ class Run:
         self.at.advance(padding)
 
     def advance(self, codes: list[str], octets: int, alignment: int) -> int:
-        """Take room in the run; gives its place, from the run's start."""
+        """Reserve octets in the run; returns their offset from the run's start."""
         self.align(alignment)
         place = self.octets
         self.codes += codes
@@ -63,19 +67,21 @@ class Run:
 
 
 class Walker(Run):
-    """Goes over a message's fields, one after the other, each by the path that leads to it."""
+    """Visits a message's fields in order, each with its path such as ``self.pose.position``."""
 
     def __init__(self, attribute: Attribute, aliases: Aliases) -> None:
         super().__init__(aliases)
         self.attribute = attribute
 
     def walk(self, message: Message, path: str) -> None:
+        """Write the code of all fields of the message at ``path``."""
         for field in message.fields:
             self.value(field.type, f"{path}.{self.attribute(field.name)}")
         if not message.fields:
             self.nothing()
 
     def value(self, type_: Type, path: str) -> None:
+        """Write the code of one field, by the method for its type."""
         if type_.array == "fixed":
             self.fixed(type_, path)
         elif type_.array:
@@ -88,22 +94,25 @@ class Walker(Run):
             self.nested(type_, path)
 
     def nothing(self) -> None:
-        """The one octet of a message without fields."""
+        """Write the code of the one octet of a message without fields."""
         raise NotImplementedError
 
     def fixed(self, type_: Type, path: str) -> None:
-        """An array whose length the type says."""
+        """Write the code of a fixed array."""
         raise NotImplementedError
 
     def sequence(self, type_: Type, path: str) -> None:
-        """An array whose length stands before it."""
+        """Write the code of a sequence, whose length comes first."""
         raise NotImplementedError
 
     def text(self, type_: Type, path: str) -> None:
+        """Write the code of a string or wstring."""
         raise NotImplementedError
 
     def number(self, name: str, path: str) -> None:
+        """Write the code of a number or bool."""
         raise NotImplementedError
 
     def nested(self, type_: Type, path: str) -> None:
+        """Write the code of a nested message."""
         raise NotImplementedError
