@@ -1,4 +1,4 @@
-"""peer.py with actions: what a real rclpy node has to do with those of boards."""
+"""peer.py with actions: a real rclpy node as action client and action server for boards."""
 
 import time
 
@@ -21,22 +21,22 @@ class ActionPeer(Peer):
     def __init__(self):
         super().__init__()
         self.clients = {}
-        self.goals = {}  # by the test's name for it: what came of it
+        self.goals = {}  # the state of each goal, by the name that the test gave the goal
         self.servers = []
         self.stopped = False
 
     # --- as a client ----------------------------------------------------------------
 
     def client(self, name, seconds):
-        """A client that has got answers of all three services.
+        """Return an action client that has received a response from each of the three services.
 
-        That it has discovered them does not say that they have discovered it, and then their
-        answers go nowhere.
+        A client that has discovered the services may itself not be discovered by them yet; their
+        responses are lost until then.
         """
         if name in self.clients:
             return self.clients[name]
         client = ActionClient(self.node, Fibonacci, name)
-        assert self.wait(seconds, client.server_is_ready), f"{name} is not there"
+        assert self.wait(seconds, client.server_is_ready), f"{name} is not available"
         goal = self.ask(seconds, lambda: client.send_goal_async(Fibonacci.Goal(order=1)))
         assert goal is not None and goal.accepted
         assert self.ask(seconds, goal.get_result_async) is not None
@@ -45,8 +45,10 @@ class ActionPeer(Peer):
         return client
 
     def ask(self, seconds, call):
-        """What the future that ``call`` returns comes to; it is called again where that takes too
-        long."""
+        """Return the result of the future that ``call`` returns.
+
+        ``call`` is repeated every ASK_AGAIN seconds without a result; None after ``seconds``.
+        """
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             future = call()
@@ -57,7 +59,8 @@ class ActionPeer(Peer):
     def do_send(self, name, goals, seconds=15):
         """Send goals (the test's name → order, cancel_at) at once, and wait for all results.
 
-        Cancel when the feedback is so long; the answer to that is in ``cancel``.
+        A goal is canceled when its feedback has ``cancel_at`` numbers; the response to the cancel
+        request is in ``cancel``.
         """
         client = self.client(name, seconds)
         for key, (order, cancel_at) in goals.items():
@@ -66,18 +69,19 @@ class ActionPeer(Peer):
         return {"goals": {key: self.shown(key) for key in goals}}
 
     def shown(self, key):
-        return {name: it for name, it in self.goals[key].items() if name not in ("handle", "id")}
+        state = self.goals[key]
+        return {name: value for name, value in state.items() if name not in ("handle", "id")}
 
     def send(self, client, order, cancel_at):
         state = {"feedback": []}
-        asked = []
+        cancels = []
 
         def feedback(message):
             sequence = list(message.feedback.sequence)
             state["feedback"].append(sequence)
-            # Not exactly then: the first of the feedback may come before we are met.
-            if 0 < cancel_at <= len(sequence) and "handle" in state and not asked:
-                asked.append(True)
+            # At or after cancel_at: the first feedback may come before the goal response.
+            if 0 < cancel_at <= len(sequence) and "handle" in state and not cancels:
+                cancels.append(True)
                 state["handle"].cancel_goal_async().add_done_callback(canceled)
 
         def canceled(future):
@@ -101,7 +105,7 @@ class ActionPeer(Peer):
         return state
 
     def do_begin(self, name, goals, seconds=15):
-        """Send goals as do_send, but wait until they are accepted only."""
+        """Send goals as do_send does, but wait only until they are accepted."""
         client = self.client(name, seconds)
         for key, (order, cancel_at) in goals.items():
             self.goals[key] = self.send(client, order, cancel_at)
@@ -109,14 +113,14 @@ class ActionPeer(Peer):
         return {"goals": {key: self.shown(key) for key in goals}}
 
     def do_end(self, goals, seconds=15):
-        """Wait for the results of goals that were begun."""
+        """Wait for the results of goals that do_begin sent."""
         self.wait(seconds, lambda: all("end" in self.goals[key] for key in goals))
         return {"goals": {key: self.shown(key) for key in goals}}
 
     def do_result(self, key, status, seconds=15):
-        """Ask for the result of a goal again until the status is this one; what was last said.
+        """Request the result of a goal until it has this status; return the last response.
 
-        What is asked before the server is known, or after it has left, gets no answer.
+        Requests before the server is discovered, or after it has left, get no response.
         """
         answers = []
         deadline = time.monotonic() + seconds
@@ -129,7 +133,7 @@ class ActionPeer(Peer):
         return {"end": answers[-1] if answers else None}
 
     def do_cancel(self, name, key=None, before=None, seconds=15):
-        """Cancel by the goal's id, and by the time that another one was accepted."""
+        """Cancel goal ``key`` by its id, and all goals accepted no later than goal ``before``."""
         client = self.node.create_client(CancelGoal, name + "/_action/cancel_goal")
         assert self.wait(seconds, client.service_is_ready)
         request = CancelGoal.Request()
@@ -142,29 +146,30 @@ class ActionPeer(Peer):
         return {"code": answer.return_code, "count": len(answer.goals_canceling)}
 
     def do_watch(self, name, keys, status, seconds=15):
-        """Subscribe to the states of goals, and wait until these have that one, the last in what
-        was said before or is said now; how many messages that took."""
+        """Subscribe to the status topic, and wait until the last message lists all these goals
+        with this status; ``reached`` says whether it did, ``count`` how many messages came."""
         wanted = {bytes(self.goals[key]["handle"].goal_id.uuid) for key in keys}
-        seen = []
+        matching = []  # for each message, the ids of its goals with this status
 
         def heard(message):
-            seen.append(
-                {bytes(it.goal_info.goal_id.uuid) for it in message.status_list
-                 if it.status == status}
+            matching.append(
+                {bytes(goal.goal_info.goal_id.uuid) for goal in message.status_list
+                 if goal.status == status}
             )  # fmt: skip
 
         qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         topic = name + "/_action/status"
         subscription = self.node.create_subscription(GoalStatusArray, topic, heard, qos)
-        self.wait(seconds, lambda: seen and wanted <= seen[-1])
+        self.wait(seconds, lambda: matching and wanted <= matching[-1])
         self.node.destroy_subscription(subscription)
-        return {"said": bool(seen) and wanted <= seen[-1], "count": len(seen)}
+        reached = bool(matching) and wanted <= matching[-1]
+        return {"reached": reached, "count": len(matching)}
 
     # --- as a server ----------------------------------------------------------------
 
     def do_serve(self, name, seconds=15):
-        """Serve the action: an order below 0 is refused, ABORTED is aborted, and STUBBORN is not
-        canceled."""
+        """Serve the action: goals with an order below 0 are rejected, order ABORTED is aborted,
+        and a request to cancel order STUBBORN is rejected."""
 
         def pause(time):
             future = Future(executor=self.executor)
@@ -189,10 +194,10 @@ class ActionPeer(Peer):
                 goal.succeed()
             return Fibonacci.Result(sequence=sequence)
 
-        asked = self.asked = []
+        orders = self.orders = []
 
         def check(goal):
-            asked.append(goal.order)
+            orders.append(goal.order)
             return GoalResponse.REJECT if goal.order < 0 else GoalResponse.ACCEPT
 
         def cancel(goal):
@@ -208,9 +213,9 @@ class ActionPeer(Peer):
         return {}
 
     def do_stop(self, seconds=15):
-        """Come to an end with all goals."""
+        """End the execution of all goals; return the orders of all goals that were requested."""
         self.stopped = True
-        return {"asked": self.asked}
+        return {"orders": self.orders}
 
 
 if __name__ == "__main__":

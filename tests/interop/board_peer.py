@@ -1,4 +1,4 @@
-"""peer.py for what boards offer besides topics: parameters by rclpy's own client, life cycles."""
+"""peer.py with clients of the parameter services and of the lifecycle services of boards."""
 
 import threading
 
@@ -27,7 +27,7 @@ TYPES = {
 
 
 def plain(value):
-    """A message or a value as JSON has it; octets as numbers."""
+    """Convert a message or a value to JSON types; octets become numbers."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
@@ -38,15 +38,15 @@ def plain(value):
 
 
 class Camera(LifecycleNode):
-    """A node of rclpy's own, to compare with; ``says`` are the outcomes of its callbacks."""
+    """An rclpy lifecycle node to compare with; ``outcomes`` are the results of its callbacks."""
 
-    says = {}
+    outcomes = {}
 
     def on_configure(self, state):
-        return self.says.get("configure", super().on_configure(state))
+        return self.outcomes.get("configure", super().on_configure(state))
 
     def on_error(self, state):
-        return self.says.get("error", super().on_error(state))
+        return self.outcomes.get("error", super().on_error(state))
 
 
 class BoardPeer(Peer):
@@ -54,33 +54,35 @@ class BoardPeer(Peer):
         super().__init__()
         self.parameters = {}
         self.clients = {}
-        self.met = set()
+        self.answered = set()  # services that have answered
         self.events = []
         self.steps = []
         self.cameras = {}
-        self.kept = [
+        self.event_subscriptions = [
             self.node.create_subscription(
                 ParameterEvent, "/parameter_events", self.events.append, 1000
             )
         ]
 
     def finish(self, ask, key, seconds):
-        """What ``ask()`` comes to. A first request may be lost, and is repeated: see
-        service_peer.py."""
+        """Return the result of the future that ``ask()`` returns.
+
+        The first request to a service may be lost and is repeated: see service_peer.py.
+        """
         future = ask()
         while not self.wait(min(ASK_AGAIN, seconds), future.done):
-            assert key not in self.met and seconds > 0, f"{key} does not answer"
+            assert key not in self.answered and seconds > 0, f"{key} does not answer"
             seconds -= ASK_AGAIN
             future = ask()
-        self.met.add(key)
+        self.answered.add(key)
         return plain(future.result())
 
     def do_parameters(self, node, method, seconds=30, **arguments):
-        """Call a method of rclpy's parameter client; the response."""
+        """Call a method of rclpy's parameter client, and return the response."""
         if node not in self.parameters:
             self.parameters[node] = AsyncParameterClient(self.node, node)
         client = self.parameters[node]
-        assert self.wait(seconds, client.services_are_ready), "the services are not there"
+        assert self.wait(seconds, client.services_are_ready), "the services are not available"
         if "parameters" in arguments:
             arguments["parameters"] = [
                 Parameter(name, Parameter.Type(kind), value_of(kind, value))
@@ -90,19 +92,23 @@ class BoardPeer(Peer):
         return {"response": self.finish(lambda: ask(**arguments), (node, method), seconds)}
 
     def do_parameter_events(self, node, count, seconds=15):
-        """The next so many parameter events of a node."""
-        self.wait(seconds, lambda: len([it for it in self.events if it.node == node]) >= count)
-        events = [plain(it) for it in self.events if it.node == node]
+        """Wait for ``count`` parameter events of a node, and return all that have come."""
+
+        def of_node():
+            return [event for event in self.events if event.node == node]
+
+        self.wait(seconds, lambda: len(of_node()) >= count)
+        events = [plain(event) for event in of_node()]
         self.events.clear()
         return {"events": events}
 
     def do_lifecycle(self, node, service, values=None, seconds=30):
-        """Call a service of a node's life cycle; the response."""
+        """Call a lifecycle service of a node, and return the response."""
         name = f"{node}/{service}"
         if name not in self.clients:
             self.clients[name] = self.node.create_client(TYPES[service], name)
         client = self.clients[name]
-        assert self.wait(seconds, client.service_is_ready), "the service is not there"
+        assert self.wait(seconds, client.service_is_ready), "the service is not available"
         request = TYPES[service].Request()
         if values is not None:
             request.transition.id, request.transition.label = values
@@ -110,8 +116,8 @@ class BoardPeer(Peer):
         return {"response": answer}
 
     def do_hear_steps(self, node, seconds=15):
-        """Hear the steps of a node from now on; whether it publishes them."""
-        self.kept.append(
+        """Subscribe to a node's transition events; ``publishers`` says whether it has them."""
+        self.event_subscriptions.append(
             self.node.create_subscription(
                 TransitionEvent, f"{node}/transition_event", self.steps.append, 10
             )
@@ -123,28 +129,28 @@ class BoardPeer(Peer):
         }
 
     def do_steps(self, count, seconds=15):
-        """The next so many steps."""
+        """Wait for ``count`` transition events, and return all that have come."""
         self.wait(seconds, lambda: len(self.steps) >= count)
-        steps = [plain(it) for it in self.steps]
+        steps = [plain(step) for step in self.steps]
         self.steps.clear()
         return {"steps": steps}
 
-    def do_camera(self, name, seconds=15, **says):
-        """Make a node of rclpy's own with a life cycle, or change what its callbacks say."""
+    def do_camera(self, name, seconds=15, **outcomes):
+        """Create an rclpy lifecycle node, or change the results of its callbacks."""
         if name not in self.cameras:
             self.cameras[name] = Camera(name)
             executor = rclpy.executors.SingleThreadedExecutor()
             executor.add_node(self.cameras[name])
             threading.Thread(target=executor.spin, daemon=True).start()
-        self.cameras[name].says = {
-            key: TransitionCallbackReturn.__members__[value] for key, value in says.items()
+        self.cameras[name].outcomes = {
+            key: TransitionCallbackReturn.__members__[value] for key, value in outcomes.items()
         }
         return {}
 
 
 def value_of(kind, value):
-    """What rclpy wants: octets one by one."""
-    return [bytes([it]) for it in value] if kind == 5 else value
+    """Convert a value to what rclpy's Parameter accepts: octets as a list of bytes objects."""
+    return [bytes([octet]) for octet in value] if kind == 5 else value
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""What most tests with real rclpy stand on: a domain of the module's own, a peer, an agent.
+"""Fixtures of most tests with real rclpy: a DDS domain of the module's own, a peer, an agent.
 
-A module that needs another one of these has its own fixture of that name.
+A module that needs a different one overrides the fixture by name.
 """
 
 import pytest
@@ -24,6 +24,6 @@ def peer(ros_python, domain):
 
 @pytest.fixture(scope="module")
 def agent(domain):
-    """Ours, in this process, with boards by UDP."""
+    """An agent in this process, for boards over UDP."""
     with running_agent("udp", "dds", domain) as running:
         yield running

@@ -1,9 +1,9 @@
-"""A real rclpy node that speaks from its first moment, before anybody can hear it.
+"""A real rclpy node that publishes from its first moment, before it has discovered a subscriber.
 
-Runs in an environment of its own that knows nothing of uros. Arguments: the first number, then
-topics. On each it publishes numbers at 20 Hz; on /kept it has published three texts, latched. A
-line ``topic number`` says which number was the first that went out when the topic had a
-subscriber, one for /kept that it has one. It ends when its input does.
+Runs in an environment of its own without uros. Arguments: the first number, then topics. The node
+publishes numbers on each topic at 20 Hz; on /kept it publishes three texts once, with transient
+local durability. For each topic, /kept too, it prints ``topic number`` once: the first number that
+was published after the topic had a subscriber. The process ends at the end of its input.
 """
 
 import sys
@@ -21,21 +21,21 @@ KEPT = ("one", "two", "three")
 def main():
     rclpy.init()
     node = rclpy.create_node("early", namespace="/real")
-    # A deeper history than what goes out in three seconds: when it is full, heartbeats come.
+    # A history deeper than three seconds of samples: Fast DDS sends heartbeats when it is full.
     publishers = {topic: node.create_publisher(Int32, topic, 100) for topic in sys.argv[2:]}
-    latch = QoSProfile(depth=len(KEPT), durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    kept = node.create_publisher(String, "/kept", latch)
+    latched_qos = QoSProfile(depth=len(KEPT), durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    latched = node.create_publisher(String, "/kept", latched_qos)
     for text in KEPT:
-        kept.publish(String(data=text))
-    unheard = {**publishers, "/kept": kept}
+        latched.publish(String(data=text))
+    unmatched = {**publishers, "/kept": latched}
     number = int(sys.argv[1])
 
     def publish():
         nonlocal number
-        for topic, publisher in list(unheard.items()):
+        for topic, publisher in list(unmatched.items()):
             if publisher.get_subscription_count():
                 print(topic, number, flush=True)
-                del unheard[topic]
+                del unmatched[topic]
         for publisher in publishers.values():
             publisher.publish(Int32(data=number))
         number += 1

@@ -1,8 +1,8 @@
-"""A real rclpy node at the other end: commands on stdin, events on stdout, one JSON line each.
+"""A real rclpy node as a process: commands on stdin, events on stdout, one JSON line each.
 
-Runs in an environment of its own that knows nothing of uros. A command is ``{"id": 1, "do":
-"subscribe", …}``; its answer bears the same id. Messages that arrive are events without one. What
-has to be waited for is waited for here, by asking rclpy again until a deadline.
+Runs in an environment of its own without uros. A command is ``{"id": 1, "do": "subscribe", …}``;
+its answer has the same id. Messages that arrive are events without an id. Commands that wait for
+something poll rclpy until a deadline.
 """
 
 import json
@@ -47,15 +47,15 @@ class Peer:
         self.subscriptions = {}
 
     def wait(self, seconds, ready):
-        """What ``ready`` says as soon as it says anything; None after the deadline."""
+        """Spin until ``ready()`` is true or the time is up; return its last result."""
         deadline = time.monotonic() + seconds
         while True:
-            found = ready()
-            if found or time.monotonic() > deadline:
-                return found
+            result = ready()
+            if result or time.monotonic() > deadline:
+                return result
             self.executor.spin_once(timeout_sec=ASK_AGAIN)
 
-    # --- commands: what they return goes into the answer ------------------------
+    # --- commands: the dictionary that each returns is put into the answer -------
 
     def do_subscribe(self, topic, type, seconds=15, **qos):
         """Subscribe; with ``seconds`` wait until a publisher is matched."""
@@ -77,7 +77,7 @@ class Peer:
         return {}
 
     def do_publish(self, topic, type, cdr, seconds=15, **qos):
-        """Publish typed messages, given as CDR, when somebody subscribes."""
+        """Wait for a subscriber, then publish typed messages that are given as CDR."""
         cls = find_type(type)
         if topic not in self.publishers:
             self.publishers[topic] = self.node.create_publisher(cls, topic, profile(**qos))
@@ -88,29 +88,29 @@ class Peer:
         return {"subscribers": matched}
 
     def do_node(self, namespace, name, publishers, seconds=15):
-        """Wait until the node is there with these publishers (topic → type)."""
+        """Wait until the node is in the graph with these publishers (topic → type)."""
 
         def ready():
             if (name, namespace) not in self.node.get_node_names_and_namespaces():
                 return None
             try:
-                found = dict(self.node.get_publisher_names_and_types_by_node(name, namespace))
-            except rclpy.node.NodeNameNonExistentError:  # seen, and gone again
+                types = dict(self.node.get_publisher_names_and_types_by_node(name, namespace))
+            except rclpy.node.NodeNameNonExistentError:  # the node has left between the two calls
                 return None
-            return (found,) if all(found.get(t) == [k] for t, k in publishers.items()) else None
+            return (types,) if all(types.get(t) == [k] for t, k in publishers.items()) else None
 
-        (found,) = self.wait(seconds, ready) or (None,)
-        return {"publishers": found, **self.do_graph()}
+        (types,) = self.wait(seconds, ready) or (None,)
+        return {"publishers": types, **self.do_graph()}
 
     def do_gone(self, namespace, name, seconds=15):
-        """Wait until the node is not there any more."""
+        """Wait until the node is no longer in the graph."""
         gone = self.wait(
             seconds, lambda: (name, namespace) not in self.node.get_node_names_and_namespaces()
         )
         return {"gone": gone, **self.do_graph()}
 
     def do_unused(self, topic, seconds=15):
-        """Wait until nobody publishes the topic, nor subscribes to it."""
+        """Wait until the topic has neither a publisher nor a subscription."""
         node = self.node
         unused = self.wait(
             seconds,
@@ -133,7 +133,7 @@ class Peer:
         }
 
     def do_topic(self, topic, seconds=15, of="publishers", count=1):
-        """Wait for the publishers (subscriptions) of a topic; what each is."""
+        """Wait for ``count`` publishers (subscriptions) of a topic; return type and QoS of each."""
         ask = getattr(self.node, f"get_{of}_info_by_topic")
         self.wait(seconds, lambda: len(ask(topic)) >= count)
         return {
@@ -166,9 +166,9 @@ class Peer:
                 continue
             if command is None:
                 return
-            number, what = command.pop("id"), command.pop("do")
+            number, name = command.pop("id"), command.pop("do")
             try:
-                say(id=number, **getattr(self, "do_" + what)(**command))
+                say(id=number, **getattr(self, "do_" + name)(**command))
             except Exception as error:
                 say(id=number, error=repr(error))
 

@@ -1,4 +1,4 @@
-"""peer.py with services: what a real rclpy node has to do with those of boards."""
+"""peer.py with services: a real rclpy node as service client and server for boards."""
 
 import time
 
@@ -14,12 +14,15 @@ class ServicePeer(Peer):
         super().__init__()
         self.clients = {}
         self.servers = {}
-        self.counted = {}
-        self.met = set()  # services that have answered
+        self.counted = {}  # the requests that each service of do_count has received
+        self.answered = set()  # services that have answered
 
     def do_serve(self, name, type, late=0.0, text="answer {}", first=1, seconds=15):
-        """Answer requests of a Trigger, counting up, each after so long; with a ``first`` of 0
-        every other one is no success, as in the documents."""
+        """Serve a Trigger that answers with a rising number, each time after ``late`` seconds.
+
+        With ``first=0``, every second response has ``success=False``, as that of
+        ``uros run trigger_service``.
+        """
         count = first - 1
 
         def answer(_request, response):
@@ -37,7 +40,7 @@ class ServicePeer(Peer):
         return {}
 
     def do_count(self, name, type, seconds=15):
-        """Serve with a callback that keeps each request it gets, and no more."""
+        """Serve with a callback that only records each request."""
         cls = find_type(type)
         self.counted[name] = []
 
@@ -49,15 +52,16 @@ class ServicePeer(Peer):
         return {}
 
     def do_counted(self, name, least=0, seconds=15):
-        """What that callback got, waiting until it was called so often or the time is up."""
+        """Return the requests that do_count recorded, as soon as there are ``least`` of them
+        (at least one) or the time is up."""
         self.wait(seconds, lambda: len(self.counted[name]) >= max(1, least))
         return {"requests": self.counted[name]}
 
     def do_call(self, name, type, cdr, times=1, seconds=15):
-        """Call a service when it is there, again after each reply; replies and their seconds.
+        """Wait for a service, call it ``times`` times; return replies and their round trip times.
 
-        The first request is repeated: that a client has discovered a service does not say that
-        the service has discovered the client, and rmw_fastrtps waits a tenth of a second for that.
+        The first request is repeated: a client that has discovered a service may itself not be
+        discovered by the service yet, and rmw_fastrtps waits only a tenth of a second for that.
         """
         cls = find_type(type)
         if name not in self.clients:
@@ -73,17 +77,18 @@ class ServicePeer(Peer):
             future = client.call_async(request)
             while not future.done() and time.monotonic() < deadline:
                 self.executor.spin_once(timeout_sec=0.1)
-                if name not in self.met and time.monotonic() - started > ASK_AGAIN:
+                if name not in self.answered and time.monotonic() - started > ASK_AGAIN:
                     started, future = time.monotonic(), client.call_async(request)
             if not future.done():
                 break
-            self.met.add(name)
+            self.answered.add(name)
             took.append(time.monotonic() - started)
             replies.append(bytes(serialize_message(future.result())).hex())
         return {"replies": replies, "took": took}
 
     def do_services(self, namespace, name, services, clients, seconds=15):
-        """Wait until a node is listed with exactly these (name → types); what there is."""
+        """Wait until a node has exactly these services and clients (name → types); return those
+        that it has."""
         node = self.node
 
         def look():
@@ -99,7 +104,7 @@ class ServicePeer(Peer):
         return {"found": look(), **self.do_graph()}
 
     def do_no_service(self, name, seconds=15):
-        """Wait until nobody offers or uses the service."""
+        """Wait until the service has neither a server nor a client, apart from this peer's."""
         node = self.node
 
         def unused():

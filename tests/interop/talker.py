@@ -1,6 +1,7 @@
-"""A real rclpy node with one of everything that the tools show; it ends when its input does.
+"""A real rclpy node with one endpoint of each kind that the tools show.
 
-Runs in an environment of its own that knows nothing of uros. Says READY when all is there.
+Runs in an environment of its own without uros. Prints READY when all endpoints exist; ends at the
+end of its input.
 """
 
 import sys

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.timeout(180)
 String = load_type("std_msgs/msg/String")
 HARDWARE = "ra6m5_sensor_node"
 UNKNOWN, EXECUTING, SUCCEEDED, CANCELED, ABORTED = 0, 2, 4, 5, 6
-# What the two programs do with special orders: tests/firmware/actions and action_peer.py.
+# Orders that tests/firmware/actions and action_peer.py treat specially.
 ABORTING, STUBBORN, FAILING = 3, 13, 14
 
 
@@ -45,15 +45,15 @@ def peer(ros_python, domain):
 
 
 class ActionBoard:
-    """A board, and ``uros agent`` on its line."""
+    """A board, and ``uros agent`` on its serial line."""
 
     def __init__(self, engine, folder, ros_python, domain):
         self.name = engine
         self.action = f"/{engine}/fibonacci"
-        self.other = f"/real/{engine}"  # the action that it uses
+        self.peer_action = f"/real/{engine}"  # the action that the board's client uses
         program = folder / engine
         shutil.copytree(ROOT / "tests/firmware/actions", program)
-        (program / "config.py").write_text(f"NAME = {engine!r}\nPEER = {self.other!r}\n")
+        (program / "config.py").write_text(f"NAME = {engine!r}\nPEER = {self.peer_action!r}\n")
         self.running = RunningBoard(
             program, board=HARDWARE, engine=engine, link=folder / f"tty_{engine}",
             form="mpy" if engine == "micropython" else "py",
@@ -77,34 +77,34 @@ class ActionBoard:
         if kill:
             self.agent.kill()
         self.agent.communicate(timeout=30)
-        said = self._log.read_text()
-        assert kill or self.agent.returncode == 0, said
-        assert "internal error" not in said, said
+        log = self._log.read_text()
+        assert kill or self.agent.returncode == 0, log
+        assert "internal error" not in log, log
 
 
 @pytest.fixture(scope="module", params=["cpython", "micropython"])
 def board(request, tmp_path_factory, ros_python, domain):
-    one = ActionBoard(request.param, tmp_path_factory.mktemp("actions"), ros_python, domain)
-    with one.running:
-        one.start_agent()
+    board = ActionBoard(request.param, tmp_path_factory.mktemp("actions"), ros_python, domain)
+    with board.running:
+        board.start_agent()
         try:
-            yield one
+            yield board
         finally:
-            one.end_agent()
+            board.end_agent()
 
 
 # --- a real client, and the board's server --------------------------------------------
 
 
 def test_a_real_client_uses_a_boards_action(board, peer):
-    """All at once: taken, refused, aborted, canceled, not to be canceled, and one that fails."""
+    """Six goals at the same time: accepted, rejected, aborted, canceled, not canceled, failing."""
     orders = {
         "short": [5, 0], "refused": [-1, 0], "aborted": [ABORTING, 0], "canceled": [40, 4],
         "stubborn": [STUBBORN, 4], "failing": [FAILING, 0],
     }  # fmt: skip
     goals = peer.do("send", name=board.action, goals=orders, seconds=30)["goals"]
     short = goals["short"]
-    # Feedback that is sent before the client has found its writer does not come, all of it even.
+    # Feedback from before the client has discovered the feedback writer is lost, possibly all.
     steps = feedback(5)
     assert short["accepted"] and short["feedback"] == steps[len(steps) - len(short["feedback"]) :]
     assert short["end"] == [SUCCEEDED, fibonacci(5)]
@@ -113,8 +113,8 @@ def test_a_real_client_uses_a_boards_action(board, peer):
     canceled = goals["canceled"]
     assert canceled["cancel"] == [0, 1] and canceled["end"][0] == CANCELED
     assert 4 <= len(canceled["end"][1]) < 40
-    told = canceled["feedback"]
-    assert told and told == feedback(len(canceled["end"][1]) - 1)[-len(told) :]
+    received = canceled["feedback"]
+    assert received and received == feedback(len(canceled["end"][1]) - 1)[-len(received) :]
     stubborn = goals["stubborn"]
     assert stubborn["cancel"] == [1, 0] and stubborn["end"] == [SUCCEEDED, fibonacci(STUBBORN)]
     assert goals["failing"]["end"] == [ABORTED, []]
@@ -122,35 +122,39 @@ def test_a_real_client_uses_a_boards_action(board, peer):
         pass
 
 
-def test_the_last_states_are_there_for_who_comes_late(board, peer):
+def test_a_late_subscriber_gets_the_last_goal_states(board, peer):
+    """A subscription to the status topic that is created after two goals lists both."""
     goals = {"one": [5, 0], "two": [6, 0]}
     peer.do("send", name=board.action, goals=goals)
-    assert peer.do("watch", name=board.action, keys=["one", "two"], status=SUCCEEDED)["said"]
+    assert peer.do("watch", name=board.action, keys=["one", "two"], status=SUCCEEDED)["reached"]
 
 
-def test_results_are_kept_for_a_while(board, peer):
+def test_results_are_kept_until_their_timeout(board, peer):
+    """A result is given again at first; after the timeout the goal's status is UNKNOWN."""
     peer.do("send", name=board.action, goals={"kept": [4, 0]})
     assert peer.do("result", key="kept", status=SUCCEEDED)["end"] == [SUCCEEDED, fibonacci(4)]
     assert peer.do("result", key="kept", status=UNKNOWN)["end"] == [UNKNOWN, []]
 
 
-def test_goals_are_canceled_by_time_and_all_of_them(board, peer):
+def test_goals_are_canceled_by_time_and_all_at_once(board, peer):
+    """A cancel request with a time cancels older goals, one without goal or time cancels all."""
     name = board.action
     for key in ("old", "middle", "young"):
         peer.do("begin", name=name, goals={key: [1000, 0]})
     answer = peer.do("cancel", name=name, key="middle", before="old")
     assert (answer["code"], answer["count"]) == (0, 2)
-    assert peer.do("watch", name=name, keys=["old", "middle"], status=CANCELED)["said"]
+    assert peer.do("watch", name=name, keys=["old", "middle"], status=CANCELED)["reached"]
     answer = peer.do("cancel", name=name, key="old")
-    assert (answer["code"], answer["count"]) == (3, 0)  # it is over
+    assert (answer["code"], answer["count"]) == (3, 0)  # the goal has terminated
     answer = peer.do("cancel", name=name)
     assert (answer["code"], answer["count"]) == (0, 1)
     goals = peer.do("end", goals=["old", "middle", "young"])["goals"]
     assert [goals[key]["end"][0] for key in goals] == [CANCELED] * 3
 
 
-def test_a_goal_outlives_the_agent(board, peer):
-    """Killed in the middle: the work goes on, and the next agent's clients have to do with it."""
+def test_a_goal_continues_when_the_agent_dies(board, peer):
+    """The agent is killed while a goal executes: the goal continues, and can be canceled and its
+    result requested through the next agent."""
     peer.do("begin", name=board.action, goals={"long": [100000, 0]})
     board.end_agent(kill=True)
     board.start_agent()
@@ -164,52 +168,55 @@ def test_a_goal_outlives_the_agent(board, peer):
 
 
 class Remote:
-    """Has the board send goals, and hears what it tells of them."""
+    """Makes the board's action client send goals, and receives its reports of them."""
 
     def __init__(self, board, peer):
         self.peer = peer
         self.heard = []
-        self.sent = f"/{board.name}/send"
-        self.told = f"/{board.name}/told"
-        peer.do("subscribe", topic=self.told, type=String._TYPE)
+        self.commands = f"/{board.name}/send"
+        self.reports = f"/{board.name}/told"
+        peer.do("subscribe", topic=self.reports, type=String._TYPE)
 
     def send(self, number, order, cancel_at=0):
         cdr = to_cdr(String(f"{number} {order} {cancel_at}")).hex()
-        assert self.peer.do("publish", topic=self.sent, type=String._TYPE, cdr=[cdr])["subscribers"]
+        answer = self.peer.do("publish", topic=self.commands, type=String._TYPE, cdr=[cdr])
+        assert answer["subscribers"]
 
     def hears(self, beginning, seconds):
-        """Whether it tells something that begins like this within so long."""
+        """Whether a report that begins with this text comes within ``seconds``."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             try:
-                sample = self.peer.message(self.told, deadline - time.monotonic())
+                sample = self.peer.message(self.reports, deadline - time.monotonic())
             except AssertionError:
                 return False
-            said = from_cdr(String, sample).data
-            self.heard.append(said[:40])
-            if said.startswith(beginning):
+            report = from_cdr(String, sample).data
+            self.heard.append(report[:40])
+            if report.startswith(beginning):
                 return True
         return False
 
     def hear(self, until):
-        """What it tells, by the goal's number, until all of these have had their last word."""
+        """Return the reports by goal number, when each goal in ``until`` is refused or has its
+        result."""
         heard = {str(number): [] for number in until}
-        last = set(heard)
-        while last:
-            number, _, said = from_cdr(String, self.peer.message(self.told)).data.partition(" ")
-            heard.setdefault(number, []).append(said)
-            if said.split()[0] in ("refused", "result"):
-                last.discard(number)
+        open_goals = set(heard)
+        while open_goals:
+            text = from_cdr(String, self.peer.message(self.reports)).data
+            number, _, report = text.partition(" ")
+            heard.setdefault(number, []).append(report)
+            if report.split()[0] in ("refused", "result"):
+                open_goals.discard(number)
         return heard
 
 
 @pytest.fixture(scope="module")
 def remote(board, peer):
-    """The real server is there, and the board's client has heard feedback of it.
+    """A real action server, whose feedback the board's client has received once.
 
-    XRCE cannot tell whether somebody is there. What comes too early is answered by nobody.
+    An XRCE client is not told whether a server is matched, and goals that are sent before are lost.
     """
-    peer.do("serve", name=board.other)
+    peer.do("serve", name=board.peer_action)
     remote = Remote(board, peer)
     for number in range(1000, 1020):
         remote.send(number, 4)
@@ -224,33 +231,34 @@ def words(sequence):
 
 
 def test_a_board_uses_a_real_nodes_action(remote):
-    """All at once: taken, refused, aborted, canceled, and not to be canceled."""
+    """Five goals at the same time: accepted, rejected, aborted, canceled, not canceled."""
     for number, order, cancel_at in (
         (1, 5, 0), (2, -1, 0), (3, ABORTING, 0), (4, 40, 4), (5, STUBBORN, 4),
     ):  # fmt: skip
         remote.send(number, order, cancel_at)
     heard = remote.hear([1, 2, 3, 4, 5])
-    # Feedback is another topic, and may come before the answer that says the goal was taken.
+    # Feedback is a topic of its own, and may come before the response that accepts the goal.
     assert "accepted" in heard["1"]
-    assert [it for it in heard["1"] if it != "accepted"] == [
-        *(f"feedback {words(it)}" for it in feedback(5)),
+    assert [report for report in heard["1"] if report != "accepted"] == [
+        *(f"feedback {words(sequence)}" for sequence in feedback(5)),
         f"result {SUCCEEDED} {words(fibonacci(5))}",
     ]
     assert heard["2"] == ["refused"]
     assert heard["3"][-1] == f"result {ABORTED} {words(fibonacci(ABORTING))}"
     assert "cancel 0 1" in heard["4"]
     assert heard["4"][-1].startswith(f"result {CANCELED} 0 1 1 2")
-    assert "cancel 0 0" in heard["5"]  # as rclpy says it
+    assert "cancel 0 0" in heard["5"]  # rclpy's response to a refused cancel request
     assert heard["5"][-1] == f"result {SUCCEEDED} {words(fibonacci(STUBBORN))}"
 
 
-def test_a_board_does_not_wait_for_an_agent_that_is_gone(board, peer, remote):
+def test_a_boards_goal_is_lost_when_its_agent_dies(board, peer, remote):
+    """The board's client reports the goal as lost; with the next agent it works again."""
     remote.send(7, 1000)
     assert remote.hears("7 accepted", 15)
     board.end_agent(kill=True)
     board.running.wait("7 lost")
     board.start_agent()
-    # The goal lives on at its server. This client hears of it again, and can send others.
+    # The server still executes the goal: the client receives its feedback, and can send others.
     assert remote.hears("7 feedback", 40)
     assert any(
         remote.send(number, 2) or remote.hears(f"{number} result {SUCCEEDED}", 3)

@@ -1,4 +1,4 @@
-"""Boards through our agent to a real rclpy node, and back."""
+"""Topics between boards on the agent of uros and a real rclpy node, in both directions."""
 
 import signal
 import subprocess
@@ -28,23 +28,23 @@ pytestmark = pytest.mark.timeout(120)
 
 
 def board(agent, capture):
-    """The board of a capture, over and over until the end of the block."""
+    """Play the board of a capture, again and again until the end of the block."""
     recorded = RecordedBoard(load(capture), endless=True)
     return UdpBoard(recorded, ("127.0.0.1", agent.transport.port))
 
 
 def published(capture):
-    """The samples a capture's board publishes, put together from fragments."""
-    out, fragments = [], Fragments()
+    """Return the samples that the board of a capture publishes, reassembled from fragments."""
+    samples, fragments = [], Fragments()
     for _, message in messages(capture, load(capture), True):
         for kind, flags, payload in submessages(message):
             if kind == ids.FRAGMENT:
                 whole = fragments.add(payload, bool(flags & ids.FLAG_LAST_FRAGMENT))
                 if whole is not None:
-                    out.append(bytes(whole[8:]))
+                    samples.append(bytes(whole[8:]))
             elif kind == ids.WRITE_DATA:
-                out.append(payload[4:])
-    return out
+                samples.append(payload[4:])
+    return samples
 
 
 def dds_name(type_name):
@@ -57,22 +57,23 @@ def read(type_name, cdr):
 
 
 def assert_follow_each_other(samples, recorded):
-    """Received samples are recorded ones, in their order, from any of them on, round and round."""
-    at = recorded.index(samples[0])
+    """Assert that samples are the recorded ones in order, from any on, repeated after the last."""
+    start = recorded.index(samples[0])
     for i, sample in enumerate(samples):
-        assert sample == recorded[(at + i) % len(recorded)], i
+        assert sample == recorded[(start + i) % len(recorded)], i
 
 
 # --- from boards to ROS -----------------------------------------------------------
 
 
 def test_int32_of_a_board_arrives(agent, peer):
-    recorded = [read(INT32, b"\0\1\0\0" + it).data for it in published("rclc_int32_publisher")]
+    samples = published("rclc_int32_publisher")
+    recorded = [read(INT32, b"\0\1\0\0" + sample).data for sample in samples]
     assert recorded == list(range(19))
     with board(agent, "rclc_int32_publisher"):
         peer.do("subscribe", topic="/std_msgs_msg_Int32", type=INT32)
-        got = [read(INT32, peer.message("/std_msgs_msg_Int32")).data for _ in range(15)]
-    assert_follow_each_other(got, recorded)
+        numbers = [read(INT32, peer.message("/std_msgs_msg_Int32")).data for _ in range(15)]
+    assert_follow_each_other(numbers, recorded)
     peer.do("unsubscribe", topic="/std_msgs_msg_Int32")
 
 
@@ -82,25 +83,25 @@ def test_temperature_and_humidity_of_a_board_arrive(agent, peer):
     with board(agent, "rclc_temperature_humidity"):
         for topic, type_name in topics.items():
             peer.do("subscribe", topic=topic, type=type_name)
-        got = {topic: [peer.message(topic) for _ in range(3)] for topic in topics}
+        received = {topic: [peer.message(topic) for _ in range(3)] for topic in topics}
     for i, (topic, type_name) in enumerate(topics.items()):
-        recorded = [read(type_name, b"\0\1\0\0" + it) for it in samples[i::2]]
-        assert_follow_each_other([read(type_name, it) for it in got[topic]], recorded)
+        recorded = [read(type_name, b"\0\1\0\0" + sample) for sample in samples[i::2]]
+        assert_follow_each_other([read(type_name, cdr) for cdr in received[topic]], recorded)
         assert recorded[0].header.frame_id == "bme280"
         peer.do("unsubscribe", topic=topic)
 
 
 def test_a_fragmented_image_of_a_board_arrives_intact(agent, peer):
     recorded = published("rclc_image")
-    assert [len(it) for it in recorded] == [15036] * 3
+    assert [len(sample) for sample in recorded] == [15036] * 3
     with board(agent, "rclc_image"):
         peer.do("subscribe", topic="/image/compressed", type=IMAGE)
-        got = [read(IMAGE, peer.message("/image/compressed")) for _ in range(3)]
-    sent = [read(IMAGE, b"\0\1\0\0" + it) for it in recorded]
-    assert all(len(image.data) == 15000 for image in got)
-    at = [bytes(image.data) for image in sent].index(bytes(got[0].data))
-    for i, image in enumerate(got):
-        expected = sent[(at + i) % 3]
+        images = [read(IMAGE, peer.message("/image/compressed")) for _ in range(3)]
+    sent = [read(IMAGE, b"\0\1\0\0" + sample) for sample in recorded]
+    assert all(len(image.data) == 15000 for image in images)
+    start = [bytes(image.data) for image in sent].index(bytes(images[0].data))
+    for i, image in enumerate(images):
+        expected = sent[(start + i) % 3]
         assert bytes(image.data) == bytes(expected.data)
         assert (image.format, image.header) == (expected.format, expected.header)
     peer.do("unsubscribe", topic="/image/compressed")
@@ -114,37 +115,38 @@ def test_a_boards_node_is_in_the_graph_with_its_publishers_until_it_leaves(agent
     before = peer.do("gone", namespace="/garden", name="weather")
     assert before["gone"]
     with board(agent, "rclc_temperature_humidity"):
-        seen = peer.do("node", namespace="/garden", name="weather", publishers=topics)
-        assert seen["publishers"] is not None, seen
-        assert {k: v for k, v in seen["publishers"].items() if "garden" in k} == {
+        node = peer.do("node", namespace="/garden", name="weather", publishers=topics)
+        assert node["publishers"] is not None, node
+        assert {k: v for k, v in node["publishers"].items() if "garden" in k} == {
             topic: [type_name] for topic, type_name in topics.items()
         }
-        assert "weather" in seen["names"] and "/garden/weather" in seen["full_names"]
+        assert "weather" in node["names"] and "/garden/weather" in node["full_names"]
     after = peer.do("gone", namespace="/garden", name="weather")
     assert after["gone"], after
     assert "/garden/weather" not in after["full_names"]
 
 
-def test_nodes_of_several_boards_are_apart(agent, peer):
+def test_each_boards_node_has_only_its_own_publishers(agent, peer):
     expected = {
         "rclc_int32_publisher": ("int32_pub_node", "/std_msgs_msg_Int32", INT32),
         "rclc_image": ("image_pub_node", "/image/compressed", IMAGE),
     }
     with board(agent, "rclc_int32_publisher"), board(agent, "rclc_image"):
         for name, topic, type_name in expected.values():
-            seen = peer.do("node", namespace="/", name=name, publishers={topic: type_name})
-            own = set(seen["publishers"]) & {it[1] for it in expected.values()}
-            assert own == {topic}, seen
+            node = peer.do("node", namespace="/", name=name, publishers={topic: type_name})
+            own = set(node["publishers"]) & {other for _, other, _ in expected.values()}
+            assert own == {topic}, node
     for name, _, _ in expected.values():
         assert peer.do("gone", namespace="/", name=name)["gone"]
 
 
-# What says no farewell, or one that is not understood, stays for ten seconds or for good.
+# Seconds for nodes and endpoints to leave the graph. A participant that does not announce its end,
+# or not in a form that peers understand, stays for its lease of ten seconds or for good.
 SOON = 5
 
 
 def probe(line, key):
-    """A client with a writer and a reader."""
+    """Return a client with a writer and a reader."""
     client = XrceClient(line, key=key)
     client.open()
     client.writer("probe", "rt/probe/out", dds_name(INT32))
@@ -164,7 +166,7 @@ def assert_gone(peer):
         assert peer.do("unused", topic=topic, seconds=SOON)["unused"], topic
 
 
-def test_nothing_is_left_of_a_board_that_leaves(agent, peer):
+def test_a_board_that_closes_its_session_leaves_the_graph(agent, peer):
     client = probe(agent.line(), 0x51000011)
     assert_there(peer)
     client.close()
@@ -172,7 +174,7 @@ def test_nothing_is_left_of_a_board_that_leaves(agent, peer):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_nothing_is_left_of_an_agent_that_is_ended(domain, peer, number):
+def test_an_agent_ended_by_a_signal_leaves_the_graph(domain, peer, number):
     with default_signals():
         agent = subprocess.Popen(
             [sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain)],
@@ -193,9 +195,12 @@ def test_nothing_is_left_of_an_agent_that_is_ended(domain, peer, number):
         agent.communicate()
 
 
-def test_endpoints_tell_their_type_hash_and_qos(agent, peer):
-    """Not the node's name: Cyclone leaves the participant's GUID out of what it tells of an
-    endpoint, so rmw_fastrtps calls any Cyclone endpoint _CREATED_BY_BARE_DDS_APP_ here."""
+def test_endpoints_announce_type_hash_and_qos(agent, peer):
+    """Endpoints of a board have type, type hash and QoS; the node's name is not compared.
+
+    Cyclone leaves the participant's GUID out of its endpoint announcements, so rmw_fastrtps calls
+    the node of any Cyclone endpoint _CREATED_BY_BARE_DDS_APP_.
+    """
     client = XrceClient(agent.line(), key=0x51000001)
     client.open()
     client.writer("probe", "rt/hash/reliable", dds_name(TEMPERATURE))
@@ -212,7 +217,7 @@ def test_endpoints_tell_their_type_hash_and_qos(agent, peer):
             }
         ]
     infos = peer.do("topic", topic="/hash/read", of="subscriptions")["infos"]
-    assert [(it["type"], it["hash"]) for it in infos] == [(TWIST, known_hash(TWIST))]
+    assert [(info["type"], info["hash"]) for info in infos] == [(TWIST, known_hash(TWIST))]
     client.close()
     assert peer.do("gone", namespace="/", name="probe")["gone"]
 
@@ -261,7 +266,7 @@ def simple(type_name, value):
 
 @pytest.mark.parametrize("reader_qos", ["reliable", "best_effort"])
 @pytest.mark.parametrize(
-    ("type_name", "make"),
+    ("type_name", "make_messages"),
     [
         (INT32, lambda: [simple(INT32, n) for n in (0, -1, 2**31 - 1)]),
         (STRING, lambda: [simple(STRING, s) for s in ("", "hello", "grüße 🤖")]),
@@ -270,31 +275,32 @@ def simple(type_name, value):
     ],
     ids=["Int32", "String", "Twist", "CompressedImage"],
 )
-def test_what_ros_publishes_reaches_a_clients_reader(agent, peer, type_name, make, reader_qos):
+def test_ros_messages_reach_a_clients_reader(agent, peer, type_name, make_messages, reader_qos):
     client = XrceClient(agent.line(), key=0x51000003 + len(agent.lines))
     client.open()
     flags = ids.QOS_KEEP_LAST | (ids.QOS_RELIABLE if reader_qos == "reliable" else 0)
     topic = f"to_board/{type_name.rpartition('/')[2].lower()}_{reader_qos}"
     reader = client.reader("board", f"rt/{topic}", dds_name(type_name), flags)
     client.read(reader)
-    sent = make()
+    sent = make_messages()
     first = warm_up(type_name)
 
     def publish(*messages):
         cdr = [to_cdr(message).hex() for message in messages]
         answer = peer.do("publish", topic=f"/{topic}", type=type_name, cdr=cdr)
-        assert answer["subscribers"] >= 1  # a second reader may be there; see dds/offers.py
+        # The agent may have a probe reader too; see middleware/dds/late_writer_heartbeat.py.
+        assert answer["subscribers"] >= 1
 
-    # rclpy knows the reader before the reader knows rclpy: what is published meanwhile is lost.
+    # rclpy discovers the reader before the reader discovers rclpy: samples in between are lost.
     for _ in range(50):
         publish(first)
         if client.wait_sample(reader, 0.1):
             break
     publish(*sent)
-    got = []
-    while len(got) < len(sent):
+    received = []
+    while len(received) < len(sent):
         message = read(type_name, b"\0\1\0\0" + client.sample(reader))
         if message != first:
-            got.append(message)
-    assert got == sent
+            received.append(message)
+    assert received == sent
     assert client.close() == ids.STATUS_OK

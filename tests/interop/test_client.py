@@ -1,4 +1,4 @@
-"""Programs on our client, on both Pythons, to a real rclpy node and back, and to each other."""
+"""Client programs on CPython and MicroPython with a real rclpy node, and with each other."""
 
 import shutil
 from contextlib import ExitStack
@@ -21,21 +21,21 @@ IMAGE = "sensor_msgs/msg/CompressedImage"
 HARDWARE = "ra6m5_sensor_node"
 
 
-def program(folder: Path, name: str, other: str) -> Path:
-    """The echo program with these names."""
+def program(folder: Path, name: str, peer: str) -> Path:
+    """Copy the echo program, and configure its name and that of its peer."""
     shutil.copytree(ROOT / "tests/firmware/echo", folder / name)
-    (folder / name / "config.py").write_text(f"NAME = {name!r}\nPEER = {other!r}\n")
+    (folder / name / "config.py").write_text(f"NAME = {name!r}\nPEER = {peer!r}\n")
     return folder / name
 
 
 @pytest.fixture(params=["cpython", "micropython"])
 def boards(request, tmp_path, domain):
-    """Two boards that know of each other, with an agent each; their names."""
-    names = [f"{request.param}_{it}" for it in ("left", "right")]
+    """The names of two boards that are configured as peers; each has an agent of its own."""
+    names = [f"{request.param}_{side}" for side in ("left", "right")]
     with ExitStack() as stack:
-        for name, other in (names, names[::-1]):
+        for name, other_name in (names, names[::-1]):
             board = RunningBoard(
-                program(tmp_path, name, other), board=HARDWARE, engine=request.param,
+                program(tmp_path, name, other_name), board=HARDWARE, engine=request.param,
                 link=tmp_path / f"tty_{name}",
             )  # fmt: skip
             stack.enter_context(board)
@@ -44,7 +44,7 @@ def boards(request, tmp_path, domain):
 
 
 def samples(type_name):
-    """Ten messages of a type, the last ones odd."""
+    """Ten messages of a type, with values at the edges of its range."""
     cls = load_type(type_name)
     for i in range(10):
         message = cls()
@@ -74,7 +74,7 @@ def test_messages_go_to_a_board_and_come_back(boards, peer, name, type_name):
     topic = f"/{boards[0]}/{name}"
     peer.do("subscribe", topic=topic + "_back", type=type_name)
     first, *others = samples(type_name)
-    # The way back is found some time after the way there, and what is volatile waits for nobody.
+    # The returning topic is discovered later, and volatile samples from before are lost.
     while not peer.messages[topic + "_back"]:
         send(peer, topic, first)
         peer.do("node", namespace="/none", name="none", publishers={}, seconds=0.5)
@@ -89,10 +89,11 @@ def test_messages_go_to_a_board_and_come_back(boards, peer, name, type_name):
 
 
 def test_two_boards_serve_each_other(boards, peer):
-    for name, other in (boards, boards[::-1]):
+    """Each board calls the other's service and publishes the answers."""
+    for name, other_name in (boards, boards[::-1]):
         topic = f"/{name}/answers"
         peer.do("subscribe", topic=topic, type=STRING)
         heard = [from_cdr(load_type(STRING), peer.message(topic)).data for _ in range(4)]
         first = int(heard[0].rstrip("]").rpartition("[")[2])
-        assert heard == [f"{n % 2 == 1} {other}[{n}]" for n in range(first, first + 4)]
+        assert heard == [f"{n % 2 == 1} {other_name}[{n}]" for n in range(first, first + 4)]
         peer.do("unsubscribe", topic=topic)

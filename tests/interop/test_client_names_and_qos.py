@@ -1,4 +1,4 @@
-"""What our client calls things, and the QoS that an agent gives them, beside a real rclpy."""
+"""Names and QoS of the client's entities, compared with a real rclpy."""
 
 import importlib.util
 import json
@@ -20,11 +20,11 @@ from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPol
 from uros.transport.udp import UdpTransport
 
 pytestmark = pytest.mark.timeout(120)
-SCRIPT = Path(__file__).with_name("asked.py")
+SCRIPT = Path(__file__).with_name("rclpy_query.py")
 FIELDS = ("depth", "reliability", "durability", "history", "deadline_ms", "lifespan_ms")
 
 
-def asking(ros_python, domain, **question):
+def start_query(ros_python, domain, **question):
     environment = dict(os.environ, ROS_DOMAIN_ID=str(domain))
     for name in ("CYCLONEDDS_URI", "PYTHONPATH"):
         environment.pop(name, None)
@@ -34,9 +34,9 @@ def asking(ros_python, domain, **question):
     )  # fmt: skip
 
 
-def ask(ros_python, domain, **question):
-    """rclpy's answer."""
-    process = asking(ros_python, domain, **question)
+def query_rclpy(ros_python, domain, **question):
+    """Return rclpy's answer to a question of rclpy_query.py."""
+    process = start_query(ros_python, domain, **question)
     out, _ = process.communicate(timeout=100)
     assert process.returncode == 0
     return json.loads(out)
@@ -44,7 +44,7 @@ def ask(ros_python, domain, **question):
 
 @pytest.fixture(scope="module")
 def remapping():
-    """The cases of the portable tests."""
+    """The module of the portable tests, for its cases."""
     path = ROOT / "tests/unit/client/portable_remap.py"
     spec = importlib.util.spec_from_file_location("portable_remap", path)
     module = importlib.util.module_from_spec(spec)
@@ -52,23 +52,24 @@ def remapping():
     return module
 
 
-def test_the_remapping_that_our_tests_ask_for_is_rclpys(ros_python, domain, remapping):
-    cases = [it[:4] for it in remapping.CASES]
-    answers = ask(ros_python, domain, what="names", cases=cases)
-    assert answers == [list(it[4]) for it in remapping.CASES]
+def test_expected_remapping_is_that_of_rclpy(ros_python, domain, remapping):
+    cases = [case[:4] for case in remapping.CASES]
+    answers = query_rclpy(ros_python, domain, query="names", cases=cases)
+    assert answers == [list(case[4]) for case in remapping.CASES]
 
 
-def test_rules_that_we_refuse_are_refused_by_rclpy(ros_python, domain, remapping):
-    assert ask(ros_python, domain, what="refused", rules=remapping.BAD) == list(remapping.BAD)
+def test_rules_that_uros_refuses_are_refused_by_rclpy(ros_python, domain, remapping):
+    refused = query_rclpy(ros_python, domain, query="refused_rules", rules=remapping.BAD)
+    assert refused == list(remapping.BAD)
 
 
-def test_presets_are_rclpys(ros_python, domain):
-    presets = ask(ros_python, domain, what="presets")
-    ours = [it for it in dir(qos) if it.startswith("qos_profile_")]
-    assert set(presets) - set(ours) == {"qos_profile_unknown", "qos_profile_best_available"}
-    for name in ours:
-        assert {it: getattr(getattr(qos, name), it) for it in FIELDS} == {
-            it: presets[name][it] for it in FIELDS
+def test_presets_equal_those_of_rclpy(ros_python, domain):
+    presets = query_rclpy(ros_python, domain, query="presets")
+    names = [name for name in dir(qos) if name.startswith("qos_profile_")]
+    assert set(presets) - set(names) == {"qos_profile_unknown", "qos_profile_best_available"}
+    for name in names:
+        assert {field: getattr(getattr(qos, name), field) for field in FIELDS} == {
+            field: presets[name][field] for field in FIELDS
         }, name
 
 
@@ -87,39 +88,39 @@ PROFILES = {
 }
 
 
-def test_an_agents_endpoints_have_the_qos_that_was_asked_for(ros_python, domain):
+def test_agent_endpoints_have_the_requested_qos(ros_python, domain):
     with running_agent("udp", "dds", domain) as agent:
         node = Node("qos", UdpTransport("127.0.0.1", agent.transport.port), domain_id=domain)
         for name, profile in PROFILES.items():
             node.create_publisher(Int32, f"/qos/{name}_out", profile)
             node.create_subscription(Int32, f"/qos/{name}_in", print, profile)
-        topics = [f"/qos/{name}_{way}" for name in PROFILES for way in ("out", "in")]
-        process = asking(ros_python, domain, what="endpoints", topics=topics)
+        topics = [f"/qos/{name}_{end}" for name in PROFILES for end in ("out", "in")]
+        process = start_query(ros_python, domain, query="endpoints", topics=topics)
         while process.poll() is None:
             node.spin_once(0.05)
-        said = process.communicate()[0]
+        answer = process.communicate()[0]
         node.destroy_node()
-    found = json.loads(said)
-    assert set(found) == set(topics)
-    for name, given in PROFILES.items():
-        profile = QoSProfile(given) if isinstance(given, int) else given
-        for way in ("out", "in"):
-            seen = found[f"/qos/{name}_{way}"]
+    profiles = json.loads(answer)
+    assert set(profiles) == set(topics)
+    for name, requested in PROFILES.items():
+        profile = QoSProfile(requested) if isinstance(requested, int) else requested
+        for end in ("out", "in"):
+            announced = profiles[f"/qos/{name}_{end}"]
             reliability, durability = profile.reliability, profile.durability
-            if not reliability:  # DDS's own default
-                writer = way == "out"
+            if not reliability:  # system default: DDS's default, which differs by the kind of end
+                writer = end == "out"
                 reliability = (
                     ReliabilityPolicy.RELIABLE if writer else ReliabilityPolicy.BEST_EFFORT
                 )
-            assert seen["reliability"] == reliability, (name, way)
-            assert seen["durability"] == (durability or DurabilityPolicy.VOLATILE), (name, way)
-            assert seen["deadline_ms"] == profile.deadline_ms, (name, way)
-            if way == "out":  # a reader has none in DDS
-                assert seen["lifespan_ms"] == profile.lifespan_ms, name
+            assert announced["reliability"] == reliability, (name, end)
+            assert announced["durability"] == (durability or DurabilityPolicy.VOLATILE), (name, end)
+            assert announced["deadline_ms"] == profile.deadline_ms, (name, end)
+            if end == "out":  # DDS readers have no lifespan
+                assert announced["lifespan_ms"] == profile.lifespan_ms, name
 
 
-def test_who_comes_late_gets_as_many_as_the_depth_says(domain, peer):
-    """History and depth do not show in discovery, but in what is kept."""
+def test_a_late_subscriber_gets_as_many_samples_as_the_depth(domain, peer):
+    """History and depth are not announced by discovery: the number of kept samples shows them."""
     with running_agent("udp", "dds", domain) as agent:
         node = Node("latched", UdpTransport("127.0.0.1", agent.transport.port), domain_id=domain)
         profile = QoSProfile(3, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -128,8 +129,8 @@ def test_who_comes_late_gets_as_many_as_the_depth_says(domain, peer):
             node.spin_once(0.05)
         for i in range(5):
             assert publisher.publish(Int32(data=i))
-        end = time.monotonic() + 1
-        while time.monotonic() < end:
+        deadline = time.monotonic() + 1
+        while time.monotonic() < deadline:
             node.spin_once(0.05)
         peer.do(
             "subscribe", topic="/latched/three", type="std_msgs/msg/Int32",
@@ -148,9 +149,9 @@ def test_a_board_sees_the_graph_of_real_nodes(domain, peer):
         node = Node("looking", transport, "board", domain_id=domain)
         node.create_publisher(Int32, "/graph/listened")
         graph = Graph(node)
-        end = time.monotonic() + 20
+        deadline = time.monotonic() + 20
         while graph.count_subscribers("/graph/listened") < 1:
-            assert time.monotonic() < end, graph.get_topic_names_and_types()
+            assert time.monotonic() < deadline, graph.get_topic_names_and_types()
             node.spin_once(0.05)
         assert ("peer", "/real") in graph.get_node_names_and_namespaces()
         assert ("looking", "/board") in graph.get_node_names_and_namespaces()
@@ -161,6 +162,6 @@ def test_a_board_sees_the_graph_of_real_nodes(domain, peer):
         ]
         peer.do("unsubscribe", topic="/graph/listened")
         while graph.count_subscribers("/graph/listened"):
-            assert time.monotonic() < end, graph.get_topic_names_and_types()
+            assert time.monotonic() < deadline, graph.get_topic_names_and_types()
             node.spin_once(0.05)
         node.destroy_node()

@@ -186,4 +186,4 @@ def test_a_goal_for_a_real_action_server_fails_and_is_not_executed(ros_python, d
         for future in futures:
             assert REFUSED in str(future.exception())
         node.destroy_node()
-        assert server.do("stop")["asked"] == []
+        assert server.do("stop")["orders"] == []

@@ -1,9 +1,9 @@
-"""What a real rclpy says, once: JSON in the first argument, JSON on stdout.
+"""Ask a real rclpy one question: JSON in the first argument, the answer as JSON on stdout.
 
-``{"what": "presets"}``: its QoS profiles. ``{"what": "names", "cases": [[rules, node, namespace,
-[asked ...]] ...]}``: what remapping makes of names. ``{"what": "refused", "rules": [...]}``: those
-that it does not take. ``{"what": "endpoints", "topics": [...]}``: the publisher's or subscription's
-QoS of each, waiting for them.
+``{"query": "presets"}``: the QoS profiles of rclpy. ``{"query": "names", "cases": [[rules, node,
+namespace, [names ...]] ...]}``: the names after remapping. ``{"query": "refused_rules", "rules":
+[...]}``: the remapping rules that rclpy refuses. ``{"query": "endpoints", "topics": [...]}``: the
+QoS of the publisher or subscription of each topic, once it is discovered.
 """
 
 import json
@@ -18,8 +18,8 @@ from rclpy.node import Node
 SECONDS = 30
 
 
-def described(profile):
-    """Times in milliseconds, None for unlimited."""
+def qos_fields(profile):
+    """Return the policies of a profile; times in milliseconds, None for unlimited."""
 
     def milliseconds(duration):
         ns = duration.nanoseconds
@@ -38,17 +38,17 @@ def described(profile):
 
 def presets():
     return {
-        name: described(getattr(rclpy.qos, name))
+        name: qos_fields(getattr(rclpy.qos, name))
         for name in dir(rclpy.qos)
         if name.startswith("qos_profile_")
     }
 
 
-def made(rules, name, namespace):
+def make_node(rules, name, namespace):
     context = Context()
     rclpy.init(args=[], context=context)
     try:
-        arguments = ["--ros-args", *(it for rule in rules for it in ("-r", rule))]
+        arguments = ["--ros-args", *(word for rule in rules for word in ("-r", rule))]
         return context, Node(
             name, namespace=namespace, context=context, cli_args=arguments,
             enable_rosout=False, start_parameter_services=False,
@@ -60,45 +60,45 @@ def made(rules, name, namespace):
 
 def names(cases):
     answers = []
-    for rules, name, namespace, asked in cases:
-        context, node = made(rules, name, namespace)
+    for rules, node_name, namespace, unresolved in cases:
+        context, node = make_node(rules, node_name, namespace)
         answer = [node.get_name(), node.get_namespace()]
-        for it in asked:
-            answer += [node.resolve_topic_name(it), node.resolve_service_name(it)]
+        for name in unresolved:
+            answer += [node.resolve_topic_name(name), node.resolve_service_name(name)]
         answers.append(answer)
         node.destroy_node()
         rclpy.shutdown(context=context)
     return answers
 
 
-def refused(rules):
-    out = []
+def refused_rules(rules):
+    refused = []
     for rule in rules:
         try:
-            context, node = made([rule], "node", "/ns")
+            context, node = make_node([rule], "node", "/ns")
         except Exception:
-            out.append(rule)
+            refused.append(rule)
         else:
             node.destroy_node()
             rclpy.shutdown(context=context)
-    return out
+    return refused
 
 
 def endpoints(topics):
-    context, node = made([], "asking", "/real")
+    context, node = make_node([], "asking", "/real")
     deadline = time.monotonic() + SECONDS
-    found = {}
-    while len(found) < len(topics) and time.monotonic() < deadline:
+    profiles = {}
+    while len(profiles) < len(topics) and time.monotonic() < deadline:
         for topic in topics:
             infos = node.get_publishers_info_by_topic(topic)
             infos += node.get_subscriptions_info_by_topic(topic)
             if infos:
-                found[topic] = described(infos[0].qos_profile)
+                profiles[topic] = qos_fields(infos[0].qos_profile)
         time.sleep(0.05)  # discovery has a thread of its own
     node.destroy_node()
     rclpy.shutdown(context=context)
-    return found
+    return profiles
 
 
 question = json.loads(sys.argv[1])
-print(json.dumps(globals()[question.pop("what")](**question)))
+print(json.dumps(globals()[question.pop("query")](**question)))
