@@ -1,4 +1,4 @@
-"""The state file: any content, and failing disks."""
+"""The state file: arbitrary content, and failing disks."""
 
 import errno
 import os
@@ -34,7 +34,7 @@ JUNK = b"\x00\xff junk"
 
 
 def client(key):
-    """A client with a bit of everything."""
+    """Return the records of a client with something of every kind."""
     return ClientRecords(
         info=ClientInfo(key, 0x81, 512, "UDPv4Agent port 8888", ("127.0.0.1", key), [("a", "b")]),
         objects={0x11: (3, b"\0\1binary", 1, 0, True), 0x12: (2, "<dds/>", 2, 0x11, False)},
@@ -48,7 +48,7 @@ def client(key):
 
 
 def fill(path, *keys):
-    """A state file with these clients, closed as by an orderly end."""
+    """Write a state file with these clients, closed as by an orderly shutdown."""
     file = open_journal(str(path))
     slots, journal = {}, []
     for index, key in enumerate(keys):
@@ -73,7 +73,7 @@ def places_in_use(whole):
 
 
 def load(path):
-    """(clients by key, content) of a file."""
+    """Return (clients by key, content) of a file."""
     file = open_journal(str(path))
     try:
         content = file.read()
@@ -86,53 +86,53 @@ def sound(content):
     by_serial = {}
     for serial, number, payload in content.records:
         by_serial.setdefault(serial, {})[number] = payload
-    found = {}
+    clients_by_key = {}
     for slot in content.slots.values():
         serial = state.struct.unpack_from("<I", slot, 4)[0]
         try:
-            kept = ClientRecords.parse(slot, by_serial.get(serial, {}))
+            records = ClientRecords.parse(slot, by_serial.get(serial, {}))
         except DamagedRecords:
             continue
-        found[kept.info.key] = kept
-    return found
+        clients_by_key[records.info.key] = records
+    return clients_by_key
 
 
-def same(kept, key):
+def same(records, key):
     expected = client(key)
     for name, value in vars(expected).items():
         if not name.startswith("_"):
-            assert getattr(kept, name) == value, name
+            assert getattr(records, name) == value, name
 
 
-def test_what_was_written_is_read(tmp_path):
+def test_written_records_are_read_back(tmp_path):
     fill(tmp_path / "f", 1, 2, 3)
-    found, content = load(tmp_path / "f")
-    assert sorted(found) == [1, 2, 3] and content.trusted and not content.damaged
-    for key in found:
-        same(found[key], key)
+    clients, content = load(tmp_path / "f")
+    assert sorted(clients) == [1, 2, 3] and content.trusted and not content.damaged
+    for key in clients:
+        same(clients[key], key)
     assert os.stat(tmp_path / "f").st_mode & 0o777 == 0o600
 
 
-def test_what_is_behind_the_slots_count_was_promised_to_nobody(tmp_path):
+def test_records_behind_the_count_of_the_slot_are_ignored(tmp_path):
     file = open_journal(str(tmp_path / "f"))
     slot, records, count = client(1).encode(1)
     assert file.rewrite({0: slot}, [bytes(records)])
     assert file.append(record(1, count + 1, b"D\x11\x00") + record(9, 1, b"C{}"))
     file.close(False)
-    found, _ = load(tmp_path / "f")
-    same(found[1], 1)
+    clients, _ = load(tmp_path / "f")
+    same(clients[1], 1)
 
 
 @settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_damage(tmp_path, data):
-    """Never anything but JournalError; who comes back is as it was; one place harms one client."""
+    """Only JournalError is raised, restored clients are unchanged, one damage loses one client."""
     path = tmp_path / "f"
     if path.exists():
         path.unlink()
     whole = bytearray(filled(path.parent))
     how = data.draw(st.sampled_from(["flip", "cut", "junk", "several"]))
-    # All over the file, but mostly where something is.
+    # Anywhere in the file, but mostly where data is.
     full = places_in_use(bytes(whole))
     places = st.one_of(st.sampled_from(full), st.integers(0, len(whole) - 1))
     if how == "cut":
@@ -146,19 +146,19 @@ def test_any_damage(tmp_path, data):
             whole[at] ^= data.draw(st.integers(1, 255))
     path.write_bytes(bytes(whole))
     try:
-        found, content = load(path)
+        clients, content = load(path)
     except JournalError:
         return
-    for key, kept in found.items():
-        same(kept, key)
+    for key, records in clients.items():
+        same(records, key)
     if how == "flip" and content.trusted:
-        assert len(found) >= 2
+        assert len(clients) >= 2
 
 
 @settings(max_examples=examples(200))
 @given(st.lists(st.one_of(st.binary(max_size=80), st.tuples(
     st.integers(0, 9), st.integers(0, 9), st.binary(max_size=60))), max_size=30))  # fmt: skip
-def test_records_are_found_among_anything(parts):
+def test_records_are_found_among_arbitrary_bytes(parts):
     stream, expected = b"", []
     for part in parts:
         if isinstance(part, tuple):
@@ -178,8 +178,8 @@ def test_records_are_found_among_anything(parts):
     )), min_size=1, max_size=6),
     st.binary(min_size=112, max_size=112),
 )  # fmt: skip
-def test_records_that_mean_nothing(payloads, streams):
-    """They are sound to the last bit, and nonsense."""
+def test_records_with_invalid_content_are_refused(payloads, streams):
+    """Records with a valid checksum and any content are parsed or raise DamagedRecords."""
     slot = state.struct.pack("<IIII", 0, 1, len(payloads), 1) + streams
     try:
         ClientRecords.parse(slot, dict(enumerate(payloads, 1)))
@@ -187,7 +187,7 @@ def test_records_that_mean_nothing(payloads, streams):
         pass
 
 
-def test_a_file_of_somebody_else_is_left_as_it_is(tmp_path):
+def test_a_file_that_is_no_state_file_is_not_changed(tmp_path):
     path = tmp_path / "f"
     for text in (b"#!/bin/sh\n", b"\0" * 100, JUNK):
         path.write_bytes(text)
@@ -205,7 +205,7 @@ def test_a_file_that_was_truncated_under_a_killed_agent_is_damaged_and_not_someb
     os.truncate(path, 0)
     index, slot = next(iter(content.slots.items()))
     assert file.write_slot(index, slot)
-    os.close(file._fd)  # as SIGKILL
+    os.close(file._fd)  # as SIGKILL leaves it
     again = open_journal(str(path))
     assert "its head is damaged" in again.read().damaged and not again.read().trusted
     assert again.keep_aside() == f"{path}.damaged"
@@ -213,7 +213,7 @@ def test_a_file_that_was_truncated_under_a_killed_agent_is_damaged_and_not_someb
     again.close(True)
 
 
-def test_a_newer_file_is_left_as_it_is(tmp_path):
+def test_a_file_of_a_newer_version_is_not_changed(tmp_path):
     path = tmp_path / "f"
     whole = fill(path, 1).replace(b"uros state 1\n", b"uros state 2\n")
     path.write_bytes(whole)
@@ -222,19 +222,19 @@ def test_a_newer_file_is_left_as_it_is(tmp_path):
     assert path.read_bytes() == whole
 
 
-def test_what_is_no_file(tmp_path):
+def test_a_path_that_is_no_regular_file_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for path, what in (
+    for path, text in (
         (tmp_path, "a directory"), (tmp_path / "pipe", "no regular file"),
         ("/dev/null", "no regular file"), (tmp_path / "none" / "f", "does not exist: create it"),
         ("a\0b", "null"),
     ):  # fmt: skip
-        with pytest.raises(JournalError, match=what):
+        with pytest.raises(JournalError, match=text):
             open_journal(str(path))
 
 
 def test_a_file_that_may_not_be_written(tmp_path, monkeypatch):
-    for number, what in (
+    for number, text in (
         (errno.EACCES, "may not write"), (errno.EROFS, "read-only"), (errno.ENOSPC, "disk is full"),
         (errno.EIO, "Input/output"),
     ):  # fmt: skip
@@ -244,16 +244,16 @@ def test_a_file_that_may_not_be_written(tmp_path, monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(state.os, "open", fails)
-            with pytest.raises(JournalError, match=what):
+            with pytest.raises(JournalError, match=text):
                 open_journal(str(tmp_path / "f"))
 
 
-def test_a_file_is_one_agents(tmp_path):
+def test_a_file_is_used_by_one_agent_at_a_time(tmp_path):
     path = str(tmp_path / "f")
     first = open_journal(path)
     with pytest.raises(JournalError, match="another agent uses it"):
         open_journal(path)
-    assert first.rewrite({}, [])  # another file by now, under the same name
+    assert first.rewrite({}, [])  # the name now belongs to another file
     with pytest.raises(JournalError, match="another agent uses it"):
         open_journal(path)
     os.unlink(path)
@@ -272,7 +272,7 @@ def test_after_a_crash_of_the_machine_nothing_is_trusted(tmp_path, monkeypatch):
         slot, records, _ = client(1).encode(1)
         assert file.rewrite({0: slot}, [bytes(records)], sync=True)
         file.close(clean)
-        assert load(path)[1].trusted  # this machine runs on
+        assert load(path)[1].trusted  # the machine has not restarted
         with monkeypatch.context() as patch:
             patch.setattr(state, "_boot_id", lambda: "another")
             assert load(path)[1].trusted == clean
@@ -288,36 +288,36 @@ def test_a_huge_file_is_read_to_the_limit_only(tmp_path, monkeypatch):
     pread = os.pread
     monkeypatch.setattr(state.os, "pread", lambda *args: read.append(pread(*args)) or read[-1])
     monkeypatch.setattr(state, "MAX_JOURNAL", 1 << 20)
-    found, content = load(path)
+    clients, content = load(path)
     assert sum(map(len, read)) < 2 << 20
-    same(found[1], 1)
+    same(clients[1], 1)
     assert content.damaged == ["it has 1073741824 bytes"]
 
 
-def test_half_a_write_leaves_nothing(tmp_path, monkeypatch):
+def test_an_incomplete_write_is_taken_back(tmp_path, monkeypatch):
     file = open_journal(str(tmp_path / "f"))
     assert file.rewrite({}, [])
     assert file.append(record(1, 1, b"one"))
     size = os.path.getsize(file.path)
     pwrite = os.pwrite
-    left = [10]
+    room = [10]
 
     def short(fd, view, at):
-        if not left[0]:
+        if not room[0]:
             raise OSError(errno.ENOSPC, "No space left on device")
-        done = pwrite(fd, bytes(view)[: left[0]], at)
-        left[0] -= done
+        done = pwrite(fd, bytes(view)[: room[0]], at)
+        room[0] -= done
         return done
 
     monkeypatch.setattr(state.os, "pwrite", short)
     assert not file.append(record(1, 2, b"two"))
     assert os.path.getsize(file.path) == size
-    left[0] = 5000
+    room[0] = 5000
     assert not file.rewrite({}, [record(1, 1, bytes(6000))])
     assert not os.path.exists(file.path + ".new")
     monkeypatch.undo()
     assert file.append(record(1, 2, b"two"))
-    assert [it[2] for it in file.read().records] == [b"one", b"two"]
+    assert [entry[2] for entry in file.read().records] == [b"one", b"two"]
     file.close(False)
 
 
@@ -341,8 +341,8 @@ print(count)
 """
 
 
-def test_a_file_may_grow_no_further(tmp_path):
-    """The kernel says so, by RLIMIT_FSIZE."""
+def test_a_file_at_its_size_limit(tmp_path):
+    """The kernel refuses to extend the file, by RLIMIT_FSIZE."""
     done = subprocess.run(
         [sys.executable, "-c", REAL, str(tmp_path / "f"), "1000000"],
         capture_output=True, text=True, timeout=30,
@@ -352,7 +352,7 @@ def test_a_file_may_grow_no_further(tmp_path):
 
 
 def test_a_real_full_disk(tmp_path):
-    """A tmpfs of 1 MB in a mount namespace of its own, where that may be made."""
+    """A tmpfs of 1 MB in a mount namespace of its own, where the user may create one."""
     run = f"exec {sys.executable} -c '{REAL}' {tmp_path}/f disk"
     script = f"mount -t tmpfs -o size=1M none {tmp_path} && {run}"
     unshare = shutil.which("unshare")
@@ -372,7 +372,7 @@ def test_a_real_full_disk(tmp_path):
     assert int(done.stdout.split("\n")[1]) > 100
 
 
-def test_the_content_of_a_new_file_is_nothing(tmp_path):
+def test_a_new_file_has_no_content(tmp_path):
     file = open_journal(str(tmp_path / "f"))
     assert file.read() == JournalContent()
     file.close(True)
@@ -389,12 +389,12 @@ def failing(number=errno.EIO):
     return fails
 
 
-def test_a_record_that_is_cut_off_hides_no_others():
+def test_a_truncated_record_does_not_hide_others():
     cut = record(7, 1, bytes(1000))[: state.RECORD_SIZE + 5]
     assert records_in(cut + record(8, 1, b"sound")) == [(8, 1, b"sound")]
 
 
-def test_a_machine_that_does_not_tell_its_runs_apart(tmp_path, monkeypatch):
+def test_a_machine_without_a_boot_id(tmp_path, monkeypatch):
     path = tmp_path / "f"
     monkeypatch.setattr(state, "_BOOT_ID", str(tmp_path / "nothing"))
     for clean in (False, True):
@@ -415,7 +415,7 @@ def test_a_disk_that_cannot_be_read(tmp_path, monkeypatch):
     file.close(False)
 
 
-def test_a_disk_that_takes_nothing_and_says_nothing(tmp_path, monkeypatch):
+def test_a_disk_that_writes_nothing_and_reports_no_error(tmp_path, monkeypatch):
     file = open_journal(str(tmp_path / "f"))
     assert file.rewrite({}, [])
     with monkeypatch.context() as patch:
@@ -433,14 +433,14 @@ def test_a_disk_that_takes_nothing_and_says_nothing(tmp_path, monkeypatch):
     file.close(False)
 
 
-def test_a_damaged_file_that_cannot_be_kept_aside(tmp_path):
+def test_a_damaged_file_that_cannot_be_renamed(tmp_path):
     file = open_journal(str(tmp_path / "f"))
     (tmp_path / "f.damaged").mkdir()
     assert file.keep_aside() is None
     file.close(False)
 
 
-def test_where_files_have_no_room_beforehand(tmp_path, monkeypatch):
+def test_a_system_without_preallocation(tmp_path, monkeypatch):
     """macOS."""
     monkeypatch.delattr(state.os, "posix_fallocate", raising=False)
     fill(tmp_path / "f", 1)
@@ -448,7 +448,7 @@ def test_where_files_have_no_room_beforehand(tmp_path, monkeypatch):
     same(load(tmp_path / "f")[0][1], 1)
 
 
-def test_a_journal_has_an_end(tmp_path, monkeypatch):
+def test_the_size_of_a_journal_is_limited(tmp_path, monkeypatch):
     file = open_journal(str(tmp_path / "f"))
     half = record(1, 1, bytes(1 << 20))
     monkeypatch.setattr(state, "MAX_JOURNAL", 5 << 19)
@@ -462,8 +462,8 @@ def test_a_journal_has_an_end(tmp_path, monkeypatch):
     file.close(True)
 
 
-def test_a_directory_that_forgets_nothing(tmp_path, monkeypatch):
-    """Neither may the new file come to its name nor the half one go."""
+def test_a_directory_that_allows_no_rename_and_no_removal(tmp_path, monkeypatch):
+    """Neither may the new file be renamed nor the incomplete one be removed."""
     fill(tmp_path / "f", 1)
     file = open_journal(str(tmp_path / "f"))
     with monkeypatch.context() as patch:
@@ -479,7 +479,7 @@ def test_a_directory_that_forgets_nothing(tmp_path, monkeypatch):
     file.close(False)
 
 
-def test_what_must_not_be_believed_is_taken_away_somehow(tmp_path, monkeypatch):
+def test_outdated_content_is_removed_by_any_means_that_works(tmp_path, monkeypatch):
     fill(tmp_path / "f", 1)
     file = open_journal(str(tmp_path / "f"))
     with monkeypatch.context() as patch:
@@ -495,13 +495,13 @@ def test_what_must_not_be_believed_is_taken_away_somehow(tmp_path, monkeypatch):
     file = open_journal(str(tmp_path / "f"))
     file.clear()
     assert file.write_slot(7, bytes(state.SLOT_SIZE))
-    assert (tmp_path / "f").read_bytes() == b""  # a slot alone would be no state file
+    assert (tmp_path / "f").read_bytes() == b""  # slots alone are no state file
     assert file.rewrite({}, []) and file.write_slot(7, b"x" * state.SLOT_SIZE)
     assert b"x" * state.SLOT_SIZE in (tmp_path / "f").read_bytes()
     file.close(False)
 
 
-def test_a_file_that_cannot_be_looked_after(tmp_path, monkeypatch):
+def test_a_file_that_cannot_be_checked_or_synchronized(tmp_path, monkeypatch):
     file = open_journal(str(tmp_path / "f"))
     assert file.rewrite({}, []) and file.missing() is None
     for call in ("stat", "pread"):
@@ -510,7 +510,7 @@ def test_a_file_that_cannot_be_looked_after(tmp_path, monkeypatch):
             assert file.missing() == "Input/output error"
     with monkeypatch.context() as patch:
         patch.setattr(state.os, "fsync", failing())
-        file.close(True)  # it counts as long as this machine runs
+        file.close(True)  # it is trusted until the machine restarts
     file.close(True)
     assert load(tmp_path / "f")[1].trusted
     with monkeypatch.context() as patch:
@@ -532,7 +532,7 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch):
 
 
 def test_a_file_that_changes_while_it_is_opened(tmp_path, monkeypatch):
-    """Its owner puts a new one in its place again and again, or ends and takes it away."""
+    """Its owner replaces the file again and again, or ends and removes it."""
     path = tmp_path / "f"
     path.touch()
     stat, times = os.stat, []
@@ -551,9 +551,9 @@ def test_a_file_that_changes_while_it_is_opened(tmp_path, monkeypatch):
             open_journal(str(path))
     assert len(times) == 2 * state._TRIES
 
-    # A pipe by now: opened, and then it is none.
+    # A pipe at first; after opening, the name belongs to something else.
     with monkeypatch.context() as patch:
         patch.setattr(state.os, "fstat", lambda _: stat("/dev/null"))
         with pytest.raises(JournalError, match="no regular file"):
             open_journal(str(path))
-    open_journal(str(path)).close(False)  # nothing of it is locked
+    open_journal(str(path)).close(False)  # no lock is left

@@ -1,4 +1,4 @@
-"""Sessions that survive the agent: killed at any write, with clients that never start anew."""
+"""Sessions that survive a kill of the agent at any write, with clients that never reset."""
 
 import os
 import struct
@@ -35,12 +35,14 @@ TYPE = helpers.INT32
 
 
 class Killed(BaseException):
-    """Nobody catches a SIGKILL."""
+    """Stands for SIGKILL: no handler catches it."""
 
 
 class World:
-    """A bus, somebody far away on it, and agents that come and go. ``deaths``: before which of
-    the calls that write or send the agent of the time ends."""
+    """A bus with a remote node, and agents that start and end.
+
+    ``deaths``: the numbers of the calls that write or send, before which the agent is killed.
+    """
 
     def __init__(self, path, deaths=(), monkeypatch=None):
         self.path = str(path)
@@ -61,7 +63,7 @@ class World:
         return self.desk
 
     def kill(self):
-        """As SIGKILL: nothing more is written, and the network hears of it."""
+        """End the agent as by SIGKILL: nothing more is written, and discovery reports its end."""
         desk, self.desk = self.desk, None
         self.killed += 1
         self.clock = desk.clock
@@ -70,7 +72,7 @@ class World:
         return self
 
     def stop(self):
-        """As SIGTERM."""
+        """End the agent as by SIGTERM."""
         desk, self.desk = self.desk, None
         self.clock = desk.clock
         desk.session_store.close()
@@ -80,7 +82,7 @@ class World:
         return self.kill().start()
 
     def step(self):
-        """Something is about to be written or sent."""
+        """Count a call that writes or sends; raise Killed where the agent shall die."""
         self.calls += 1
         if self.deaths and self.calls >= self.deaths[0]:
             self.deaths.popleft()
@@ -91,7 +93,7 @@ class World:
             self.desk.hear(message, peer)
         except Killed:
             self.restart()
-            # What the one before had sent is on its way.
+            # Messages that the killed agent has sent still arrive.
 
     def wait(self, milliseconds):
         try:
@@ -153,7 +155,7 @@ class LastingDesk(Desk):
 
 
 class Client(StubbornClient):
-    """A stubborn client in such a world."""
+    """A client that never resets its session, connected to the agents of a world."""
 
     def __init__(self, world, key=0xA1, session_id=0x81):
         self.world = world
@@ -183,14 +185,14 @@ class Client(StubbornClient):
 
 @pytest.fixture
 def world(tmp_path):
-    made = World(tmp_path / "state")
-    yield made
-    made.close()
+    world = World(tmp_path / "state")
+    yield world
+    world.close()
 
 
 def far_reader(world, topic="rt/up"):
     reader = world.node.create_reader(topic, TYPE, QoSProfile(depth=10_000), lambda: None)
-    return lambda: [struct.unpack_from("<I", it, 4)[0] for it in reader.take(10_000)]
+    return lambda: [struct.unpack_from("<I", sample, 4)[0] for sample in reader.take(10_000)]
 
 
 def publisher(world, topic="rt/up", key=0xA1, **more):
@@ -212,7 +214,7 @@ def settled(client):
 
 
 def test_a_client_goes_on_publishing(world):
-    heard = far_reader(world)
+    far_samples = far_reader(world)
     client = publisher(world)
     for value in range(5):
         client.write(0x15, number(value))
@@ -221,13 +223,13 @@ def test_a_client_goes_on_publishing(world):
     for value in range(5, 10):
         client.write(0x15, number(value))
     settled(client)
-    assert heard() == list(range(10))
+    assert far_samples() == list(range(10))
     assert "session restored" in world.desk.log()
 
 
-def test_a_client_that_sends_no_heartbeats_goes_on_too(world):
-    """Nor that the first question for what it holds is lost."""
-    heard = far_reader(world)
+def test_a_client_that_sends_no_heartbeats_goes_on_publishing(world):
+    """After the restart, the agent's first request for unacknowledged messages is lost."""
+    far_samples = far_reader(world)
     client = publisher(world)
     client.shy = True
     settled(client)
@@ -238,11 +240,11 @@ def test_a_client_that_sends_no_heartbeats_goes_on_too(world):
     world.restart()
     client.inbox.clear()
     settled(client)
-    assert heard() == list(range(16))
+    assert far_samples() == list(range(16))
 
 
 def test_the_first_fragments_of_a_message_are_kept(world):
-    heard = far_reader(world)
+    far_samples = far_reader(world)
     client = publisher(world)
     whole = StubbornClient.write
     sent = []
@@ -256,31 +258,31 @@ def test_the_first_fragments_of_a_message_are_kept(world):
     assert len(client._out) == len(sent) - 2 > 0  # the first two are acknowledged, and freed
     world.restart()
     settled(client)
-    assert heard() == [7]
+    assert far_samples() == [7]
 
 
-def test_what_is_stalled_comes_again(world, monkeypatch):
-    heard = far_reader(world)
+def test_stalled_messages_are_sent_again_by_the_client(world, monkeypatch):
+    far_samples = far_reader(world)
     client = publisher(world)
     with monkeypatch.context() as patch:
         patch.setattr(MemoryWriter, "write", lambda self, cdr: False)
-        world.restart()  # endpoints keep what they call
+        world.restart()  # endpoints keep a reference to the method
         client.write(0x15, number(1))
         client.write(0x15, number(2, 1400))
         client.turns(5)
         world.wait(1500)
         world.restart()
         client.turns(5)
-        assert len(client._out) == 4 and heard() == []
+        assert len(client._out) == 4 and far_samples() == []
     world.restart()
     settled(client)
-    assert heard() == [1, 2]
+    assert far_samples() == [1, 2]
 
 
-def test_what_came_before_a_stall_does_not_come_twice(world, monkeypatch):
-    """A writer or a service without room for seconds, as a restored one: what was written before to
-    others is at their readers already, though it is not acknowledged."""
-    heard, held = far_reader(world), far_reader(world, "rt/held")
+def test_samples_written_before_a_stall_are_not_delivered_twice(world, monkeypatch):
+    """A writer or a service without room for seconds, as a restored one: samples that were written
+    to other topics before have reached their readers, though they are not acknowledged."""
+    far_samples, held_samples = far_reader(world), far_reader(world, "rt/held")
     client = publisher(world)
     client.create(0x32, 0x11, helpers_topic, "rt/held", TYPE)
     client.create(0x35, 0x13, helpers_endpoint, 0x32, ids.QOS_RELIABLE, 10)
@@ -289,7 +291,7 @@ def test_what_came_before_a_stall_does_not_come_twice(world, monkeypatch):
     monkeypatch.setattr(
         MemoryWriter, "write", lambda self, cdr: self._key[1] not in full and write(self, cdr)
     )
-    world.restart()  # endpoints keep what they call
+    world.restart()  # endpoints keep a reference to the method
     for value in range(3):
         client.write(0x15, number(value))
     for value in range(3):
@@ -297,21 +299,21 @@ def test_what_came_before_a_stall_does_not_come_twice(world, monkeypatch):
     client.turns(5)
     full.remove("rt/up")
     client.turns(5)
-    assert heard() == [0, 1, 2] and len(client._out) == 3 + 1 + 2 * 3  # not acknowledged
+    assert far_samples() == [0, 1, 2] and len(client._out) == 3 + 1 + 2 * 3  # not acknowledged
     for _ in range(2):
         world.restart()
         client.turns(5)
-    assert heard() == [] and held() == []
+    assert far_samples() == [] and held_samples() == []
     full.clear()
     client.write(0x15, number(7))
     settled(client)
-    assert heard() == [7] and held() == [0, 1, 2]
+    assert far_samples() == [7] and held_samples() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("rewritten", [False, True], ids=["journal", "rewritten"])
 def test_a_message_behind_one_that_was_given_up_is_stalled(world, monkeypatch, rewritten):
-    """Its last fragment comes again; those before it, and those of the first, are in the file."""
-    heard = far_reader(world)
+    """Its last fragment comes again; the fragments before it are in the file."""
+    far_samples = far_reader(world)
     client = publisher(world)
 
     def fragments(whole, at_most):
@@ -326,17 +328,17 @@ def test_a_message_behind_one_that_was_given_up_is_stalled(world, monkeypatch, r
 
     with monkeypatch.context() as patch:
         patch.setattr(MemoryWriter, "write", lambda self, cdr: False)
-        world.restart()  # endpoints keep what they call
+        world.restart()  # endpoints keep a reference to the method
         fragments(whole(1 << 8), 2)
         client.turns(5)
         fragments(whole(2 << 8), 4)
         client.turns(5)
-        assert len(client._out) == 1 and heard() == []
+        assert len(client._out) == 1 and far_samples() == []
         if rewritten:
             assert world.desk.session_store._rewrite()
     world.restart()
     settled(client)
-    assert heard() == [2 << 8]
+    assert far_samples() == [2 << 8]
 
 
 def test_messages_to_a_client_are_sent_again_as_they_were(world):
@@ -347,18 +349,18 @@ def test_messages_to_a_client_are_sent_again_as_they_were(world):
     writer = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=100))
     for value in range(6):
         writer.write(b"\0\1\0\0" + number(value, 1200 if value == 3 else 4))
-    # All but the last fragment of the large one are lost on their way.
+    # All fragments of the large message but the last are lost in transit.
     world.desk.settle()
-    client.inbox = deque(it for it in client.inbox if len(it) < 480)
+    client.inbox = deque(message for message in client.inbox if len(message) < 480)
     world.restart()
     client.until(lambda: len(client.samples) == 6, "samples are missing")
-    assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(range(6))
+    assert [struct.unpack_from("<I", message)[0] for message in client.samples] == list(range(6))
     writer.write(b"\0\1\0\0" + number(6))
     client.until(lambda: len(client.samples) == 7, "it does not go on")
 
 
 def subscriber(world, topic="rt/down"):
-    """A client that reads a topic, and the writer of it far away."""
+    """Return a client that reads a topic, and the remote writer of the topic."""
     client = Client(world)
     client.topic(topic, TYPE)
     client.reader()
@@ -369,8 +371,8 @@ def subscriber(world, topic="rt/down"):
 @pytest.mark.parametrize("acknowledged", [0, 3])
 @pytest.mark.parametrize("flying", [1, 2, 5])
 @pytest.mark.parametrize("rewritten", [False, True], ids=["journal", "rewritten"])
-def test_all_that_is_on_its_way_at_the_kill_is_sent_again(world, acknowledged, flying, rewritten):
-    """The first message that is not acknowledged too, and if nothing else is lost."""
+def test_all_messages_in_transit_at_the_kill_are_sent_again(world, acknowledged, flying, rewritten):
+    """The first message without acknowledgement is sent again too, even if no other is lost."""
     client, writer = subscriber(world)
     for value in range(acknowledged):
         writer.write(b"\0\1\0\0" + number(value))
@@ -386,14 +388,14 @@ def test_all_that_is_on_its_way_at_the_kill_is_sent_again(world, acknowledged, f
         assert world.desk.session_store._rewrite()
     world.restart()
     client.turns()
-    assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(
+    assert [struct.unpack_from("<I", sample)[0] for sample in client.samples] == list(
         range(acknowledged + flying)
     )
 
 
-def test_what_is_held_for_a_client_counts_after_a_restart_as_before(world):
-    """Else what it does not acknowledge would be nobody's, in the account of all clients' memory
-    and in the limit of its answers; and what it acknowledges then would be owed to it."""
+def test_unacknowledged_messages_count_towards_the_memory_budget_after_a_restart(world):
+    """Otherwise unacknowledged messages would be missing in the memory budget and in the limit of
+    its answers, and acknowledging them would make the client's account negative."""
     client, writer = subscriber(world)
     settled(client)
     for value in range(4):
@@ -406,56 +408,56 @@ def test_what_is_held_for_a_client_counts_after_a_restart_as_before(world):
     world.send(client.peer, sent[0])
     client.inbox.clear()
 
-    def held():
-        (session,) = [it.session for it in world.desk.agent.clients.values()]
+    def held_bytes():
+        (session,) = [client_proxy.session for client_proxy in world.desk.agent.clients.values()]
         return session.held(), session._out[0x80].size, session.queues()
 
-    before = held()
+    before = held_bytes()
     assert before[1] > 4 * 300 and before[2][0] == 4 and before[2][3] > 400
     world.restart()
-    assert held() == before
+    assert held_bytes() == before
     assert world.desk.agent.budget.count()[0][0] >= before[0]
     client.turns()
     assert len(client.samples) == 4
-    assert held()[1] == 0
+    assert held_bytes()[1] == 0
 
 
 def test_best_effort_streams_go_on_both_ways(world):
-    heard = far_reader(world)
+    far_samples = far_reader(world)
     client = publisher(world)
     client.reader(ids.STREAM_BEST_EFFORT)
     client.turns()
     client.write_best_effort(0x15, number(0))
     client.turns(5)
-    client._best_effort_out = 0x9000  # far beyond what a new stream would take for news
+    client._best_effort_out = 0x9000  # far beyond the numbers that a new stream would accept
     world.restart()
     client.write_best_effort(0x15, number(1))
     client.write_best_effort(0x15, number(2))
     client.turns()
-    assert heard() == [0, 1, 2]
-    (session,) = [it.session for it in world.desk.agent.clients.values()]
-    assert session.lost == 0  # what was lost before it began, it does not know
-    got = [struct.unpack_from("<I", it)[0] for it in client.samples]
-    assert got == [0, 1, 2]  # its own reader: numbers of the agent that it takes for news
+    assert far_samples() == [0, 1, 2]
+    (session,) = [sample.session for sample in world.desk.agent.clients.values()]
+    assert session.lost == 0  # it does not count losses of before the restart
+    numbers = [struct.unpack_from("<I", sample)[0] for sample in client.samples]
+    assert numbers == [0, 1, 2]  # its own reader: the client accepts the agent's numbers
 
 
-def test_what_was_deleted_stays_deleted(world):
+def test_deleted_objects_stay_deleted_after_a_restart(world):
     client = publisher(world)
     helpers_delete(client, 0x15)
     world.restart()
-    (kept,) = world.desk.agent.clients.values()
-    assert sorted(kept.objects) == [0x11, 0x12, 0x13]
+    (proxy,) = world.desk.agent.clients.values()
+    assert sorted(proxy.objects) == [0x11, 0x12, 0x13]
     client.create(0x15, 0x13, helpers_endpoint, 0x12, ids.QOS_RELIABLE, 10)
-    heard = far_reader(world)
+    far_samples = far_reader(world)
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
 
 
-def helpers_delete(client, thing):
+def helpers_delete(client, object_id):
     from uros.wire import session
 
-    client.request(ids.DELETE, session.push_request, thing)
+    client.request(ids.DELETE, session.push_request, object_id)
 
 
 def helpers_endpoint(w, *values):
@@ -464,27 +466,27 @@ def helpers_endpoint(w, *values):
     entities.push_binary_endpoint(w, *values)
 
 
-def test_a_client_that_said_goodbye_is_gone(world):
+def test_a_client_that_closed_its_session_is_not_restored(world):
     client = publisher(world)
     world.desk.agent.delete_client(client.key)
     world.restart()
     assert not world.desk.agent.clients
 
 
-def test_a_client_that_starts_anew_does_so_with_its_numbers(world):
-    heard = far_reader(world)
+def test_a_client_that_was_reset_is_restored_with_its_new_numbers(world):
+    far_samples = far_reader(world)
     client = publisher(world)
     client.write(0x15, number(1))
     settled(client)
-    again = Client(world)  # the same key, the same address; its objects stay
+    again = Client(world)  # the same key and address: its objects stay
     world.restart()
     again.write(0x15, number(2))
     settled(again)
-    assert heard() == [1, 2]
+    assert far_samples() == [1, 2]
 
 
-def test_a_session_by_key_moves_and_goes_on_where_it_is(world):
-    heard = far_reader(world)
+def test_a_session_with_its_key_in_the_header_goes_on_at_another_address(world):
+    far_samples = far_reader(world)
     client = Client(world, session_id=0x01)
     client.topic("rt/up", TYPE)
     client.writer()
@@ -495,24 +497,24 @@ def test_a_session_by_key_moves_and_goes_on_where_it_is(world):
     client.peer = 0xA2
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
 
 
 @pytest.mark.parametrize("lasting", [False, True])
-def test_a_restored_session_is_not_for_somebody_of_another_transport(world, lasting):
-    """Nor is it for a board with a certificate: it begins with its own rules."""
+def test_a_restored_session_does_not_move_to_another_transport(world, lasting):
+    """Nor does a board with a certificate get it: that board begins with its own rules."""
     publisher(world).turns()
     desk = world.restart()
     desk.agent.rules.add({"address": "peer 9", "namespace": "/left"})
     assert desk.agent.clients[0xA1].objects
-    place, other = desk.place, helpers.Place()
-    other.lasting, other.name = lasting, "OtherAgent"
-    other.certificate_of = lambda peer: "left"
-    desk.place = other
+    place, other_place = desk.place, helpers.Place()
+    other_place.lasting, other_place.name = lasting, "OtherAgent"
+    other_place.certificate_of = lambda peer: "left"
+    desk.place = other_place
     desk.hear(helpers.create_client(0xA1), 9)
     desk.wait(1000)
     client = desk.agent.clients[0xA1]
-    assert desk.agent.place(0xA1) == (other, 9)
+    assert desk.agent.place(0xA1) == (other_place, 9)
     assert client.certificate == "left" and not client.objects
     assert not place.sessions and not desk.middleware.bus.writers
     desk = world.restart()
@@ -521,7 +523,7 @@ def test_a_restored_session_is_not_for_somebody_of_another_transport(world, last
     assert not desk.middleware.bus.writers
 
 
-def test_a_restored_session_has_the_rules_of_today(world, monkeypatch):
+def test_a_restored_session_gets_the_current_rules(world, monkeypatch):
     publisher(world).turns()
     init = Desk.__init__
 
@@ -531,10 +533,10 @@ def test_a_restored_session_has_the_rules_of_today(world, monkeypatch):
 
     monkeypatch.setattr(Desk, "__init__", ruled)
     world.restart()
-    assert {key[1] for key, it in world.bus.writers.items() if it} == {"rt/jail/up"}
+    assert {key[1] for key, writers in world.bus.writers.items() if writers} == {"rt/jail/up"}
 
 
-def test_read_data_of_some_samples_is_not_begun_anew(world):
+def test_a_limited_read_data_does_not_begin_anew(world):
     client = Client(world)
     client.topic("rt/down", TYPE)
     client.reader()
@@ -553,14 +555,14 @@ def test_read_data_of_some_samples_is_not_begun_anew(world):
     for value in range(3, 9):
         writer.write(b"\0\1\0\0" + number(value))
     client.turns()
-    assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(range(5))
+    assert [struct.unpack_from("<I", sample)[0] for sample in client.samples] == list(range(5))
     world.restart()
     client.turns()
     assert len(client.samples) == 5
 
 
-def test_read_data_of_some_samples_goes_down_in_each_agents_time(world):
-    """What is left of it is written down by an agent that was started with it, too."""
+def test_a_limited_read_data_counts_down_over_several_restarts(world):
+    """An agent that restored the request writes the remaining number of samples as well."""
     client = Client(world)
     client.topic("rt/down", TYPE)
     client.reader()
@@ -576,10 +578,10 @@ def test_read_data_of_some_samples_goes_down_in_each_agents_time(world):
         writer.write(b"\0\1\0\0" + number(value))
         world.desk.settle()
         client.turns(10)
-    assert [struct.unpack_from("<I", it)[0] for it in client.samples] == list(range(7))
+    assert [struct.unpack_from("<I", sample)[0] for sample in client.samples] == list(range(7))
 
 
-def test_the_first_message_to_a_client_may_be_the_one_on_its_way(world):
+def test_the_first_message_to_a_client_is_in_transit_at_the_restart(world):
     client = Client(world)
     w = Writer(bytearray(64))
     entities.push_binary_participant(w, "first", None)
@@ -593,38 +595,38 @@ def test_the_first_message_to_a_client_may_be_the_one_on_its_way(world):
     assert client.statuses == {1: ids.STATUS_OK}
 
 
-def test_each_stream_to_a_client_has_its_own_place(world):
-    """Two reliable ones, with other numbers, and a message on its way on each."""
+def test_each_output_stream_is_restored_with_its_own_numbers(world):
+    """Two reliable streams with different numbers, and a message in transit on each."""
     client, writer = subscriber(world)
-    other = 0x83
-    (session,) = [it.session for it in world.desk.agent.clients.values()]
+    second_stream = 0x83
+    (session,) = [output.session for output in world.desk.agent.clients.values()]
     for count in range(3):
         writer.write(b"\0\1\0\0" + number(count))
     world.desk.settle()
     client.turns(5)
     for count in range(7):
-        session.send(ids.DATA, 1, other, b"\0\1\0\x16" + number(count), world.desk.clock)
-    session._acknack(Reader(struct.pack("<HHB", 5, 0, other), 0, 5, True), world.desk.clock)
+        session.send(ids.DATA, 1, second_stream, b"\0\1\0\x16" + number(count), world.desk.clock)
+    session._acknack(Reader(struct.pack("<HHB", 5, 0, second_stream), 0, 5, True), world.desk.clock)
     world.desk.agent.attend(session)
     world.desk.settle()
-    before = {stream: it.export()[1:] for stream, it in session._out.items()}
-    assert [it[:2] for it in before.values()] == [(7, 7), (7, 7)]
-    assert list(before[other][2]) == [5, 6]
-    for _ in range(2):  # by its journal, and by what that was made into
+    before = {stream: output.export()[1:] for stream, output in session._out.items()}
+    assert [output[:2] for output in before.values()] == [(7, 7), (7, 7)]
+    assert list(before[second_stream][2]) == [5, 6]
+    for _ in range(2):  # from the journal, and from the compacted journal
         world.restart()
-        (session,) = [it.session for it in world.desk.agent.clients.values()]
+        (session,) = [output.session for output in world.desk.agent.clients.values()]
         assert session._out.keys() == before.keys()
-        for stream, (sent, after, held) in before.items():
-            it = session._out[stream]
-            assert (it.sent, it.next) == (sent, after)
-            # That something arrived since the last message went out, is not in the file.
-            restored = it.export()[3]
-            assert list(restored) == list(range(it.acked, sent))
-            assert held.items() <= restored.items()
+        for stream, (sent, after, messages) in before.items():
+            output = session._out[stream]
+            assert (output.sent, output.next) == (sent, after)
+            # Acknowledgements since the last message was sent are not in the file.
+            restored = output.export()[3]
+            assert list(restored) == list(range(output.acked, sent))
+            assert messages.items() <= restored.items()
 
 
-def test_replies_find_their_way_after_a_restart(world):
-    """A board that serves: the request came before, its answer goes out after."""
+def test_replies_reach_their_requester_after_a_restart(world):
+    """A board with a service gets the request before the restart and replies after it."""
     from uros.middleware.base import Service
     from uros.qos import services_profile
     from uros.wire import entities
@@ -642,33 +644,33 @@ def test_replies_find_their_way_after_a_restart(world):
     service = Service("rq/addRequest", helpers.ADD_REQUEST, "rr/addReply", helpers.ADD_REPLY)
     client.turns()
     asker = world.node.create_requester(service, services_profile(), lambda: None)
-    asked = asker.request(b"\0\1\0\0" + number(1))
+    pending = asker.request(b"\0\1\0\0" + number(1))
     client.until(lambda: client.samples, "no request")
     world.restart()
     client.write(0x18, client.samples[0][:24] + number(2))
     settled(client)
-    assert asker.take(5) == [(asked, b"\0\1\0\0" + number(2))]
+    assert asker.take(5) == [(pending, b"\0\1\0\0" + number(2))]
 
 
 # --- writers and their readers ----------------------------------------------------------------
 
 
-def test_a_restored_writer_waits_for_the_readers_it_had(world, monkeypatch):
-    heard = far_reader(world)
+def test_a_restored_writer_waits_for_its_matched_readers(world, monkeypatch):
+    far_samples = far_reader(world)
     client = publisher(world)
-    world.wait(1500)  # readers are counted each second
+    world.wait(1500)  # readers are counted once a second
     matched = MemoryWriter.matched
-    monkeypatch.setattr(MemoryWriter, "matched", lambda self: 0)  # discovery takes its time
+    monkeypatch.setattr(MemoryWriter, "matched", lambda self: 0)  # discovery takes a while
     world.restart()
     client.write(0x15, number(1))
     client.turns()
-    assert heard() == [] and len(client._out) == 1  # stalled, not acknowledged
+    assert far_samples() == [] and len(client._out) == 1  # stalled, not acknowledged
     monkeypatch.setattr(MemoryWriter, "matched", matched)
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
 
 
-def test_readers_that_have_left_are_not_waited_for_longer_than_some_seconds(world, monkeypatch):
+def test_a_restored_writer_waits_a_few_seconds_for_readers_that_have_left(world, monkeypatch):
     client = publisher(world)
     reader = world.node.create_reader("rt/up", TYPE, QoSProfile(depth=10), lambda: None)
     world.wait(1500)
@@ -683,7 +685,7 @@ def test_readers_that_have_left_are_not_waited_for_longer_than_some_seconds(worl
     settled(client)
 
 
-def test_the_last_sample_of_a_transient_local_writer_is_there_again(world):
+def test_the_last_sample_of_a_transient_local_writer_is_restored(world):
     qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     client = publisher(world, qos=qos, depth=1)
     for value in range(3):
@@ -692,19 +694,19 @@ def test_the_last_sample_of_a_transient_local_writer_is_there_again(world):
     settled(client)
     world.restart()
     profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
-    assert late.take(5) == [b"\0\1\0\0" + number(9)]
-    late.close()
-    # And one that came after the restart, after another.
+    late_reader = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert late_reader.take(5) == [b"\0\1\0\0" + number(9)]
+    late_reader.close()
+    # And a sample that came after the restart, after another restart.
     client.write(0x15, number(10))
     settled(client)
     world.restart()
-    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
-    assert late.take(5) == [b"\0\1\0\0" + number(10)]
+    late_reader = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert late_reader.take(5) == [b"\0\1\0\0" + number(10)]
 
 
-@pytest.mark.parametrize(("size", "there"), [(0, 1), (4, 0)])
-def test_a_last_sample_is_kept_up_to_its_limit_and_no_longer(world, monkeypatch, size, there):
+@pytest.mark.parametrize(("size", "expected"), [(0, 1), (4, 0)])
+def test_a_last_sample_is_kept_up_to_a_size_limit(world, monkeypatch, size, expected):
     monkeypatch.setattr(module_of_cursors, "MAX_LATCHED", 4 + 100)  # and the encapsulation header
     qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     client = publisher(world, qos=qos, depth=1)
@@ -712,12 +714,12 @@ def test_a_last_sample_is_kept_up_to_its_limit_and_no_longer(world, monkeypatch,
     settled(client)
     world.restart()
     profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
-    assert len(late.take(5)) == there
+    late_reader = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert len(late_reader.take(5)) == expected
 
 
-def test_a_sample_over_max_size_is_not_the_last_one_after_a_restart(world):
-    """The rules have dropped the sample: nobody has read it, and a late reader must not."""
+def test_a_sample_over_max_size_is_not_restored_as_the_last_one(world):
+    """The rules have dropped the sample: no reader got it, so a late reader must not either."""
     world.desk.agent.rules.add({"max_size": 8})
     qos = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     client = publisher(world, qos=qos, depth=1)
@@ -727,15 +729,15 @@ def test_a_sample_over_max_size_is_not_the_last_one_after_a_restart(world):
     assert "message too large" in world.desk.log()
     world.restart()
     profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
-    assert late.take(5) == [b"\0\1\0\0" + number(1)]
+    late_reader = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert late_reader.take(5) == [b"\0\1\0\0" + number(1)]
 
 
 # --- transports ----------------------------------------------------------------------------------
 
 
-def test_sessions_of_a_transport_that_is_not_there_wait_for_it(world, monkeypatch):
-    heard = far_reader(world)
+def test_sessions_of_a_missing_transport_wait_for_it(world, monkeypatch):
+    far_samples = far_reader(world)
     client = publisher(world)
     with monkeypatch.context() as patch:
         patch.setattr(helpers.Place, "name", "OtherAgent")
@@ -746,10 +748,10 @@ def test_sessions_of_a_transport_that_is_not_there_wait_for_it(world, monkeypatc
     world.restart()
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
 
 
-def test_but_not_for_ever(world, monkeypatch):
+def test_sessions_of_a_missing_transport_expire(world, monkeypatch):
     publisher(world)
     now = 1e9
     monkeypatch.setattr(time, "time_ns", lambda: round(now * 1e9))
@@ -765,7 +767,7 @@ def test_but_not_for_ever(world, monkeypatch):
 
 
 @pytest.mark.parametrize("why", ["connection", "address"])
-def test_what_ends_with_its_connection_is_not_kept(world, monkeypatch, why):
+def test_sessions_that_end_with_their_connection_are_not_kept(world, monkeypatch, why):
     if why == "connection":
         monkeypatch.setattr(helpers.Place, "lasting", False)
     else:
@@ -777,7 +779,7 @@ def test_what_ends_with_its_connection_is_not_kept(world, monkeypatch, why):
 
 
 @pytest.mark.parametrize("by", ["key", "network"])
-def test_who_may_not_come_in_any_more_does_not_come_back(world, monkeypatch, by):
+def test_clients_that_are_no_longer_admitted_are_not_restored(world, monkeypatch, by):
     publisher(world)
     if by == "key":
         monkeypatch.setattr(Admission, "admits_key", lambda self, key: False)
@@ -790,7 +792,7 @@ def test_who_may_not_come_in_any_more_does_not_come_back(world, monkeypatch, by)
 
 
 @pytest.mark.parametrize(
-    "lists, hosts, left",
+    "lists, hosts, remaining",
     [
         (
             {"keys": ["0x11"], "networks": ["10.0.0.0/8"]},
@@ -800,22 +802,20 @@ def test_who_may_not_come_in_any_more_does_not_come_back(world, monkeypatch, by)
         ({"networks": ["10.0.0.0/8"]}, {1: "10.0.0.1", 2: "11.0.0.1", 3: None}, [1, 3]),
     ],
 )
-def test_clients_that_were_kept_from_before_are_held_to_the_lists_too(
-    world, monkeypatch, lists, hosts, left
-):
+def test_admission_lists_apply_to_restored_clients(world, monkeypatch, lists, hosts, remaining):
     monkeypatch.setattr(helpers.Place, "host_of", lambda self, peer: hosts[peer])
     for key in hosts:
         publisher(world, key=key)
     world.admission = make_admission(**lists)
     world.restart()
-    assert list(world.desk.agent.clients) == left
-    for key in hosts.keys() - left:
+    assert list(world.desk.agent.clients) == remaining
+    for key in hosts.keys() - remaining:
         why = "it is not admitted any more (see --allow-key, --allow-net)"
         assert f"client_key: {key_label(key)}, address: peer {key}, {why}" in world.desk.log()
 
 
 @pytest.mark.parametrize("call", ["address", "host_of"])
-def test_an_address_that_is_none_costs_its_client_alone(world, monkeypatch, call):
+def test_an_invalid_address_loses_its_client_alone(world, monkeypatch, call):
     for key in (0xA1, 0xA2):
         publisher(world, key=key)
     monkeypatch.setattr(
@@ -826,34 +826,36 @@ def test_an_address_that_is_none_costs_its_client_alone(world, monkeypatch, call
     assert "161 is not an address of its transport" in world.desk.log()
 
 
-def test_no_more_come_back_than_the_owner_wants_now(world, monkeypatch):
+def test_no_more_clients_are_restored_than_the_current_limit(world, monkeypatch):
     first, second = publisher(world, key=0xA1), publisher(world, key=0xA2)
-    monkeypatch.setattr(Admission, "max_clients", property(lambda it: 1, lambda it, value: None))
+    monkeypatch.setattr(
+        Admission, "max_clients", property(lambda admission: 1, lambda admission, value: None)
+    )
     world.restart()
     assert list(world.desk.agent.clients) == [0xA1]
     assert "over 1 clients (see --max-clients)" in world.desk.log()
     settled(first)
     monkeypatch.undo()
-    world.restart()  # and the other one is not in the file any more
+    world.restart()  # the other one is no longer in the file
     assert list(world.desk.agent.clients) == [0xA1]
     assert second.key not in world.desk.agent.clients
 
 
-def test_a_client_that_comes_back_otherwise_ends_the_waiting(world, monkeypatch):
+def test_a_client_that_connects_over_another_transport_ends_the_waiting(world, monkeypatch):
     publisher(world)
     with monkeypatch.context() as patch:
         patch.setattr(helpers.Place, "name", "OtherAgent")
         world.restart()
         publisher(world)
     world.restart()
-    assert not world.desk.agent.clients  # the old place's session is no longer its
+    assert not world.desk.agent.clients  # the session at the old address is gone
 
 
 # --- the file fails -----------------------------------------------------------------------------
 
 
 def full(monkeypatch, *names):
-    """The disk takes nothing more; what gives it room again."""
+    """Make the disk full; return the function that frees room."""
     room = monkeypatch.context()
     patch = room.__enter__()
     for name in names:
@@ -867,14 +869,14 @@ def full(monkeypatch, *names):
 
 
 def revive(world):
-    """The desk of a world without its count of calls, whose methods tests replace."""
+    """Return the desk of a world whose calls are not counted, so that tests replace its methods."""
     file = world.desk.session_store._journal
     for name in ("append", "write_slot", "rewrite"):
         delattr(file, name)
 
 
-def test_a_full_disk_is_told_once_and_boards_are_served(world, monkeypatch):
-    heard = far_reader(world)
+def test_a_full_disk_is_logged_once_and_boards_are_served(world, monkeypatch):
+    far_samples = far_reader(world)
     client = publisher(world)
     revive(world)
     give_room = full(monkeypatch, "append", "rewrite")
@@ -883,7 +885,7 @@ def test_a_full_disk_is_told_once_and_boards_are_served(world, monkeypatch):
     world.wait(25_000)
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
     assert world.desk.log().count("state not kept") == 1
     assert "free some space" in world.desk.log()
     give_room()
@@ -892,12 +894,12 @@ def test_a_full_disk_is_told_once_and_boards_are_served(world, monkeypatch):
     world.restart()
     client.write(0x15, number(2))
     settled(client)
-    assert heard() == [2]
+    assert far_samples() == [2]
 
 
-def test_what_comes_after_the_disk_has_room_again_is_kept_at_once(world, monkeypatch):
-    """And not only by the next look, ten seconds later."""
-    heard = far_reader(world, "rt/later")
+def test_samples_are_kept_at_once_when_the_disk_has_room_again(world, monkeypatch):
+    """They are kept at once, not only after the next check, ten seconds later."""
+    far_samples = far_reader(world, "rt/later")
     client = publisher(world)
     revive(world)
     give_room = full(monkeypatch, "append", "rewrite")
@@ -912,10 +914,10 @@ def test_what_comes_after_the_disk_has_room_again_is_kept_at_once(world, monkeyp
     assert "session restored" in world.desk.log()
     client.write(0x25, number(3))
     settled(client)
-    assert heard() == [3]
+    assert far_samples() == [3]
 
 
-def test_a_disk_that_is_full_twice_is_told_twice(world, monkeypatch):
+def test_a_disk_that_is_full_twice_is_logged_twice(world, monkeypatch):
     client = publisher(world)
     revive(world)
     for times in (1, 2):
@@ -928,21 +930,21 @@ def test_a_disk_that_is_full_twice_is_told_twice(world, monkeypatch):
         assert world.desk.log().count("state kept again") == times
 
 
-def test_killed_while_the_disk_is_full_a_client_is_left_out_and_not_harmed(world, monkeypatch):
+def test_a_client_that_changed_while_the_disk_was_full_is_not_restored(world, monkeypatch):
     client = publisher(world)
-    other = Client(world, 0xA2)
-    other.topic("rt/other", TYPE)
-    settled(other)
+    other_client = Client(world, 0xA2)
+    other_client.topic("rt/other", TYPE)
+    settled(other_client)
     revive(world)
     give_room = full(monkeypatch, "append", "rewrite")
-    helpers_delete(client, 0x15)  # told to it, but not in the journal
+    helpers_delete(client, 0x15)  # acknowledged, but not in the journal
     give_room()
     world.restart()
     assert list(world.desk.agent.clients) == [0xA2]
     assert "client 0x000000A1 is left out: record" in world.desk.log()
 
 
-def test_where_not_even_slots_can_be_written_nothing_old_is_left(world, monkeypatch):
+def test_where_not_even_slots_can_be_written_no_outdated_file_is_left(world, monkeypatch):
     client = publisher(world)
     revive(world)
     give_room = full(monkeypatch, "append", "write_slot", "rewrite")
@@ -955,8 +957,8 @@ def test_where_not_even_slots_can_be_written_nothing_old_is_left(world, monkeypa
 
 
 @pytest.mark.parametrize("how", ["deleted", "truncated", "another"])
-def test_a_file_that_is_taken_away_is_written_anew(world, tmp_path, how):
-    heard = far_reader(world)
+def test_a_file_that_was_removed_is_written_anew(world, tmp_path, how):
+    far_samples = far_reader(world)
     client = publisher(world)
     if how == "deleted":
         os.unlink(world.path)
@@ -970,15 +972,15 @@ def test_a_file_that_is_taken_away_is_written_anew(world, tmp_path, how):
     world.restart()
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
 
 
-def test_a_damaged_file_is_kept_aside_and_the_others_come_back(world):
-    heard = far_reader(world)
+def test_a_damaged_file_is_kept_aside_and_undamaged_clients_are_restored(world):
+    far_samples = far_reader(world)
     client = publisher(world)
-    other = Client(world, 0xA2)
-    other.topic("rt/other", TYPE)
-    settled(other)
+    other_client = Client(world, 0xA2)
+    other_client.topic("rt/other", TYPE)
+    settled(other_client)
     world.kill()
     whole = bytearray((path := Path(world.path)).read_bytes())
     whole[whole.index(b"rt/other")] ^= 1
@@ -989,7 +991,7 @@ def test_a_damaged_file_is_kept_aside_and_the_others_come_back(world):
     assert Path(world.path + ".damaged").read_bytes() == whole
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
 
 
 def test_after_a_crash_of_the_machine_boards_start_anew(world, monkeypatch):
@@ -1001,43 +1003,43 @@ def test_after_a_crash_of_the_machine_boards_start_anew(world, monkeypatch):
     assert "switched off without the agent being stopped" in world.desk.log()
 
 
-def test_an_object_that_cannot_be_made_again_is_left_out(world, monkeypatch):
-    heard = far_reader(world)
+def test_an_object_that_cannot_be_restored_is_left_out(world, monkeypatch):
+    far_samples = far_reader(world)
     client = publisher(world)
     client.create(0x22, 0x11, helpers_topic, "rt/other", TYPE)
     recreate = agent_client.ProxyClient.recreate
 
-    def refuse(self, object_id, *what):
+    def refuse(self, object_id, *args):
         if object_id == 0x22:
             raise MiddlewareError("out of topics")
-        recreate(self, object_id, *what)
+        recreate(self, object_id, *args)
 
     monkeypatch.setattr(agent_client.ProxyClient, "recreate", refuse)
     world.restart()
     assert "object_id: 0x002(2), out of topics" in world.desk.log()
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
 
 
-def test_a_client_that_cannot_be_made_again_harms_nobody(world, monkeypatch):
+def test_a_client_that_cannot_be_restored_does_not_affect_others(world, monkeypatch):
     publisher(world)
     client = publisher(world, key=0xA2)
-    heard = far_reader(world)
+    far_samples = far_reader(world)
 
     resume = Session.resume
 
-    def fails(self, *what):
+    def fails(self, *args):
         if self.key == 0xA1:
             raise RuntimeError("whatever it is")
-        resume(self, *what)
+        resume(self, *args)
 
     monkeypatch.setattr(Session, "resume", fails)
     world.restart()
     monkeypatch.undo()
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
     assert list(world.desk.agent.clients) == [0xA2]
     assert "whatever it is" in world.desk.log()
 
@@ -1063,8 +1065,8 @@ def test_the_journal_is_compacted(world, monkeypatch):
 # --- what seldom happens --------------------------------------------------------------------------
 
 
-def test_an_orderly_end_is_trusted_after_a_start_of_the_machine(world, monkeypatch):
-    heard = far_reader(world)
+def test_a_file_of_an_orderly_shutdown_is_trusted_after_a_reboot(world, monkeypatch):
+    far_samples = far_reader(world)
     client = publisher(world)
     client.write(0x15, number(1))
     settled(client)
@@ -1073,10 +1075,10 @@ def test_an_orderly_end_is_trusted_after_a_start_of_the_machine(world, monkeypat
     world.start()
     client.write(0x15, number(2))
     settled(client)
-    assert heard() == [1, 2]
+    assert far_samples() == [1, 2]
 
 
-def test_an_end_in_which_something_fails_does_not_forget_anybody(world, monkeypatch):
+def test_a_shutdown_with_a_fault_keeps_all_clients(world, monkeypatch):
     publisher(world)
     agent, store = world.desk.agent, world.desk.session_store
 
@@ -1087,7 +1089,7 @@ def test_an_end_in_which_something_fails_does_not_forget_anybody(world, monkeypa
     monkeypatch.setattr(store, "_changed", [None])
     with pytest.raises(OSError, match="Input"):
         store.close()
-    agent.close()  # as the server does then
+    agent.close()  # as the server does in this case
     world.clock = world.desk.clock
     world.desk.middleware.close()
     world.start()
@@ -1106,19 +1108,19 @@ def test_a_session_store_that_was_never_opened_leaves_the_file_as_it_is(world):
 
 
 def test_a_disk_that_is_full_at_the_start(world, monkeypatch):
-    """What is in the file would soon be behind; boards are brought back, and served."""
-    heard = far_reader(world)
+    """The file would soon be outdated; boards are restored and served."""
+    far_samples = far_reader(world)
     client = publisher(world)
     world.kill()
     give_room = full(monkeypatch, "rewrite")
     world.start()
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
     assert "state not kept" in world.desk.log()
     give_room()
     world.restart()
-    assert not world.desk.agent.clients  # rather than with numbers of before
+    assert not world.desk.agent.clients  # rather than with outdated numbers
 
 
 def test_a_journal_that_cannot_be_compacted_goes_on(world, monkeypatch):
@@ -1132,16 +1134,16 @@ def test_a_journal_that_cannot_be_compacted_goes_on(world, monkeypatch):
         client.create(0x15, 0x13, helpers_endpoint, 0x12, ids.QOS_RELIABLE, 10)
     assert world.desk.session_store._journal.journal_size > 3000
     assert "state not kept" not in world.desk.log()
-    os.unlink(world.path)  # and now it is needed
+    os.unlink(world.path)  # now it must be compacted
     world.wait(11_000)
     assert "state not kept" in world.desk.log()
     give_room()
     world.wait(11_000)
-    heard = far_reader(world)
+    far_samples = far_reader(world)
     world.restart()
     client.write(0x15, number(1))
     settled(client)
-    assert heard() == [1]
+    assert far_samples() == [1]
 
 
 def test_a_client_leaves_while_nothing_can_be_written(world, monkeypatch):
@@ -1169,7 +1171,7 @@ def test_read_data_that_was_cancelled_stays_so(world):
     client.reader()
     client.turns()
     read_data(client, 0, 0, 0, 0)
-    read_data(client, 0, 0, 0, 0)  # nothing is there to cancel
+    read_data(client, 0, 0, 0, 0)  # there is nothing to cancel
     world.restart()
     writer = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=100))
     writer.write(b"\0\1\0\0" + number(1))
@@ -1177,17 +1179,17 @@ def test_read_data_that_was_cancelled_stays_so(world):
     assert client.samples == []
 
 
-def test_read_data_of_what_cannot_be_made_again_is_forgotten(world, monkeypatch):
+def test_read_data_of_an_object_that_cannot_be_restored_is_dropped(world, monkeypatch):
     client = Client(world)
     client.topic("rt/down", TYPE)
     client.reader()
     client.turns()
     recreate = agent_client.ProxyClient.recreate
 
-    def refuse(self, object_id, *what):
+    def refuse(self, object_id, *args):
         if object_id == 0x16:
             raise MiddlewareError("out of readers")
-        recreate(self, object_id, *what)
+        recreate(self, object_id, *args)
 
     def keep_reads(self, object_id):
         self.objects.pop(object_id, None)
@@ -1201,7 +1203,7 @@ def test_read_data_of_what_cannot_be_made_again_is_forgotten(world, monkeypatch)
 
 
 def test_a_client_that_resets_its_session(world):
-    heard = far_reader(world)
+    far_samples = far_reader(world)
     client = publisher(world)
     client.write(0x15, number(1))
     settled(client)
@@ -1210,10 +1212,10 @@ def test_a_client_that_resets_its_session(world):
     world.restart()
     client.write(0x15, number(2))
     settled(client)
-    assert heard() == [1, 2]
+    assert far_samples() == [1, 2]
 
 
-def test_who_left_is_not_asked_for_what_it_holds(world):
+def test_a_client_that_has_left_gets_no_retransmission_request(world):
     publisher(world)
     world.restart()
     world.desk.agent.delete_client(0xA1)
@@ -1230,12 +1232,12 @@ def test_long_samples_are_not_kept_for_late_readers(world, monkeypatch):
     settled(client)
     world.restart()
     profile = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    late = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
-    assert late.take(5) == []  # nor the one before, which is the last no more
+    late_reader = world.node.create_reader("rt/up", TYPE, profile, lambda: None)
+    assert late_reader.take(5) == []  # nor the one before, which is no longer the last
 
 
 def test_more_clients_than_slots(world, monkeypatch):
-    """Those that sleep make room; and who finds none is served, and not kept."""
+    """Silent clients make room; a client without a slot is served, but not kept."""
     publisher(world)
     world.kill()
     with monkeypatch.context() as patch:
@@ -1244,15 +1246,15 @@ def test_more_clients_than_slots(world, monkeypatch):
         world.desk.session_store._free.clear()
         publisher(world, key=0xA2)
         assert not world.desk.session_store._asleep
-        heard = far_reader(world)
+        far_samples = far_reader(world)
         client = publisher(world, key=0xA3)
         client.write(0x15, number(1))
         settled(client)
-        assert heard() == [1]
+        assert far_samples() == [1]
         world.kill()
         monkeypatch.setattr(module, "SLOTS", 0)
         world.start()
-        assert list(world.desk.agent.clients) == [0xA2]  # brought back, though it has no slot
+        assert list(world.desk.agent.clients) == [0xA2]  # restored, though it has no slot
     world.restart()
     assert not world.desk.agent.clients
 
@@ -1266,10 +1268,10 @@ def test_more_clients_than_slots(world, monkeypatch):
     deaths=st.lists(st.integers(1, 400), max_size=6, unique=True),
 )
 def test_killed_between_any_two_writes(tmp_path_factory, steps, deaths):
-    """Whatever the moment, nothing acknowledged is missing, and numbers are never behind."""
+    """At any moment of a kill, no acknowledged sample is lost, and no number is behind."""
     world = World(tmp_path_factory.mktemp("world") / "state")
     try:
-        heard = far_reader(world)
+        far_samples = far_reader(world)
         client = Client(world)
         client.topic("rt/up", TYPE)
         client.writer(depth=1000)
@@ -1284,39 +1286,41 @@ def test_killed_between_any_two_writes(tmp_path_factory, steps, deaths):
         down = world.node.create_writer("rt/down", TYPE, QoSProfile(depth=1000))
         world.calls = 0
         world.deaths = deque(sorted(deaths))
-        written, told = [], 0
+        written, sent_count = [], 0
         for step in [*steps, 5]:
             if step == 0 and client.room > 1:
                 written.append(client.write(0x15, number(len(written))))
             elif step == 1 and client.room > 4:
                 written.append(client.write(0x15, number(len(written), 1400)))
             elif step == 2:
-                down.write(b"\0\1\0\0" + number(told))
-                told += 1
+                down.write(b"\0\1\0\0" + number(sent_count))
+                sent_count += 1
             elif step == 3:
-                down.write(b"\0\1\0\0" + number(told, 1400))
-                told += 1
+                down.write(b"\0\1\0\0" + number(sent_count, 1400))
+                sent_count += 1
             elif step == 4:
                 world.restart()
             elif step == 5:
                 client.turns(10)
         world.deaths.clear()
         settled(client)
-        got = heard()
-        assert sorted(set(got)) == list(range(len(written)))
+        values = far_samples()
+        assert sorted(set(values)) == list(range(len(written)))
         before = len(client.samples)
         client.turns()
-        down.write(b"\0\1\0\0" + number(told))
-        client.until(lambda: client.samples and last(client) == told, "the way down is blocked")
-        came = [struct.unpack_from("<I", it)[0] for it in client.samples]
-        assert came == sorted(set(came)), (before, came)
+        down.write(b"\0\1\0\0" + number(sent_count))
+        client.until(
+            lambda: client.samples and last(client) == sent_count, "the way down is blocked"
+        )
+        numbers = [struct.unpack_from("<I", sample)[0] for sample in client.samples]
+        assert numbers == sorted(set(numbers)), (before, numbers)
     finally:
         world.close()
 
 
-def test_killed_before_it_writes_down_a_burst_a_window_of_samples_comes_twice(world, monkeypatch):
-    """Delivered, not written down, not acknowledged: the client still has them, and sends them."""
-    heard = far_reader(world)
+def test_a_kill_before_a_burst_is_written_delivers_a_window_of_samples_twice(world, monkeypatch):
+    """Samples were delivered, but neither written nor acknowledged: the client sends them again."""
+    far_samples = far_reader(world)
     client = publisher(world)
     client.write(0x15, number(0))
     settled(client)
@@ -1324,13 +1328,13 @@ def test_killed_before_it_writes_down_a_burst_a_window_of_samples_comes_twice(wo
     for value in range(1, 17):
         assert client.room > 0
         client.write(0x15, number(value))
-    assert client.room == 0  # nor would a client send more
+    assert client.room == 0  # its window is full
     world.restart()
     settled(client)
     for value in range(17, 20):
         client.write(0x15, number(value))
     settled(client)
-    assert sorted(heard()) == sorted([*range(20), *range(1, 17)])
+    assert sorted(far_samples()) == sorted([*range(20), *range(1, 17)])
 
 
 def last(client):

@@ -1,4 +1,4 @@
-"""Sessions that survive the agent on lines without a network: serial and CAN."""
+"""Sessions on serial and CAN lines that survive a restart of the agent."""
 
 import os
 import struct
@@ -19,7 +19,7 @@ from uros.agent.transports.serial import SerialServer
 
 
 class Serial:
-    """A cable that stays plugged in while agents come and go."""
+    """A serial cable that stays plugged in while agents start and end."""
 
     def __init__(self):
         self.master, self.slave = os.openpty()
@@ -76,14 +76,16 @@ def start(cable, path):
 
 
 def talk(client, numbers):
-    """What it writes comes back to it, once and in order."""
+    """Test that the client reads back what it writes, once and in order."""
     before = len(client.samples)
     for number in numbers:
         client.write(0x15, struct.pack("<I", number))
     client.until(
         lambda: not client._out and len(client.samples) == before + len(numbers), "it stands still"
     )
-    assert [struct.unpack_from("<I", it)[0] for it in client.samples[before:]] == list(numbers)
+    assert [struct.unpack_from("<I", sample)[0] for sample in client.samples[before:]] == list(
+        numbers
+    )
 
 
 @pytest.mark.parametrize("how", ["stopped", "killed"])
@@ -100,10 +102,10 @@ def test_a_client_on_a_line_goes_on(tmp_path, monkeypatch, cable, how):
         client.writer()
         client.reader()
         talk(client, range(3))
-        left = path.read_bytes()  # as SIGKILL would leave it
+        content = path.read_bytes()  # as SIGKILL would leave it
         running.stop()
         if how == "killed":
-            path.write_bytes(left)
+            path.write_bytes(content)
         running.close()
         running = start(cable, str(path))
         talk(client, range(3, 12))
