@@ -59,10 +59,10 @@ def angle(degrees: float, digits: int, decimals: int, letters: str) -> str:
         letters: The letters for a positive and for a negative angle.
     """
     side = letters[degrees < 0]
-    whole = 60 * 10**decimals
-    units = round(abs(degrees) * whole)
-    minutes, fraction = divmod(units % whole, 10**decimals)
-    return f"{units // whole:0{digits}d}{minutes:02d}.{fraction:0{decimals}d},{side}"
+    per_degree = 60 * 10**decimals
+    units = round(abs(degrees) * per_degree)
+    minutes, fraction = divmod(units % per_degree, 10**decimals)
+    return f"{units // per_degree:0{digits}d}{minutes:02d}.{fraction:0{decimals}d},{side}"
 
 
 class Gnss(Part):
@@ -187,11 +187,11 @@ class Gnss(Part):
 
     # Time, position and satellites.
 
-    def _drift(self, what: str, t: float) -> float:
+    def _drift(self, quantity: str, t: float) -> float:
         """Return a value that drifts around 0 with a standard deviation of about 1."""
         number = math.floor(t / _KNOT)
         a, b = (
-            random.Random(f"{self._seed}/{what}/{knot}").gauss(0, 1)
+            random.Random(f"{self._seed}/{quantity}/{knot}").gauss(0, 1)
             for knot in (number, number + 1)
         )
         part = t / _KNOT - number

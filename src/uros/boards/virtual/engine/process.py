@@ -47,7 +47,7 @@ from ...builder.file_system import build
 from ..hardware.board import FaultError, VirtualBoard
 from ..hardware.clock import BoardClock
 from ..hardware.parts import Part
-from ..hardware.peripherals import PlugError
+from ..hardware.peripherals import PeripheralError
 from ..hardware.usb import ATTACHED
 from ..models.catalog import BoardError
 from ..models.catalog import find as find_board
@@ -182,7 +182,7 @@ class BoardProcess:
 
     Raises:
         BoardError: There is no such board.
-        PlugError: A peripheral cannot be attached.
+        PeripheralError: A peripheral cannot be attached.
         OSError: The USB line cannot be created.
     """
 
@@ -416,7 +416,7 @@ def main() -> None:
             process.close()
             raise
     except (
-        BuildError, BoardError, FaultError, NoMicroPython, InterfaceError, PlugError, OSError,
+        BuildError, BoardError, FaultError, NoMicroPython, InterfaceError, PeripheralError, OSError,
     ) as error:  # fmt: skip
         text = json.dumps({"event": "failed", "error": str(error)})
         os.write(events, text.encode() + b"\n")

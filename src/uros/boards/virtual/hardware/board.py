@@ -21,7 +21,7 @@ from ..world.room import Room
 from .clock import BoardClock
 from .i2c import I2CBus
 from .parts import Part, Parts
-from .peripherals import Radio, Spi, Uart, plug
+from .peripherals import Radio, Spi, Uart, attach
 from .pins import Led, Pin
 from .usb import CONFIGURATION_DESCRIPTOR, DEVICE_DESCRIPTOR, STRINGS, UsbCdc
 
@@ -40,7 +40,7 @@ class Model(Protocol):
 
     @property
     def plugs(self) -> tuple[str, ...]:
-        """The peripherals that are plugged in from the start."""
+        """The peripherals that are attached from the start."""
 
     @property
     def agent(self) -> str:
@@ -140,7 +140,7 @@ class Interrupts:
     def watch(self, pin: Pin, edges: int) -> None:
         """Enable interrupts of a pin at these edges; 0 disables them."""
         pin.edges = edges
-        pin.on_edge = lambda t_us, it, level: self.due.append((t_us, it, level))
+        pin.on_edge = lambda t_us, edge_pin, level: self.due.append((t_us, edge_pin, level))
         if edges:
             self._pins.add(pin.name)
         else:
@@ -173,7 +173,7 @@ class Bridge:
 
 
 class VirtualBoard:
-    """A board that is plugged in and switched on.
+    """A board that is connected to the host and switched on.
 
     Args:
         model: The hardware.
@@ -188,7 +188,7 @@ class VirtualBoard:
         changed: Called with each part whose visible state has changed.
 
     Raises:
-        PlugError: A peripheral cannot be plugged in.
+        PeripheralError: A peripheral cannot be attached.
     """
 
     def __init__(
@@ -231,7 +231,7 @@ class VirtualBoard:
             replaced = {spec.partition(":")[0] for spec in plugs}
             own = [spec for spec in model.plugs if spec.partition(":")[0] not in replaced]
             for spec in (*own, *plugs):
-                self.parts.add(plug(self, spec))
+                self.parts.add(attach(self, spec))
         except BaseException:
             self.close()
             raise
@@ -315,38 +315,38 @@ class VirtualBoard:
         Raises:
             FaultError: There is no such part, fault, action or value.
         """
-        name, _, what = spec.partition(":")
-        kind, _, value = what.partition("=")
+        name, _, action = spec.partition(":")
+        kind, _, value = action.partition("=")
         with self.lock:
             self.advance()
-            if name == "all" and what == "off":
+            if name == "all" and action == "off":
                 for part in self.parts:
                     part.heal()
                 return
             if name not in self.parts:
-                names = ", ".join(it.name for it in self.parts)
+                names = ", ".join(part.name for part in self.parts)
                 raise FaultError(
                     f"there is no {spec}: it is one of {names}, a colon and what is to happen, like"
                     f" {self._example()}; all:off heals everything"
                 )
             part = self.parts[name]
-            if what == "off" and part.FAULTS:
+            if action == "off" and part.FAULTS:
                 part.heal()
-            elif what in part.FAULTS:
-                part.fault(what)
+            elif action in part.FAULTS:
+                part.fault(action)
             elif kind in part.ACTS:
                 try:
                     part.act(kind, value)
                 except ValueError as error:
                     raise FaultError(f"{spec}: {error}") from None
             else:
-                known = [f"{name}:{it}" for it in (*part.FAULTS, *part.ACTS)]
+                known = [f"{name}:{known_kind}" for known_kind in (*part.FAULTS, *part.ACTS)]
                 heal = f", {name}:off" if part.FAULTS else ""
                 raise FaultError(f"there is no {spec}; there are {', '.join(known)}{heal}")
             self.advance()
 
     def _example(self) -> str:
-        return next(it.spec for it in (*self.faults(), *self.acts()))
+        return next(happening.spec for happening in (*self.faults(), *self.acts()))
 
     def reset(self) -> None:
         """Reset the microcontroller.

@@ -1,4 +1,4 @@
-"""An I2C bus: one controller, and devices that hear every byte.
+"""An I2C bus: one controller, and devices that receive every byte.
 
 A transfer runs byte by byte and takes as long as on a real wire: nine bits per byte and one for
 each START and STOP, at the bus frequency, plus clock stretching. Devices see the time of the wire
@@ -22,7 +22,7 @@ from .parts import Part
 
 # How long a device with the fault "stretch" holds the clock: over the usual time-out of 100 ms.
 STRETCH_US: Final = 150_000
-# What a controller reads while nobody drives the line.
+# What a controller reads while no device drives the line.
 IDLE: Final = 0xFF
 _NOISE: Final = 0.25  # of all bytes, with the fault "noise"
 
@@ -242,7 +242,7 @@ class I2CBus:
         Raises:
             BusError: The bus is stuck.
         """
-        found = []
+        addresses = []
         for address in range(0x08, 0x78):
             try:
                 self.transfer(address, b"", 0)
@@ -250,8 +250,8 @@ class I2CBus:
                 if error.errno != errno.ENODEV:
                     raise
             else:
-                found.append(address)
-        return found
+                addresses.append(address)
+        return addresses
 
     def _time_out(self, why: str) -> BusError:
         self._wire = self._deadline
@@ -294,8 +294,8 @@ class I2CBus:
         self._stretch(device, STRETCH_US if read and "stretch" in device.faults else 0)
         return device
 
-    def _stretch(self, device: Device, more: int = 0) -> None:
-        held = device.hold_us() + more
+    def _stretch(self, device: Device, extra_us: int = 0) -> None:
+        held = device.hold_us() + extra_us
         if held:
             assert self._wire is not None
             self._scl_held_until = self._wire + held

@@ -1,8 +1,8 @@
-"""What every part of a virtual board has in common, and the world that they share.
+"""The base class of all parts of a virtual board, and the list of them.
 
-A part is told the time and never asks for it: :meth:`Part.advance` brings it to a moment of the
-world's true time, in integer microseconds since power-on. What has a state that changes by itself
-integrates it there in fixed steps, so that a run is the same in whatever rhythm it is asked.
+A part never reads a clock: :meth:`Part.advance` passes it the world's true time, in integer
+microseconds since power-on. A part whose state changes with time integrates it there in fixed
+steps, so that a run does not depend on when the part is advanced.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What can be plugged into a virtual board: a modem on a UART or an SPI bus, or a radio.
+"""Peripherals that can be attached to a virtual board: a modem on a UART or SPI bus, or a radio.
 
     esp8266:uart=1
     gs2200:spi=1,ready=P115,cs=P301
@@ -33,7 +33,7 @@ _TXBUF: Final = 256
 _MODE_1: Final = 1
 
 
-class PlugError(ValueError):
+class PeripheralError(ValueError):
     """There is no such peripheral, or no such place for it; the text lists the known ones."""
 
 
@@ -58,7 +58,7 @@ class Uart:
     def __init__(self, device: Modem, baud: int, clock: BoardClock) -> None:
         self.overruns = 0
         self._device = device
-        self._theirs = baud
+        self._device_baud = baud
         self._clock = clock
         self._random = random.Random(baud)
         self.init(baud, 256)
@@ -72,12 +72,12 @@ class Uart:
             raise ValueError(f"no UART has {baud} baud and {rxbuf} octets")
         self._baud = baud
         self._rxbuf = rxbuf
-        self._came = bytearray()
-        self._leaves = bytearray()
+        self._received = bytearray()
+        self._unsent = bytearray()
         self._at = self._clock.world_us()
 
     def _noise(self, octets: bytes) -> bytes:
-        if self._baud == self._theirs:
+        if self._baud == self._device_baud:
             return octets
         return self._random.randbytes(len(octets))
 
@@ -87,32 +87,32 @@ class Uart:
         if not count:
             return
         self._at += count * _BITS * 1_000_000 // self._baud
-        if self._leaves:
-            self._device.write(self._noise(bytes(self._leaves[:count])))
-            del self._leaves[:count]
-        some = self._noise(self._device.read(count) or b"")
-        room = self._rxbuf - len(self._came)
-        self.overruns += max(0, len(some) - room)
-        self._came += some[:room]
+        if self._unsent:
+            self._device.write(self._noise(bytes(self._unsent[:count])))
+            del self._unsent[:count]
+        octets = self._noise(self._device.read(count) or b"")
+        room = self._rxbuf - len(self._received)
+        self.overruns += max(0, len(octets) - room)
+        self._received += octets[:room]
 
     def any(self) -> int:
         """Return how many octets can be read."""
         self._move()
-        return len(self._came)
+        return len(self._received)
 
     def read(self, size: int) -> bytes:
         """Read at most ``size`` octets."""
         self._move()
-        some = bytes(self._came[:size])
-        del self._came[:size]
-        return some
+        octets = bytes(self._received[:size])
+        del self._received[:size]
+        return octets
 
     def write(self, data: bytes) -> int:
         """Write octets; return how many fitted into the buffer."""
         self._move()
-        some = data[: _TXBUF - len(self._leaves)]
-        self._leaves += some
-        return len(some)
+        accepted = data[: _TXBUF - len(self._unsent)]
+        self._unsent += accepted
+        return len(accepted)
 
 
 class Spi:
@@ -264,8 +264,8 @@ _MOMENTS: Final = {
 }
 
 
-class Plug(Part):
-    """A peripheral that is plugged in."""
+class Peripheral(Part):
+    """A peripheral that is attached to a board."""
 
     OF: ClassVar[dict[str, dict[str, str]]] = {
         "esp8266": {
@@ -342,7 +342,7 @@ class Plug(Part):
 
 
 class Sockets(Protocol):
-    """The attributes of a board that `plug` needs."""
+    """The attributes of a board that `attach` needs."""
 
     clock: BoardClock
     address: str
@@ -355,16 +355,16 @@ class Sockets(Protocol):
     radio: Radio | None
 
 
-def plug(board: Sockets, spec: str) -> Plug:
-    """Plug in the peripheral of ``spec``; the module docstring has the syntax.
+def attach(board: Sockets, spec: str) -> Peripheral:
+    """Attach the peripheral of ``spec``; the module docstring has the syntax.
 
     Raises:
-        PlugError: The peripheral is unknown, or an option is missing, unknown or invalid.
+        PeripheralError: The peripheral is unknown, or an option is missing, unknown or invalid.
     """
-    name, _, rest = spec.partition(":")
-    if name not in Plug.OF:
-        raise PlugError(f"there is no plug {name!r}; there are {', '.join(Plug.OF)}")
-    options = dict(part.partition("=")[::2] for part in rest.split(",") if part)
+    name, _, arguments = spec.partition(":")
+    if name not in Peripheral.OF:
+        raise PeripheralError(f"there is no plug {name!r}; there are {', '.join(Peripheral.OF)}")
+    options = dict(part.partition("=")[::2] for part in arguments.split(",") if part)
     access_points = {options.pop("ssid", SSID): options.pop("password", PASSWORD)}
     network = HostRadioNetwork(access_points, routes=board.routes, address=board.address)
 
@@ -373,15 +373,15 @@ def plug(board: Sockets, spec: str) -> Plug:
 
     def take(option: str, of: str) -> str:
         if option not in options:
-            raise PlugError(f"{name} is on {of}: say which, like {name}:{option}=1")
+            raise PeripheralError(f"{name} is on {of}: say which, like {name}:{option}=1")
         return options.pop(option)
 
-    made: Plug
+    peripheral: Peripheral
     if name == "esp8266":
         baud = int(options.pop("baud", "115200"))
         modem = Esp8266(network, ms, join_ms=_JOIN_MS, answer_ms=2, send_ms=1)
         board.uarts[_number(take("uart", "a UART"), spec)] = Uart(modem, baud, board.clock)
-        made = Plug(name, modem, network)
+        peripheral = Peripheral(name, modem, network)
     elif name == "gs2200":
         gs2200 = Gs2200(network, ms, key_ms=_JOIN_MS, join_ms=_JOIN_MS, answer_ms=2)
         bus = board.spis[_number(take("spi", "an SPI bus"), spec)] = Spi(gs2200)
@@ -395,16 +395,16 @@ def plug(board: Sockets, spec: str) -> Plug:
 
             board.pins[cs] = Pin(cs, "GS2200 select", driven=select)
             bus.selected = False
-        made = Plug(name, gs2200, network)
+        peripheral = Peripheral(name, gs2200, network)
     else:
         board.radio = Radio(network, ms)
-        made = Plug(name, board.radio, network)
+        peripheral = Peripheral(name, board.radio, network)
     if options:
-        raise PlugError(f"{name} has no option {', '.join(options)}: {spec}")
-    return made
+        raise PeripheralError(f"{name} has no option {', '.join(options)}: {spec}")
+    return peripheral
 
 
 def _number(text: str, spec: str) -> int:
     if not text.isdecimal() or int(text) > 99:
-        raise PlugError(f"{text!r} is no number of a bus: {spec}")
+        raise PeripheralError(f"{text!r} is no number of a bus: {spec}")
     return int(text)

@@ -1,4 +1,4 @@
-"""Pins of a virtual board, and the simplest things on them: LEDs, buttons, a knob."""
+"""Pins of a virtual board, and simple parts on them: LEDs, buttons and potentiometers."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Pin:
         self._wire = wire
         self._driven = driven
         self._on_duty = on_duty
-        self._told = 0  # the duty reported last
+        self._reported_duty = 0
 
     def value(self, level: int | None = None) -> int:
         """Return the level; if one is given, set it first.
@@ -90,8 +90,8 @@ class Pin:
         duty = self._duty
         if duty is None:
             duty = FULL if self.mode == OUT and self._level else 0
-        if duty != self._told:
-            self._told = duty
+        if duty != self._reported_duty:
+            self._reported_duty = duty
             if self._on_duty is not None:
                 self._on_duty(duty)
 
@@ -188,7 +188,7 @@ class Button(Part):
 
     def _move(self, t_us: int, closed: bool) -> None:
         times = sorted(self._random.randrange(self._bounce_us + 1) for _ in range(2 * _BOUNCES))
-        self._due = [it for it in self._due if it[0] < t_us]
+        self._due = [entry for entry in self._due if entry[0] < t_us]
         self._due.append((t_us, closed, closed))
         if self._bounce_us:
             for index, after in enumerate(times):
@@ -201,14 +201,15 @@ class Button(Part):
 
     def fault(self, kind: str) -> None:
         """Activate a fault; a change of the level is an edge."""
-        self._told(lambda: self.faults.add(kind))
+        self._apply(lambda: self.faults.add(kind))
 
     def heal(self) -> None:
         """Clear all faults and restore the bounce time."""
         self._bounce_us = _BOUNCE_US
-        self._told(self.faults.clear)
+        self._apply(self.faults.clear)
 
-    def _told(self, change: Callable[[], object]) -> None:
+    def _apply(self, change: Callable[[], object]) -> None:
+        """Make a change; report an edge if the level of the pin has changed."""
         before = self.pin.value()
         change()
         if self.pin.value() != before:
@@ -222,7 +223,7 @@ class Button(Part):
             def change(to: bool = closed) -> None:
                 self._pressed = to
 
-            self._told(change)
+            self._apply(change)
         self._t_us = t_us
 
 

@@ -1,4 +1,4 @@
-"""The board's USB device, and the host's port that it is plugged into.
+"""The board's USB device, and the host's port that it is connected to.
 
 The line is a real pseudo-terminal under a constant name. As with a real USB serial port, it exists
 only while the device is plugged in and configured, unplugging hangs up on programs that have it
@@ -185,7 +185,7 @@ class UsbCdc:
         if self._epoll is not None:
             self._epoll.register(self._wake.fileno(), select.EPOLLIN)
         self._changes = 0  # counts the changes that end a wait()
-        self._told = 0
+        self._reported = 0  # those that a wait() has returned for
         self._enabled: tuple[bytes, bytes, tuple[str, ...]] | None = None
         self._ready_at: int | None = None  # when enumeration ends
         self._line: _Line | None = None
@@ -280,8 +280,8 @@ class UsbCdc:
                 if self._epoll is not None:
                     self._epoll.poll(0)
                 self._poll()
-                if self._received or self._told != self._changes:
-                    self._told = self._changes
+                if self._received or self._reported != self._changes:
+                    self._reported = self._changes
                     return True
                 now = clock.host_ns()
                 if deadline is not None and now >= deadline:

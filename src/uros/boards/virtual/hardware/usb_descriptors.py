@@ -20,7 +20,7 @@ _PACKET_SIZES: Final = (8, 16, 32, 64)
 
 
 class DescriptorError(ValueError):
-    """Descriptors that a host does not accept; the text says why."""
+    """Descriptors that a host does not accept; the text has the reason."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,9 @@ CONFIGURATION_DESCRIPTOR: Final = cdc_configuration(0x83, 0x01, 0x82, 100)
 STRINGS: Final = ("Renesas", "RA6M5 Sensor Node", "000001")
 
 
-def _require(condition: bool, why: str) -> None:
+def _require(condition: bool, reason: str) -> None:
     if not condition:
-        raise DescriptorError(why)
+        raise DescriptorError(reason)
 
 
 def check_descriptors(device: bytes, configuration: bytes, strings: Sequence[str]) -> UsbIdentity:
@@ -174,7 +174,7 @@ def _check_endpoint(body: bytes, interfaces: list[_Interface]) -> tuple[int, int
     kind &= 3
     name = f"endpoint 0x{address:02x}"
     _require(address & 0x0F != 0 and not address & 0x70, f"{name}: no such address")
-    taken = [it for interface in interfaces for it, _ in interface.endpoints]
+    taken = [endpoint for interface in interfaces for endpoint, _ in interface.endpoints]
     _require(address not in taken, f"{name} is there twice")
     if kind == _BULK:
         _require(size in _PACKET_SIZES, f"{name}: bulk packets of {size} bytes")
@@ -185,21 +185,29 @@ def _check_endpoint(body: bytes, interfaces: list[_Interface]) -> tuple[int, int
 
 
 def _serial_port(count: int, interfaces: list[_Interface]) -> tuple[int, int, int]:
-    found = len(interfaces)
-    _require(found == count, f"configuration descriptor: {found} interfaces, it says {count}")
-    for it in interfaces:
-        have = len(it.endpoints)
-        _require(have == it.announced, f"interface {it.number}: {have} endpoints, not as it says")
+    have = len(interfaces)
+    _require(have == count, f"configuration descriptor: {have} interfaces, it says {count}")
+    for interface in interfaces:
+        have = len(interface.endpoints)
+        _require(
+            have == interface.announced,
+            f"interface {interface.number}: {have} endpoints, not as it says",
+        )
     control = next(
-        (it for it in interfaces if (it.kind, it.subclass) == (_COMMUNICATION, _ACM)), None
+        (
+            interface
+            for interface in interfaces
+            if (interface.kind, interface.subclass) == (_COMMUNICATION, _ACM)
+        ),
+        None,
     )
-    data = next((it for it in interfaces if it.kind == _DATA), None)
+    data = next((interface for interface in interfaces if interface.kind == _DATA), None)
     if control is None or data is None:
         raise DescriptorError("no serial port: it needs a control (2, 2) and a data interface (10)")
     _require(control.has_union, f"interface {control.number}: no union with the data interface")
-    notify = [it for it, kind in control.endpoints if kind == _INTERRUPT and it & _IN]
-    incoming = [it for it, kind in data.endpoints if kind == _BULK and it & _IN]
-    outgoing = [it for it, kind in data.endpoints if kind == _BULK and not it & _IN]
+    notify = [end for end, kind in control.endpoints if kind == _INTERRUPT and end & _IN]
+    incoming = [end for end, kind in data.endpoints if kind == _BULK and end & _IN]
+    outgoing = [end for end, kind in data.endpoints if kind == _BULK and not end & _IN]
     _require(len(notify) == 1, f"interface {control.number}: no interrupt endpoint in")
     _require(
         len(incoming) == 1 and len(outgoing) == 1,

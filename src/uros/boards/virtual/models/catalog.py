@@ -24,7 +24,7 @@ class BoardSpec:
         mcu: The board and its microcontroller.
         hardware: The module of this package that wires it.
         ports: The MicroPython ports that its program is written for.
-        plugs: The peripherals that are plugged in from the start (see
+        plugs: The peripherals that are attached from the start (see
             `uros.boards.virtual.hardware.peripherals`).
         agent: The address at which its program expects the agent in its network, "" on a serial
             line.

@@ -158,7 +158,7 @@ class Esp8266(Modem):
         if not line or "deaf" in self.faults:
             return
         self.commands.append(line)
-        name, equals, rest = line.partition(b"=")
+        name, equals, argument = line.partition(b"=")
         ok = b"\r\nOK\r\n"
         if name in (b"AT", b"AT+CIPMUX", b"AT+CWDHCP"):
             self._answer(ok)
@@ -167,7 +167,7 @@ class Esp8266(Modem):
             self._answer(ok)
         elif name == b"AT+CIPDINFO" and self.dialect == "esp-at":
             self._answer(ok)
-        elif name == b"AT+CWMODE" and rest == b"1":
+        elif name == b"AT+CWMODE" and argument == b"1":
             self._station = True
             self._answer(ok)
         elif name == b"AT+CWJAP?":
@@ -176,13 +176,13 @@ class Esp8266(Modem):
                 response = b"+CWJAP:" + _quoted(self.joined) + b',"02:00:00:00:00:01",6,-51\r\n'
             self._answer(response + ok)
         elif name == b"AT+CWJAP" and equals and self._station:
-            self._join(_texts(rest))
+            self._join(_texts(argument))
         elif name == b"AT+CIPCLOSE":
             self._answer(b"CLOSED\r\n" + ok if self._drop_link() else b"\r\nERROR\r\n")
         elif name == b"AT+CIPSTART" and equals:
-            self._start(_texts(rest))
+            self._start(_texts(argument))
         elif name == b"AT+CIPSEND" and equals:
-            self._begin(rest)
+            self._begin(argument)
         else:
             self._answer(b"\r\nERROR\r\n")
 
@@ -228,18 +228,18 @@ class Esp8266(Modem):
             else:
                 self._answer(b"CONNECT\r\n\r\nOK\r\n")
 
-    def _begin(self, rest: bytes) -> None:
+    def _begin(self, argument: bytes) -> None:
         if "stuck" in self.faults:
             return
         if self.link is None:
             self._answer(b"link is not valid\r\n\r\nERROR\r\n")
-        elif not rest.isdigit() or not 0 < int(rest) <= _MOST:
+        elif not argument.isdigit() or not 0 < int(argument) <= _MOST:
             self._answer(b"\r\nERROR\r\n")
         else:
             prompt = b"\r\nOK\r\n\r\n>" if self.dialect == "esp-at" else b"\r\nOK\r\n> "
             self._answer(prompt)
             self._datagram = bytearray()
-            self._want = int(rest)
+            self._want = int(argument)
 
     def _send(self) -> None:
         data = bytes(self._datagram)
@@ -258,12 +258,12 @@ class Esp8266(Modem):
         self._after(self.send_ms, end)
 
 
-def _texts(rest: bytes) -> "list[str]":
+def _texts(arguments: bytes) -> "list[str]":
     """Split the arguments of a command, without their quotes and backslashes."""
     out: list[bytearray] = [bytearray()]
     quoted = False
     escaped = False
-    for octet in rest:
+    for octet in arguments:
         if escaped:
             out[-1].append(octet)
             escaped = False

@@ -129,11 +129,11 @@ class Gs2200(Modem):
         self.emit(b"\r\nSerial2WiFi APP\r\n")
 
     def send_unsolicited(self) -> None:
-        """Lines that nobody has asked for, and noise."""
+        """Queue unsolicited lines, and noise."""
         self.emit(b"\r\nDHCP lease renewed\r\n\x00\xfe\r\nBeacon missed\r\n")
 
     def lose_link(self) -> None:
-        """The link alone is gone."""
+        """Close the link; the access point stays joined."""
         if self._drop_link():
             self.emit(b"\r\nDISCONNECT 0\r\n")
 
@@ -225,8 +225,8 @@ class Gs2200(Modem):
             self.emit(data)
         self._text.extend(data)
         while b"\n" in self._text:
-            line, _, rest = bytes(self._text).partition(b"\n")
-            self._text = bytearray(rest)
+            line, _, remainder = bytes(self._text).partition(b"\n")
+            self._text = bytearray(remainder)
             try:
                 self._command(line.strip())
             except (ValueError, IndexError):  # invalid arguments
@@ -234,7 +234,7 @@ class Gs2200(Modem):
 
     def _command(self, line: bytes) -> None:
         self.commands.append(line)
-        name, _, rest = line.partition(b"=")
+        name, _, argument = line.partition(b"=")
         answer = self.answer_ms
         if name in (b"AT", b"AT+WM", b"AT+NDHCP", b"AT+WREGDOMAIN", b"AT+NCLOSEALL"):
             if name == b"AT+NCLOSEALL":
@@ -244,7 +244,7 @@ class Gs2200(Modem):
             self._echo = name == b"ATE1"
             self._say_after(answer, _OK)
         elif name == b"AT+BDATA":
-            self._bulk = rest == b"1"
+            self._bulk = argument == b"1"
             self._say_after(answer, _OK)
         elif name == b"AT+NSTAT":
             state = b"WSTATE=NOT CONNECTED     MODE=NONE\r\n"
@@ -258,21 +258,21 @@ class Gs2200(Modem):
             self.joined = ""
             self._say_after(answer, _OK)
         elif name == b"AT+WPAPSK":
-            ssid, _, password = rest.partition(b",")
+            ssid, _, password = argument.partition(b",")
             if 8 <= len(password) <= 63:
                 self._key = (ssid.decode(), password.decode())
                 self._say_after(self.key_ms, b"Computing PSK from SSID and PassPhrase...\r\n" + _OK)
             else:
                 self._say_after(answer, b"\r\nERROR: INVALID INPUT\r\n")
         elif name == b"AT+WA":
-            ssid_text = rest.decode()
+            ssid_text = argument.decode()
             self._after(self.join_ms, lambda: self.emit(self._join(ssid_text)))
         elif name == b"AT+NCUDP":
-            host, port, local_port = rest.decode().split(",")
+            host, port, local_port = argument.decode().split(",")
             if self.joined and self._bulk:
                 self.link = self.network.link(host, int(port), int(local_port))
-            made = self.link is not None
-            self._say_after(answer, b"CONNECT 0\r\n" + _OK if made else _NO_SOCKET)
+            connected = self.link is not None
+            self._say_after(answer, b"CONNECT 0\r\n" + _OK if connected else _NO_SOCKET)
         else:
             self._say_after(answer, b"\r\nERROR: INVALID INPUT\r\n")
 

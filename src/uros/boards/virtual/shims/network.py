@@ -98,12 +98,12 @@ class WLAN:
         """Leave the access point."""
         _board.call(_board.WLAN_LEAVE)
 
-    def status(self, what: str = "") -> "int | list[tuple[bytes]]":
+    def status(self, param: str = "") -> "int | list[tuple[bytes]]":
         """Return the status, or the stations of an access point.
 
         The reason of a failed join is reported only where ``reconnects`` is limited.
         """
-        if what == "stations":
+        if param == "stations":
             return [(b"\2\0\0\0\0\1",)] * _board.number(_board.WLAN_GUESTS)
         status = _STATUS[_board.number(_board.WLAN_STATUS)]
         if status < STAT_IDLE and self._settings.get("reconnects", -1) == -1:

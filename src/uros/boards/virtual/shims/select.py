@@ -68,9 +68,9 @@ class poll:
                 _irq.run()
             ready = []
             for stream, events in self._streams:
-                found = stream.ioctl(_STREAM_POLL, events)
-                if found:
-                    ready.append((stream, found))
+                happened = stream.ioctl(_STREAM_POLL, events)
+                if happened:
+                    ready.append((stream, happened))
             if ready or timeout == 0:
                 return ready
             left = _LONGEST_US

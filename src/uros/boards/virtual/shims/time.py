@@ -77,7 +77,7 @@ def gmtime(seconds: int | None = None) -> "tuple[int, ...]":
     It is (year, month, day, hour, minute, second, weekday from Monday 0, day of the year from 1).
     """
     at = time() if seconds is None else int(seconds)
-    days, rest = at // 86400, at % 86400
+    days, second = at // 86400, at % 86400
     weekday = (days + 5) % 7  # 2000-01-01 was a Saturday
     year = 2000 + min(days // 366, days // 365)  # not too late, and not by much
     while _days_to(year + 1) <= days:
@@ -87,7 +87,7 @@ def gmtime(seconds: int | None = None) -> "tuple[int, ...]":
     while _day_of_year(year, month) > days:
         month -= 1
     day = days - _day_of_year(year, month) + 1
-    return (year, month, day, rest // 3600, rest // 60 % 60, rest % 60, weekday, days + 1)
+    return (year, month, day, second // 3600, second // 60 % 60, second % 60, weekday, days + 1)
 
 
 localtime = gmtime

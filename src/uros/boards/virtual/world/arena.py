@@ -119,9 +119,9 @@ class Arena:
             at = y + distance * dy
             side, along = ("e", half - at) if dx > 0 else ("w", at + half)
         if dy:
-            other = ((half if dy > 0 else -half) - y) / dy
-            if other < distance:
-                distance = other
+            y_distance = ((half if dy > 0 else -half) - y) / dy
+            if y_distance < distance:
+                distance = y_distance
                 at = x + distance * dx
                 side, along = ("n", at + half) if dy > 0 else ("s", half - at)
         hits = [RayHit(distance, None, side, along)]

@@ -138,8 +138,8 @@ class Rover(Part):
         right = self.motors[RIGHT].inertia + right_radius**2 * (rolling + turning)
         left = self.motors[LEFT].inertia + left_radius**2 * (rolling + turning)
         both = right_radius * left_radius * (rolling - turning)
-        whole = right * left - both * both
-        return left / whole, right / whole, -both / whole
+        determinant = right * left - both * both
+        return left / determinant, right / determinant, -both / determinant
 
     # Inputs.
 

@@ -1,4 +1,4 @@
-"""What is plugged into a virtual board: lines that take their time, and a radio."""
+"""Peripherals attached to a virtual board: serial lines with a baud rate, and a radio."""
 
 import errno
 
@@ -6,7 +6,7 @@ import pytest
 
 from uros.boards.virtual.hardware.board import FaultError, VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
-from uros.boards.virtual.hardware.peripherals import PlugError, Radio, Spi, Uart
+from uros.boards.virtual.hardware.peripherals import PeripheralError, Radio, Spi, Uart
 from uros.boards.virtual.models.catalog import find
 from uros.boards.virtual.modems.radio_network import RadioNetwork
 
@@ -161,7 +161,7 @@ def test_faults_of_plugs_are_faults_of_the_board():
     ],
 )  # fmt: skip
 def test_what_cannot_be_plugged_in_is_told(spec, said):
-    with pytest.raises(PlugError, match=said):
+    with pytest.raises(PeripheralError, match=said):
         VirtualBoard(find(BOARD), ManualClock(), plugs=[spec])
 
 

@@ -190,14 +190,14 @@ class CDCInterface(io.IOBase, Interface):
         """Answer MicroPython's stream requests: poll and flush."""
         if req == _STREAM_POLL:
             state = _board.number(_board.USB_STATE)
-            found = 0
+            events = 0
             if state & _board.USB_READABLE:
-                found |= _POLLIN
+                events |= _POLLIN
             if state & _board.USB_WRITABLE:
-                found |= _POLLOUT
+                events |= _POLLOUT
             if state & _board.USB_CLOSED:
-                found |= _POLLHUP
-            return found & arg
+                events |= _POLLHUP
+            return events & arg
         if req == _STREAM_FLUSH:
             return 0  # octets that were taken are on the line
         return _EINVAL
