@@ -17,7 +17,7 @@ from typing import Any, Final, Protocol
 from .. import names
 from ..client.clock import Clock
 from ..client.connection import AGENT_CONNECTED, AGENT_DISCONNECTED
-from ..client.entities import Client, Future, Publisher, Service, Subscription
+from ..client.entities import Client, Entity, Future, Publisher, Service, Subscription
 from ..client.node import Node
 from ..client.protocols import NodeConnection
 from ..interfaces.codec import to_cdr
@@ -231,6 +231,22 @@ def _service(entity: Service | Client) -> base.Service:
     )
 
 
+def _check_type(entity: Entity) -> None:
+    """Raise TypeError if the entity's type is not a generated class of its kind."""
+    kind = "message" if isinstance(entity, (Publisher, Subscription)) else "service"
+    given = None
+    if hasattr(entity.type, "Request"):
+        given = "service"
+    elif hasattr(entity.type, "_DDS_TYPE"):
+        given = "message"
+    if given != kind:
+        example = "std_msgs/msg/String" if kind == "message" else "std_srvs/srv/Trigger"
+        raise TypeError(
+            f"{entity.name}: {entity.type!r} is not a {kind} type: give a class, such as"
+            f' uros.interfaces.load("{example}")'
+        )
+
+
 class Direct(NodeConnection):
     """One or more nodes' connection to the network of ``middleware``, which it owns.
 
@@ -269,6 +285,7 @@ class Direct(NodeConnection):
 
         Raises:
             MiddlewareError: The middleware cannot create it, or the connection is closed.
+            TypeError: The entity's type is not a generated message or service class.
         """
         if self.state != AGENT_CONNECTED:
             raise base.MiddlewareError(f"{entity.name}: the node has been destroyed")
@@ -279,6 +296,7 @@ class Direct(NodeConnection):
                 entity.domain_id, entity.get_namespace(), entity.name
             )
             return number
+        _check_type(entity)
         node = self._nodes[entity.node]
         end: _End
         if isinstance(entity, Publisher):

@@ -701,3 +701,27 @@ def test_three_lines_end_with_ctrl_c_and_leave_the_network(monkeypatch, own_doma
         finally:
             process.kill()
             process.communicate()
+
+
+@pytest.mark.parametrize("kind", [str, "std_msgs/msg/String", None, Trigger])
+def test_a_publisher_of_what_is_no_message_type_is_refused(node, kind):
+    before = len(node._entities)
+    for create in (
+        lambda: node.create_publisher(kind, "topic", 10),
+        lambda: node.create_subscription(kind, "topic", print, 10),
+    ):
+        with pytest.raises(TypeError, match=r"/topic: .* is not a message type: give a class"):
+            create()
+    assert len(node._entities) == before
+
+
+@pytest.mark.parametrize("kind", [str, "std_srvs/srv/Trigger", None, String])
+def test_a_service_of_what_is_no_service_type_is_refused(node, kind):
+    before = len(node._entities)
+    for create in (
+        lambda: node.create_service(kind, "go", print),
+        lambda: node.create_client(kind, "go"),
+    ):
+        with pytest.raises(TypeError, match=r"/go: .* is not a service type: give a class"):
+            create()
+    assert len(node._entities) == before
