@@ -31,7 +31,7 @@ from .passes.terse_errors import set_constant
 from .pipeline import PASSES, STARTED, Program, run_passes
 from .resolver import Resolver
 
-_NOTE: Final = ".made-by-uros"
+_MARKER: Final = ".made-by-uros"
 
 
 def build(
@@ -46,7 +46,7 @@ def build(
 ) -> list[Path]:
     """Write a board's file system into the folder ``out``; return its files, sorted.
 
-    Two passes change what a program sees:
+    Two passes change what a program can observe:
 
     - ``terse-errors`` shortens errors. A packing error names the type and not the field; errors of
       ``uros.wire`` and of received bytes have no text; `InterfaceError` is ValueError itself;
@@ -68,7 +68,7 @@ def build(
             holds anything but an earlier build is refused.
         form: ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).
         without: Names of passes to leave out (`PASSES`).
-        roots: What to keep besides: modules (``uros.wire.session``), names in modules
+        roots: What to keep in addition: modules (``uros.wire.session``), names in modules
             (``uros.wire.session:push_info``) and types (``std_msgs.msg:Int32``).
         provided: Further modules that the board has.
         checked: For virtual boards: messages refuse attributes that are not fields, and a packing
@@ -81,23 +81,23 @@ def build(
     program, out, without = Path(program), Path(out), set(without)
     if form not in ("py", "mpy"):
         raise BuildError(f"no form {form!r}; give 'py' or 'mpy'")
-    known = [it.name for it in PASSES]
+    known = [step.name for step in PASSES]
     for name in sorted(without.difference(known)):
         raise BuildError(f"no pass {name!r} to leave out; there are {', '.join(known)}")
     if out.resolve().is_relative_to(program.resolve()):
         raise BuildError(f"{out} is inside of the program; give a folder beside it")
-    search = Resolver(program, set(provided), "terse-errors" not in without, checked)
-    work = Program(search.run(tuple(roots)), set(roots), checked)
-    if faults := check_fields(work.modules.values()):
+    resolver = Resolver(program, set(provided), "terse-errors" not in without, checked)
+    board_program = Program(resolver.run(tuple(roots)), set(roots), checked)
+    if faults := check_fields(board_program.modules.values()):
         raise FieldError("\n".join(faults))
     if checked:
-        set_constant(work.modules, "uros.interfaces.dynamic", "_CHECKED", True)
+        set_constant(board_program.modules, "uros.interfaces.dynamic", "_CHECKED", True)
     try:
-        run_passes(work, form, without)
+        run_passes(board_program, form, without)
     except NotBundled as error:
         raise BuildError(f"{error}; build it without the pass bundle (--without bundle)") from error
-    files = dict(search.other)
-    for module in work.modules.values():
+    files = dict(resolver.data_files)
+    for module in board_program.modules.values():
         path, data = _file(module, form)
         files[path] = data
     return _replace(out, files)
@@ -119,27 +119,27 @@ def _compile(module: Module, text: str) -> bytes:
 
 def is_built(folder: Path) -> bool:
     """Whether `build` wrote the folder."""
-    return (folder / _NOTE).is_file()
+    return (folder / _MARKER).is_file()
 
 
 def _replace(out: Path, files: dict[str, bytes]) -> list[Path]:
     """Write all files beside ``out`` first, so that ``out`` is never incomplete."""
-    if out.is_file() or (out.is_dir() and not (out / _NOTE).exists() and any(out.iterdir())):
+    if out.is_file() or (out.is_dir() and not (out / _MARKER).exists() and any(out.iterdir())):
         raise BuildError(f"{out} holds something else; give a new folder, or remove it")
     out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=out.name + ".", dir=out.parent) as made:
-        new = Path(made, "new")
+    with tempfile.TemporaryDirectory(prefix=out.name + ".", dir=out.parent) as temporary:
+        new = Path(temporary, "new")
         for path, data in files.items():
             file = new / path
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
-        (new / _NOTE).touch()
+        (new / _MARKER).touch()
         if out.exists():
-            out.rename(Path(made, "old"))
+            out.rename(Path(temporary, "old"))
         try:
             new.rename(out)
         except OSError:
-            if Path(made, "old").exists():
-                Path(made, "old").rename(out)
+            if Path(temporary, "old").exists():
+                Path(temporary, "old").rename(out)
             raise
     return sorted(out / path for path in files)

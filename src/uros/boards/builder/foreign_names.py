@@ -1,7 +1,7 @@
-"""The names that are MicroPython's own, and those of what boards' firmware brings.
+"""The names that MicroPython and the firmware of boards define.
 
-They are a file, ``foreign_names.txt``, which ``scripts/foreign_names.py`` makes: a build is the
-same on every Python that makes it.
+``scripts/foreign_names.py`` writes them to the file ``foreign_names.txt``, so that a build does not
+depend on the Python that runs it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ def _read() -> dict[str, set[str]]:
 
 _NAMES: Final = _read()
 ATTRIBUTES: Final = frozenset(_NAMES["attribute"])
-"""Of objects that are not ours: of builtin types, and of what stands for hardware."""
+"""Attributes of objects that uros does not define: of builtin types and of hardware classes."""
 CLASSES: Final = frozenset(_NAMES["class"])
-"""Builtin classes, exceptions too."""
+"""Builtin classes, exceptions included."""
 BUILTINS: Final = CLASSES.union(_NAMES["builtin"])
-"""All that a module has without importing it."""
+"""All names that a module has without importing them."""

@@ -21,13 +21,13 @@ _IMPORT_ERRORS: Final = {"ImportError", "Exception", "BaseException"}
 class Module:
     """One module of a board's file system.
 
-    ``own`` is a module of the program: its text is not changed, and all of it is live.
+    With ``own``, the module is one of the program: its text is not changed, and all of it is live.
     """
 
     name: str
     package: bool
     source: str
-    """Where it comes from, for messages."""
+    """Its file, for error messages."""
     text: str
     tree: ast.Module
     own: bool = False
@@ -36,7 +36,7 @@ class Module:
 
     @property
     def path(self) -> str:
-        """Its file on the board, without the suffix."""
+        """The path of its file on the board, without the suffix."""
         return self.name.replace(".", "/") + ("/__init__" if self.package else "")
 
 
@@ -46,18 +46,18 @@ class Wanted:
 
     module: str
     names: tuple[tuple[str, str], ...] | None
-    """Pairs of the name there and the name here."""
+    """Pairs of the name in that module and the name that the import binds."""
     line: int
     optional: bool
-    """It stands in a try that catches ImportError, or in what that does then."""
+    """The import is in a ``try`` that catches ImportError, or in a handler of that ``try``."""
     late: bool
-    """It stands in a function."""
-    perhaps: bool = False
-    """That is a method which Python itself calls, so that the program did not ask for it."""
+    """The import is in a function."""
+    in_special_method: bool = False
+    """That function is a special method: Python calls it, and not the program by its name."""
 
 
 def absolute(node: ast.ImportFrom, module: Module) -> str:
-    """The full name of the module that a from-import names."""
+    """Return the full name of the module that a from-import names."""
     if not node.level:
         return node.module or ""
     parts = module.name.split(".")
@@ -66,28 +66,30 @@ def absolute(node: ast.ImportFrom, module: Module) -> str:
 
 
 def imports(module: Module) -> Iterator[Wanted]:
-    """Every import of a module, wherever it stands."""
+    """Yield every import of a module, also of functions and nested blocks."""
 
-    def visit(node: ast.AST, optional: bool, late: str) -> Iterator[Wanted]:
-        perhaps = late.startswith("__")
+    def visit(node: ast.AST, optional: bool, function: str) -> Iterator[Wanted]:
+        in_special_method = function.startswith("__")
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield Wanted(alias.name, None, node.lineno, optional, bool(late), perhaps)
+                yield Wanted(
+                    alias.name, None, node.lineno, optional, bool(function), in_special_method
+                )
         elif isinstance(node, ast.ImportFrom):
             names = tuple((alias.name, alias.asname or alias.name) for alias in node.names)
             base = absolute(node, module)
-            yield Wanted(base, names, node.lineno, optional, bool(late), perhaps)
+            yield Wanted(base, names, node.lineno, optional, bool(function), in_special_method)
         elif isinstance(node, ast.Try):
-            tolerant = optional or any(catches_import_error(h) for h in node.handlers)
+            tolerant = optional or any(catches_import_error(handler) for handler in node.handlers)
             for child in (*node.body, *node.handlers):
-                yield from visit(child, tolerant, late)
+                yield from visit(child, tolerant, function)
             for child in (*node.orelse, *node.finalbody):
-                yield from visit(child, optional, late)
+                yield from visit(child, optional, function)
         else:
             if isinstance(node, FUNCTIONS):
-                late = late or node.name
+                function = function or node.name
             for child in ast.iter_child_nodes(node):
-                yield from visit(child, optional, late)
+                yield from visit(child, optional, function)
 
     return visit(module.tree, False, "")
 
@@ -97,11 +99,11 @@ def catches_import_error(handler: ast.ExceptHandler) -> bool:
     if handler.type is None:
         return True
     types = handler.type.elts if isinstance(handler.type, ast.Tuple) else [handler.type]
-    return any(isinstance(t, ast.Name) and t.id in _IMPORT_ERRORS for t in types)
+    return any(isinstance(kind, ast.Name) and kind.id in _IMPORT_ERRORS for kind in types)
 
 
 def named_from_outside(modules: Iterable[Module]) -> set[str]:
-    """Names by which another module may take one: of imports, attributes, and in strings."""
+    """Return the names that may refer to another module's: of imports, attributes and strings."""
     used: set[str] = set()
     for module in modules:
         for node in ast.walk(module.tree):
@@ -115,14 +117,18 @@ def named_from_outside(modules: Iterable[Module]) -> set[str]:
 
 
 def known_names(tree: ast.Module, others: Iterable[Module]) -> set[str]:
-    """The names that others may know, and those that are asked for by their text."""
+    """Return the names of a bundle that no pass may change.
+
+    These are all names and strings of the other modules, and of the bundle its strings, the
+    keywords of calls and the names of imports.
+    """
     names = {"__init__"}
     for other in others:
         for node in ast.walk(other.tree):
             names.update(value for value in vars(node).values() if isinstance(value, str))
             for value in vars(node).values():  # as of global statements
                 if isinstance(value, list):
-                    names.update(it for it in value if isinstance(it, str))
+                    names.update(text for text in value if isinstance(text, str))
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             names.add(node.value)

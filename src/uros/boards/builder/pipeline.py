@@ -1,8 +1,8 @@
-"""The passes of a build: what changes uros's modules, in this order.
+"""The passes of a build over uros's modules, in their order.
 
-Each pass makes the files smaller and changes nothing else that the program does. `PASSES` declares
-each one with its purpose and its condition: where it applies, and what it does not touch because it
-cannot prove that the result is the same. ``uros board build --without PASS`` leaves one out: if a
+Each pass makes the files smaller and keeps the behavior of the program. `PASSES` declares each one
+with its purpose and its condition: where it applies, and what it leaves alone since the result is
+not provably the same. ``uros board build --without PASS`` leaves one out: if a
 program behaves differently on the board, this shows which pass is at fault.
 
 No pass changes a module of the program, except `link_imports`; see its docstring. Before the passes
@@ -57,7 +57,7 @@ class Pass:
     condition: str
     """Where it applies, and what it leaves alone or refuses."""
     run: Callable[[Program], None]
-    """Changes a program. May raise NotBundled."""
+    """Changes a program; may raise NotBundled."""
     bytecode: bool = False
     """It is for ``--mpy`` alone: as text its result would cost a board more than it saves."""
 
@@ -83,28 +83,28 @@ def _link_imports(program: Program) -> None:
 
 
 def _on_bundle(change: Callable[[Module, list[Module]], None]) -> Callable[[Program], None]:
-    """A pass over the bundle alone; ``change`` gets it, and all modules beside it."""
+    """Return a pass over the bundle alone; ``change`` gets the bundle, and all other modules."""
 
     def run(program: Program) -> None:
-        whole = program.modules.get(BUNDLE)
-        if whole:
-            others = [module for module in program.modules.values() if module is not whole]
-            change(whole, others)
-            ast.fix_missing_locations(whole.tree)
+        bundled = program.modules.get(BUNDLE)
+        if bundled:
+            other_modules = [module for module in program.modules.values() if module is not bundled]
+            change(bundled, other_modules)
+            ast.fix_missing_locations(bundled.tree)
 
     return run
 
 
-def _merge_classes(whole: Module, others: list[Module]) -> None:
-    merge_classes(whole.tree, known_names(whole.tree, others))
+def _merge_classes(bundled: Module, other_modules: list[Module]) -> None:
+    merge_classes(bundled.tree, known_names(bundled.tree, other_modules))
 
 
-def _inline_methods(whole: Module, others: list[Module]) -> None:
-    inline_methods(whole.tree, known_names(whole.tree, others))
+def _inline_methods(bundled: Module, other_modules: list[Module]) -> None:
+    inline_methods(bundled.tree, known_names(bundled.tree, other_modules))
 
 
-def _order_names(whole: Module, others: list[Module]) -> None:
-    order_names(whole.tree)
+def _order_names(bundled: Module, other_modules: list[Module]) -> None:
+    order_names(bundled.tree)
 
 
 PASSES: Final = (

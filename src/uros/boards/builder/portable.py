@@ -1,9 +1,9 @@
-"""Names the modules of uros that boards may have: the one place that knows.
+"""Defines which modules of uros boards may have; no other module does.
 
-The folder tells: every module in one of `FOLDERS` runs on MicroPython, except those whose name
-ends in ``_host``, which stand beside the board's modules of the same kind. `MODULES` are single
-modules of rooms that hosts and boards share. The builder, the package index for mip and the tests
-on MicroPython take it from here; a test holds pyproject.toml to it.
+Every module in one of `FOLDERS` runs on MicroPython, except those whose name ends in ``_host``:
+these are for hosts. `MODULES` are single modules of folders that hosts and boards share. The
+builder, the package index for mip and the tests on MicroPython use these definitions; a test checks
+pyproject.toml against them.
 """
 
 from __future__ import annotations
@@ -29,23 +29,25 @@ MODULES: Final = (
     "interfaces.table",
 )
 HOST_SUFFIX: Final = "_host"
-"""How the name of a module ends that stands in one of `FOLDERS` and is for hosts alone."""
+"""Suffix of the names of modules in `FOLDERS` that are for hosts alone."""
 
 
 def is_portable(name: str) -> bool:
     """Whether a board may have the module of this full name, such as ``uros.wire.cdr``.
 
-    It need not exist.
+    Modules that do not exist count as well.
     """
-    inside = name.partition(".")[2]
-    room = inside.partition(".")[0]
-    return inside in MODULES or (room in FOLDERS and not inside.endswith(HOST_SUFFIX))
+    relative_name = name.partition(".")[2]
+    folder = relative_name.partition(".")[0]
+    return relative_name in MODULES or (
+        folder in FOLDERS and not relative_name.endswith(HOST_SUFFIX)
+    )
 
 
 def portable_files() -> list[Path]:
-    """The files of all modules that boards may have, sorted."""
-    found = [path for room in FOLDERS for path in (SOURCE / room).glob("*.py")]
+    """Return the files of all modules that boards may have, sorted."""
+    files = [path for folder in FOLDERS for path in (SOURCE / folder).glob("*.py")]
     for name in MODULES:
         path = SOURCE.joinpath(*name.split("."))
-        found.append(path / "__init__.py" if path.is_dir() else path.with_suffix(".py"))
-    return sorted(path for path in found if not path.stem.endswith(HOST_SUFFIX))
+        files.append(path / "__init__.py" if path.is_dir() else path.with_suffix(".py"))
+    return sorted(path for path in files if not path.stem.endswith(HOST_SUFFIX))

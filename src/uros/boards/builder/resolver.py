@@ -39,19 +39,19 @@ class Resolver:
     Args:
         program: The program's folder.
         provided: Names of further modules that the board has, beside those of MicroPython.
-        lean: Whether interface modules are generated without error texts (pass ``terse-errors``).
-        checked: Whether messages refuse attributes that are no fields; switches ``lean`` off.
+        terse: Whether interface modules are generated without error texts (pass ``terse-errors``).
+        checked: Whether messages refuse attributes that are not fields; switches ``terse`` off.
     """
 
-    def __init__(self, program: Path, provided: set[str], lean: bool, checked: bool) -> None:
+    def __init__(self, program: Path, provided: set[str], terse: bool, checked: bool) -> None:
         self.program = program
-        self.lean = lean and not checked
+        self.terse = terse and not checked
         self.checked = checked
         self.provided = _PROVIDED | provided
         self.modules: dict[str, Module] = {}
         self.types: dict[str, Module] = {}  # names of types, and the first module that imports each
-        self.other: dict[str, bytes] = {}  # the program's files that are not Python
-        self.tops: set[str] = set()  # top-level names of the program's modules and packages
+        self.data_files: dict[str, bytes] = {}  # the program's files that are not Python
+        self.top_names: set[str] = set()  # top-level names of the program's modules and packages
 
     def run(self, roots: Iterable[str]) -> dict[str, Module]:
         """Return all modules that the program and ``roots`` need, by full name.
@@ -67,60 +67,60 @@ class Resolver:
         if not self.program.is_dir():
             raise SourceError(f"{self.program}: no such folder; give the folder of a main.py")
         for file in sorted(self.program.rglob("*")):
-            inside = file.relative_to(self.program)
-            if any(part.startswith((".", "__pycache__")) for part in inside.parts):
+            relative_path = file.relative_to(self.program)
+            if any(part.startswith((".", "__pycache__")) for part in relative_path.parts):
                 continue
             if file.suffix == ".py":
-                self.own(file, inside)
+                self.parse_program_file(file, relative_path)
             elif file.is_file() and file.suffix != ".md":
-                self.other[inside.as_posix()] = file.read_bytes()
+                self.data_files[relative_path.as_posix()] = file.read_bytes()
         if not self.modules:
             raise SourceError(f"{self.program}: no Python file in it; give the folder of a main.py")
         for module in list(self.modules.values()):
-            self.follow(module)
-        start = Module("", False, "roots", "", ast.Module([], []))
+            self.resolve_imports(module)
+        importer = Module("", False, "roots", "", ast.Module([], []))
         for root in roots:
             name, _, attribute = root.partition(":")
             names = ((attribute, attribute),) if attribute else None
-            self.need(Wanted(name, names, 0, False, False), start)
-        self.interfaces()
+            self.resolve_import(Wanted(name, names, 0, False, False), importer)
+        self.generate_interfaces()
         return self.modules
 
-    def own(self, file: Path, inside: Path) -> None:
-        """Parse a file of the program; ``inside`` is its path below the program's folder."""
-        is_package = inside.name == "__init__.py"
-        parts = inside.parent.parts if is_package else inside.with_suffix("").parts
+    def parse_program_file(self, file: Path, relative_path: Path) -> None:
+        """Parse a file of the program; ``relative_path`` is its path below the program's folder."""
+        is_package = relative_path.name == "__init__.py"
+        parts = relative_path.parent.parts if is_package else relative_path.with_suffix("").parts
         name = ".".join(parts)
         self.modules[name] = _parse(name, is_package, str(file), _read(file), own=True)
-        self.tops.add(parts[0] if parts else "")
+        self.top_names.add(parts[0] if parts else "")
 
-    def follow(self, module: Module) -> None:
+    def resolve_imports(self, module: Module) -> None:
         """Resolve every import of a module."""
         for wanted in imports(module):
-            self.need(wanted, module)
+            self.resolve_import(wanted, module)
 
-    def need(self, wanted: Wanted, by: Module) -> None:
-        """Resolve one import of the module ``by``; raise MissingModule if nothing provides it."""
+    def resolve_import(self, wanted: Wanted, importer: Module) -> None:
+        """Resolve one import of ``importer``; raise MissingModule if nothing provides it."""
         name = wanted.module
         top = name.partition(".")[0]
         if self.is_own(name):
             return
         if top == "uros":
-            self.uros(wanted, by)
+            self.resolve_uros_import(wanted, importer)
         elif top in self.provided or name in self.provided:
             return
         elif registry.has_package(top):
-            self.interface(wanted, by)
+            self.resolve_interface_import(wanted, importer)
         elif not wanted.optional:
-            raise MissingModule(f"{_place(by, wanted)}: {self.advice(name)}")
+            raise MissingModule(f"{_location(importer, wanted)}: {self.advice(name)}")
 
     def is_own(self, name: str) -> bool:
         """Whether a module or package is the program's own."""
         top = name.partition(".")[0]
-        if top not in self.tops or top == "uros":
+        if top not in self.top_names or top == "uros":
             return False
-        # On MicroPython, too, a folder without __init__.py is a package.
-        return name in self.modules or any(m.startswith(name + ".") for m in self.modules)
+        # MicroPython, too, accepts a folder without __init__.py as a package.
+        return name in self.modules or any(other.startswith(name + ".") for other in self.modules)
 
     def advice(self, name: str) -> str:
         """The error text for a module that nothing provides: the fault and its remedy."""
@@ -142,7 +142,7 @@ class Resolver:
 
     # Modules of uros
 
-    def uros(self, wanted: Wanted, by: Module) -> None:
+    def resolve_uros_import(self, wanted: Wanted, importer: Module) -> None:
         """Add the modules of uros that one import needs.
 
         An import in a function (``late``) of a module of uros may name a module for hosts: the
@@ -151,23 +151,23 @@ class Resolver:
         Raises:
             MissingModule: The module does not exist, has moved or is for hosts.
         """
-        inside = [f"{wanted.module}.{name}" for name, _ in wanted.names or ()]
-        if wanted.module == "uros" and inside:
-            names = inside  # boards do not get uros/__init__.py: all it holds is for hosts
+        full_names = [f"{wanted.module}.{name}" for name, _ in wanted.names or ()]
+        if wanted.module == "uros" and full_names:
+            names = full_names  # boards do not get uros/__init__.py, which is for hosts
         else:
-            names = [wanted.module, *filter(self.uros_file, inside)]
+            names = [wanted.module, *filter(self.uros_file, full_names)]
         for name in names:
             file = self.uros_file(name)
             if file and is_portable(name):
-                self.uros_module(name, file)
-            elif not wanted.optional and (by.own or not by.name or not wanted.late):
+                self.add_uros_module(name, file)
+            elif not wanted.optional and (importer.own or not importer.name or not wanted.late):
                 hint = "" if file else self.module_hint(name)
-                text = _new_name(name) or _uros_advice(name, bool(file)) + hint
-                raise MissingModule(f"{_place(by, wanted)}: {text}")
-        if not wanted.optional and (by.own or not by.name):
-            self.uros_names(wanted, by)
+                text = _moved_advice(name) or _uros_advice(name, bool(file)) + hint
+                raise MissingModule(f"{_location(importer, wanted)}: {text}")
+        if not wanted.optional and (importer.own or not importer.name):
+            self.check_uros_names(wanted, importer)
 
-    def uros_names(self, wanted: Wanted, by: Module) -> None:
+    def check_uros_names(self, wanted: Wanted, importer: Module) -> None:
         """Raise MissingModule where the program imports a name that its module never binds.
 
         `tree_shake` would drop such a module, since nothing uses it.
@@ -181,21 +181,24 @@ class Resolver:
         for name, _ in wanted.names or ():
             if name in names or name == "*" or (name[:2] == name[-2:] == "__"):
                 continue
-            if self.uros_file(f"{wanted.module}.{name}") or wanted.line in _lines_for_checkers(by):
+            if self.uros_file(f"{wanted.module}.{name}"):
                 continue
-            text = _new_name(f"{wanted.module}.{name}")
+            if wanted.line in _type_checking_lines(importer):
+                continue
+            text = _moved_advice(f"{wanted.module}.{name}")
             text = text or f"{wanted.module} has no {name}" + self.name_hint(module, name, names)
-            raise MissingModule(f"{_place(by, wanted)}: {text}")
+            raise MissingModule(f"{_location(importer, wanted)}: {text}")
 
     def name_hint(self, module: Module, name: str, names: set[str]) -> str:
         """A hint for a name that a module lacks: the submodule that has it, or close names."""
-        children = self.uros_children(module.name) if module.package else []
-        for child in children:
-            file = self.uros_file(f"{module.name}.{child}")
+        submodules = self.uros_submodules(module.name) if module.package else []
+        for submodule in submodules:
+            file = self.uros_file(f"{module.name}.{submodule}")
             body = _parse("", False, str(file), _read(file)).tree.body if file else []
             if name in bound(node for node in body if isinstance(node, _DEFINING)):
-                return f"; write from {module.name}.{child} import {name}"
-        return _did_you_mean(name, {n for n in names if not n.startswith("_")}.union(children))
+                return f"; write from {module.name}.{submodule} import {name}"
+        public = {public_name for public_name in names if not public_name.startswith("_")}
+        return _did_you_mean(name, public.union(submodules))
 
     def module_hint(self, name: str) -> str:
         """Close names for the first part of a module's dotted name that does not exist."""
@@ -203,15 +206,18 @@ class Resolver:
         for length in range(2, len(parts) + 1):
             parent = ".".join(parts[: length - 1])
             if not self.uros_file(".".join(parts[:length])):
-                return _did_you_mean(parts[length - 1], self.uros_children(parent))
+                return _did_you_mean(parts[length - 1], self.uros_submodules(parent))
         return ""
 
-    def uros_children(self, package: str) -> list[str]:
-        """The modules of a package that boards may have."""
+    def uros_submodules(self, package: str) -> list[str]:
+        """Return the names of the modules of a package that boards may have."""
         folder = SOURCE.joinpath(*package.split(".")[1:])
         names = sorted({file.stem if file.is_file() else file.name for file in folder.glob("*")})
-        full = {name: f"{package}.{name}" for name in names}
-        return [n for n in names if self.uros_file(full[n]) and is_portable(full[n])]
+        return [
+            name
+            for name in names
+            if self.uros_file(f"{package}.{name}") and is_portable(f"{package}.{name}")
+        ]
 
     def uros_file(self, name: str) -> Path | None:
         """The file of a module of uros; None if there is no such module."""
@@ -221,48 +227,48 @@ class Resolver:
                 return file
         return None
 
-    def uros_module(self, name: str, file: Path) -> None:
+    def add_uros_module(self, name: str, file: Path) -> None:
         """Add a module of uros, its parent packages, and what they import."""
         parent = name.rpartition(".")[0]
         parent_file = self.uros_file(parent)
         if parent != "uros" and parent_file:
-            self.uros_module(parent, parent_file)
+            self.add_uros_module(parent, parent_file)
         if name not in self.modules:
             module = _parse(name, file.name == "__init__.py", str(file), _read(file))
             strip(module)
             self.modules[name] = module
-            self.follow(module)
+            self.resolve_imports(module)
 
     # Modules of interfaces
 
-    def interface(self, wanted: Wanted, by: Module) -> None:
+    def resolve_interface_import(self, wanted: Wanted, importer: Module) -> None:
         """Note the interface types that one import needs; raise MissingModule if one is unknown."""
         parts = wanted.module.split(".")
         kinds = [parts[1]] if len(parts) > 1 else [n for n, _ in wanted.names or ()]
         for kind in kinds:
             if len(parts) > 2 or kind not in registry.KINDS:
                 raise MissingModule(
-                    f"{_place(by, wanted)}: {wanted.module} has no {kind} for boards; write"
-                    f" from {parts[0]}.msg import Name"
+                    f"{_location(importer, wanted)}: {wanted.module} has no {kind} for boards;"
+                    f" write from {parts[0]}.msg import Name"
                 )
         if len(parts) == 2 and wanted.names is not None:
             for name, _ in wanted.names:
                 full = "/".join((*parts, name))
                 if name == "*" or not registry.exists(full):
                     raise MissingModule(
-                        f"{_place(by, wanted)}: "
+                        f"{_location(importer, wanted)}: "
                         + ("name the types to import" if name == "*" else f"no type {full}")
                         + _did_you_mean(name, registry.names_in(parts[0], parts[1]))
                     )
-                self.types.setdefault(registry.file_type(full), by)
+                self.types.setdefault(registry.file_type(full), importer)
             return
         # The import binds the module itself: its types that are named as attributes are needed.
-        attributes = {n.attr for n in ast.walk(by.tree) if isinstance(n, ast.Attribute)}
+        attributes = {n.attr for n in ast.walk(importer.tree) if isinstance(n, ast.Attribute)}
         for kind in kinds:
             for name in attributes.intersection(registry.names_in(parts[0], kind)):
-                self.types.setdefault(f"{parts[0]}/{kind}/{name}", by)
+                self.types.setdefault(f"{parts[0]}/{kind}/{name}", importer)
 
-    def reuses(self) -> bool:
+    def uses_unpack_into(self) -> bool:
         """Whether any module deserializes into an existing message (``unpack_into``)."""
         return any(
             isinstance(node, ast.Attribute) and node.attr == "unpack_into"
@@ -271,10 +277,12 @@ class Resolver:
             for node in ast.walk(module.tree)
         )
 
-    def interfaces(self) -> None:
+    def generate_interfaces(self) -> None:
         """Generate the modules of the noted types; raise BuildError if that fails."""
         try:
-            sources = package.modules(sorted(self.types), self.lean, self.reuses(), self.checked)
+            sources = package.modules(
+                sorted(self.types), self.terse, self.uses_unpack_into(), self.checked
+            )
         except InterfaceError as error:
             raise BuildError(str(error)) from error
         for name, text in sources.items():
@@ -282,7 +290,7 @@ class Resolver:
             strip(module)
             self.modules[name] = module
         for name in sources:
-            self.follow(self.modules[name])
+            self.resolve_imports(self.modules[name])
 
 
 def _did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -299,7 +307,7 @@ def _bound_names(module: Module) -> set[str]:
     return names
 
 
-def _lines_for_checkers(module: Module) -> set[int]:
+def _type_checking_lines(module: Module) -> set[int]:
     """The lines of imports under ``if TYPE_CHECKING:``, which never run on a board."""
     return {
         inner.lineno
@@ -312,7 +320,7 @@ def _lines_for_checkers(module: Module) -> set[int]:
     }
 
 
-def _new_name(name: str) -> str:
+def _moved_advice(name: str) -> str:
     """The advice for a name of uros that has moved; "" if it has not."""
     text = moved.advice(name)
     return text + ("" if not text or is_portable(text.split()[-1]) else ", which is for hosts")
@@ -322,16 +330,16 @@ def _uros_advice(name: str, exists: bool) -> str:
     if name in ("uros", "uros.Node"):
         return "uros itself is for hosts; on a board, write from uros.client import Node"
     if exists:
-        have = ", ".join(f"uros.{it}" for it in (*FOLDERS, *MODULES))
-        return f"{name} is for hosts, boards have {have}"
+        portable = ", ".join(f"uros.{module}" for module in (*FOLDERS, *MODULES))
+        return f"{name} is for hosts, boards have {portable}"
     parts = name.split(".")
     if len(parts) > 2 and parts[1] == "interfaces" and registry.has_package(parts[2]):
         return f"on a board, types are imported from {'.'.join(parts[2:])}"
     return f"uros has no module {name}"
 
 
-def _place(by: Module, wanted: Wanted) -> str:
-    return f"{by.source}:{wanted.line}" if wanted.line else by.source
+def _location(importer: Module, wanted: Wanted) -> str:
+    return f"{importer.source}:{wanted.line}" if wanted.line else importer.source
 
 
 def _read(file: Path) -> str:
@@ -346,8 +354,8 @@ def _parse(name: str, is_package: bool, source: str, text: str, own: bool = Fals
         tree = ast.parse(text, source)
     except SyntaxError as error:
         line = error.lineno or 1
-        words = (error.text or "").strip() or "this is no Python"
-        raise SourceError(f"{source}:{line}: {error.msg}: {words}") from error
+        source_line = (error.text or "").strip() or "this is no Python"
+        raise SourceError(f"{source}:{line}: {error.msg}: {source_line}") from error
     except ValueError as error:  # null bytes, before Python 3.12
         raise SourceError(f"{source}:1: {error}: this is no Python") from error
     return Module(name, is_package, source, text, tree, own)

@@ -11,21 +11,21 @@ COMPREHENSIONS: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorE
 
 
 def parameters(args: ast.arguments) -> Iterator[str]:
-    """The names of a function's parameters: ``*args`` and ``**kwargs`` come last."""
+    """Yield the names of a function's parameters, those of ``*args`` and ``**kwargs`` last."""
     for arg in (*args.posonlyargs, *args.args, *args.kwonlyargs, args.vararg, args.kwarg):
         if arg:
             yield arg.arg
 
 
 def bound(statements: Iterable[ast.AST]) -> Iterator[str]:
-    """The names that statements bind in their own scope, one for each binding."""
+    """Yield the names that statements bind in their own scope, once for each binding."""
     for node in statements:
         if isinstance(node, (*FUNCTIONS, ast.ClassDef)):
             yield node.name
         elif isinstance(node, ast.Lambda):
             continue
         elif isinstance(node, COMPREHENSIONS):
-            # Its variables are local to it; a := in it binds in the scope around it.
+            # The variables of a comprehension are local; its := binds in the enclosing scope.
             for inner in ast.walk(node):
                 if isinstance(inner, ast.NamedExpr):
                     yield from bound([inner.target])
@@ -45,7 +45,7 @@ def bound(statements: Iterable[ast.AST]) -> Iterator[str]:
 
 
 def times_bound(tree: ast.Module) -> dict[str, int]:
-    """How often each name is bound at module level, nested blocks included."""
+    """Count how often each name is bound at module level, nested blocks included."""
     times: dict[str, int] = {}
     for name in bound(tree.body):
         times[name] = times.get(name, 0) + 1
@@ -57,7 +57,7 @@ def times_bound(tree: ast.Module) -> dict[str, int]:
 
 
 def scoped_names(tree: ast.AST) -> set[str]:
-    """All names that functions, lambdas and comprehensions in a tree bind locally."""
+    """Return all names that functions, lambdas and comprehensions in a tree bind locally."""
     names: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, (*FUNCTIONS, ast.Lambda)):

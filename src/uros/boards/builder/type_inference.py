@@ -51,14 +51,15 @@ class _Scope:
         self.names: defaultdict[str, list[Binding]] = defaultdict(list)
         self.outer: dict[str, bool] = {}  # declared global (True) or nonlocal
         self.returns: list[ast.expr] = []
-        self.plain = not isinstance(node, ast.AsyncFunctionDef)  # neither coroutine nor generator
+        # Neither a coroutine nor a generator.
+        self.is_plain = not isinstance(node, ast.AsyncFunctionDef)
 
-    def home(self, name: str) -> _Scope | None:
-        """The scope that binds a name which is used in this scope; None if there is none."""
+    def binding_scope(self, name: str) -> _Scope | None:
+        """Return the scope that binds a name which is used in this scope, or None."""
         if name in self.outer:
             if self.outer[name]:
                 return self.top
-            return self.parent.home(name) if self.parent else None
+            return self.parent.binding_scope(name) if self.parent else None
         scope: _Scope | None = self
         while scope is not None:
             visible = scope is self or not isinstance(scope.node, ast.ClassDef)
@@ -82,35 +83,36 @@ class Program:
         self.classes: dict[str, list[ast.ClassDef]] = defaultdict(list)
         self.stores: dict[str, list[tuple[ast.Attribute, Binding]]] = defaultdict(list)
         self.references: dict[str, list[ast.AST]] = defaultdict(list)
-        self.free: set[str] = set()  # constant names given to hasattr, getattr, setattr or delattr
-        self.dynamic = False  # setattr is called with a name that is not a constant
-        self.opened: dict[ast.AST, _Scope] = {}  # the scope that each node opens
-        self._known: dict[object, Value] = {}
-        self._open: set[object] = set()
-        self._circles = 0
+        # Constant names given to hasattr, getattr, setattr or delattr.
+        self.dynamic_names: set[str] = set()
+        self.dynamic_setattr = False  # setattr is called with a name that is not a constant
+        self.inner_scopes: dict[ast.AST, _Scope] = {}  # the scope that each node opens
+        self._values: dict[object, Value] = {}
+        self._in_progress: set[object] = set()
+        self._cycles = 0
         for module in modules:
             _Collector(self, module)
 
     # --- values of expressions ----------------------------------------------------------------
 
     def infer(self, node: ast.expr) -> Value:
-        """The value of an expression; None if it is unknown."""
-        return self._once(node, lambda: self._infer(node))
+        """Return the value of an expression; None if it is unknown."""
+        return self._memoized(node, lambda: self._infer(node))
 
-    def _once(self, key: object, find: Binding) -> Value:
-        if key in self._known:
-            return self._known[key]
-        if key in self._open:
-            self._circles += 1
-            return _NOTHING  # it depends on itself: its other bindings decide
-        before = self._circles
-        self._open.add(key)
+    def _memoized(self, key: object, find: Binding) -> Value:
+        if key in self._values:
+            return self._values[key]
+        if key in self._in_progress:
+            self._cycles += 1
+            return _NOTHING  # the value depends on itself: its other bindings decide
+        before = self._cycles
+        self._in_progress.add(key)
         try:
             value = find()
         finally:
-            self._open.discard(key)
-        if self._circles == before or not self._open:
-            self._known[key] = value
+            self._in_progress.discard(key)
+        if self._cycles == before or not self._in_progress:
+            self._values[key] = value
         return value
 
     def _infer(self, node: ast.expr) -> Value:
@@ -137,61 +139,61 @@ class Program:
         return None
 
     def name(self, name: str, scope: _Scope) -> Value:
-        """The value of a name that is used in ``scope``."""
-        home = scope.home(name)
-        if home is None:
+        """Return the value of a name that is used in ``scope``."""
+        owner = scope.binding_scope(name)
+        if owner is None:
             return None
-        bindings = home.names[name]
-        return self._once((home, name), lambda: _join([it() for it in bindings]))
+        bindings = owner.names[name]
+        return self._memoized((owner, name), lambda: _join([binding() for binding in bindings]))
 
     def attribute(self, value: Value, name: str) -> Value:
-        """The value of the attribute ``name`` of an inferred value."""
+        """Return the value of the attribute ``name`` of an inferred value."""
         if value is None or value == _NOTHING:
             return None
-        kind, what = value[0], value[1]
+        kind, detail = value[0], value[1]
         if kind == "message":
-            return _field(what, name)
+            return _field(detail, name)
         if kind == "package":
-            return _import(what, name)
+            return _import(detail, name)
         if kind == "class":
-            part = f"{what}_{name}"
+            part = f"{detail}_{name}"
             return ("class", part) if definition(part) else None
         if kind == "goal":
-            return instance(what + "_Goal") if name == "request" else None
+            return instance(detail + "_Goal") if name == "request" else None
         if kind == "own":
-            return self._once((what, name), lambda: self._of_self(what, name))
+            return self._memoized((detail, name), lambda: self._instance_attribute(detail, name))
         return None
 
-    def _of_self(self, owner: ast.ClassDef, name: str) -> Value:
-        """The value of an attribute of an instance of the program's class ``owner``."""
+    def _instance_attribute(self, owner: ast.ClassDef, name: str) -> Value:
+        """Return the value of an attribute of an instance of the program's class ``owner``."""
         family = self.family(owner)
-        if self.dynamic:
+        if self.dynamic_setattr:
             return None
         values: list[Value] = []
         for node, binding in self.stores[name]:
-            by = self.infer(node.value)
-            if by is None or by == _NOTHING:
+            receiver = self.infer(node.value)
+            if receiver is None or receiver == _NOTHING:
                 return None
-            if by[0] in ("own", "own class") and by[1] in family:
+            if receiver[0] in ("own", "own class") and receiver[1] in family:
                 values.append(binding())
         for relative in family:
-            values += [it() for it in self.opened[relative].names.get(name, [])]
+            values += [binding() for binding in self.inner_scopes[relative].names.get(name, [])]
         return _join(values) if values else None
 
     def family(self, owner: ast.ClassDef) -> list[ast.ClassDef]:
-        """A class and all classes that may be its bases or subclasses, related by name."""
-        found = [owner]
-        for one in found:
-            bases = {last(base) for base in one.bases}
-            for others in self.classes.values():
-                for other in others:
-                    related = other.name in bases or one.name in map(last, other.bases)
-                    if related and other not in found:
-                        found.append(other)
-        return found
+        """Return a class and all classes that may be its bases or subclasses, by their names."""
+        family = [owner]
+        for member in family:
+            bases = {last(base) for base in member.bases}
+            for candidates in self.classes.values():
+                for candidate in candidates:
+                    related = candidate.name in bases or member.name in map(last, candidate.bases)
+                    if related and candidate not in family:
+                        family.append(candidate)
+        return family
 
     def call(self, node: ast.Call) -> Value:
-        """The value that a call returns."""
+        """Return the value of a call."""
         function = self.infer(node.func)
         if function is not None:
             if function[0] == "class":
@@ -199,53 +201,57 @@ class Program:
             if function[0] == "own class":
                 return ("own", function[1])
             if function[0] == "function":
-                return self.returned(function[1])
+                return self.return_value(function[1])
         if not isinstance(node.func, ast.Attribute):
             return None
-        verb, args = node.func.attr, node.args
-        if verb == "create_client":
-            served = self.infer(argument(node, 0, "srv_type") or ast.Constant(0))
-            return ("client", served[1]) if served and served[0] == "class" else None
-        by = self.infer(node.func.value)
-        if by and by[0] == "client" and verb == "call_async":
-            return ("future", by[1] + "_Response")
-        if by and by[0] == "future" and verb == "result" and not args:
-            return instance(by[1])
+        method_name, args = node.func.attr, node.args
+        if method_name == "create_client":
+            service_type = self.infer(argument(node, 0, "srv_type") or ast.Constant(0))
+            is_class = service_type is not None and service_type[0] == "class"
+            return ("client", service_type[1]) if service_type and is_class else None
+        receiver = self.infer(node.func.value)
+        if receiver and receiver[0] == "client" and method_name == "call_async":
+            return ("future", receiver[1] + "_Response")
+        if receiver and receiver[0] == "future" and method_name == "result" and not args:
+            return instance(receiver[1])
         return None
 
-    def returned(self, node: Function) -> Value:
-        """The value that a call of a function of the program returns."""
-        scope = self.opened[node]
+    def return_value(self, node: Function) -> Value:
+        """Return the value of a call of a function of the program."""
+        scope = self.inner_scopes[node]
         if isinstance(node, ast.Lambda):
             return self.infer(node.body)
-        if not scope.plain or node.decorator_list or not scope.returns:
+        if not scope.is_plain or node.decorator_list or not scope.returns:
             return None
-        return self._once(
-            (scope, "return"), lambda: _join([self.infer(it) for it in scope.returns])
+        return self._memoized(
+            (scope, "return"), lambda: _join([self.infer(returned) for returned in scope.returns])
         )
 
     # --- parameters ---------------------------------------------------------------------------
 
     def parameter(self, function: Function, at: int, arg: ast.arg) -> Value:
-        """The value of parameter ``arg`` at position ``at``, by its annotation or all arguments."""
+        """Return the value of parameter ``arg`` at position ``at``, by annotation or arguments."""
         if arg.annotation is not None:
             annotation = _plain(arg.annotation)
             if last(annotation) not in _UNTYPED:
-                return self.annotated(annotation, function)
+                return self.annotated_value(annotation, function)
         owner = self._owner(function)
         if isinstance(function, ast.Lambda):
-            return self._given(function, at, arg, 0)
-        decorators = {last(it) for it in function.decorator_list}
+            return self._argument_value(function, at, arg, 0)
+        decorators = {last(decorator) for decorator in function.decorator_list}
         if owner is not None and at == 0 and "staticmethod" not in decorators:
             return ("own class" if "classmethod" in decorators else "own", owner)
-        if decorators - {"staticmethod", "classmethod"} or function.name in self.free:
+        if decorators - {"staticmethod", "classmethod"} or function.name in self.dynamic_names:
             return None
         skip = 1 if owner is not None and "staticmethod" not in decorators else 0
-        values = [self._given(it, at, arg, skip) for it in self.references[function.name]]
+        values = [
+            self._argument_value(reference, at, arg, skip)
+            for reference in self.references[function.name]
+        ]
         return _join(values) if values else None
 
-    def annotated(self, annotation: ast.expr, at: ast.AST) -> Value:
-        """The value that an annotation declares, in the scope of the node ``at``."""
+    def annotated_value(self, annotation: ast.expr, at: ast.AST) -> Value:
+        """Return the value that an annotation declares, in the scope of the node ``at``."""
         for node in ast.walk(annotation):
             self.scopes.setdefault(node, self.scopes[at])
         value = self.infer(annotation)
@@ -259,33 +265,33 @@ class Program:
         parent = self.parents.get(function)
         return parent if isinstance(parent, ast.ClassDef) else None
 
-    def _given(self, reference: ast.AST, at: int, arg: ast.arg, skip: int) -> Value:
-        """The argument for a parameter where ``reference`` calls or registers its function."""
+    def _argument_value(self, reference: ast.AST, at: int, arg: ast.arg, skip: int) -> Value:
+        """Return the argument for a parameter: ``reference`` calls or registers the function."""
         parent = self.parents.get(reference)
-        outer = parent
+        call = parent
         name = ""
         if isinstance(parent, ast.keyword):
-            name, outer = parent.arg or "", self.parents.get(parent)
-        if not isinstance(outer, ast.Call):
+            name, call = parent.arg or "", self.parents.get(parent)
+        if not isinstance(call, ast.Call):
             return None
-        if outer.func is reference:
-            if any(isinstance(it, ast.Starred) for it in outer.args):
+        if call.func is reference:
+            if any(isinstance(given, ast.Starred) for given in call.args):
                 return None
-            given = argument(outer, at - skip, arg.arg)
-            return self.infer(given) if given is not None else None
-        place = outer.args.index(reference) if reference in outer.args else -1
-        return self._registered(outer, place, name, at - skip)
+            value = argument(call, at - skip, arg.arg)
+            return self.infer(value) if value is not None else None
+        position = call.args.index(reference) if reference in call.args else -1
+        return self._callback_argument(call, position, name, at - skip)
 
-    def _registered(self, call: ast.Call, place: int, name: str, at: int) -> Value:
-        """Argument ``at`` of the callback that is argument ``place`` or ``name`` of a call."""
-        verb = last(call.func)
-        if verb == "add_done_callback" and isinstance(call.func, ast.Attribute):
+    def _callback_argument(self, call: ast.Call, position: int, name: str, at: int) -> Value:
+        """Return argument ``at`` of a callback: argument ``position`` or ``name`` of a call."""
+        function_name = last(call.func)
+        if function_name == "add_done_callback" and isinstance(call.func, ast.Attribute):
             future = self.infer(call.func.value)
             return future if future and future[0] == "future" else None
-        if verb not in _REGISTER:
+        if function_name not in _REGISTER:
             return None
-        type_at, type_name, callback_at, callback_name, kinds = _REGISTER[verb]
-        if (place != callback_at and name != callback_name) or at >= len(kinds):
+        type_at, type_name, callback_at, callback_name, kinds = _REGISTER[function_name]
+        if (position != callback_at and name != callback_name) or at >= len(kinds):
             return None
         type_ = self.infer(argument(call, type_at, type_name) or ast.Constant(0))
         if not type_ or type_[0] != "class":
@@ -315,7 +321,7 @@ class _Collector(ast.NodeVisitor):
 
     def open(self, node: ast.AST) -> _Scope:
         scope = _Scope(self.module, node, self.scope)
-        self.program.opened[node] = scope
+        self.program.inner_scopes[node] = scope
         return scope
 
     def bind(self, name: str, binding: Binding) -> None:
@@ -328,8 +334,8 @@ class _Collector(ast.NodeVisitor):
         assert scope is not None
         if name in scope.outer:
             top = scope.top
-            home = top if scope.outer[name] else scope.home(name) or top
-            home.names[name].append(binding)
+            binding_scope = top if scope.outer[name] else scope.binding_scope(name) or top
+            binding_scope.names[name].append(binding)
         else:
             scope.names[name].append(binding)
 
@@ -341,7 +347,7 @@ class _Collector(ast.NodeVisitor):
         self.bind(node.name, lambda: value)
         for part in (*node.bases, *node.keywords, *node.decorator_list):
             self.visit(part)
-        self._within(self.open(node), node.body)
+        self._visit_in(self.open(node), node.body)
 
     def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
         self.bind(node.name, lambda: ("function", node))
@@ -374,10 +380,10 @@ class _Collector(ast.NodeVisitor):
                 for name in inner.names:
                     scope.outer[name] = isinstance(inner, ast.Global)
             elif isinstance(inner, (ast.Yield, ast.YieldFrom)):
-                scope.plain = False
+                scope.is_plain = False
             elif isinstance(inner, ast.Return):
                 scope.returns.append(inner.value or ast.Constant(None))
-        self._within(scope, body)
+        self._visit_in(scope, body)
 
     def _comprehension(self, node: Any) -> None:
         scope = self.open(node)
@@ -387,11 +393,11 @@ class _Collector(ast.NodeVisitor):
                 scope.names[name]  # declares it local
             self._target(generator.target, _element_of(self.program, generator.iter))
         self.scope = before
-        self._within(scope, list(ast.iter_child_nodes(node)))
+        self._visit_in(scope, list(ast.iter_child_nodes(node)))
 
     visit_ListComp = visit_SetComp = visit_GeneratorExp = visit_DictComp = _comprehension
 
-    def _within(self, scope: _Scope, body: Iterable[ast.AST]) -> None:
+    def _visit_in(self, scope: _Scope, body: Iterable[ast.AST]) -> None:
         before, self.scope = self.scope, scope
         for statement in body:
             self.visit(statement)
@@ -414,8 +420,8 @@ class _Collector(ast.NodeVisitor):
         targets = target.elts if isinstance(target, ast.Tuple) else []
         values = value.elts if isinstance(value, ast.Tuple) else []
         if targets and len(targets) == len(values):
-            for one, other in zip(targets, values, strict=True):
-                self._assign(one, other)
+            for element, element_value in zip(targets, values, strict=True):
+                self._assign(element, element_value)
         else:
             self._target(target, lambda: self.program.infer(value))
 
@@ -431,7 +437,7 @@ class _Collector(ast.NodeVisitor):
             pass
         else:
             annotation = _plain(node.annotation)
-            self.bind(node.target.id, lambda: self.program.annotated(annotation, node))
+            self.bind(node.target.id, lambda: self.program.annotated_value(annotation, node))
         self.generic_visit(node)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> None:
@@ -490,9 +496,9 @@ class _Collector(ast.NodeVisitor):
         if last(node.func) in ("hasattr", "getattr", "setattr", "delattr") and len(node.args) > 1:
             name = node.args[1]
             if isinstance(name, ast.Constant):
-                self.program.free.add(str(name.value))
+                self.program.dynamic_names.add(str(name.value))
             elif last(node.func) == "setattr":
-                self.program.dynamic = True
+                self.program.dynamic_setattr = True
         self.generic_visit(node)
 
 
@@ -522,7 +528,7 @@ def _imported(program: Program, module: str, name: str) -> Binding:
 
 
 def _import(module: str, name: str) -> Value:
-    """The value of ``name`` in a package of interface types."""
+    """Return the value of ``name`` in a package of interface types."""
     parts = [*module.split("."), name]
     if not registry.has_package(parts[0]) or len(parts) > 3:
         return None
@@ -533,7 +539,7 @@ def _import(module: str, name: str) -> Value:
 
 
 def definition(name: str) -> Message | Service | Action | None:
-    """The definition of an interface type; None if it is unknown or cannot be parsed."""
+    """Return the definition of an interface type; None if it is unknown or cannot be parsed."""
     try:
         return registry.definition(name) if registry.exists(name) else None
     except (InterfaceError, StopIteration):
@@ -541,7 +547,7 @@ def definition(name: str) -> Message | Service | Action | None:
 
 
 def instance(name: str) -> Value:
-    """The value of an instance of a message type; None if ``name`` is not a message."""
+    """Return the value of an instance of a message type; None if ``name`` is not a message."""
     return ("message", name) if isinstance(definition(name), Message) else None
 
 
@@ -554,7 +560,7 @@ def _field(name: str, attribute: str) -> Value:
 
 
 def _join(values: list[Value]) -> Value:
-    """The value that all alternatives share, those that are None aside; None if they differ."""
+    """Return the value that all alternatives share, except None itself; None if they differ."""
     certain = set(values) - {_NOTHING}
     if len(certain) == 1:
         return certain.pop()
@@ -562,12 +568,12 @@ def _join(values: list[Value]) -> Value:
 
 
 def _element(value: Value) -> Value:
-    found: Value = value[1] if value and value[0] == "sequence" else None
-    return found
+    element: Value = value[1] if value and value[0] == "sequence" else None
+    return element
 
 
 def _plain(annotation: ast.expr) -> ast.expr:
-    """An annotation without quotes, ``Optional`` and ``| None``."""
+    """Return an annotation without quotes, ``Optional`` and ``| None``."""
     if isinstance(annotation, ast.Constant) and isinstance(annotation.value, str):
         try:
             annotation = ast.parse(annotation.value, mode="eval").body
@@ -575,37 +581,39 @@ def _plain(annotation: ast.expr) -> ast.expr:
             return annotation
     if isinstance(annotation, ast.BinOp):
         sides = [annotation.left, annotation.right]
-        rest = [it for it in sides if not (isinstance(it, ast.Constant) and it.value is None)]
-        return rest[0] if len(rest) == 1 else annotation
+        types = [
+            side for side in sides if not (isinstance(side, ast.Constant) and side.value is None)
+        ]
+        return types[0] if len(types) == 1 else annotation
     if isinstance(annotation, ast.Subscript) and last(annotation.value) == "Optional":
         return annotation.slice
     return annotation
 
 
 def last(node: ast.AST | None) -> str:
-    """The last part of a dotted name."""
+    """Return the last part of a dotted name."""
     if isinstance(node, ast.Attribute):
         return node.attr
     return node.id if isinstance(node, ast.Name) else ""
 
 
 def argument(call: ast.Call, at: int, name: str) -> ast.expr | None:
-    """The argument of a call by position or keyword; None if the call does not give it."""
+    """Return the argument of a call by position or keyword; None if the call lacks it."""
     if 0 <= at < len(call.args):
         return call.args[at]
-    return next((it.value for it in call.keywords if it.arg == name), None)
+    return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
 
 
 def _defaults(args: ast.arguments) -> list[ast.expr]:
-    return [*args.defaults, *(it for it in args.kw_defaults if it is not None)]
+    return [*args.defaults, *(default for default in args.kw_defaults if default is not None)]
 
 
 def _names(target: ast.AST) -> list[str]:
-    return [it.id for it in ast.walk(target) if isinstance(it, ast.Name)]
+    return [node.id for node in ast.walk(target) if isinstance(node, ast.Name)]
 
 
 def _same_scope(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """All nodes of a body, except those within nested functions and classes."""
+    """Yield all nodes of a body, except those within nested functions and classes."""
     for node in body:
         yield node
         if not isinstance(node, (*FUNCTIONS, ast.Lambda, ast.ClassDef)):

@@ -2,15 +2,15 @@
 
 ==================  ============================================================================
 ``strip``           Translates modules of uros for MicroPython; every build does it
-``terse_errors``    Leaves out what only says more about an error
-``constants``       Puts the values of named constants where their names stand, across modules
-``tree_shake``      Drops what a program does not reach, by names
-``bundle``          Puts the modules of uros and of interfaces into one
-``link_imports``    Lets modules import from the bundle itself, not by a module in between
-``merge_classes``   Makes one class of a base and its only subclass
-``inline_methods``  Puts the body of a method where its only call stands
-``mangle``          Gives names that nobody outside of the bundle can see the names that
-                    MicroPython has in its ROM
+``terse_errors``    Shortens errors, and omits comparing and printing messages
+``constants``       Replaces the names of constants by their values, across modules
+``tree_shake``      Drops the code that a program does not reach, by names
+``bundle``          Joins the modules of uros and of interfaces into one
+``link_imports``    Lets modules import from the bundle itself, without a re-exporting module
+``merge_classes``   Merges a base class with its only subclass
+``inline_methods``  Replaces the only call of a method by the body of the method
+``mangle``          Renames names that no module outside of the bundle uses to names in
+                    MicroPython's ROM, or to shorter ones
 ``order_names``     Gives the names used most the shortest numbers in the bundle's bytecode
 ==================  ============================================================================
 """

@@ -1,4 +1,4 @@
-"""Puts the values of named constants where their names stand, across modules."""
+"""Replaces the names of constants by their values, across modules."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from ..scopes import Scopes, bound, times_bound
 
 Scalar = int | bool | str | bytes
 LONGEST: Final = 16
-"""Longer constants of text or octets stay names: a copy in each module would cost more."""
+"""Longest text or bytes to replace a name: copies of longer ones would cost more memory."""
 
 
 def inline_constants(modules: dict[str, Module]) -> None:
-    """Put the values of Final constants where their names stand, in all modules but the program's.
+    """Replace the names of constants by their values, in all modules but the program's.
 
-    Private constants that no name refers to any more are dropped; public ones stay, for
-    `tree_shake`.
+    Private constants that no code names any longer are dropped; public ones stay, for `tree_shake`.
     """
     known: dict[str, dict[str, Scalar]] = {name: {} for name in modules}
     stored = {
@@ -29,70 +28,74 @@ def inline_constants(modules: dict[str, Module]) -> None:
         for node in ast.walk(module.tree)
         if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load)
     }
-    ours = [module for module in modules.values() if not module.own]
-    for module in ours:
+    library = [module for module in modules.values() if not module.own]
+    for module in library:
         module.tree = _Fold().visit(module.tree)
-    times = {module.name: times_bound(module.tree) for module in ours}
-    classes = {it.name: _classes_of_constants(it, times[it.name], stored) for it in ours}
-    again = True
-    while again:
-        again = False
-        for module in ours:
-            # Constants made of constants: one more round for each step between them.
+    times = {module.name: times_bound(module.tree) for module in library}
+    classes = {
+        module.name: _classes_of_constants(module, times[module.name], stored) for module in library
+    }
+    changed = True
+    while changed:
+        changed = False
+        for module in library:
+            # A constant may depend on others: one more round for each level.
             once = times[module.name]
-            found = _constants(module, _visible(module, known, classes, once), once, stored)
-            again = again or found != known[module.name]
-            known[module.name] = found
-    for module in ours:
-        seen = _visible(module, known, classes, times[module.name])
-        module.tree = _Inline(seen).visit(module.tree)
+            constants = _constants(
+                module, _visible_constants(module, known, classes, once), once, stored
+            )
+            changed = changed or constants != known[module.name]
+            known[module.name] = constants
+    for module in library:
+        visible = _visible_constants(module, known, classes, times[module.name])
+        module.tree = _Inline(visible).visit(module.tree)
         module.tree = _Fold().visit(module.tree)
-    used = named_from_outside(modules.values())
-    for module in ours:
-        _drop_private(module, known[module.name], used)
+    outside_names = named_from_outside(modules.values())
+    for module in library:
+        _drop_private(module, known[module.name], outside_names)
         ast.fix_missing_locations(module.tree)
 
 
 @dataclass
 class _Visible:
-    """What a module's top level sees: constants by name, and modules and classes by name."""
+    """The constants that a module can name: directly, or as attributes of modules and classes."""
 
     names: dict[str, Scalar]
     objects: dict[str, dict[str, Scalar]]
 
 
-def _visible(
+def _visible_constants(
     module: Module,
     known: dict[str, dict[str, Scalar]],
     classes: dict[str, dict[str, dict[str, Scalar]]],
     times: dict[str, int],
 ) -> _Visible:
-    seen = _Visible(dict(known[module.name]), dict(classes[module.name]))
+    visible = _Visible(dict(known[module.name]), dict(classes[module.name]))
     for node in module.tree.body:
         if isinstance(node, ast.ImportFrom):
             base = absolute(node, module)
             for alias in node.names:
-                here = alias.asname or alias.name
-                if times.get(here) != 1:
+                local_name = alias.asname or alias.name
+                if times.get(local_name) != 1:
                     continue
                 if alias.name in known.get(base, {}):
-                    seen.names[here] = known[base][alias.name]
+                    visible.names[local_name] = known[base][alias.name]
                 elif alias.name in classes.get(base, {}):
-                    seen.objects[here] = classes[base][alias.name]
+                    visible.objects[local_name] = classes[base][alias.name]
                 elif f"{base}.{alias.name}" in known:
-                    seen.objects[here] = known[f"{base}.{alias.name}"]
+                    visible.objects[local_name] = known[f"{base}.{alias.name}"]
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 if alias.asname and alias.name in known and times.get(alias.asname) == 1:
-                    seen.objects[alias.asname] = known[alias.name]
-    return seen
+                    visible.objects[alias.asname] = known[alias.name]
+    return visible
 
 
 def _constants(
-    module: Module, seen: _Visible, times: dict[str, int], stored: set[str]
+    module: Module, visible: _Visible, times: dict[str, int], stored: set[str]
 ) -> dict[str, Scalar]:
-    """The constants that a module defines: Final ones, and private ones that are never changed."""
-    found: dict[str, Scalar] = {}
+    """Return the constants of a module: Final ones, and private ones that are never changed."""
+    constants: dict[str, Scalar] = {}
     for node in module.tree.body:
         if not isinstance(node, ast.Assign) or len(node.targets) != 1:
             continue
@@ -101,53 +104,59 @@ def _constants(
             continue
         if target.id not in module.finals and not _is_private(target.id):
             continue
-        value = _small_value(node.value, seen)
+        value = _small_value(node.value, visible)
         if value is not None:
-            found[target.id] = value
-    return found
+            constants[target.id] = value
+    return constants
 
 
 def _classes_of_constants(
     module: Module, times: dict[str, int], stored: set[str]
 ) -> dict[str, dict[str, Scalar]]:
-    """The classes of a module that are lists of constants, such as policies of QoS."""
-    found: dict[str, dict[str, Scalar]] = {}
+    """Return the classes of a module that only bind constants, such as QoS policies."""
+    classes: dict[str, dict[str, Scalar]] = {}
     nothing = _Visible({}, {})
     for node in module.tree.body:
         if not isinstance(node, ast.ClassDef) or node.bases or node.keywords:
             continue
         names = list(bound(node.body))
-        given = [_small_value(it.value, nothing) for it in node.body if isinstance(it, ast.Assign)]
-        values = {name: it for name, it in zip(names, given, strict=False) if it is not None}
+        literals = [
+            _small_value(statement.value, nothing)
+            for statement in node.body
+            if isinstance(statement, ast.Assign)
+        ]
+        values = {
+            name: value for name, value in zip(names, literals, strict=False) if value is not None
+        }
         plain = len(values) == len(names) == len(node.body) and not stored.intersection(names)
         if plain and times[node.name] == 1 and not node.decorator_list:
-            found[node.name] = values
-    return found
+            classes[node.name] = values
+    return classes
 
 
 def _is_private(name: str) -> bool:
     return name.startswith("_") and not name.startswith("__")
 
 
-def _small_value(node: ast.expr, seen: _Visible) -> Scalar | None:
-    """The value of a constant expression, None where it is none or a long text."""
-    value = _value(node, seen)
+def _small_value(node: ast.expr, visible: _Visible) -> Scalar | None:
+    """Return the value of a constant expression; None if it is not one, or is a long text."""
+    value = _value(node, visible)
     return None if isinstance(value, (str, bytes)) and len(value) > LONGEST else value
 
 
-def _value(node: ast.expr, seen: _Visible) -> Scalar | None:
-    """The value of a constant expression, None where it is none."""
+def _value(node: ast.expr, visible: _Visible) -> Scalar | None:
+    """Return the value of a constant expression; None if it is not one."""
     if isinstance(node, ast.Constant):
         return node.value if isinstance(node.value, (int, bool, str, bytes)) else None
     if isinstance(node, ast.Name):
-        return seen.names.get(node.id)
+        return visible.names.get(node.id)
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-        return seen.objects.get(node.value.id, {}).get(node.attr)
+        return visible.objects.get(node.value.id, {}).get(node.attr)
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
-        value = _value(node.operand, seen)
+        value = _value(node.operand, visible)
         return _UNARY[type(node.op)](value) if type(value) is int else None
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        left, right = _value(node.left, seen), _value(node.right, seen)
+        left, right = _value(node.left, visible), _value(node.right, visible)
         if type(left) is int and type(right) is int:
             try:
                 return _BINARY[type(node.op)](left, right)
@@ -176,22 +185,22 @@ _BINARY: Final[dict[type[ast.operator], Callable[[int, int], int]]] = {
 
 
 class _Inline(Scopes):
-    """Puts values in, where no inner scope has the name for something else."""
+    """Replaces names by values, where no inner scope binds the name."""
 
-    def __init__(self, seen: _Visible) -> None:
+    def __init__(self, visible: _Visible) -> None:
         super().__init__()
-        self.seen = seen
+        self.visible = visible
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        if isinstance(node.ctx, ast.Load) and node.id in self.seen.names:
+        if isinstance(node.ctx, ast.Load) and node.id in self.visible.names:
             if not self.hidden(node.id):
-                return _literal(self.seen.names[node.id], node)
+                return _literal(self.visible.names[node.id], node)
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         base = node.value
         if isinstance(base, ast.Name) and isinstance(node.ctx, ast.Load):
-            values = self.seen.objects.get(base.id, {})
+            values = self.visible.objects.get(base.id, {})
             if node.attr in values and not self.hidden(base.id):
                 return _literal(values[node.attr], node)
         return self.generic_visit(node)
@@ -203,8 +212,8 @@ def _literal(value: Scalar, at: ast.AST) -> ast.expr:
     return ast.copy_location(ast.Constant(value), at)
 
 
-def _drop_private(module: Module, names: Iterable[str], used: set[str]) -> None:
-    private = {name for name in names if _is_private(name)} - used
+def _drop_private(module: Module, names: Iterable[str], outside_names: set[str]) -> None:
+    private = {name for name in names if _is_private(name)} - outside_names
     for node in ast.walk(module.tree):
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
             private.discard(node.id)
@@ -220,12 +229,12 @@ def _drop_private(module: Module, names: Iterable[str], used: set[str]) -> None:
 
 
 class _Fold(ast.NodeTransformer):
-    """Decides what is known before the program runs: on which Python, and constants in ifs."""
+    """Folds what is known at build time: MicroPython, its byte order and constant conditions."""
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         if ast.unparse(node) == "sys.implementation.name":
             return ast.copy_location(ast.Constant("micropython"), node)
-        if ast.unparse(node) == "sys.byteorder":  # of all boards that there are files for
+        if ast.unparse(node) == "sys.byteorder":  # of every board with a MicroPython port
             return ast.copy_location(ast.Constant("little"), node)
         return self.generic_visit(node)
 
@@ -255,7 +264,7 @@ class _Fold(ast.NodeTransformer):
         for i, value in enumerate(node.values):
             known = _truth(value)
             if known is not None and known != ends and i + 1 < len(node.values):
-                continue  # it decides nothing, and something follows
+                continue  # neutral operand, and not the last one
             values.append(value)
             if known == ends:
                 break
@@ -267,7 +276,7 @@ class _Fold(ast.NodeTransformer):
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
         self.generic_visit(node)
         if [ast.unparse(base) for base in node.bases] == ["object"]:
-            node.bases = []  # it is one without saying so, and a base takes memory
+            node.bases = []  # object is the default base; naming it takes memory
         return node
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
@@ -285,5 +294,5 @@ class _Fold(ast.NodeTransformer):
 
 
 def _truth(node: ast.expr) -> bool | None:
-    """Whether a bool constant is true; None for anything else."""
+    """Return the value of a bool constant; None for anything else."""
     return node.value if isinstance(node, ast.Constant) and type(node.value) is bool else None

@@ -1,7 +1,7 @@
 """Replaces the only call of a method by the body of the method.
 
 A method costs a board some 50 bytes besides its body. A method is inlined if its class calls it in
-one place, as a statement, and nobody else can name it: its parameters and variables become
+one place, as a statement, and no other code can name it: its parameters and variables become
 variables of the caller.
 
 A call is inlined only if the result is provably the same:
@@ -41,19 +41,19 @@ def inline_methods(tree: ast.Module, named: Iterable[str]) -> None:
         tree: The bundle; it is changed.
         named: Names that other modules may use; methods with these names stay.
     """
-    kept = set(named)
-    while _once(tree, kept):
+    fixed = set(named)
+    while _inline_one(tree, fixed):
         pass
 
 
-def _once(tree: ast.Module, kept: set[str]) -> bool:
-    asked: dict[str, int] = {}
+def _inline_one(tree: ast.Module, fixed: set[str]) -> bool:
+    uses: dict[str, int] = {}
     defined: dict[str, int] = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute):
-            asked[node.attr] = asked.get(node.attr, 0) + 1
-        elif isinstance(node, ast.Name):  # as a class's body names its own
-            asked[node.id] = asked.get(node.id, 0) + 1
+            uses[node.attr] = uses.get(node.attr, 0) + 1
+        elif isinstance(node, ast.Name):  # a class body names its own methods so
+            uses[node.id] = uses.get(node.id, 0) + 1
         elif isinstance(node, ast.ClassDef):
             for name in bound(node.body):
                 defined[name] = defined.get(name, 0) + 1
@@ -63,14 +63,14 @@ def _once(tree: ast.Module, kept: set[str]) -> bool:
         for method in owner.body:
             if (
                 isinstance(method, ast.FunctionDef)
-                and asked.get(method.name) == 1
+                and uses.get(method.name) == 1
                 and defined[method.name] == 1
-                and method.name not in kept
+                and method.name not in fixed
                 and _is_plain(method)
             ):
                 for caller in owner.body:
                     if isinstance(caller, ast.FunctionDef) and caller is not method:
-                        if _Put(method, caller).done:
+                        if _CallInliner(method, caller).done:
                             owner.body.remove(method)
                             return True
     return False
@@ -86,7 +86,7 @@ def _is_plain(method: ast.FunctionDef) -> bool:
     if not _has_self(method) or not _returns_nothing(method.body):
         return False
     if any(isinstance(n, ast.Raise) and n.exc is None for n in ast.walk(method)):
-        return False  # it raises again what the caller handles
+        return False  # it re-raises the error that the caller handles
     own = set(bound(method.body)) - set(parameters(args))
     return all(_is_bound_first(name, method.body) for name in own)
 
@@ -146,14 +146,14 @@ _BLOCKS: Final = ("body", "orelse", "finalbody")
 
 
 def _plain_names(target: ast.expr) -> list[str]:
-    """The names that an assignment binds, if it binds names alone."""
+    """Return the names that an assignment binds; none if it binds anything else, too."""
     targets = target.elts if isinstance(target, ast.Tuple) else [target]
-    names = [it.id for it in targets if isinstance(it, ast.Name)]
+    names = [element.id for element in targets if isinstance(element, ast.Name)]
     return names if len(names) == len(targets) else []
 
 
 def _count(name: str, nodes: Iterable[ast.AST]) -> int:
-    """How often the name is bound or read in some pieces of code."""
+    """Count how often pieces of code bind or read a name."""
     return sum(
         (isinstance(inner, ast.Name) and inner.id == name)
         or (isinstance(inner, ast.ExceptHandler) and inner.name == name)
@@ -162,8 +162,8 @@ def _count(name: str, nodes: Iterable[ast.AST]) -> int:
     )
 
 
-class _Put(ast.NodeTransformer):
-    """Replaces the call by the method's body; ``done`` tells whether that was possible."""
+class _CallInliner(ast.NodeTransformer):
+    """Replaces the call by the method's body; ``done`` is whether that was possible."""
 
     def __init__(self, method: ast.FunctionDef, caller: ast.FunctionDef) -> None:
         self.method = method
@@ -175,11 +175,11 @@ class _Put(ast.NodeTransformer):
         names = {n.id for n in ast.walk(method) if isinstance(n, ast.Name)}
         own = set(parameters(method.args)) | set(bound(method.body))
         if (names - own) & self.taken:
-            return  # what is the module's there is the caller's own here
-        # A name that either reads from the module must not become a variable of the caller.
+            return  # a global of the method is a variable of the caller
+        # A global that one of the two reads must not become a variable of the caller.
         self.taken |= names | own | {n.id for n in ast.walk(caller) if isinstance(n, ast.Name)}
-        caller.body = [self.visit(it) for it in caller.body]
-        caller.body = _flat(caller.body)
+        caller.body = [self.visit(statement) for statement in caller.body]
+        caller.body = _flatten_blocks(caller.body)
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
         call = node.value
@@ -190,7 +190,7 @@ class _Put(ast.NodeTransformer):
             and isinstance(call.func.value, ast.Name)
             and call.func.value.id == "self"
             and not call.keywords
-            and not any(isinstance(it, ast.Starred) for it in call.args)
+            and not any(isinstance(argument, ast.Starred) for argument in call.args)
             and len(call.args) == len(self.method.args.args) - 1
         ):
             return node
@@ -198,29 +198,29 @@ class _Put(ast.NodeTransformer):
         body = copy.deepcopy(self.method.body)
         own = set(bound(body))
         names: dict[str, ast.expr] = {}
-        first: list[ast.stmt] = []
+        assignments: list[ast.stmt] = []
         for param, value in zip(self.method.args.args[1:], call.args, strict=True):
-            kept = isinstance(value, ast.Constant) or (
+            is_stable = isinstance(value, ast.Constant) or (
                 isinstance(value, ast.Name) and value.id in self.parameters
             )
-            if kept and param.arg not in own:
+            if is_stable and param.arg not in own:
                 names[param.arg] = value
             else:
                 own.add(param.arg)
-                first.append(ast.Assign([ast.Name(param.arg, ast.Store())], value))
+                assignments.append(ast.Assign([ast.Name(param.arg, ast.Store())], value))
         fresh = {name: self.fresh(name) for name in own}
-        for assign in first:
+        for assign in assignments:
             assert isinstance(assign, ast.Assign) and isinstance(assign.targets[0], ast.Name)
             assign.targets[0].id = fresh[assign.targets[0].id]
         block = ast.Module(body, [])
-        _Names(names, fresh).visit(block)
-        if any(isinstance(it, ast.Return) for it in ast.walk(block)):
-            _Leave().visit(block)
+        _SubstituteNames(names, fresh).visit(block)
+        if any(isinstance(inner, ast.Return) for inner in ast.walk(block)):
+            _ReturnToBreak().visit(block)
             if not isinstance(block.body[-1], ast.Break):
                 block.body.append(ast.Break())
             block.body = [ast.While(ast.Constant(True), block.body, [])]
-        whole = ast.If(ast.Constant(True), [*first, *block.body], [])
-        return ast.copy_location(whole, node)
+        wrapped = ast.If(ast.Constant(True), [*assignments, *block.body], [])
+        return ast.copy_location(wrapped, node)
 
     def fresh(self, name: str) -> str:
         new, count = name, 1
@@ -234,31 +234,31 @@ class _Put(ast.NodeTransformer):
 def _is_undecorated(caller: ast.FunctionDef) -> bool:
     """Return whether a method gets its receiver as ``self``: static methods do not."""
     return all(
-        (isinstance(it, ast.Name) and it.id == "property")
-        or (isinstance(it, ast.Attribute) and it.attr == "setter")
-        for it in caller.decorator_list
+        (isinstance(decorator, ast.Name) and decorator.id == "property")
+        or (isinstance(decorator, ast.Attribute) and decorator.attr == "setter")
+        for decorator in caller.decorator_list
     )
 
 
-def _flat(body: list[ast.stmt]) -> list[ast.stmt]:
+def _flatten_blocks(body: list[ast.stmt]) -> list[ast.stmt]:
     """Remove the ``if True`` around an inlined body."""
-    out: list[ast.stmt] = []
+    statements: list[ast.stmt] = []
     for node in body:
         for field in ("body", "orelse", "finalbody"):
             inner = getattr(node, field, None)
             if isinstance(inner, list):
-                setattr(node, field, _flat(inner))
+                setattr(node, field, _flatten_blocks(inner))
         for handler in getattr(node, "handlers", ()):
-            handler.body = _flat(handler.body)
+            handler.body = _flatten_blocks(handler.body)
         test = node.test if isinstance(node, ast.If) else None
         if isinstance(node, ast.If) and isinstance(test, ast.Constant) and test.value is True:
-            out += node.body
+            statements += node.body
         else:
-            out.append(node)
-    return out
+            statements.append(node)
+    return statements
 
 
-class _Names(ast.NodeTransformer):
+class _SubstituteNames(ast.NodeTransformer):
     def __init__(self, values: dict[str, ast.expr], fresh: dict[str, str]) -> None:
         self.values = values
         self.fresh = fresh
@@ -275,6 +275,6 @@ class _Names(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
-class _Leave(ast.NodeTransformer):
+class _ReturnToBreak(ast.NodeTransformer):
     def visit_Return(self, node: ast.Return) -> ast.AST:
         return ast.copy_location(ast.Break(), node)

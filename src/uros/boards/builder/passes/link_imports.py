@@ -1,13 +1,13 @@
-"""Lets modules take their names from the bundle itself, not by a module in between.
+"""Lets modules import their names from the bundle itself, without a re-exporting module.
 
-Each module that a program names is there as a front of the bundle, which costs a board a quarter of
-a kilobyte. ``from uros.client import Node`` becomes ``from uros._all import Node``: the same object
-by the same name, from a module that runs at the same time. Nothing else of the program's text is
-touched, lines stay where they are, and fronts that nobody names any more go.
+Each re-exporting module costs a board a quarter of a kilobyte. ``from uros.client import Node``
+becomes ``from uros._all import Node``: the same object by the same name, from a module that runs at
+the same time. The rest of the program's text and its line numbers do not change. Re-exporting
+modules that no import names any longer are dropped.
 
-Left alone are ``import uros.client``, ``from uros import client`` and ``import *``, which hand on a
-module or all of it; statements that take anything else besides; and main.py and boot.py, which go
-to the board as they were written.
+Not changed are ``import uros.client``, ``from uros import client`` and ``import *``, which bind a
+module or all its names; statements that also import a name which the bundle lacks; and main.py and
+boot.py, which stay text.
 """
 
 from __future__ import annotations
@@ -21,40 +21,42 @@ from ..modules import Module, absolute, imports
 def link_imports(
     modules: dict[str, Module], bundle: str, is_text: Callable[[Module], bool]
 ) -> None:
-    """Link the modules to ``bundle``, but those that stay text, and drop fronts without users."""
-    fronts: dict[str, dict[str, str]] = {}  # module -> its names, and what they are in the bundle
+    """Link the modules to ``bundle``, except those that stay text; drop unused re-exports."""
+    reexports: dict[str, dict[str, str]] = {}  # module -> its names -> names in the bundle
     for name, module in modules.items():
         body = module.tree.body
         if not module.own and len(body) == 1 and isinstance(body[0], ast.ImportFrom):
             if body[0].module == bundle:
-                fronts[name] = {it.asname or it.name: it.name for it in body[0].names}
+                reexports[name] = {
+                    imported.asname or imported.name: imported.name for imported in body[0].names
+                }
     for module in modules.values():
-        if module.name not in fronts and not is_text(module):
-            _link(module, bundle, fronts)
+        if module.name not in reexports and not is_text(module):
+            _link(module, bundle, reexports)
     named: set[str] = set()
     for module in modules.values():
-        for it in imports(module) if module.name not in fronts else ():
-            named.update(f"{it.module}.{there}" for there, _ in it.names or ())
-            named.add(it.module)
-            if it.names is None:
-                parts = it.module.split(".")
+        for imported in imports(module) if module.name not in reexports else ():
+            named.update(f"{imported.module}.{name}" for name, _ in imported.names or ())
+            named.add(imported.module)
+            if imported.names is None:
+                parts = imported.module.split(".")
                 named.update(".".join(parts[:n]) for n in range(1, len(parts)))
-    for name in fronts.keys() - named:
+    for name in reexports.keys() - named:
         del modules[name]
 
 
-def _link(module: Module, bundle: str, fronts: dict[str, dict[str, str]]) -> None:
+def _link(module: Module, bundle: str, reexports: dict[str, dict[str, str]]) -> None:
     lines = module.text.split("\n")
     linked = []
     for node in ast.walk(module.tree):
         if not isinstance(node, ast.ImportFrom):
             continue
-        names = fronts.get(absolute(node, module), {})
+        names = reexports.get(absolute(node, module), {})
         if all(alias.name in names for alias in node.names):
             for alias in node.names:
                 new = names[alias.name]
-                here = alias.asname or alias.name
-                alias.name, alias.asname = new, here if here != new else None
+                local_name = alias.asname or alias.name
+                alias.name, alias.asname = new, local_name if local_name != new else None
             node.module, node.level = bundle, 0
             linked.append(node)
     if not module.own:

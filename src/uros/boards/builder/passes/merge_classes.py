@@ -34,51 +34,51 @@ def merge_classes(tree: ast.Module, named: Iterable[str]) -> None:
         tree: The bundle; it is changed.
         named: Names that other modules may use; classes with these names stay.
     """
-    kept = set(named)
-    while _once(tree, kept):
+    fixed = set(named)
+    while _merge_one(tree, fixed):
         pass
 
 
-def _once(tree: ast.Module, kept: set[str]) -> bool:
+def _merge_one(tree: ast.Module, fixed: set[str]) -> bool:
     classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
     times = times_bound(tree)
-    asked: dict[str, int] = {}
-    spoken = set(kept)
+    uses: dict[str, int] = {}
+    names_in_use = set(fixed)
     for node in ast.walk(tree):
         if isinstance(node, ast.Name):
-            asked[node.id] = asked.get(node.id, 0) + 1
+            uses[node.id] = uses.get(node.id, 0) + 1
         elif isinstance(node, ast.Attribute):
-            spoken.add(node.attr)
+            names_in_use.add(node.attr)
         elif isinstance(node, ast.ClassDef):
-            spoken.update(bound(node.body))
-    for heir in classes.values():
-        if len(heir.bases) == 1 and isinstance(heir.bases[0], ast.Name):
-            base = classes.get(heir.bases[0].id)
-            if base and base.name not in kept and asked[base.name] == 1:
-                pair = _Pair(base, heir)
-                if pair.is_plain(times) and pair.may_override(spoken):
-                    pair.join()
+            names_in_use.update(bound(node.body))
+    for subclass in classes.values():
+        if len(subclass.bases) == 1 and isinstance(subclass.bases[0], ast.Name):
+            base = classes.get(subclass.bases[0].id)
+            if base and base.name not in fixed and uses[base.name] == 1:
+                pair = _Pair(base, subclass)
+                if pair.is_plain(times) and pair.may_override(names_in_use):
+                    pair.merge()
                     tree.body.remove(base)
                     return True
     return False
 
 
 def overridden(name: str, base: str) -> str:
-    """What a base's method is called in an heir that overrides it."""
+    """Return the name of a base's method in a subclass that overrides it."""
     return "_" + name.strip("_") + "_of_" + base
 
 
 class _Pair:
-    def __init__(self, base: ast.ClassDef, heir: ast.ClassDef) -> None:
+    def __init__(self, base: ast.ClassDef, subclass: ast.ClassDef) -> None:
         self.base = base
-        self.heir = heir
-        self.above = _members(base)  # what the base binds
-        self.here = _members(heir)
-        self.calls: list[ast.Attribute] = []  # of what is above, by super()
+        self.subclass = subclass
+        self.base_members = _members(base)  # statements of the base's body by the names they bind
+        self.subclass_members = _members(subclass)
+        self.calls: list[ast.Attribute] = []  # calls of base members by super()
 
     def is_plain(self, times: dict[str, int]) -> bool:
-        """Whether both statements do nothing but bind methods and constants."""
-        for node in (self.base, self.heir):
+        """Whether both classes only bind methods and constants."""
+        for node in (self.base, self.subclass):
             if node.decorator_list or node.keywords or times.get(node.name) != 1:
                 return False
             if any(name in _DECORATORS for name in bound(node.body)):
@@ -88,37 +88,42 @@ class _Pair:
         for base in self.base.bases:
             if not isinstance(base, ast.Name) or times.get(base.id, 1) != 1:
                 return False
-        return _is_binding(self.base) and _is_binding(self.heir)
+        return _is_binding(self.base) and _is_binding(self.subclass)
 
-    def may_override(self, spoken: set[str]) -> bool:
-        """Whether what both bind, and what the heir asks by super(), can be told apart."""
-        both = self.above.keys() & self.here.keys()
+    def may_override(self, names_in_use: set[str]) -> bool:
+        """Whether overridden members and their uses by super() can be kept apart in one class."""
+        both = self.base_members.keys() & self.subclass_members.keys()
         for name in both:
-            if not _is_replaceable(self.above[name]) or not _is_replaceable(self.here[name]):
+            pair = (self.base_members[name], self.subclass_members[name])
+            if not all(map(_is_replaceable, pair)):
                 return False
-            if overridden(name, self.base.name) in spoken:
+            if overridden(name, self.base.name) in names_in_use:
                 return False
-        return _knows_super(self.base) and _knows_super(self.heir) and self.finds_calls(both)
+        return (
+            _uses_plain_super(self.base)
+            and _uses_plain_super(self.subclass)
+            and self.collect_calls(both)
+        )
 
-    def finds_calls(self, both: set[str]) -> bool:
-        """Note the calls by super() of what is above; False where something else is asked of it."""
-        for member in self.heir.body:
-            asked = {
+    def collect_calls(self, both: set[str]) -> bool:
+        """Collect the calls of base members by super(); return False if super() has other uses."""
+        for member in self.subclass.body:
+            super_attributes = {
                 id(node): node
                 for node in ast.walk(member)
                 if isinstance(node, ast.Attribute)
                 and _is_super(node.value)
-                and node.attr in self.above
+                and node.attr in self.base_members
             }
             for node in _own_calls(member):
-                if isinstance(node, ast.Attribute) and id(node) in asked:
-                    if node.attr in both and isinstance(self.above[node.attr], FUNCTIONS):
-                        self.calls.append(asked.pop(id(node)))
-            if asked:
+                if isinstance(node, ast.Attribute) and id(node) in super_attributes:
+                    if node.attr in both and isinstance(self.base_members[node.attr], FUNCTIONS):
+                        self.calls.append(super_attributes.pop(id(node)))
+            if super_attributes:
                 return False
         return True
 
-    def join(self) -> None:
+    def merge(self) -> None:
         called = {call.attr for call in self.calls}
         for call in self.calls:
             call.attr = overridden(call.attr, self.base.name)
@@ -128,11 +133,11 @@ class _Pair:
             name = next(bound([node]), "")
             if name in called and isinstance(node, FUNCTIONS):
                 node.name = overridden(name, self.base.name)
-            elif name in self.here:
-                continue  # the heir's is what counts
+            elif name in self.subclass_members:
+                continue  # the subclass overrides it
             body.append(node)
-        self.heir.body = [*body, *self.heir.body]
-        self.heir.bases = self.base.bases
+        self.subclass.body = [*body, *self.subclass.body]
+        self.subclass.bases = self.base.bases
 
 
 def _members(owner: ast.ClassDef) -> dict[str, ast.stmt]:
@@ -140,19 +145,21 @@ def _members(owner: ast.ClassDef) -> dict[str, ast.stmt]:
 
 
 def _is_binding(owner: ast.ClassDef) -> bool:
-    """Whether a class's body only binds, each name once."""
-    seen: set[str] = set()
+    """Whether a class body only binds names, each one once."""
+    bound_names: set[str] = set()
     for node in owner.body:
         names = set(bound([node]))
         if isinstance(node, FUNCTIONS):
             if not all(map(_is_constant, node.args.defaults)):
                 return False
-            if not all(it is None or _is_constant(it) for it in node.args.kw_defaults):
+            if not all(
+                default is None or _is_constant(default) for default in node.args.kw_defaults
+            ):
                 return False
-            if _is_setter(node, seen):
+            if _is_setter(node, bound_names):
                 continue
-            for it in node.decorator_list:
-                if not isinstance(it, ast.Name) or it.id not in _DECORATORS:
+            for decorator in node.decorator_list:
+                if not isinstance(decorator, ast.Name) or decorator.id not in _DECORATORS:
                     return False
         elif isinstance(node, ast.Assign):
             if len(node.targets) != 1 or not isinstance(node.targets[0], ast.Name):
@@ -161,26 +168,26 @@ def _is_binding(owner: ast.ClassDef) -> bool:
                 return False
         elif not isinstance(node, ast.Pass):
             return False
-        if names & seen:
+        if names & bound_names:
             return False
-        seen |= names
+        bound_names |= names
     return True
 
 
-def _is_setter(node: ast.FunctionDef | ast.AsyncFunctionDef, seen: set[str]) -> bool:
-    """Whether it completes a property that the body has bound before by the same name."""
+def _is_setter(node: ast.FunctionDef | ast.AsyncFunctionDef, bound_names: set[str]) -> bool:
+    """Whether a function is the setter of a property that the body has bound before."""
     return (
         len(node.decorator_list) == 1
-        and isinstance(it := node.decorator_list[0], ast.Attribute)
-        and it.attr == "setter"
-        and isinstance(it.value, ast.Name)
-        and it.value.id == node.name
-        and node.name in seen
+        and isinstance(decorator := node.decorator_list[0], ast.Attribute)
+        and decorator.attr == "setter"
+        and isinstance(decorator.value, ast.Name)
+        and decorator.value.id == node.name
+        and node.name in bound_names
     )
 
 
 def _is_constant(node: ast.expr) -> bool:
-    """Whether a value needs no name, and evaluating it does nothing else."""
+    """Whether an expression names nothing, and its evaluation has no side effect."""
     if isinstance(node, (ast.Tuple, ast.List)):
         return all(map(_is_constant, node.elts))
     if isinstance(node, ast.Dict):
@@ -207,26 +214,26 @@ def _is_super(node: ast.expr) -> bool:
     )
 
 
-def _knows_super(owner: ast.ClassDef) -> bool:
-    """Whether super stands there only as ``super().name``."""
-    named = sum(isinstance(n, ast.Name) and n.id == "super" for n in ast.walk(owner))
-    asked = sum(isinstance(n, ast.Attribute) and _is_super(n.value) for n in ast.walk(owner))
-    return named == asked
+def _uses_plain_super(owner: ast.ClassDef) -> bool:
+    """Whether the class uses super only as ``super().name``."""
+    names = sum(isinstance(n, ast.Name) and n.id == "super" for n in ast.walk(owner))
+    attributes = sum(isinstance(n, ast.Attribute) and _is_super(n.value) for n in ast.walk(owner))
+    return names == attributes
 
 
 def _own_calls(member: ast.stmt) -> Iterable[ast.expr]:
-    """What a plain method with a self calls in its own scope."""
+    """Return the functions that a plain method with a ``self`` calls in its own scope."""
     if not isinstance(member, FUNCTIONS) or member.decorator_list:
         return []
     if list(parameters(member.args))[:1] != ["self"] or "self" in bound(member.body):
         return []
     calls: list[ast.expr] = []
-    left: list[ast.AST] = list(member.body)
-    while left:
-        node = left.pop()
+    pending: list[ast.AST] = list(member.body)
+    while pending:
+        node = pending.pop()
         if isinstance(node, _INNER):
             continue
         if isinstance(node, ast.Call):
             calls.append(node.func)
-        left.extend(ast.iter_child_nodes(node))
+        pending.extend(ast.iter_child_nodes(node))
     return calls

@@ -1,13 +1,13 @@
-"""Gives the names that stand in most places the shortest numbers in the bundle's bytecode.
+"""Gives the names used most the shortest numbers in the bundle's bytecode.
 
 Bytecode refers to a name by its number in a table of the file: one octet for the first 128, two for
-the others. mpy-cross fills that table in the order in which it meets the names, so with those of
-class bodies, most of which stand in two places, before any of a method. Hence a first statement
-that has the names that are used most, and does nothing::
+the others. mpy-cross numbers names in the order of their first use: names in class bodies, most of
+which are used twice, come before all names in methods. The pass therefore adds a first statement
+without effect that contains the names used most::
 
     __name__ or [self.args.data, buf.state]
 
-MicroPython frees it together with the module's body, as soon as that has run.
+MicroPython frees the statement with the module's body, as soon as the body has run.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from typing import Final
 from ..scopes import bound, parameters
 
 _SHORT: Final = 127
-"""So many names have one octet, besides the file's own."""
+"""Number of names with a number of one octet, without the name of the file itself."""
 _INTERNED: Final = 10
-"""Strings up to this length are kept as names are (MICROPY_ALLOC_PARSE_INTERN_STRING_LEN)."""
+"""Longest string that is stored like a name (MICROPY_ALLOC_PARSE_INTERN_STRING_LEN)."""
 _CHAIN: Final = 16
-"""Attributes of attributes, so that nobody who walks over the tree gets too deep."""
+"""Longest chain of attributes, so that recursive visitors of the tree stay within limits."""
 
 
 def order_names(tree: ast.Module) -> None:
-    """Put the statement in front of a module."""
+    """Insert the statement at the start of a module."""
     count = _Count()
     count.visit(tree)
     names = [name for name, times in count.uses.most_common(_SHORT) if times > 1]
@@ -38,9 +38,9 @@ def order_names(tree: ast.Module) -> None:
     plain = [name for name in names if name.isidentifier() and not keyword.iskeyword(name)]
     chains = [_chain(plain[i : i + _CHAIN]) for i in range(0, len(plain), _CHAIN)]
     others = [ast.Constant(name) for name in names if name not in plain]
-    never = ast.List([*chains, *others], ast.Load())
-    whole = ast.BoolOp(ast.Or(), [ast.Name("__name__", ast.Load()), never])
-    tree.body.insert(0, ast.fix_missing_locations(ast.Expr(whole)))
+    unevaluated = ast.List([*chains, *others], ast.Load())
+    statement = ast.BoolOp(ast.Or(), [ast.Name("__name__", ast.Load()), unevaluated])
+    tree.body.insert(0, ast.fix_missing_locations(ast.Expr(statement)))
 
 
 def _chain(names: list[str]) -> ast.expr:
@@ -51,7 +51,7 @@ def _chain(names: list[str]) -> ast.expr:
 
 
 class _Count(ast.NodeVisitor):
-    """In how many places of the bytecode each name stands: local variables have none there."""
+    """Counts how often bytecode refers to each name; local variables have no name there."""
 
     def __init__(self) -> None:
         self.uses: Counter[str] = Counter()

@@ -1,6 +1,6 @@
-"""Translates modules of uros for MicroPython: takes off what only CPython's tools read.
+"""Translates modules of uros for MicroPython.
 
-That is annotations, docstrings and imports for type checkers. Every build does it, before the
+Removes annotations, docstrings and imports for type checkers. Every build does this before the
 passes that `uros.boards.builder.pipeline` lists: without it uros's modules do not run on a board.
 """
 
@@ -12,17 +12,17 @@ from typing import Final
 from ..modules import ABSENT, Module, catches_import_error
 from ..scopes import FUNCTIONS, bound, parameters
 
-_PRESENT: Final = {"from sys import print_exception"}
-"""What CPython lacks and every board has: no import of these fails there."""
+_ALWAYS_PRESENT: Final = {"from sys import print_exception"}
+"""Imports that never fail on a board, since every firmware has the name; CPython lacks it."""
 _RECEIVER: Final = "uros_receiver"
 
 
 def strip(module: Module) -> None:
-    """Take annotations, docstrings and imports for type checkers off; note what is Final."""
+    """Remove annotations, docstrings and imports for type checkers; record the Final names."""
     for node in module.tree.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            words = ast.unparse(node.annotation).strip("'\"").replace("typing.", "")
-            if words == "Final" or words.startswith("Final["):
+            annotation = ast.unparse(node.annotation).strip("'\"").replace("typing.", "")
+            if annotation == "Final" or annotation.startswith("Final["):
                 module.finals.add(node.target.id)
     module.tree = _Strip().visit(module.tree)
 
@@ -74,11 +74,11 @@ class _Strip(ast.NodeTransformer):
     def visit_Try(self, node: ast.Try) -> ast.AST | list[ast.stmt] | None:
         first = node.body[0]
         if _is_absent(first) and not node.finalbody:
-            # On MicroPython the first statement fails, so the handler is all that runs.
+            # On MicroPython the first statement fails, so only the handler runs.
             for handler in node.handlers:
                 if catches_import_error(handler):
                     return [s for s in self._all(handler.body) if not isinstance(s, ast.Pass)]
-        if ast.unparse(first) in _PRESENT and len(node.body) == 1 and not node.finalbody:
+        if ast.unparse(first) in _ALWAYS_PRESENT and len(node.body) == 1 and not node.finalbody:
             return self._all(node.body)
         self.generic_visit(node)
         node.body = node.body or [ast.Pass()]
@@ -92,7 +92,7 @@ class _Strip(ast.NodeTransformer):
         return self._block(node)
 
     def _all(self, statements: list[ast.stmt]) -> list[ast.stmt]:
-        """What is left of some statements."""
+        """Return the translated statements."""
         block = ast.Module(statements, [])
         self.generic_visit(block)
         return block.body
@@ -106,7 +106,10 @@ class _Strip(ast.NodeTransformer):
     visit_For = visit_AsyncFor = visit_While = visit_With = visit_AsyncWith = _block
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.AST:
-        """What MicroPython's own parser makes of an f-string; its quotes may not nest there."""
+        """Translate an f-string into a call of format, as MicroPython's parser does.
+
+        MicroPython's parser does not accept nested quotes in an f-string.
+        """
         values: list[ast.expr] = []
         text = self._format(node, values, False)
         if not values:
@@ -129,7 +132,7 @@ class _Strip(ast.NodeTransformer):
 
 
 def _mark_receivers(node: ast.FunctionDef | ast.AsyncFunctionDef, owner: str) -> None:
-    """Note at attributes of ``self`` and of annotated parameters which class they are of."""
+    """Mark attributes of ``self`` and of annotated parameters with the class of the receiver."""
     arguments = [*node.args.posonlyargs, *node.args.args]
     types = {
         arg.arg: ast.unparse(arg.annotation).strip("'\"") for arg in arguments if arg.annotation
@@ -152,7 +155,7 @@ def _mark_receivers(node: ast.FunctionDef | ast.AsyncFunctionDef, owner: str) ->
 
 
 def receiver(node: ast.Attribute) -> str:
-    """The class that an attribute is asked of, as the source's annotations say; "" if unknown."""
+    """Return the class of an attribute's receiver, by the source's annotations; "" if unknown."""
     return str(getattr(node, _RECEIVER, ""))
 
 
@@ -161,6 +164,6 @@ def _is_absent(node: ast.stmt) -> bool:
         return any(alias.name in ABSENT for alias in node.names)
     if not isinstance(node, ast.ImportFrom) or node.level or node.module is None:
         return False
-    # A board has types as std_msgs.msg, a host as uros.interfaces.std_msgs.msg.
+    # The package of types is std_msgs.msg on a board, uros.interfaces.std_msgs.msg on a host.
     of_host = node.module.startswith("uros.interfaces.") and node.module.count(".") > 2
     return of_host or node.module in ABSENT
