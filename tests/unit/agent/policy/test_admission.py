@@ -42,10 +42,14 @@ def create_status(desk, *args, peer=1, **more):
 # --- what the lists say ----------------------------------------------------------------------
 
 
-def test_empty_lists_let_all_in():
-    one = Admission()
-    assert one.admits_key(1) and one.admits_host("192.0.2.1") and one.admits_host("fe80::1%lo")
-    assert one.max_clients == 4096
+def test_empty_lists_admit_all_clients():
+    admission = Admission()
+    assert (
+        admission.admits_key(1)
+        and admission.admits_host("192.0.2.1")
+        and admission.admits_host("fe80::1%lo")
+    )
+    assert admission.max_clients == 4096
 
 
 @pytest.mark.parametrize(
@@ -66,25 +70,25 @@ def test_empty_lists_let_all_in():
     ],
 )
 def test_networks(host, inside):
-    one = make_admission(networks=["192.168.1.0/24", "10.1.2.3", "fd00::/8", "fe80::1/64"])
-    assert one.admits_host(host) is inside
-    assert one.admits_host(host) is inside  # as remembered
+    admission = make_admission(networks=["192.168.1.0/24", "10.1.2.3", "fd00::/8", "fe80::1/64"])
+    assert admission.admits_host(host) is inside
+    assert admission.admits_host(host) is inside  # as remembered
 
 
-def test_a_network_may_be_written_by_an_address_in_it():
-    one = make_admission(networks=["192.168.1.7/24"])
-    assert one.admits_host("192.168.1.200")
+def test_a_network_may_be_given_by_an_address_in_it():
+    admission = make_admission(networks=["192.168.1.7/24"])
+    assert admission.admits_host("192.168.1.200")
 
 
-def test_addresses_without_end_are_not_all_remembered():
-    one = make_admission(networks=["10.0.0.0/8"])
+def test_the_cache_of_addresses_is_bounded():
+    admission = make_admission(networks=["10.0.0.0/8"])
     for number in range(5000):
-        assert one.admits_host(f"10.0.{number >> 8}.{number & 255}")
-    assert len(one._hosts) <= 1024
+        assert admission.admits_host(f"10.0.{number >> 8}.{number & 255}")
+    assert len(admission._hosts) <= 1024
 
 
-def test_files_and_the_command_line_add_up_and_its_number_counts():
-    one = make_admission(
+def test_lists_of_files_and_command_line_add_up_and_max_clients_of_the_command_line_wins():
+    admission = make_admission(
         [
             ("a.toml", {"keys": ["0x11", 0x22], "max_clients": 9}),
             ("b.toml", {"keys": 0x33, "networks": "10.0.0.0/8", "max_clients": 7}),
@@ -93,13 +97,13 @@ def test_files_and_the_command_line_add_up_and_its_number_counts():
         ["fd00::/8"],
         5,
     )
-    assert one.keys == {0x11, 0x22, 0x33, 0x44, 0x55}
-    assert [str(it) for it in one.networks] == ["10.0.0.0/8", "fd00::/8"]
-    assert one.max_clients == 5
+    assert admission.keys == {0x11, 0x22, 0x33, 0x44, 0x55}
+    assert [str(network) for network in admission.networks] == ["10.0.0.0/8", "fd00::/8"]
+    assert admission.max_clients == 5
 
 
 @pytest.mark.parametrize(
-    "table, said",
+    "table, message",
     [
         ({"keys": []}, "keys is empty, which admits nobody: leave it out to admit all"),
         ({"networks": []}, "networks is empty"),
@@ -117,36 +121,38 @@ def test_files_and_the_command_line_add_up_and_its_number_counts():
         (7, "it is a table"),
     ],
 )
-def test_mistakes_are_named(table, said):
+def test_mistakes_are_named(table, message):
     with pytest.raises(ConfigError, match=r"rules.toml: \[admission\]: ") as caught:
         make_admission([("rules.toml", table)])
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
-    lambda it: st.lists(it, max_size=3) | st.dictionaries(st.text(max_size=8), it, max_size=3),
+    lambda values: (
+        st.lists(values, max_size=3) | st.dictionaries(st.text(max_size=8), values, max_size=3)
+    ),
     max_leaves=8,
 )
 
 
 @given(st.dictionaries(st.sampled_from(["keys", "networks", "max_clients", "x"]), VALUES) | VALUES)
-def test_whatever_a_table_holds_it_is_lists_or_refused(table):
+def test_any_table_becomes_lists_or_is_refused(table):
     try:
-        one = make_admission([("file", table)])
+        admission = make_admission([("file", table)])
     except ConfigError as error:
         assert len(str(error)) < 400
     else:
-        assert 1 <= one.max_clients <= 4096
+        assert 1 <= admission.max_clients <= 4096
 
 
 @given(st.lists(st.text(max_size=30)), st.lists(st.text(max_size=30)))
-def test_whatever_the_command_line_holds_it_is_lists_or_refused(keys, networks):
+def test_any_command_line_becomes_lists_or_is_refused(keys, networks):
     try:
-        one = make_admission((), keys, networks)
+        admission = make_admission((), keys, networks)
     except ConfigError:
         return
-    assert all(0 <= it <= 0xFFFFFFFF for it in one.keys)
+    assert all(0 <= key <= 0xFFFFFFFF for key in admission.keys)
 
 
 @given(st.text(max_size=60))
@@ -154,15 +160,15 @@ def test_any_host_is_inside_or_outside(host):
     assert make_admission(networks=["10.0.0.0/8"]).admits_host(host) in (True, False)
 
 
-def test_a_file_may_hold_the_table_alone_or_beside_rules(tmp_path):
+def test_a_file_may_contain_the_table_alone_or_beside_rules(tmp_path):
     file = tmp_path / "rules.toml"
     file.write_text('[admission]\nkeys = ["0x4B0CBE99"]\n')
     rules = Rules()
     assert rules.load(file) == 0
     file.write_text('[admission]\nnetworks = ["10.0.0.0/8"]\n[[client]]\ndomain = 3\n')
     assert rules.load(file) == 1
-    one = make_admission(rules.admission)
-    assert one.keys == {0x4B0CBE99} and len(one.networks) == 1
+    admission = make_admission(rules.admission)
+    assert admission.keys == {0x4B0CBE99} and len(admission.networks) == 1
     assert rules.settings(1, "x", "/n").domain == 3
     file.write_text("[[admission]]\nkeys = [1]\n")
     rules = Rules()
@@ -171,22 +177,22 @@ def test_a_file_may_hold_the_table_alone_or_beside_rules(tmp_path):
         make_admission(rules.admission)
 
 
-def test_the_table_of_the_page(tmp_path):
+def test_the_example_table_of_the_documentation(tmp_path):
     page = ROOT / "docs" / "agent.md"
     (text,) = re.findall(r"^```toml\n(.+?)^```$", page.read_text("utf-8"), re.M | re.S)
     file = tmp_path / "rules.toml"
     file.write_text(text)
     rules = Rules()
     rules.load(file)
-    one = make_admission(rules.admission)
-    assert one.keys == {0x4B0CBE99, 0x4B0CBE9A, 7} and one.max_clients == 20
-    assert [str(it) for it in one.networks] == ["192.168.1.0/24", "fd00::/8"]
+    admission = make_admission(rules.admission)
+    assert admission.keys == {0x4B0CBE99, 0x4B0CBE9A, 7} and admission.max_clients == 20
+    assert [str(network) for network in admission.networks] == ["192.168.1.0/24", "fd00::/8"]
 
 
 # --- keys and numbers --------------------------------------------------------------------------
 
 
-def test_a_key_that_is_not_allowed_is_denied_and_told_what_to_do():
+def test_a_key_that_is_not_allowed_is_denied_and_logged_with_the_remedy():
     desk = Desk(admission=make_admission(keys=["0x11"]))
     assert create_status(desk, 0x11, peer=1) == OK
     for _ in range(50):
@@ -200,7 +206,7 @@ def test_a_key_that_is_not_allowed_is_denied_and_told_what_to_do():
     desk.close()
 
 
-def test_no_more_clients_than_the_owner_wants():
+def test_max_clients_limits_the_clients():
     desk = Desk(admission=make_admission(max_clients=3))
     for key in (1, 2, 3):
         assert Board(desk, key, key).ask(participant()) == [OK]
@@ -226,22 +232,22 @@ def test_clients_without_objects_are_evicted_for_a_new_one_and_not_all_of_them()
 
 
 def test_refusals_count_and_are_bounded():
-    kept = Refusals()
+    refusals = Refusals()
     for when in range(3):
-        kept.note(7, "why", f"peer {when}", when)
-    assert kept[7] == ("why", "peer 2", 3, 2)
-    kept.note(7, "else", "peer 9", 3)
-    assert kept[7].times == 1
+        refusals.note(7, "why", f"peer {when}", when)
+    assert refusals[7] == ("why", "peer 2", 3, 2)
+    refusals.note(7, "else", "peer 9", 3)
+    assert refusals[7].times == 1
     for key in range(100, 100 + MAX_REFUSALS - 1):
-        kept.note(key, "why", "x", 0)
-    kept.note(7, "else", "x", 0)  # the latest again
+        refusals.note(key, "why", "x", 0)
+    refusals.note(7, "else", "x", 0)  # the latest again
     for key in range(1000, 1000 + MAX_REFUSALS - 1):
-        kept.note(key, "why", "x", 0)
-    assert len(kept) == MAX_REFUSALS and 7 in kept
+        refusals.note(key, "why", "x", 0)
+    assert len(refusals) == MAX_REFUSALS and 7 in refusals
 
 
 @given(st.binary(max_size=80))
-def test_the_key_of_whoever_knocks(data):
+def test_the_key_of_a_refused_client(data):
     requested_key(memoryview(data))
 
 
@@ -255,7 +261,7 @@ def test_the_key_in_a_create_client():
 
 
 class FromLine(UdpLine):
-    """A UDP line from an address of ours: all of 127.0.0.0/8 is this machine."""
+    """A UDP line from a chosen local address: all of 127.0.0.0/8 is this machine."""
 
     def __init__(self, port, source):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -271,30 +277,30 @@ def serving_with(transport, **lists):
 
 
 @pytest.mark.parametrize("session_id", [0x81, 0x05])
-def test_who_comes_from_elsewhere_gets_no_answer_to_anything(session_id):
+def test_a_peer_outside_the_networks_gets_no_answer(session_id):
     with serving_with("udp", networks=["127.0.0.8/30"]) as running:
         inside = XrceClient(FromLine(running.transport.port, "127.0.0.9"), 1, session_id)
         outside = FromLine(running.transport.port, "127.0.0.2")
         running.lines += [inside.line, outside]
         assert inside.open() == OK
         inside.participant("n")
-        # An insider's session is nothing to those outside, whatever they know of it.
+        # Outsiders cannot use the session of an insider, even if they know its key.
         for datagram in (
             create_client(2), message([get_info()], 0, 0, 0x80), message([get_info()], 0, 0, 0, 1),
             message([get_info()], 0, 0, session_id, 1), b"", b"\x80", create_client(1),
         ):  # fmt: skip
             outside.send(datagram)
-        assert inside.ping() == 1  # what was sent before has been handled
+        assert inside.ping() == 1  # everything sent before has been handled
         assert outside.receive(0) is None
         assert list(running.agent.clients) == [1]
         assert running.agent.refusals[2].why == "address not allowed"
         assert running.agent.refusals[2].address.startswith("127.0.0.2:")
-        said = running.said.getvalue()
-        assert said.count("address not allowed") == 1
-        assert "it is in no network of --allow-net, client_key: 0x00000002" in said
+        log = running.said.getvalue()
+        assert log.count("address not allowed") == 1
+        assert "it is in no network of --allow-net, client_key: 0x00000002" in log
 
 
-def test_a_tcp_connection_from_elsewhere_is_closed_at_once():
+def test_a_tcp_connection_from_outside_the_networks_is_closed_at_once():
     with serving_with("tcp", networks=["127.0.0.8/30"]) as running:
         where = ("127.0.0.1", running.transport.port)
         with socket.create_connection(where, SECONDS, ("127.0.0.2", 0)) as outside:
@@ -307,14 +313,14 @@ def test_a_tcp_connection_from_elsewhere_is_closed_at_once():
         assert "it is in no network of --allow-net, refused: 1" in running.said.getvalue()
 
 
-def test_a_serial_line_is_no_network():
+def test_networks_do_not_apply_to_serial_lines():
     with serving_with("pseudoterminal", networks=["10.0.0.0/8"]) as running:
-        one = XrceClient(running.line(), 1)
-        assert one.open() == OK
-        assert one.ping() == 1
+        client = XrceClient(running.line(), 1)
+        assert client.open() == OK
+        assert client.ping() == 1
 
 
-def test_discovery_tells_nothing_to_those_outside():
+def test_discovery_does_not_answer_peers_outside_the_networks():
     udp = UdpServer(0, "127.0.0.1")
     discovery = DiscoveryServer([udp], 0)
     running = RunningAgent(udp, "memory", 0, 4)
@@ -331,8 +337,8 @@ def test_discovery_tells_nothing_to_those_outside():
         assert outside.receive(0) is None
 
 
-def test_all_may_talk_where_no_network_is_named():
+def test_without_networks_every_address_is_admitted():
     with serving_with("udp") as running:
         assert running.transport.admits is None
-        one = XrceClient(running.line(), KEY)
-        assert one.open() == OK
+        client = XrceClient(running.line(), KEY)
+        assert client.open() == OK

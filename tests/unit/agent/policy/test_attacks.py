@@ -64,7 +64,7 @@ BOMBS = {
 
 
 def send_long(board, submessage):
-    """In fragments, as a client does."""
+    """Send in fragments, as a client does."""
     raw = whole(submessage)
     for start in range(0, len(raw), 400):
         board.send(fragment(raw[start : start + 400], start + 400 >= len(raw)))
@@ -105,7 +105,7 @@ def test_key_0_and_every_other_session_id(desk):
     still_works(desk)
 
 
-def test_one_client_cannot_start_all_domains(desk):
+def test_one_client_cannot_join_all_domains(desk):
     board = Board(desk)
     most = desk.agent.limits.domains
     answers = []
@@ -113,13 +113,13 @@ def test_one_client_cannot_start_all_domains(desk):
         answers += board.ask(participant(oid(domain, 1), domain=domain))
     assert answers == [OK] * most + [RESOURCES] * (20 - most)
     assert f"over {most} domains of one client" in desk.log()
-    # Those that it has it may have again, also after it has deleted its nodes there.
+    # It may use its domains again, also after it has deleted its nodes in them.
     assert board.ask(participant(oid(30, 1), domain=1)) == [OK]
     still_works(desk)
 
 
-def test_one_client_cannot_use_up_all_types(desk):
-    """Also not one after the other: the middleware keeps their names."""
+def test_one_client_cannot_exhaust_the_types(desk):
+    """Nor can it one after the other: the middleware keeps the names of types."""
     desk.agent.limits = Limits(types=20)
     board = Board(desk)
     board.ask(participant(), group())
@@ -153,32 +153,32 @@ def test_a_window_of_short_write_data_and_of_nothing(desk):
     still_works(desk)
 
 
-def test_creating_and_deleting_for_long_leaves_nothing_behind(desk):
+def test_creating_and_deleting_objects_leaks_no_memory(desk):
     board = Board(desk)
     desk.agent.log.level = 3
     board.ask(participant(), topic(), group())
-    held = desk.agent.clients[board.key].held()
+    held_bytes = desk.agent.clients[board.key].held()
     for _ in range(300):
         assert board.ask(endpoint()) == [OK]
         assert board.ask(delete(WRITER)) == [OK]
-    assert desk.agent.clients[board.key].held() <= held + 200
+    assert desk.agent.clients[board.key].held() <= held_bytes + 200
     still_works(desk)
 
 
-def test_sessions_that_come_and_go_leave_nothing_behind(desk):
+def test_creating_and_deleting_sessions_leaks_no_memory(desk):
     desk.agent.log.level = 3
     for number in range(500):
         board = Board(desk, peer=7, key=0x100 + number)
         board.ask(*publisher_entities())
-    assert len(desk.agent.clients) == 1  # each took the place of the one before
+    assert len(desk.agent.clients) == 1  # each replaced the session before it
     assert len(desk.middleware.bus.nodes) == 1
     ((_, sent),) = desk.hear(create_client(0x9999), peer=8)
     assert parse(sent)[1][0][2][0] == OK
     still_works(desk)
 
 
-def test_a_client_that_leaves_is_not_kept_until_python_looks_for_circles(desk):
-    """A thousand circles of a board's size are megabytes that come and go."""
+def test_a_deleted_client_is_freed_without_the_cyclic_garbage_collector(desk):
+    """A thousand reference cycles of the size of a board's objects would be megabytes."""
     desk.agent.log.level = 3
     board = Board(desk)
     board.ask(*publisher_entities())

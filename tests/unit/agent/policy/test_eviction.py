@@ -23,7 +23,7 @@ from uros.agent.policy.eviction import EvictionPolicy, network_of
 
 
 class Addresses(Place):
-    """Peers are (host, port), as of UDP."""
+    """A transport whose peers are (host, port), as of UDP."""
 
     def host_of(self, peer):
         return peer[0]
@@ -34,24 +34,29 @@ class Addresses(Place):
 
 def a_desk(most=MAX_CLIENTS, place=Addresses):
     desk = Desk(admission=make_admission(max_clients=most))
-    desk.agent.log.level = 3  # thousands of clients come
+    desk.agent.log.level = 3  # thousands of clients connect
     desk.place = place()
     return desk
 
 
 def status(sent):
-    (found,) = [it for _, datagram in sent for it in parse(datagram)[1] if it[0] == 4]
-    return found[2][0]
+    (status_message,) = [
+        submessage
+        for _, datagram in sent
+        for submessage in parse(datagram)[1]
+        if submessage[0] == 4
+    ]
+    return status_message[2][0]
 
 
-def come(desk, key, peer, things=1, session_id=0x05):
-    """A client comes and makes something; the status of its CREATE_CLIENT."""
-    got = status(desk.hear(create_client(key, session_id), peer))
-    if got == OK and things:
-        made = [participant(), *publisher_entities()[1:]][:things]
-        desk.hear(message(made, 0x80, 0, session_id, key), peer)
-        assert len(desk.agent.clients[key].objects) == things
-    return got
+def come(desk, key, peer, objects=1, session_id=0x05):
+    """Connect a client that creates objects; return the status of its CREATE_CLIENT."""
+    client_status = status(desk.hear(create_client(key, session_id), peer))
+    if client_status == OK and objects:
+        submessages = [participant(), *publisher_entities()[1:]][:objects]
+        desk.hear(message(submessages, 0x80, 0, session_id, key), peer)
+        assert len(desk.agent.clients[key].objects) == objects
+    return client_status
 
 
 ATTACKER = ("192.0.2.66", 666)
@@ -61,11 +66,11 @@ BOARD = ("192.0.2.7", 2018)
 # --- the places ---------------------------------------------------------------------------------
 
 
-ONE = MAX_CLIENTS - MAX_CLIENTS // 16  # what one network may have
+ONE = MAX_CLIENTS - MAX_CLIENTS // 16  # the most clients of one network
 
 
 def fill(desk, peer_of, count=MAX_CLIENTS, **more):
-    """So many come within two seconds, and as many as may get in."""
+    """Connect so many clients within two seconds; as many as allowed are admitted."""
     for key in range(1000, 1000 + count):
         come(desk, key, peer_of(key), **more)
         desk.clock += key % 3 == 0
@@ -73,7 +78,7 @@ def fill(desk, peer_of, count=MAX_CLIENTS, **more):
 
 
 @pytest.mark.parametrize("host", ["192.0.2.7", ATTACKER[0]])
-def test_one_socket_that_took_all_places_loses_them_at_once(host):
+def test_clients_of_one_socket_that_took_all_places_are_evicted_at_once(host):
     """4,096 sessions, each with an object, from one UDP socket in two seconds."""
     desk = a_desk()
     early = [(key, ("192.0.2.8", key)) for key in range(1, 11)]
@@ -84,13 +89,13 @@ def test_one_socket_that_took_all_places_loses_them_at_once(host):
         assert come(desk, 1_000_000 + number, (host, number)) == OK
         desk.clock += 1
     assert all(key in desk.agent.clients for key, _ in early)
-    assert all(1_000_000 + it in desk.agent.clients for it in range(300))
+    assert all(1_000_000 + index in desk.agent.clients for index in range(300))
     assert len(desk.agent.clients) <= MAX_CLIENTS
     assert "one socket has most of the sessions" in desk.log()
     desk.close()
 
 
-def test_nor_does_it_help_that_its_sessions_talk_all_the_time():
+def test_clients_of_one_socket_are_evicted_though_their_sessions_are_active():
     desk = a_desk()
     fill(desk, lambda key: ATTACKER)
     desk.clock += 10_000
@@ -104,15 +109,15 @@ def test_nor_does_it_help_that_its_sessions_talk_all_the_time():
 @pytest.mark.parametrize(
     "host", [lambda key: "192.0.2.66", lambda key: f"2001:db8::{key:x}"], ids=["IPv4", "IPv6 /64"]
 )
-@pytest.mark.parametrize("newcomer", ["192.0.2.7", "2001:db8:0:1::7", "the same"])
-def test_many_sockets_of_one_address_lose_their_places_when_they_are_silent(host, newcomer):
+@pytest.mark.parametrize("new_address", ["192.0.2.7", "2001:db8:0:1::7", "the same"])
+def test_silent_clients_of_many_sockets_of_one_address_are_evicted(host, new_address):
     desk = a_desk()
     fill(desk, lambda key: (host(key), key))
-    board = host(1) if newcomer == "the same" else newcomer, 1
-    if newcomer == "the same":
-        assert come(desk, 1, board) == RESOURCES  # they might be boards that begin
+    board = host(1) if new_address == "the same" else new_address, 1
+    if new_address == "the same":
+        assert come(desk, 1, board) == RESOURCES  # they might be boards that have just started
         desk.clock += module.SILENT_MS
-    assert come(desk, 1, board) == OK  # the others have places reserved for them
+    assert come(desk, 1, board) == OK  # places are reserved for other addresses
     for number in range(2, 600):
         desk.clock += module.SILENT_MS // 10
         desk.agent.clients[1].session.heard = desk.clock
@@ -121,7 +126,7 @@ def test_many_sockets_of_one_address_lose_their_places_when_they_are_silent(host
     desk.close()
 
 
-def test_one_address_cannot_have_all_places_however_lively_it_is():
+def test_one_address_cannot_have_all_places_with_active_clients():
     desk = a_desk()
     fill(desk, lambda key: ("192.0.2.66", key))
     assert come(desk, 1, ("192.0.2.66", 1)) == RESOURCES
@@ -131,7 +136,7 @@ def test_one_address_cannot_have_all_places_however_lively_it_is():
     desk.close()
 
 
-def test_a_board_that_works_does_not_leave_for_anybody():
+def test_an_active_board_is_never_evicted():
     desk = a_desk(100)
     for number in range(100):
         assert come(desk, 1 + number, (f"192.0.2.{number}", 1)) == OK
@@ -142,8 +147,8 @@ def test_a_board_that_works_does_not_leave_for_anybody():
     desk.close()
 
 
-def test_where_the_owner_has_few_places_they_are_not_fought_for():
-    """Twenty silent boards behind one address, and a twenty-first."""
+def test_a_small_max_clients_evicts_no_client_of_the_same_address():
+    """A twenty-first board does not evict one of twenty silent boards behind one address."""
     desk = a_desk(20)
     for number in range(20):
         assert come(desk, 1 + number, ("192.0.2.9", number)) == OK
@@ -153,43 +158,43 @@ def test_where_the_owner_has_few_places_they_are_not_fought_for():
     desk.close()
 
 
-def test_the_cheapest_and_the_youngest_go_first():
+def test_clients_with_the_fewest_objects_and_the_newest_are_evicted_first():
     desk = a_desk(64)
     rich = range(1, 11)
     for key in rich:
-        assert come(desk, key, ATTACKER, things=4) == OK
+        assert come(desk, key, ATTACKER, objects=4) == OK
     for key in range(11, 65):
         assert come(desk, key, ATTACKER) == OK
     before = set(desk.agent.clients)
     assert come(desk, 1000, BOARD) == OK
-    assert before - set(desk.agent.clients) == {61, 62, 63, 64}  # a sixteenth, the last that came
+    assert before - set(desk.agent.clients) == {61, 62, 63, 64}  # a sixteenth of them: the latest
     assert come(desk, 1001, ("192.0.2.9", 1)) == OK
     assert set(rich) <= set(desk.agent.clients)
     desk.close()
 
 
-@pytest.mark.parametrize("what", ["line", "bus"])
-def test_one_board_of_a_line_or_a_bus_does_not_take_the_places_of_the_network(what):
-    """Serial lines and CAN: a network is a transport, a socket is a number on it."""
+@pytest.mark.parametrize("medium", ["line", "bus"])
+def test_boards_of_a_line_or_a_bus_are_evicted_for_a_board_of_the_network(medium):
+    """On serial lines and CAN, the network is the transport, and the socket is a peer's number."""
     desk = a_desk(64)
     network = desk.place
     desk.place = line = Place()
     for key in range(1, 65):
-        assert come(desk, key, 1 if what == "line" else key) == OK
+        assert come(desk, key, 1 if medium == "line" else key) == OK
     desk.place = network
-    if what == "bus":
+    if medium == "bus":
         desk.clock += module.SILENT_MS
     assert come(desk, 1000, BOARD) == OK
     assert desk.agent.place(1000)[0] is network and line is not network
     desk.close()
 
 
-def test_a_flood_in_vain_costs_a_look_ten_times_a_second(monkeypatch):
+def test_a_refused_flood_causes_at_most_ten_searches_a_second(monkeypatch):
     desk = a_desk()
     fill(desk, lambda key: ("192.0.2.66", key))
     looks = []
     silent = EvictionPolicy._silent
-    monkeypatch.setattr(EvictionPolicy, "_silent", lambda *them: looks.append(1) or silent(*them))
+    monkeypatch.setattr(EvictionPolicy, "_silent", lambda *args: looks.append(1) or silent(*args))
     for number in range(1000):
         assert come(desk, 1_000_000 + number, ("192.0.2.66", 10_000 + number)) == RESOURCES
         desk.clock += 1
@@ -198,9 +203,9 @@ def test_a_flood_in_vain_costs_a_look_ten_times_a_second(monkeypatch):
 
 
 def test_a_flood_over_the_limit_is_served_in_time():
-    """Each newcomer of a flood, and those who leave for it, cost less than a millisecond."""
+    """Each new client of a flood and its evictions take a limited time."""
     desk = a_desk()
-    fill(desk, lambda key: ATTACKER, things=0)
+    fill(desk, lambda key: ATTACKER, objects=0)
     before = time.process_time()
     for key in range(10_000, 14_096):
         desk.hear(create_client(key, 0x05), ATTACKER)
@@ -212,7 +217,7 @@ def test_a_flood_over_the_limit_is_served_in_time():
 
 
 @pytest.mark.parametrize(
-    "one, other, same",
+    "address, other_address, same",
     [
         ("192.0.2.1", "192.0.2.1", True),
         ("192.0.2.1", "192.0.2.2", False),
@@ -222,9 +227,9 @@ def test_a_flood_over_the_limit_is_served_in_time():
         ("::ffff:192.0.2.1", "192.0.2.1", True),
     ],
 )
-def test_what_a_network_is(one, other, same):
+def test_the_network_of_an_address(address, other_address, same):
     place = Addresses()
-    assert (network_of(place, (one, 1)) == network_of(place, (other, 2))) == same
+    assert (network_of(place, (address, 1)) == network_of(place, (other_address, 2))) == same
 
 
 def test_a_line_is_a_network_of_its_own():
@@ -238,12 +243,12 @@ def test_a_line_is_a_network_of_its_own():
         max_size=120,
     )
 )
-def test_the_counts_are_those_of_the_clients_whatever_comes(steps):
+def test_the_counts_always_equal_the_clients(steps):
     desk = a_desk(20)
-    for what, key, host, port in steps:
-        if what == "c":
+    for step, key, host, port in steps:
+        if step == "c":
             desk.hear(create_client(key, 0x05 if port else 0x81), (f"192.0.2.{host}", port))
-        elif what == "d":
+        elif step == "d":
             desk.agent.delete_client(key)
         else:
             desk.wait(250 * key)

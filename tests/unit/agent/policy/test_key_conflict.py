@@ -1,4 +1,4 @@
-"""Two clients with one key: which one is served, and what a flood of claimants can do."""
+"""Key conflicts: which of two clients with one key is served, and floods of claimants."""
 
 import pytest
 from hypothesis import given
@@ -36,18 +36,18 @@ from uros.wire import ids
 
 DECIDED = sum(module.WAIT_MS) + 10
 OK, DENIED = ids.STATUS_OK, ids.STATUS_ERR_DENIED
-# What C clients say to GET_INFO: zeros where a submessage header would stand.
+# The answer of C clients to GET_INFO: zeros in place of the submessage header.
 ALIVE = bytes.fromhex("81000000 00000000 00000000")
 
 
 def statuses(sent, peer):
-    """What the peer was answered to CREATE_CLIENT."""
-    found = [parse(datagram)[1][0] for to, datagram in sent if to == peer]
-    return [payload[0] for kind, _, payload in found if kind == ids.STATUS_AGENT]
+    """Return the statuses of the peer's CREATE_CLIENT requests."""
+    answers = [parse(datagram)[1][0] for to, datagram in sent if to == peer]
+    return [payload[0] for kind, _, payload in answers if kind == ids.STATUS_AGENT]
 
 
 def questions(sent, peer):
-    return [parse(it)[1][0][0] for to, it in sent if to == peer].count(ids.GET_INFO)
+    return [parse(datagram)[1][0][0] for to, datagram in sent if to == peer].count(ids.GET_INFO)
 
 
 def of(desk, key=KEY):
@@ -67,7 +67,7 @@ def test_an_incumbent_that_answers_wins_and_the_claimant_is_refused(desk):
     assert of(desk) == 1
     board.send(write_data(WRITER, b"still here"))
     assert board.ask(participant()) == [ids.STATUS_ERR_ALREADY_EXISTS]
-    (line,) = [it for it in desk.log().splitlines() if "client key in use" in it]
+    (line,) = [log_line for log_line in desk.log().splitlines() if "client key in use" in log_line]
     assert (
         "client_key: 0xAABBCCDD, refused at peer 2: the client at peer 1 answers"
         " (give each board a key of its own)"
@@ -80,7 +80,7 @@ def test_an_incumbent_that_answers_wins_and_the_claimant_is_refused(desk):
     [message([acknack(0)], 0), message([get_info()], 0, 0, 0x80), create_client()],
     ids=["acknack", "ping outside of the session", "it was reset itself"],
 )
-def test_whatever_comes_from_the_known_place_defends_it(desk, answer):
+def test_any_message_from_the_incumbents_address_answers_the_probe(desk, answer):
     Board(desk, 1)
     desk.hear(create_client(), 2)
     desk.wait(400)
@@ -89,7 +89,7 @@ def test_whatever_comes_from_the_known_place_defends_it(desk, answer):
     assert of(desk) == 1
 
 
-def test_a_silent_incumbent_loses_and_the_claimant_is_answered_at_once(desk):
+def test_a_silent_incumbent_loses_and_the_claimant_is_admitted_at_once(desk):
     Board(desk, 1).ask(*publisher_entities())
     sent = desk.hear(create_client(mtu=1000), 2) + desk.wait(DECIDED)
     assert questions(sent, 1) == len(module.WAIT_MS)
@@ -97,13 +97,13 @@ def test_a_silent_incumbent_loses_and_the_claimant_is_answered_at_once(desk):
     assert of(desk) == 2
     assert desk.agent.clients[KEY].session.mtu == 1000
     assert list(desk.place.sessions) == [2]
-    assert desk.agent.clients[KEY].objects  # the same session id: its objects stay
+    assert desk.agent.clients[KEY].objects  # the same session id: the objects stay
     assert not desk.agent.refusals
-    # And it is asked in its turn when the first comes again.
+    # The new incumbent is probed in turn when the first client comes again.
     assert questions(desk.hear(create_client(), 1), 2) == 1
 
 
-def test_another_session_id_waits_as_well_and_has_nothing_of_the_old_one(desk):
+def test_a_claimant_with_another_session_id_waits_too_and_gets_none_of_the_objects(desk):
     Board(desk, 1).ask(*publisher_entities())
     assert not statuses(desk.hear(create_client(session_id=0x82), 2), 2)
     assert statuses(desk.wait(DECIDED), 2) == [OK]
@@ -111,7 +111,7 @@ def test_another_session_id_waits_as_well_and_has_nothing_of_the_old_one(desk):
     assert not desk.middleware.bus.nodes
 
 
-def test_one_that_asks_again_while_it_waits_is_answered_once_and_by_the_last(desk):
+def test_a_claimant_that_repeats_its_request_gets_one_answer_to_the_last(desk):
     Board(desk, 1)
     sent = desk.hear(create_client(mtu=100), 2)
     for _ in range(4):
@@ -121,13 +121,13 @@ def test_one_that_asks_again_while_it_waits_is_answered_once_and_by_the_last(des
     assert desk.agent.clients[KEY].session.mtu == 200
 
 
-def test_from_the_same_place_nobody_waits(desk):
+def test_a_create_client_from_the_same_address_is_answered_at_once(desk):
     Board(desk, 1)
     assert statuses(desk.hear(create_client(), 1), 1) == [OK]
     assert not desk.agent.key_conflicts._probes
 
 
-def test_a_client_that_leaves_meanwhile_makes_room(desk):
+def test_a_claimant_is_admitted_when_the_incumbent_closes_its_session(desk):
     Board(desk, 1)
     desk.hear(create_client(), 2)
     desk.hear(message([delete(ids.OBJECT_CLIENT)], 0), 1)
@@ -135,7 +135,7 @@ def test_a_client_that_leaves_meanwhile_makes_room(desk):
     assert of(desk) == 2
 
 
-def test_one_more_than_may_be_is_refused_when_its_turn_has_come(desk):
+def test_a_claimant_over_the_client_limit_is_refused_after_its_wait(desk):
     desk.agent.admission.max_clients = 1
     Board(desk, 1)
     desk.hear(create_client(), 2)
@@ -153,8 +153,8 @@ def test_a_claimant_whose_connection_closes_is_dropped(desk):
     assert of(desk) == 1 and not desk.agent.key_conflicts._probes
 
 
-def test_without_a_clock_that_wakes_the_next_request_decides(desk):
-    """Who uses an Agent without a Server."""
+def test_without_timers_the_next_request_decides(desk):
+    """Programs may use an Agent without a Server."""
     Board(desk, 1)
     desk.agent.wake_at = lambda seconds, call: None
     out = []
@@ -172,7 +172,7 @@ def certified(desk, monkeypatch, shown):
     monkeypatch.setattr(desk.place, "certificate_of", lambda peer: shown.get(peer), raising=True)
 
 
-def test_a_place_with_a_certificate_goes_to_no_other_however_silent_it_is(desk, monkeypatch):
+def test_the_key_of_a_certificate_is_not_given_to_another_certificate(desk, monkeypatch):
     certified(desk, monkeypatch, {1: "left", 3: "right"})
     Board(desk, 1).ask(*publisher_entities())
     for peer in (2, 3):
@@ -188,7 +188,7 @@ def test_a_place_with_a_certificate_goes_to_no_other_however_silent_it_is(desk, 
     ) in desk.log()
 
 
-def test_a_place_with_a_certificate_goes_to_the_same_one_with_what_was_made(desk, monkeypatch):
+def test_the_same_certificate_takes_over_the_key_with_its_objects(desk, monkeypatch):
     certified(desk, monkeypatch, {1: "left", 4: "left"})
     Board(desk, 1).ask(*publisher_entities())
     sent = desk.hear(create_client(), 4) + desk.wait(DECIDED)
@@ -198,13 +198,13 @@ def test_a_place_with_a_certificate_goes_to_the_same_one_with_what_was_made(desk
     assert statuses(desk.hear(create_client(), 2) + desk.wait(DECIDED), 2) == [DENIED]
 
 
-def test_a_place_with_a_certificate_is_free_when_its_client_has_left(desk, monkeypatch):
+def test_the_key_of_a_certificate_is_free_when_its_client_has_left(desk, monkeypatch):
     certified(desk, monkeypatch, {1: "left"})
     Board(desk, 1).send(delete(ids.OBJECT_CLIENT))
     assert statuses(desk.hear(create_client(), 2), 2) == [OK]
 
 
-def test_a_certificate_takes_a_place_without_one_and_nothing_of_what_was_made(desk, monkeypatch):
+def test_a_certificate_takes_over_a_key_without_one_and_none_of_the_objects(desk, monkeypatch):
     certified(desk, monkeypatch, {1: "left"})
     Board(desk, 2).ask(*publisher_entities())
     assert statuses(desk.hear(create_client(), 1) + desk.wait(DECIDED), 1) == [OK]
@@ -212,25 +212,25 @@ def test_a_certificate_takes_a_place_without_one_and_nothing_of_what_was_made(de
     assert not desk.agent.clients[KEY].objects and not desk.middleware.bus.nodes
 
 
-def test_another_transport_has_nothing_of_what_was_made(desk):
+def test_a_claimant_of_another_transport_gets_none_of_the_objects(desk):
     Board(desk, 1).ask(*publisher_entities())
     first = desk.agent.clients[KEY]
     desk.place, before = Place(), desk.place
     assert not statuses(desk.hear(create_client(), 1), 1)
-    assert before.sent  # it was asked
+    assert before.sent  # the incumbent was probed
     assert statuses(desk.wait(DECIDED), 1) == [OK]
     assert desk.agent.clients[KEY] is not first and not desk.agent.clients[KEY].objects
     assert not desk.middleware.bus.nodes and not before.sessions
 
 
 @pytest.mark.parametrize("session_id", [0x05, 0x81])
-def test_other_rules_at_the_other_address_have_nothing_of_what_was_made(desk, session_id):
+def test_a_claimant_with_other_rules_gets_none_of_the_objects(desk, session_id):
     desk.agent.rules.add({"address": "peer 1", "namespace": "/left"})
     desk.agent.rules.add({"address": ["peer 1", "peer 3"], "key": 5, "max_rate": 3})
     Board(desk, 1, session_id=session_id).ask(*publisher_entities())
     datagram = message([write_data(WRITER, b"mine")], 0x80, 4, session_id)
     desk.hear(datagram, 2)
-    desk.wait(DECIDED)  # a message alone does not take the place, as it begins nothing anew
+    desk.wait(DECIDED)  # a message alone does not move the session, as it does not create one
     assert of(desk) == 1 and "unknown session" in desk.log()
     assert statuses(desk.hear(create_client(session_id=session_id), 2) + desk.wait(DECIDED), 2) == [
         OK
@@ -244,10 +244,10 @@ def test_other_rules_at_the_other_address_have_nothing_of_what_was_made(desk, se
     assert desk.agent.clients[KEY].objects  # the same rules
 
 
-def test_who_waited_does_not_push_away_another_one_that_came_meanwhile(desk, monkeypatch):
+def test_a_waiting_claimant_does_not_displace_a_client_admitted_meanwhile(desk, monkeypatch):
     certified(desk, monkeypatch, {3: "left"})
     Board(desk, 1)
-    desk.hear(create_client(), 2)  # it waits
+    desk.hear(create_client(), 2)  # the claimant waits
     desk.hear(message([delete(ids.OBJECT_CLIENT)], 0), 1)
     assert statuses(desk.hear(create_client(), 3), 3) == [OK]
     assert statuses(desk.wait(DECIDED), 2) == [DENIED]
@@ -257,7 +257,7 @@ def test_who_waited_does_not_push_away_another_one_that_came_meanwhile(desk, mon
 # --- a key in every header ---------------------------------------------------------------------
 
 
-def test_with_its_key_in_the_header_it_goes_on_elsewhere_when_the_old_place_is_silent(desk):
+def test_a_session_with_its_key_in_the_header_moves_when_its_old_address_is_silent(desk):
     board = Board(desk, 1, session_id=0x05)
     board.ask(participant())
     datagram = message([topic()], 0x80, 1, 0x05)
@@ -269,7 +269,7 @@ def test_with_its_key_in_the_header_it_goes_on_elsewhere_when_the_old_place_is_s
     assert len(desk.agent.clients[KEY].objects) == 2
 
 
-def test_nobody_takes_part_in_a_session_that_is_alive_by_knowing_its_key(desk):
+def test_the_key_alone_gives_no_access_to_a_live_session(desk):
     board = Board(desk, 1, session_id=0x05)
     board.ask(participant())
     for number in range(1, 20):
@@ -286,33 +286,33 @@ def test_nobody_takes_part_in_a_session_that_is_alive_by_knowing_its_key(desk):
 
 def test_a_flood_of_claimants_costs_the_incumbent_three_probes_in_five_seconds(desk):
     board = Board(desk, 1)
-    asked, denied = 0, 0
+    probes, denied = 0, 0
     for number in range(6000):
         sent = desk.hear(create_client(), 2 + number % 50)
         sent += desk.wait(10)
         count = questions(sent, 1)
-        asked += count
+        probes += count
         denied += sum(len(statuses(sent, peer)) for peer in range(2, 52))
         if count:
             desk.hear(ALIVE, 1)
     assert of(desk) == 1
-    assert 1 <= asked <= 60 / 5 * len(module.WAIT_MS)
+    assert 1 <= probes <= 60 / 5 * len(module.WAIT_MS)
     assert board.ask(participant()) == [OK]
     assert denied > 5000
     assert desk.log().count("client key in use") < 200
     assert desk.agent.refusals[KEY].times > 5000
 
 
-def test_a_network_that_loses_two_answers_of_three_loses_no_session(desk):
+def test_loss_of_two_of_three_probe_answers_loses_no_session(desk):
     Board(desk, 1)
-    heard = 0
+    received = 0
     for number in range(3000):
         sent = desk.hear(create_client(), 2 + number % 50) + desk.wait(20)
         for _ in range(questions(sent, 1)):
-            heard += 1
-            if heard % 3 == 0:
+            received += 1
+            if received % 3 == 0:
                 desk.hear(ALIVE, 1)
-    assert heard > 20 and of(desk) == 1
+    assert received > 20 and of(desk) == 1
 
 
 def test_claimants_for_all_clients_at_once_are_bounded(desk):
@@ -332,10 +332,10 @@ def test_claimants_for_all_clients_at_once_are_bounded(desk):
     assert len(desk.agent.refusals) <= 256
 
 
-def test_a_stopped_agent_gives_the_known_place_its_time(desk):
+def test_a_stopped_agent_gives_the_incumbent_its_full_time(desk):
     Board(desk, 1)
     desk.hear(create_client(), 2)
-    desk.clock += 60_000  # no timer fired meanwhile, and nothing was heard
+    desk.clock += 60_000  # no timer fired meanwhile, and no message arrived
     sent = desk.wait(0)
     assert not statuses(sent, 2)
     desk.hear(ALIVE, 1)
@@ -343,21 +343,21 @@ def test_a_stopped_agent_gives_the_known_place_its_time(desk):
 
 
 @given(st.lists(st.tuples(st.integers(1, 4), st.sampled_from("cdpw")), max_size=60))
-def test_whoever_comes_there_is_one_client_at_one_place(steps):
+def test_a_key_always_has_one_client_at_one_address(steps):
     """c: CREATE_CLIENT, d: DELETE, p: ping in the session, w: time passes."""
     desk = Desk()
-    for peer, what in steps:
-        if what == "c":
+    for peer, step in steps:
+        if step == "c":
             desk.hear(create_client(), peer)
-        elif what == "d":
+        elif step == "d":
             desk.hear(message([delete(ids.OBJECT_CLIENT)], 0), peer)
-        elif what == "p":
+        elif step == "p":
             desk.hear(message([get_info()], 0), peer)
         else:
             desk.wait(200 * peer)
         assert len(desk.agent.clients) <= 1
         assert list(desk.place.sessions) == [place[1] for place in desk.agent._places.values()]
-    desk.wait(2 * DECIDED)  # who waited begins to wait anew where another one came before it
+    desk.wait(2 * DECIDED)  # a claimant waits anew when another one was admitted before it
     assert not desk.agent.key_conflicts._probes
     desk.close()
 
@@ -375,20 +375,20 @@ def test_two_boards_with_one_key_over_real_sockets(transport):
         first.read(reader)
         answers = []
 
-        def both():
-            """The first does nothing but listen; the second wants in."""
-            got = second.line.receive(0)
-            if got is not None:
-                second.take(got)
+        def poll_answers():
+            """The first client only listens; the second requests the key."""
+            datagram = second.line.receive(0)
+            if datagram is not None:
+                second.take(datagram)
                 answers.append(second.agent_status)
             return answers
 
         second.line.send(create_client(0x77))
-        first.until(both, "the second is not answered")
+        first.until(poll_answers, "the second is not answered")
         assert answers == [DENIED]
         first.write(writer, b"undisturbed")
         assert first.sample(reader) == b"undisturbed"
-        assert "0x77" in f"{[hex(it) for it in running.agent.refusals]}"
+        assert "0x77" in f"{[hex(key) for key in running.agent.refusals]}"
         assert running.agent.refusals[0x77].why == "client key in use"
 
 
@@ -404,7 +404,7 @@ def test_a_board_that_moves_to_another_port_goes_on_there_with_its_objects():
         assert len(running.agent.clients[0x77].objects) == 1
 
 
-def test_from_one_transport_to_the_other():
+def test_a_client_moves_from_one_transport_to_another():
     udp, tcp = UdpServer(0, "127.0.0.1"), TcpServer(0, "127.0.0.1")
     with running_agent(udp, "memory") as running:
         tcp_added = _second(running, tcp)
@@ -417,7 +417,7 @@ def test_from_one_transport_to_the_other():
 
 
 def _second(running, transport):
-    """One more transport for an agent that runs."""
+    """Add a transport to a running agent."""
     from threading import Event
 
     done = Event()
@@ -439,53 +439,53 @@ def _second(running, transport):
 @pytest.fixture
 def mutual(tmp_path):
     """(agent, authority, UDP): an agent with mutual TLS, and UDP beside it."""
-    made = Authority(tmp_path)
-    tls = TlsServer(0, "127.0.0.1", Certificates(*made.agent(), made.ca))
+    authority = Authority(tmp_path)
+    tls = TlsServer(0, "127.0.0.1", Certificates(*authority.agent(), authority.ca))
     with serving(RunningAgent(tls, "memory", 0, 4)) as running:
         running.agent.rules.add({"address": "*(CN=left)", "namespace": "/left"})
-        yield running, made, _second(running, UdpServer(0, "127.0.0.1"))
+        yield running, authority, _second(running, UdpServer(0, "127.0.0.1"))
 
 
-def _line(running, made, name):
-    line = TlsLine(running.transport.port, made.client(name))
+def _line(running, authority, name):
+    line = TlsLine(running.transport.port, authority.client(name))
     running.lines.append(line)
     return line
 
 
 def _topics(running):
-    return sorted({key[1] for key, it in running.middleware.bus.writers.items() if it})
+    return sorted({key[1] for key, writers in running.middleware.bus.writers.items() if writers})
 
 
-@pytest.mark.parametrize("newcomer", ["plain UDP", "CN=right"])
-def test_the_place_of_a_board_with_a_certificate_is_not_taken(mutual, newcomer):
-    running, made, udp = mutual
-    left = XrceClient(_line(running, made, "left"), 0x77)
-    assert left.open() == OK
-    left.writer("n", "rt/a", "T")
-    line = UdpLine(udp.port) if newcomer == "plain UDP" else _line(running, made, "right")
+@pytest.mark.parametrize("claimant_kind", ["plain UDP", "CN=right"])
+def test_the_key_of_a_board_with_a_certificate_is_not_taken_over(mutual, claimant_kind):
+    running, authority, udp = mutual
+    left_client = XrceClient(_line(running, authority, "left"), 0x77)
+    assert left_client.open() == OK
+    left_client.writer("n", "rt/a", "T")
+    line = UdpLine(udp.port) if claimant_kind == "plain UDP" else _line(running, authority, "right")
     running.lines.append(line)
-    other = XrceClient(line, 0x77)
-    assert other.open() == DENIED  # left reads nothing and answers nothing
+    claimant = XrceClient(line, 0x77)
+    assert claimant.open() == DENIED  # the client "left" reads nothing and answers nothing
     assert running.agent.place(0x77)[0] is running.transport
     assert _topics(running) == ["rt/left/a"]
-    assert left.ping() == 1
-    left.line.close()  # now it is gone, and the key is free
-    running.lines.remove(left.line)
+    assert left_client.ping() == 1
+    left_client.line.close()  # now the session is closed, and the key is free
+    running.lines.remove(left_client.line)
     eventually(lambda: 0x77 not in running.agent.clients)
-    assert other.open() == OK
-    other.writer("n", "rt/a", "T")
+    assert claimant.open() == OK
+    claimant.writer("n", "rt/a", "T")
     assert _topics(running) == ["rt/a"]
 
 
-def test_the_same_certificate_takes_its_silent_place_back(mutual):
-    running, made, _ = mutual
-    context = made.client("left")
+def test_the_same_certificate_takes_over_its_silent_session(mutual):
+    running, authority, _ = mutual
+    context = authority.client("left")
     clients = []
     for _ in range(2):
         line = TlsLine(running.transport.port, context)
         running.lines.append(line)
         clients.append(XrceClient(line, 0x77))
-        assert clients[-1].open() == OK  # the first one's connection is open, and it is silent
+        assert clients[-1].open() == OK  # the connection of the first is open, but silent
         if len(clients) == 1:
             clients[0].writer("n", "rt/a", "T")
     assert _topics(running) == ["rt/left/a"]
@@ -493,13 +493,13 @@ def test_the_same_certificate_takes_its_silent_place_back(mutual):
 
 
 def test_a_board_with_a_certificate_begins_with_its_own_rules(mutual):
-    running, made, udp = mutual
+    running, authority, udp = mutual
     plain = XrceClient(UdpLine(udp.port), 0x77)
     running.lines.append(plain.line)
     assert plain.open() == OK
     plain.writer("n", "rt/a", "T")
-    left = XrceClient(_line(running, made, "left"), 0x77)
-    assert left.open() == OK
+    left_client = XrceClient(_line(running, authority, "left"), 0x77)
+    assert left_client.open() == OK
     assert not _topics(running) and not udp.sessions
-    left.writer("n", "rt/a", "T")
+    left_client.writer("n", "rt/a", "T")
     assert _topics(running) == ["rt/left/a"]

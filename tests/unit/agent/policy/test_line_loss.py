@@ -31,12 +31,12 @@ from uros.agent.transports.serial import SerialServer
 from uros.wire import ids
 
 TYPE = "std_msgs::msg::dds_::Int32_"
-MOST = 10_000  # milliseconds, from the loss on
+MOST = 10_000  # milliseconds after the loss
 ALIVE = message([get_info()], 0)
 
 
 class Lines(Place):
-    """Each peer is on a line of its own, which can be away."""
+    """A transport with a line for each peer; lines can be lost."""
 
     def __init__(self):
         super().__init__()
@@ -48,10 +48,10 @@ class Lines(Place):
 
 @pytest.fixture
 def desk():
-    made = Desk()
-    made.place = Lines()
-    yield made
-    made.close()
+    desk = Desk()
+    desk.place = Lines()
+    yield desk
+    desk.close()
 
 
 def unplug(desk, *peers):
@@ -60,16 +60,16 @@ def unplug(desk, *peers):
 
 
 def questions(sent, peer=1):
-    return [parse(it)[1][0][0] for to, it in sent if to == peer].count(ids.GET_INFO)
+    return [parse(datagram)[1][0][0] for to, datagram in sent if to == peer].count(ids.GET_INFO)
 
 
-def test_who_does_not_come_back_leaves_within_ten_seconds_with_all_it_made(desk):
+def test_a_client_of_a_lost_line_is_deleted_with_its_objects_within_ten_seconds(desk):
     Board(desk, 1).ask(*publisher_entities())
     Board(desk, 2, 2).ask(*publisher_entities())
     unplug(desk, 1)
     desk.wait(5000)
     assert set(desk.agent.clients) == {KEY, 2}
-    assert not questions(desk.wait(MOST - 5000))  # nobody would hear them
+    assert not questions(desk.wait(MOST - 5000))  # no answer would be received
     assert set(desk.agent.clients) == {2}
     assert len(desk.middleware.bus.nodes) == 1
     assert "address: peer 1, not back within 7 s: deleted" in desk.log()
@@ -77,7 +77,7 @@ def test_who_does_not_come_back_leaves_within_ten_seconds_with_all_it_made(desk)
 
 
 @pytest.mark.parametrize("after", [500, 3000, 6900])
-def test_a_line_that_comes_back_has_its_clients_asked_and_who_answers_stays(desk, after):
+def test_clients_are_probed_when_their_line_comes_back_and_stay_if_they_answer(desk, after):
     Board(desk, 1)
     unplug(desk, 1)
     desk.wait(after)
@@ -90,7 +90,7 @@ def test_a_line_that_comes_back_has_its_clients_asked_and_who_answers_stays(desk
 
 
 @pytest.mark.parametrize("after", [0, 500, 3000, 6900])
-def test_a_line_that_comes_back_without_the_board_is_no_board(desk, after):
+def test_a_client_that_does_not_answer_after_its_line_came_back_is_deleted(desk, after):
     Board(desk, 1)
     unplug(desk, 1)
     desk.wait(after)
@@ -99,7 +99,7 @@ def test_a_line_that_comes_back_without_the_board_is_no_board(desk, after):
     assert KEY not in desk.agent.clients
 
 
-def test_a_board_that_begins_anew_on_its_line_stays(desk):
+def test_a_board_that_resets_on_its_line_stays(desk):
     Board(desk, 1)
     unplug(desk, 1)
     desk.wait(2000)
@@ -109,7 +109,7 @@ def test_a_board_that_begins_anew_on_its_line_stays(desk):
     assert KEY in desk.agent.clients
 
 
-def test_a_board_that_was_plugged_in_elsewhere_stays(desk):
+def test_a_board_that_was_plugged_in_at_another_line_stays(desk):
     Board(desk, 1)
     unplug(desk, 1)
     desk.hear(create_client(), 2)
@@ -117,16 +117,16 @@ def test_a_board_that_was_plugged_in_elsewhere_stays(desk):
     assert desk.agent.place(KEY) == (desk.place, 2)
 
 
-def test_a_board_that_says_goodbye_meanwhile_is_gone_and_nothing_is_left(desk):
+def test_a_board_that_closes_its_session_meanwhile_leaves_no_probe(desk):
     Board(desk, 1)
     unplug(desk, 1)
     desk.agent.delete_client(KEY)
-    Board(desk, 2)  # another one with its key
+    Board(desk, 2)  # another client with its key
     desk.wait(MOST)
     assert KEY in desk.agent.clients and not desk.agent.line_loss._missing
 
 
-def test_a_line_that_goes_again_and_again_does_not_keep_its_board(desk):
+def test_a_line_that_is_lost_repeatedly_does_not_keep_its_client(desk):
     Board(desk, 1)
     for _ in range(9):
         unplug(desk, 1)
@@ -137,7 +137,7 @@ def test_a_line_that_goes_again_and_again_does_not_keep_its_board(desk):
     assert KEY not in desk.agent.clients
 
 
-def test_in_a_process_that_was_stopped_nobody_was_missed(desk):
+def test_time_in_which_the_process_was_stopped_does_not_count(desk):
     Board(desk, 1)
     unplug(desk, 1)
     desk.clock += 60_000  # no timer fired
@@ -149,24 +149,24 @@ def test_in_a_process_that_was_stopped_nobody_was_missed(desk):
     assert KEY in desk.agent.clients
 
 
-def test_the_promise():
+def test_clients_are_deleted_in_less_than_ten_seconds():
     assert module.CHECKS + module.PROBES < 10
 
 
 @given(st.lists(st.tuples(st.sampled_from("lbhcw"), st.integers(1, 3)), max_size=60))
-def test_whatever_lines_and_boards_do(steps):
+def test_any_sequence_of_losses_and_connections_keeps_the_clients_of_present_lines(steps):
     """l: line lost, b: line back, h: heard, c: CREATE_CLIENT, w: time passes."""
     desk = Desk()
     desk.place = Lines()
-    for what, peer in steps:
-        if what == "l":
+    for step, peer in steps:
+        if step == "l":
             unplug(desk, peer)
-        elif what == "b":
+        elif step == "b":
             desk.place.away.discard(peer)
-        elif what == "w":
+        elif step == "w":
             desk.wait(900 * peer)
         elif peer not in desk.place.away:
-            desk.hear(ALIVE if what == "h" else create_client(peer), peer)
+            desk.hear(ALIVE if step == "h" else create_client(peer), peer)
     alive = [peer for peer in (1, 2, 3) if peer not in desk.place.away]
     for peer in alive:
         desk.hear(create_client(peer), peer)
@@ -180,7 +180,7 @@ def test_whatever_lines_and_boards_do(steps):
 
 
 @pytest.mark.parametrize("comes", [False, True])
-def test_a_restored_board_whose_line_is_not_there_leaves_likewise(tmp_path, monkeypatch, comes):
+def test_a_restored_client_whose_line_is_missing_is_deleted_likewise(tmp_path, monkeypatch, comes):
     world = World(tmp_path / "state")
     publisher(world).turns()
     away = [True]
@@ -206,7 +206,7 @@ def quick(monkeypatch):
 
 
 def hang_up(running, line):
-    """The board's end of its line is closed, as by unplugging it."""
+    """Close the board's end of its line, as by unplugging it."""
     if running._ends is None:
         if running.kind == "serial":
             os.close(running._master)
@@ -229,13 +229,13 @@ def hang_up(running, line):
     "kind",
     ["serial", "multiserial", "pyserial", "socket", "rfcomm", "pseudoterminal", "tcp", "tls"],
 )
-def test_a_board_leaves_the_graph_when_its_line_is_gone(quick, kind):
+def test_the_node_of_a_board_leaves_the_graph_when_its_line_is_lost(quick, kind):
     with running_agent(kind, "memory") as running:
-        one = XrceClient(running.line(0), 0x11)
-        assert one.open() == ids.STATUS_OK
-        one.writer("n", "rt/a", TYPE)
+        client = XrceClient(running.line(0), 0x11)
+        assert client.open() == ids.STATUS_OK
+        client.writer("n", "rt/a", TYPE)
         assert len(running.middleware.bus.nodes) == 1
-        hang_up(running, one.line)
+        hang_up(running, client.line)
         eventually(lambda: not running.agent.clients)
         eventually(lambda: not running.middleware.bus.nodes)
         running.lines.clear()
@@ -244,53 +244,53 @@ def test_a_board_leaves_the_graph_when_its_line_is_gone(quick, kind):
 def test_a_program_opens_the_pseudo_terminal_again_and_goes_on(quick, monkeypatch):
     monkeypatch.setattr(module, "CHECKS", 1_000_000)
     with running_agent("pseudoterminal", "memory") as running:
-        one = XrceClient(running.line(0), 0x11)
-        assert one.open() == ids.STATUS_OK
-        writer, reader = one.writer("n", "rt/a", TYPE), one.reader("n", "rt/a", TYPE)
-        one.read(reader)
+        client = XrceClient(running.line(0), 0x11)
+        assert client.open() == ids.STATUS_OK
+        writer, reader = client.writer("n", "rt/a", TYPE), client.reader("n", "rt/a", TYPE)
+        client.read(reader)
         device = running.transport.device
         for turn in range(3):
             os.close(running._slave)
             eventually(lambda: running.transport.is_away(1))
             running._slave = os.open(device, os.O_RDWR | os.O_NOCTTY)
             running._terminal._fd = running._slave
-            one.write(writer, bytes([turn]) * 4)
-            assert one.sample(reader) == bytes([turn]) * 4
+            client.write(writer, bytes([turn]) * 4)
+            assert client.sample(reader) == bytes([turn]) * 4
         assert running.transport.device == device
         eventually(lambda: not running.agent.line_loss._missing)
 
 
-def test_a_board_that_is_plugged_in_again_in_time_stays_and_is_asked(quick, monkeypatch, tmp_path):
+def test_a_board_that_is_plugged_in_again_in_time_is_probed_and_stays(quick, monkeypatch, tmp_path):
     monkeypatch.setattr(module, "CHECKS", 1_000_000)
     device = Device(tmp_path)
     line = device.plug()
     with running_agent(SerialServer(str(device.link)), "memory") as running:
-        one = XrceClient(line, 0x11)
-        assert one.open() == ids.STATUS_OK
-        one.participant("n")
+        client = XrceClient(line, 0x11)
+        assert client.open() == ids.STATUS_OK
+        client.participant("n")
         device.unplug()
         eventually(lambda: running.agent.line_loss._missing)
-        one.line = device.plug()
-        one.until(lambda: not running.agent.line_loss._missing, "it is not asked")
+        client.line = device.plug()
+        client.until(lambda: not running.agent.line_loss._missing, "it is not asked")
         assert running.agent.clients[0x11].objects
     device.unplug()
 
 
-def test_a_restored_board_of_a_device_that_is_away_leaves(quick, tmp_path):
+def test_a_restored_client_of_a_missing_device_is_deleted(quick, tmp_path):
     device, path = Device(tmp_path), str(tmp_path / "state")
     line = device.plug()
-    for there in (True, False):
+    for plugged_in in (True, False):
         with ExitStack() as stack:
             running = RunningAgent(SerialServer(str(device.link)), "memory", 0, 4)
             running.server.attachments.append(SessionStore(open_journal(path), running.agent.log))
             stack.enter_context(serving(running))
-            if there:
-                one = XrceClient(line, 0x11)
-                assert one.open() == ids.STATUS_OK
-                one.participant("n")
+            if plugged_in:
+                client = XrceClient(line, 0x11)
+                assert client.open() == ids.STATUS_OK
+                client.participant("n")
             else:
                 assert "session restored" in running.said.getvalue()
                 eventually(lambda agent=running.agent: not agent.clients)
                 assert "line is gone" in running.said.getvalue()
-        if there:
+        if plugged_in:
             device.unplug()

@@ -1,4 +1,4 @@
-"""Silent clients: when they are probed, what counts as an answer, when they are deleted."""
+"""Silent clients: when they are probed, which messages count as answers, when they are deleted."""
 
 import pytest
 from hypothesis import given
@@ -34,17 +34,17 @@ SECOND = 1000
 
 @pytest.fixture
 def desk():
-    made = Desk().start()
-    yield made
-    made.close()
+    desk = Desk().start()
+    yield desk
+    desk.close()
 
 
 def desk_with(**more):
     return Desk(**more).start()
 
 
-def asked(sent, peer=None):
-    """How many times the agent asked for a sign of life; each is GET_INFO and HEARTBEAT."""
+def probe_count(sent, peer=None):
+    """Return the number of liveliness probes; each is a GET_INFO and a HEARTBEAT."""
     kinds = [parse(datagram)[1][0][0] for to, datagram in sent if peer is None or to == peer]
     assert kinds.count(ids.GET_INFO) <= kinds.count(ids.HEARTBEAT)
     return kinds.count(ids.GET_INFO)
@@ -53,23 +53,23 @@ def asked(sent, peer=None):
 # --- what is asked ------------------------------------------------------------------------
 
 
-def test_a_question_byte_by_byte(desk):
+def test_a_probe_byte_by_byte(desk):
     Board(desk)
-    first, second = [it for _, it in desk.wait(31 * SECOND)]
-    # As the C++ agent asks: request 0 about OBJECTID_CLIENT, no mask.
+    first, second = [datagram for _, datagram in desk.wait(31 * SECOND)]
+    # As the probe of the C++ agent: request 0 about OBJECTID_CLIENT, no mask.
     assert first.hex(" ") == "81 00 00 00 02 01 08 00 00 00 ff fe 00 00 00 00"
     assert second.hex(" ") == "81 00 00 00 0b 01 05 00 00 00 ff ff 80"
 
 
-def test_a_heartbeat_that_asks_says_what_is_in_the_stream(desk):
+def test_the_heartbeat_of_a_probe_has_the_range_of_the_stream(desk):
     board = Board(desk)
     board.ask(*subscriber_entities())
     board.send(read_data(READER))
-    other = Board(desk, 2, 0x22)
-    other.ask(*publisher_entities())
+    other_board = Board(desk, 2, 0x22)
+    other_board.ask(*publisher_entities())
     board.polite = False
     for i in range(3):
-        other.send(write_data(WRITER, bytes([i])))
+        other_board.send(write_data(WRITER, bytes([i])))
     of(board).session.probe()
     info, beat = of(board).session.outgoing
     assert parse(info)[1][0][0] == ids.GET_INFO
@@ -79,7 +79,7 @@ def test_a_heartbeat_that_asks_says_what_is_in_the_stream(desk):
     assert (last - first) & 0xFFFF == 2  # the three samples that are not acknowledged
 
 
-def test_a_question_to_one_with_its_key_in_the_header(desk):
+def test_a_probe_of_a_client_with_its_key_in_the_header(desk):
     Board(desk, session_id=0x05)
     for _, datagram in desk.wait(31 * SECOND):
         assert datagram[:8] == bytes.fromhex("05000000aabbccdd")
@@ -98,11 +98,11 @@ ANSWERS = {
 
 
 @pytest.mark.parametrize("name", ANSWERS)
-def test_whoever_answers_stays_for_ever(desk, name):
+def test_a_client_that_answers_probes_is_never_deleted(desk, name):
     Board(desk)
     for _ in range(20):
         sent = desk.wait(100 * SECOND)
-        assert 1 <= asked(sent) <= 4
+        assert 1 <= probe_count(sent) <= 4
         desk.hear(ANSWERS[name])
     assert list(desk.agent.clients) == [KEY]
     assert "client is silent" not in desk.log()
@@ -117,20 +117,20 @@ def test_the_answer_of_a_c_client_is_no_fault(desk):
     desk.hear(bytes.fromhex("05000000 00000022 00000000"), 2)
     assert desk.log().count("recv_message") == before.count("recv_message")
     assert "warning" not in desk.log()
-    # A whole CREATE_CLIENT inside of a session still is one.
+    # A complete CREATE_CLIENT within a session is still handled as one.
     desk.hear(message([sub(ids.CREATE_CLIENT, bytes(16))], 0))
     assert "submessage 0 is not for an agent" in desk.log()
 
 
-def test_who_talks_is_not_asked(desk):
+def test_an_active_client_is_not_probed(desk):
     board = Board(desk)
     board.ask(*publisher_entities())
     for _ in range(100):
         board.send(write_data(WRITER, b"x"))
-        assert asked(desk.wait(20 * SECOND)) == 0
+        assert probe_count(desk.wait(20 * SECOND)) == 0
 
 
-def test_one_that_was_quiet_for_long_and_speaks_has_all_its_time_again(desk):
+def test_a_message_after_a_long_silence_restarts_the_dead_time(desk):
     Board(desk)
     desk.wait(299 * SECOND)
     desk.hear(ANSWERS["C client"])
@@ -143,57 +143,57 @@ def test_one_that_was_quiet_for_long_and_speaks_has_all_its_time_again(desk):
 # --- silent and gone ---------------------------------------------------------------------------
 
 
-def test_who_does_not_answer_is_forgotten_when_the_dead_time_is_over(desk):
+def test_a_client_that_does_not_answer_is_deleted_after_the_dead_time(desk):
     Board(desk).ask(*publisher_entities())
     sent = desk.wait(299 * SECOND)
-    assert asked(sent) == 9
+    assert probe_count(sent) == 9
     assert KEY in desk.agent.clients
     desk.wait(3 * SECOND)
     assert not desk.agent.clients and not desk.place.sessions and not desk.middleware.bus.nodes
-    (line,) = [it for it in desk.log().splitlines() if "client is silent" in it]
+    (line,) = [log_line for log_line in desk.log().splitlines() if "client is silent" in log_line]
     assert "client_key: 0xAABBCCDD, address: peer 1, no message for 30" in line
     assert "9 probes unanswered: deleted (set by --dead-time SECONDS, 0: never)" in line
-    # What it sends now belongs to no session, and it can come again.
+    # Its messages now belong to no session, and it can connect again.
     assert desk.hear(message([get_info()], 0)) == []
     assert Board(desk).ask(participant()) == [ids.STATUS_OK]
 
 
 @pytest.mark.parametrize("dead_time, at_most", [(1, 5), (3, 5), (10, 13), (60, 63), (3600, 3603)])
-def test_three_questions_at_least_whatever_the_dead_time(dead_time, at_most):
+def test_at_least_three_probes_precede_a_deletion_for_any_dead_time(dead_time, at_most):
     desk = desk_with(dead_time=dead_time)
     Board(desk)
     sent = desk.wait(int(dead_time * SECOND) - 1)
     assert KEY in desk.agent.clients
     sent += desk.wait(at_most * SECOND - int(dead_time * SECOND))
     assert KEY not in desk.agent.clients
-    assert asked(sent) >= module.PROBES
+    assert probe_count(sent) >= module.PROBES
     desk.close()
 
 
-def test_never(desk):
+def test_a_dead_time_of_zero_deletes_no_client(desk):
     desk = desk_with(dead_time=0)
     Board(desk)
-    assert asked(desk.wait(12 * 3600 * SECOND)) == 0
+    assert probe_count(desk.wait(12 * 3600 * SECOND)) == 0
     assert KEY in desk.agent.clients
     desk.close()
 
 
-def test_unacknowledged_messages_and_questions_do_not_get_in_each_others_way(desk):
-    """Heartbeats to the silent stop after 30 s; questions go on, and their answer wakes both."""
-    board, other = Board(desk), Board(desk, 2, 0x22)
+def test_heartbeats_for_unacknowledged_messages_and_probes_are_independent(desk):
+    """Heartbeats to a silent client stop after 30 s; probes go on, and an answer resumes both."""
+    board, other_board = Board(desk), Board(desk, 2, 0x22)
     board.ask(*subscriber_entities())
     board.send(read_data(READER))
     board.polite = False
-    other.ask(*publisher_entities())
-    other.send(write_data(WRITER, b"kept"))
+    other_board.ask(*publisher_entities())
+    other_board.send(write_data(WRITER, b"kept"))
     desk.wait(40 * SECOND)
-    beats = [it for to, it in desk.wait(10 * SECOND) if to == 1]
-    assert not beats  # between two questions
-    assert asked(desk.wait(30 * SECOND), 1) == 1
+    beats = [datagram for to, datagram in desk.wait(10 * SECOND) if to == 1]
+    assert not beats  # between two probes
+    assert probe_count(desk.wait(30 * SECOND), 1) == 1
     number = board.expected[ids.STREAM_RELIABLE] - 1
     first = desk.hear(message([acknack(number, 1)], 0))
-    assert any(b"kept" in it for to, it in first if to == 1)
-    assert asked(desk.wait(300 * SECOND), 1) >= 3
+    assert any(b"kept" in datagram for to, datagram in first if to == 1)
+    assert probe_count(desk.wait(300 * SECOND), 1) >= 3
     assert board.key not in desk.agent.clients
 
 
@@ -201,18 +201,18 @@ def test_unacknowledged_messages_and_questions_do_not_get_in_each_others_way(des
 
 
 def stop(desk, seconds):
-    """The process is stopped, or the machine suspended: no timer fires, nothing is heard."""
+    """Stop the process, or suspend the machine: no timer fires and no message arrives."""
     desk.clock += int(seconds * SECOND)
 
 
 @pytest.mark.parametrize("seconds", [301, 3600, 500_000])
 @pytest.mark.parametrize("before", [0, 29, 31, 100, 200])
-def test_a_stopped_agent_forgets_nobody_who_is_there(desk, before, seconds):
+def test_a_stopped_agent_deletes_no_client_that_answers(desk, before, seconds):
     Board(desk)
     desk.wait(before * SECOND)
     stop(desk, seconds)
     for _ in range(40):
-        if asked(desk.wait(SECOND)):
+        if probe_count(desk.wait(SECOND)):
             break
     assert KEY in desk.agent.clients
     desk.hear(ANSWERS["C client"])
@@ -229,14 +229,14 @@ def test_an_answer_right_before_the_agent_was_stopped_counts(desk):
     assert KEY in desk.agent.clients
 
 
-def test_a_stopped_agent_asks_three_times_and_waits_before_it_forgets(desk):
+def test_a_stopped_agent_probes_three_times_before_it_deletes(desk):
     Board(desk)
     stop(desk, 10_000)
     sent = []
     while KEY in desk.agent.clients:
         sent += desk.wait(SECOND)
         assert len(sent) < 100
-    assert asked(sent) >= module.PROBES
+    assert probe_count(sent) >= module.PROBES
     assert desk.clock - 10_000 * SECOND > 200 * SECOND
 
 
@@ -245,19 +245,19 @@ def test_a_stopped_agent_asks_three_times_and_waits_before_it_forgets(desk):
         st.tuples(st.sampled_from(("wait", "stop", "answer")), st.integers(1, 400)), max_size=30
     )
 )
-def test_nobody_is_forgotten_who_answered_the_last_three_questions(steps):
-    """Whatever stops, jumps and silences there are."""
+def test_no_client_is_deleted_before_three_unanswered_probes(steps):
+    """Test any sequence of stops, waits and answers."""
     desk = desk_with()
     Board(desk)
     unanswered = 0
-    for what, seconds in steps:
-        if what == "stop":
+    for step, seconds in steps:
+        if step == "stop":
             stop(desk, seconds)
-        elif what == "answer":
+        elif step == "answer":
             desk.hear(ANSWERS["C client"])
             unanswered = 0
         else:
-            unanswered += asked(desk.wait(seconds * SECOND))
+            unanswered += probe_count(desk.wait(seconds * SECOND))
         if KEY not in desk.agent.clients:
             assert unanswered >= module.PROBES
             break
@@ -267,23 +267,23 @@ def test_nobody_is_forgotten_who_answered_the_last_three_questions(steps):
 # --- very many ---------------------------------------------------------------------------------
 
 
-def test_all_fall_silent_at_once_and_the_agent_asks_in_portions(desk):
+def test_many_clients_that_fall_silent_at_once_are_probed_in_portions(desk):
     for key in range(1, 1001):
         desk.hear(create_client(key, 1), key)
     most, total = 0, 0
     for _ in range(4000):
         sent = desk.wait(10)
-        most, total = max(most, asked(sent)), total + asked(sent)
+        most, total = max(most, probe_count(sent)), total + probe_count(sent)
     assert most <= module.MAX_PROBED
-    assert total == 1000  # each once, in the 40 s
+    assert total == 1000  # each was probed once in the 40 s
     desk.wait(261 * SECOND)
-    left = len(desk.agent.clients)
+    remaining = len(desk.agent.clients)
     desk.wait(5 * SECOND)
-    assert len(desk.agent.clients) == 0 and left <= 1000
+    assert len(desk.agent.clients) == 0 and remaining <= 1000
     assert not desk.agent.liveliness._silent
 
 
-def test_what_is_remembered_of_the_silent_goes_with_them(desk):
+def test_liveliness_state_is_freed_with_its_client(desk):
     for key in range(1, 101):
         desk.hear(create_client(key, 1, properties=[("uxr_hl", "5000")] * (key % 2)), key)
     desk.wait(40 * SECOND)
@@ -319,17 +319,17 @@ def test_a_c_clients_properties_stand_behind_the_length_that_it_says(desk):
 
 
 @pytest.mark.parametrize("text, period", [("010000", 10_000), ("500", 500), ("999999", 999_999)])
-def test_hard_liveliness_asks_each_period_and_forgets_after_three(desk, text, period):
+def test_hard_liveliness_probes_each_period_and_deletes_after_three(desk, text, period):
     hard(desk, text)
     assert f"session hard timeout enabled   | client_key: 0xAABBCCDD, timeout: {period}" in (
         desk.log()
     )
-    assert asked(desk.wait(period - 1)) == 0
+    assert probe_count(desk.wait(period - 1)) == 0
     sent = []
     while KEY in desk.agent.clients:
         assert desk.clock < 5 * period + 3 * SECOND
         sent += desk.wait(period // 10)
-    assert asked(sent) == 3
+    assert probe_count(sent) == 3
     assert desk.clock - SECOND >= 4 * period
     assert f"requested by the client: uxr_hl={period}" in desk.log()
 
@@ -342,7 +342,7 @@ def test_hard_liveliness_of_one_that_answers(desk):
     assert KEY in desk.agent.clients
 
 
-def test_hard_liveliness_counts_without_a_dead_time():
+def test_hard_liveliness_works_without_a_dead_time():
     desk = desk_with(dead_time=0)
     hard(desk, "1000")
     desk.wait(6 * SECOND)
@@ -350,29 +350,29 @@ def test_hard_liveliness_counts_without_a_dead_time():
     desk.close()
 
 
-def test_a_stopped_agent_asks_a_hard_one_three_times_too(desk):
+def test_a_stopped_agent_probes_a_hard_liveliness_client_three_times_too(desk):
     hard(desk, "1000")
     stop(desk, 3600)
-    assert asked(desk.wait(2500)) >= 1
+    assert probe_count(desk.wait(2500)) >= 1
     assert KEY in desk.agent.clients
 
 
 @pytest.mark.parametrize(
     "text", ["", "no number", "-5", "1e3", "0", "000000", "١٢٣", "9" * 5000, "12 ", "0x10", "5.0"]
 )
-def test_hard_liveliness_that_is_none_is_told_and_ignored(desk, text):
+def test_invalid_hard_liveliness_is_logged_and_ignored(desk, text):
     hard(desk, text)
     assert "hard liveliness ignored" in desk.log()
     assert not desk.agent.liveliness._hard
-    assert all(len(it) < 400 for it in desk.log().splitlines() if "ignored" in it)
-    assert asked(desk.wait(29 * SECOND)) == 0
+    assert all(len(log_line) < 400 for log_line in desk.log().splitlines() if "ignored" in log_line)
+    assert probe_count(desk.wait(29 * SECOND)) == 0
 
 
 @pytest.mark.parametrize("text, period", [("1", 100), ("99", 100), ("9" * 19, 3_600_000)])
-def test_hard_liveliness_within_reason(desk, text, period):
+def test_the_period_of_hard_liveliness_is_limited(desk, text, period):
     hard(desk, text)
-    ((kept, _),) = desk.agent.liveliness._hard.values()
-    assert kept == period
+    ((timeout, _),) = desk.agent.liveliness._hard.values()
+    assert timeout == period
 
 
 @given(st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=30))
@@ -385,7 +385,7 @@ def test_any_text_is_a_period_or_ignored(text):
     desk.close()
 
 
-def test_a_client_that_comes_again_without_it_is_as_any_other(desk):
+def test_a_client_that_connects_again_without_hard_liveliness_has_the_ordinary_dead_time(desk):
     hard(desk, "1000")
     desk.hear(create_client())
     desk.wait(20 * SECOND)
@@ -396,7 +396,7 @@ def test_a_client_that_comes_again_without_it_is_as_any_other(desk):
 
 
 class Quick(RunningAgent):
-    """It looks a hundred times as often, in a time that is a hundred times as fast."""
+    """An agent with a clock a hundred times as fast, which checks a hundred times as often."""
 
     def __init__(self, transport):
         super().__init__(transport, "memory", 0, 4)
@@ -410,12 +410,12 @@ class Quick(RunningAgent):
 @pytest.mark.parametrize("transport", ["udp", "tcp", "pseudoterminal"])
 def test_of_two_silent_clients_the_one_that_answers_stays(transport):
     with serving(Quick(transport)) as running:
-        here, gone = XrceClient(running.line(0), 1), XrceClient(running.line(1), 2)
-        for client in (here, gone):
+        answering, silent = XrceClient(running.line(0), 1), XrceClient(running.line(1), 2)
+        for client in (answering, silent):
             assert client.open() == ids.STATUS_OK
             client.participant(f"n{client.key}")
-        # Reading is all it does: heartbeats are answered, nothing is said by itself.
-        here.until(lambda: 2 not in running.agent.clients, "nobody was forgotten")
+        # The client only reads: it answers heartbeats and sends nothing else.
+        answering.until(lambda: 2 not in running.agent.clients, "nobody was forgotten")
         assert list(running.agent.clients) == [1]
-        assert here.ping() == 1
+        assert answering.ping() == 1
     assert "client is silent" in running.said.getvalue()

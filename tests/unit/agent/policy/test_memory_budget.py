@@ -48,7 +48,7 @@ class Holder:
 
 
 class Clients:
-    """Holders, and the account of them."""
+    """Holders of memory, and the budget that counts them."""
 
     def __init__(self, limit, *sizes):
         self.all = {key: Holder(key, size) for key, size in enumerate(sizes)}
@@ -60,28 +60,28 @@ class Clients:
         self.counts += 1
         return self.all.values()
 
-    def _dismiss(self, key, held):
-        assert self.all.pop(key).size == held
+    def _dismiss(self, key, size):
+        assert self.all.pop(key).size == size
         self.gone.append(key)
 
 
 # --- the account ------------------------------------------------------------------------
 
 
-def test_charges_are_additions_and_a_count_comes_when_they_might_be_too_much():
+def test_charges_are_added_and_usage_is_recounted_when_the_limit_may_be_hit():
     clients = Clients(MB, 1000)
     assert all(clients.budget.keep(1000) for _ in range(900))
     clients.budget.settle(0)
     assert clients.counts == 0
     while clients.budget.keep(1000):
         pass
-    assert not clients.budget.keep(1)  # until the next count
+    assert not clients.budget.keep(1)  # unchanged until the next count
     clients.budget.settle(0)
     assert clients.counts == 1 and not clients.gone and clients.budget.total == 1000
     assert clients.budget.keep(1000)
 
 
-def test_the_worst_goes_and_who_has_a_fair_share_stays():
+def test_the_largest_client_is_evicted_and_clients_within_their_share_stay():
     clients = Clients(MB, MB // 8, MB, MB // 8, 1000)
     clients.budget.since = 2 * MB
     clients.budget.settle(0)
@@ -89,7 +89,7 @@ def test_the_worst_goes_and_who_has_a_fair_share_stays():
     assert clients.budget.total == MB // 4 + 1000 and not clients.budget.full
 
 
-def test_among_the_large_the_silent_goes_first():
+def test_of_large_clients_the_silent_one_is_evicted_first():
     clients = Clients(MB, MB // 2, MB // 2, MB // 2)
     clients.all[0].at, clients.all[1].at, clients.all[2].at = 5000, 100, 5000
     clients.budget.since = 2 * MB
@@ -97,7 +97,7 @@ def test_among_the_large_the_silent_goes_first():
     assert clients.gone[0] == 1 and len(clients.gone) == 2
 
 
-def test_times_that_wrap_are_no_silence():
+def test_a_clock_that_wraps_is_no_silence():
     clients = Clients(MB, MB, MB // 2)
     clients.all[0].at, clients.all[1].at = 0x3FFFFFFF, 0x3FFFFF00
     clients.budget.since = 2 * MB
@@ -105,7 +105,7 @@ def test_times_that_wrap_are_no_silence():
     assert clients.gone == [1, 0] or clients.gone == [0]
 
 
-def test_who_is_not_asked_again_is_counted_at_once():
+def test_a_request_that_may_exceed_the_limit_causes_a_count_at_once():
     clients = Clients(MB, 1000)
     clients.budget.since = MB - 1000
     assert clients.budget.admit(4000) and clients.counts == 1
@@ -114,7 +114,8 @@ def test_who_is_not_asked_again_is_counted_at_once():
     assert not clients.budget.admit(4000)
     assert clients.budget.full
     counts = clients.counts
-    assert not clients.budget.admit(1) and clients.counts == counts  # no work for those refused
+    # Refused clients cause no count.
+    assert not clients.budget.admit(1) and clients.counts == counts
     clients.all[0].size = 0
     clients.budget.since = clients.budget.room + 1
     clients.budget.settle(0)
@@ -126,20 +127,20 @@ def test_who_is_not_asked_again_is_counted_at_once():
     st.lists(st.integers(0, 1 << 22), max_size=20),
     st.lists(st.integers(0, 1 << 22), max_size=20),
 )
-def test_what_stays_is_within_the_limit(limit, sizes, charges):
+def test_the_remaining_clients_are_within_the_limit(limit, sizes, charges):
     clients = Clients(limit, *sizes)
     for size in charges:
         clients.budget.keep(size)
     clients.budget.settle(0)
     if sum(charges) + MESSAGE_BYTES * len(charges) > limit:
-        assert sum(it.size for it in clients.all.values()) <= limit
+        assert sum(holder.size for holder in clients.all.values()) <= limit
     assert clients.budget.room >= 0
 
 
-def test_a_session_of_its_own_has_no_limit():
-    one = unlimited()
-    assert one.keep(1 << 60) and one.admit(1 << 60)
-    one.settle(0)
+def test_a_session_without_an_agent_has_no_limit():
+    budget = unlimited()
+    assert budget.keep(1 << 60) and budget.admit(1 << 60)
+    budget.settle(0)
 
 
 # --- what is charged ----------------------------------------------------------------------
@@ -151,13 +152,13 @@ def desk_of(memory, **more):
 
 @pytest.fixture
 def small():
-    made = desk_of(MB)
-    yield made
-    made.close()
+    desk = desk_of(MB)
+    yield desk
+    desk.close()
 
 
 def fill(desk, count, each=60_000):
-    """So many sessions, each with a fragment that never ends."""
+    """Open so many sessions, each with an incomplete fragmented message."""
     for number in range(count):
         key = 0x7000 + number
         desk.hear(create_client(key, session_id=0x01, mtu=65507), peer=2)
@@ -165,18 +166,18 @@ def fill(desk, count, each=60_000):
         desk.agent.budget.settle(desk.clock)
 
 
-def test_fragments_of_many_clients_meet_the_limit_of_all(small):
+def test_fragments_of_many_clients_stay_within_the_memory_budget(small):
     board = Board(small, peer=5, key=5)
     board.ask(*publisher_entities())
     fill(small, 60)
-    held = sum(client.held() for client in small.agent.clients.values())
-    assert held <= MB + 65_000
-    assert 5 in small.agent.clients  # it holds little
+    held_bytes = sum(client.held() for client in small.agent.clients.values())
+    assert held_bytes <= MB + 65_000
+    assert 5 in small.agent.clients  # its own messages are small
     assert "memory used up" in small.log() and "raise --max-memory" in small.log()
     still_works(small)
 
 
-def test_a_fragment_that_finds_no_room_comes_again_and_nothing_is_lost(small):
+def test_a_fragment_without_room_is_sent_again_and_nothing_is_lost(small):
     board = Board(small, mtu=65507)
     board.ask(*publisher_entities())
     written = []
@@ -184,7 +185,7 @@ def test_a_fragment_that_finds_no_room_comes_again_and_nothing_is_lost(small):
     session.writers[WRITER] = lambda cdr: written.append(bytes(cdr[4:])) or True
     sample = bytes(range(256)) * 100
     submessage = whole(write_data(WRITER, sample))
-    small.agent.budget.since = small.agent.budget.room + 1  # somebody else's doing
+    small.agent.budget.since = small.agent.budget.room + 1  # memory that another client frees
     parts = [
         message(
             [fragment(submessage[start : start + 8000], start + 8000 >= len(submessage))],
@@ -197,12 +198,12 @@ def test_a_fragment_that_finds_no_room_comes_again_and_nothing_is_lost(small):
     assert not written and session.held() == len(parts[0]) - 4 + MESSAGE_BYTES
     small.agent.budget.settle(small.clock)
     small.wait(100)
-    for part in parts:  # unacknowledged but for the first
+    for part in parts:  # all but the first are unacknowledged
         small.hear(part)
     assert written == [sample]
 
 
-def test_early_messages_are_dropped_where_there_is_no_room_and_asked_for_again(small):
+def test_early_messages_without_room_are_dropped_and_requested_again(small):
     board = Board(small)
     board.ask(*publisher_entities())
     session = small.agent.clients[board.key].session
@@ -235,7 +236,7 @@ def test_early_messages_of_a_stalled_stream_likewise(small):
     assert len(session._in[0x80].stream.waiting) == 1
 
 
-def test_objects_and_clients_are_refused_while_there_is_no_room():
+def test_objects_and_clients_are_refused_while_the_budget_is_exhausted():
     desk = desk_of(40 * OBJECT_BYTES)
     board = Board(desk)
     answers = board.ask(participant(), *[topic(oid(i, 2), name=f"rt/t{i}") for i in range(60)])
@@ -244,8 +245,8 @@ def test_objects_and_clients_are_refused_while_there_is_no_room():
     (_, sent), *_ = desk.hear(create_client(0x99), peer=9)
     assert parse(sent)[1][0][2][0] == RESOURCES
     assert "memory for clients used up" in desk.log()
-    assert desk.agent.clients[board.key].objects  # who is there goes on
-    # But a client that comes is not kept out for ever by one that has all.
+    assert desk.agent.clients[board.key].objects  # connected clients are served
+    # But a client that uses all memory does not keep a new client out for ever.
     desk.agent.budget.settle(desk.clock)
     assert board.key not in desk.agent.clients
     (_, sent), *_ = desk.hear(create_client(0x99), peer=9)
@@ -253,7 +254,7 @@ def test_objects_and_clients_are_refused_while_there_is_no_room():
     desk.close()
 
 
-def test_representations_count():
+def test_representations_count_towards_the_budget():
     desk = desk_of(MB, representations=10 * MB)
     board = Board(desk, mtu=65507)
     fat = "<types><struct name='a'/></types>" + " " * 40_000
@@ -265,16 +266,16 @@ def test_representations_count():
     desk.close()
 
 
-def test_samples_that_a_client_does_not_acknowledge_count(small):
+def test_unacknowledged_samples_count_towards_the_budget(small):
     writer = Board(small, peer=5, key=5, mtu=65507)
     writer.ask(*publisher_entities())
     idle = []
     for number in range(30):
-        one = Board(small, peer=10 + number, key=10 + number, mtu=65507)
-        one.ask(*subscriber_entities())
-        one.polite = False
-        one.send(read_data(oid(1, ids.KIND_DATAREADER)))
-        idle.append(one)
+        board = Board(small, peer=10 + number, key=10 + number, mtu=65507)
+        board.ask(*subscriber_entities())
+        board.polite = False
+        board.send(read_data(oid(1, ids.KIND_DATAREADER)))
+        idle.append(board)
     for _ in range(10):
         writer.send(write_data(WRITER, bytes(50_000)))
         small.agent.budget.settle(small.clock)
@@ -283,7 +284,7 @@ def test_samples_that_a_client_does_not_acknowledge_count(small):
     assert "memory used up" in small.log()
 
 
-def test_a_message_of_more_than_max_message_either_way():
+def test_messages_over_max_message_in_both_directions():
     desk = Desk(limits=Limits(message=10_000))
     board = Board(desk, mtu=4000)
     board.ask(*publisher_entities())
@@ -305,31 +306,34 @@ def test_a_message_of_more_than_max_message_either_way():
 
 
 def test_the_server_settles_at_the_end_of_a_turn():
-    one = Running(level=4)
-    one.agent.budget.limit = one.agent.budget.room = 600_000
-    one.thread.start()
-    assert one.server.ready.wait(10)
+    running = Running(level=4)
+    running.agent.budget.limit = running.agent.budget.room = 600_000
+    running.thread.start()
+    assert running.server.ready.wait(10)
     try:
-        good = one.client(1)
+        good = running.client(1)
         for number in range(40):
             bad = XrceClient(good.line, 0x100 + number, session_id=0x01, mtu=60_000)
-            bad.line = type(good.line)(one.udp.port)
-            one.lines.append(bad.line)
+            bad.line = type(good.line)(running.udp.port)
+            running.lines.append(bad.line)
             assert bad.open() in (ids.STATUS_OK, ids.STATUS_ERR_RESOURCES)
             bad.line.send(message([fragment(bytes(50_000))], 0x80, 0, 0x01, 0x100 + number))
             assert good.ping() == 1
-        assert one.call(lambda: sum(it.held() for it in one.agent.clients.values())) < 700_000
-        assert 1 in one.agent.clients
+        assert (
+            running.call(lambda: sum(client.held() for client in running.agent.clients.values()))
+            < 700_000
+        )
+        assert 1 in running.agent.clients
     finally:
-        one.server.stop()
-        one.thread.join(10)
-        for line in one.lines:
+        running.server.stop()
+        running.thread.join(10)
+        for line in running.lines:
             line.close()
-    assert "internal error" not in one.said.getvalue()
+    assert "internal error" not in running.said.getvalue()
 
 
-def test_an_object_takes_about_what_it_is_charged():
-    """Of Python's memory; a middleware takes its own."""
+def test_the_charge_of_an_object_is_about_its_memory():
+    """Python's memory is measured; the memory of a middleware is its own."""
     import tracemalloc
 
     desk = Desk(limits=Limits(objects=10_000))
@@ -353,8 +357,8 @@ def test_an_object_takes_about_what_it_is_charged():
 @pytest.mark.parametrize(
     ("fair", "count", "full"), [(50, 19, True), (49, 19, False), (30, 19, False)]
 )
-def test_what_is_left_when_the_worst_have_gone(fair, count, full):
-    """None of the others holds more than its share, and still they may leave no room."""
+def test_the_budget_after_the_largest_client_was_evicted(fair, count, full):
+    """No other client holds more than its share; together they may still leave no room."""
     clients = Clients(1000, *[fair] * count, 1000)
     clients.budget.since = 1001
     clients.budget.settle(0)
@@ -365,8 +369,8 @@ def test_what_is_left_when_the_worst_have_gone(fair, count, full):
     assert clients.budget.admit(1) is not full
 
 
-def test_the_worst_is_by_bytes_times_silence():
-    """Neither the one that holds most nor the one that is silent longest."""
+def test_the_client_with_most_bytes_times_silence_is_evicted():
+    """Neither the largest client nor the one that is silent for longest is evicted."""
     clients = Clients(300_000, 150_000, 130_000, 101_000, 1000)
     for key, silence in enumerate((1, 3, 2, 50_000)):
         clients.all[key].at = 60_000 - silence

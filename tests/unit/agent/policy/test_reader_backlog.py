@@ -38,7 +38,7 @@ KEEP_ALL = (
 
 
 class Reader:
-    """A reader of a middleware: it keeps so many of the last samples, given by their sizes."""
+    """A middleware reader that keeps the last samples up to its depth, given by their sizes."""
 
     def __init__(self, depth):
         self.depth = depth
@@ -51,22 +51,22 @@ class Reader:
         del self.samples[: max(0, len(self.samples) - self.depth)]
 
     def take(self, limit):
-        taken, self.samples = self.samples[:limit], self.samples[limit:]
+        samples, self.samples = self.samples[:limit], self.samples[limit:]
         self.untold = min(self.untold, len(self.samples))
-        return taken
+        return samples
 
     def arrived(self, limit):
         untold = min(self.untold, len(self.samples))
-        told = min(untold, limit)
-        self.untold = untold - told
-        return self.samples[len(self.samples) - untold :][:told]
+        count = min(untold, limit)
+        self.untold = untold - count
+        return self.samples[len(self.samples) - untold :][:count]
 
 
 def octets(*sizes):
     return sum(sizes) + MESSAGE_BYTES * len(sizes)
 
 
-def test_what_waits_is_counted_and_charged_and_given_back_when_it_is_taken():
+def test_waiting_samples_are_charged_until_they_are_taken():
     reader, budget = Reader(10), unlimited()
     backlog = Backlog(reader, 10, budget, pytest.fail)
     reader.put(100, 200)
@@ -80,39 +80,39 @@ def test_what_waits_is_counted_and_charged_and_given_back_when_it_is_taken():
     assert not backlog.octets and backlog.empty
 
 
-def test_what_the_depth_pushes_out_is_counted_no_more():
+def test_samples_displaced_by_the_depth_are_no_longer_counted():
     reader, budget = Reader(3), unlimited()
     backlog = Backlog(reader, 3, budget, pytest.fail)
     for size in range(1, 10):
         reader.put(size * 1000)
         backlog.check()
     assert backlog.octets == octets(7000, 8000, 9000)
-    assert budget.since == backlog.octets  # what stays the same is charged once
+    assert budget.since == backlog.octets  # an unchanged amount is charged once
 
 
-def test_over_the_limit_the_oldest_go_and_one_stays_whatever_its_size():
-    said = []
+def test_over_the_limit_the_oldest_samples_are_dropped_and_one_of_any_size_stays():
+    warnings = []
     reader, budget = Reader(5000), unlimited()
-    backlog = Backlog(reader, 5000, budget, said.append)
+    backlog = Backlog(reader, 5000, budget, warnings.append)
     for _ in range(316):
         reader.put(MB)
         backlog.check()
     assert backlog.octets <= module.MAX_UNREAD_BYTES
     assert sum(reader.samples) > module.MAX_UNREAD_BYTES - 2 * MB
-    assert len(said) == 316 - len(reader.samples) and "1 samples that wait" in said[0]
+    assert len(warnings) == 316 - len(reader.samples) and "1 samples that wait" in warnings[0]
     assert budget.freed
     reader.put(100 * MB)
     backlog.check()
     assert reader.samples == [100 * MB]
 
 
-def test_a_reader_has_an_eighth_of_what_all_may_have_at_most():
+def test_a_reader_may_use_an_eighth_of_the_budget():
     budget = MemoryBudget(8 * MB, lambda: (), lambda *_: None)
     backlog = Backlog(Reader(9), 9, budget, lambda _: None)
     assert backlog._most == MB
 
 
-def test_not_all_is_looked_at_in_one_turn():
+def test_one_check_counts_a_limited_number_of_samples():
     reader = Reader(5000)
     backlog = Backlog(reader, 5000, unlimited(), pytest.fail)
     reader.put(*[1] * (module.MAX_LOOKED_AT + 5))
@@ -121,13 +121,13 @@ def test_not_all_is_looked_at_in_one_turn():
 
 
 @given(st.lists(st.tuples(st.sampled_from("plt"), st.integers(1, 6)), max_size=80))
-def test_the_count_is_never_less_than_what_waits_and_right_when_it_is_empty(steps):
+def test_the_count_covers_all_waiting_samples_and_is_zero_when_empty(steps):
     reader = Reader(7)
     backlog = Backlog(reader, 7, unlimited(), pytest.fail)
-    for what, count in steps:
-        if what == "p":
+    for step, count in steps:
+        if step == "p":
             reader.put(*[10] * count)
-        elif what == "l":
+        elif step == "l":
             while backlog.check():
                 pass
             assert backlog.octets >= octets(*reader.samples)
@@ -147,9 +147,9 @@ def test_the_count_is_never_less_than_what_waits_and_right_when_it_is_empty(step
 
 @pytest.fixture
 def small():
-    made = Desk(limits=Limits(memory=64 * MB))
-    yield made
-    made.close()
+    desk = Desk(limits=Limits(memory=64 * MB))
+    yield desk
+    desk.close()
 
 
 def far_writer(desk, topic="rt/chatter", type_name="T"):
@@ -175,11 +175,11 @@ def flood(desk, writer, count=316, size=MB):
         desk.agent.budget.settle(desk.clock)
 
 
-@pytest.mark.parametrize("asked", ["never", "once"])
-def test_a_reader_that_keeps_all_is_bounded_in_octets_and_counted(small, asked):
+@pytest.mark.parametrize("requested", ["never", "once"])
+def test_a_reader_that_keeps_all_is_bounded_in_octets_and_counted(small, requested):
     board = keeping_all(small)
-    board.polite = False  # it acknowledges nothing: its window is soon full
-    if asked == "once":
+    board.polite = False  # the client acknowledges nothing: its window is soon full
+    if requested == "once":
         board.send(read_data(READER))
     flood(small, far_writer(small))
     assert 7 * MB < unread_of(board) <= 8 * MB  # an eighth
@@ -189,7 +189,7 @@ def test_a_reader_that_keeps_all_is_bounded_in_octets_and_counted(small, asked):
     assert small.agent.budget.freed
 
 
-def test_what_is_read_is_given_back_and_so_is_what_goes_with_its_reader(small):
+def test_read_samples_and_samples_of_a_closed_reader_are_no_longer_charged(small):
     board, writer = keeping_all(small), far_writer(small)
     bare = of(board).held()
     flood(small, writer, 6, 200_000)
@@ -206,16 +206,16 @@ def test_what_is_read_is_given_back_and_so_is_what_goes_with_its_reader(small):
     assert of(board).held() < bare and small.agent.budget.freed
 
 
-def test_readers_of_many_clients_meet_the_limit_of_all(small):
+def test_readers_of_many_clients_stay_within_the_memory_budget(small):
     for number in range(1, 21):
         keeping_all(small, number, number)
     flood(small, far_writer(small), 30)
-    held = sum(client.held() for client in small.agent.clients.values())
-    assert held <= 64 * MB and len(small.agent.clients) < 20
+    held_bytes = sum(client.held() for client in small.agent.clients.values())
+    assert held_bytes <= 64 * MB and len(small.agent.clients) < 20
     assert "memory used up" in small.log()
 
 
-def test_a_client_that_reads_costs_no_look(desk, monkeypatch):
+def test_a_client_that_reads_causes_no_check(desk, monkeypatch):
     board = Board(desk)
     board.ask(*subscriber_entities())
     board.send(read_data(READER))
@@ -227,14 +227,14 @@ def test_a_client_that_reads_costs_no_look(desk, monkeypatch):
     assert len(board.samples()) == 50
 
 
-def test_requests_that_wait_are_counted(small):
+def test_waiting_requests_are_counted(small):
     board = Board(small)
     board.ask(participant(), service(REPLIER))
     bare = of(board).held()
     node = small.middleware.create_node(0, "/", "far")
     pair = of(board).objects[REPLIER].named
-    one = Service(pair[0], pair[1], "rr/addReply", "example::srv::dds_::Add_Response_")
-    requester = node.create_requester(one, services_profile(), lambda: None)
+    endpoint_service = Service(pair[0], pair[1], "rr/addReply", "example::srv::dds_::Add_Response_")
+    requester = node.create_requester(endpoint_service, services_profile(), lambda: None)
     for _ in range(20):
         requester.request(b"\0\1\0\0" + bytes(MB))
         small.settle()
@@ -244,7 +244,7 @@ def test_requests_that_wait_are_counted(small):
     assert of(board).held() == bare
 
 
-def test_what_a_transient_local_writer_keeps_for_others_is_counted(small):
+def test_samples_kept_by_a_transient_local_writer_are_counted(small):
     board = Board(small, mtu=60_000)
     entities = publisher_entities()[:3]
     text = (

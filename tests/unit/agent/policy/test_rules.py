@@ -43,33 +43,33 @@ deadline_ms = 100
 def load_rules(text, tmp_path):
     path = tmp_path / "control.toml"
     path.write_text(text)
-    one = Rules()
-    return one, one.load(path)
+    rules = Rules()
+    return rules, rules.load(path)
 
 
 def test_a_file_of_rules(tmp_path):
-    one, count = load_rules(FILE, tmp_path)
+    rules, count = load_rules(FILE, tmp_path)
     assert count == 2
-    nothing = one.settings(1, "10.0.0.1:7", "/other")
+    nothing = rules.settings(1, "10.0.0.1:7", "/other")
     assert nothing.domain is None and nothing.topic("rt/cmd_vel") == "rt/cmd_vel"
     assert nothing.node("/", "other") == ("/", "other")
-    hall = one.settings(1, "10.0.0.1:7", "/turtle_2")
+    hall = rules.settings(1, "10.0.0.1:7", "/turtle_2")
     assert hall.domain == 7
     assert hall.node("/", "turtle_2") == ("/hall", "turtle_2")
     assert hall.node("/a/b", "turtle_2") == ("/hall/a/b", "turtle_2")
     assert hall.topic("rt/cmd_vel") == "rt/hall/cmd_vel"
-    both = one.settings(0x4B0CBE99, "192.168.1.77:2018", "/turtle_2")
-    assert both.topic("rt/cmd_vel") == "rt/turtle1/cmd_vel"
-    assert both.topic("rt/image") == "rt/camera/image"
-    assert both.topic("rt/other") == "rt/hall/other"
-    assert both.max_size == 65536 and both.max_rate == 100.0
+    settings = rules.settings(0x4B0CBE99, "192.168.1.77:2018", "/turtle_2")
+    assert settings.topic("rt/cmd_vel") == "rt/turtle1/cmd_vel"
+    assert settings.topic("rt/image") == "rt/camera/image"
+    assert settings.topic("rt/other") == "rt/hall/other"
+    assert settings.max_size == 65536 and settings.max_rate == 100.0
 
 
-def test_names_that_are_every_robots_have_no_namespace():
+def test_global_topics_get_no_namespace():
     settings = Settings([parse_rule({"namespace": "/r1", "remap": {"/tf": "/r1/tf"}})])
     for name in GLOBAL - {"/tf"}:
         assert settings.name(name) == name
-    assert settings.name("/tf") == "/r1/tf"  # where it is asked for by name
+    assert settings.name("/tf") == "/r1/tf"  # where a rule names it
 
 
 def test_services_are_renamed_as_a_pair():
@@ -77,11 +77,14 @@ def test_services_are_renamed_as_a_pair():
     go = settings.service(Service("rq/goRequest", "a", "rr/goReply", "b"))
     assert (go.request_topic, go.reply_topic) == ("rq/runRequest", "rr/runReply")
     assert (go.request_type, go.reply_type) == ("a", "b")
-    other = settings.service(Service("rq/n/setRequest", "a", "rr/n/setReply", "b"))
-    assert (other.request_topic, other.reply_topic) == ("rq/r1/n/setRequest", "rr/r1/n/setReply")
+    renamed = settings.service(Service("rq/n/setRequest", "a", "rr/n/setReply", "b"))
+    assert (renamed.request_topic, renamed.reply_topic) == (
+        "rq/r1/n/setRequest",
+        "rr/r1/n/setReply",
+    )
 
 
-def test_topics_that_are_not_of_ros_stay_where_there_is_no_namespace():
+def test_topics_that_are_not_of_ros_are_unchanged_without_a_namespace():
     for rules in ({"remap": {"Square": "/other"}}, {"max_rate": 1}, {"namespace": "/"}):
         settings = Settings([parse_rule(rules)])
         assert settings.topic("Square") == "Square"
@@ -89,7 +92,7 @@ def test_topics_that_are_not_of_ros_stay_where_there_is_no_namespace():
         assert (plain.request_topic, plain.reply_topic) == ("go_Request", "go_Reply")
 
 
-def test_what_is_no_name_of_ros_is_refused_in_a_namespace():
+def test_names_that_are_invalid_in_ros_are_refused_in_a_namespace():
     settings = Settings([parse_rule({"namespace": "/r1"})])
     for name in ("Square", "ros_discovery_info", "go_Request", "rtx/a", "rt", "", "/rt/a"):
         with pytest.raises(NameRefused, match="is no name of ROS .*into the namespace /r1"):
@@ -98,14 +101,14 @@ def test_what_is_no_name_of_ros_is_refused_in_a_namespace():
         settings.service(Service("rq/goRequest", "a", "go_Reply", "b"))
 
 
-def test_every_prefix_of_ros_obeys_the_rules():
+def test_rules_apply_to_every_prefix_of_ros():
     settings = Settings([parse_rule({"namespace": "/jail", "remap": {"/go": "/run"}})])
     for before, after in {
         "rq/addRequest": "rq/jail/addRequest",
         "rr/addReply": "rr/jail/addReply",
         "rq/goRequest": "rq/runRequest",
         "rr/goReply": "rr/runReply",
-        "rq/add": "rq/jail/add",  # is no service, and stays inside all the same
+        "rq/add": "rq/jail/add",  # is no service, and stays in the namespace nonetheless
         "rq/addReply": "rq/jail/addReply",
         "rt/arm/_action/feedback": "rt/jail/arm/_action/feedback",
         "rq/arm/_action/send_goalRequest": "rq/jail/arm/_action/send_goalRequest",
@@ -114,7 +117,7 @@ def test_every_prefix_of_ros_obeys_the_rules():
         "rp/a": "rp/jail/a",
         "ra/a": "ra/jail/a",
         "rt/tf": "rt/tf",
-        "rq/tfRequest": "rq/jail/tfRequest",  # a service of that name is not every robot's
+        "rq/tfRequest": "rq/jail/tfRequest",  # a service of that name does get the namespace
         "ra/clock": "ra/jail/clock",
     }.items():
         assert settings.topic(before) == after
@@ -163,7 +166,7 @@ def test_no_name_leads_out_of_a_namespace(dds_name):
     assert name.startswith("/jail/") or name == "/run" or (prefix == "rt" and name in GLOBAL)
 
 
-def test_qos_of_half_a_service_and_of_what_is_no_name_of_ros():
+def test_qos_rules_for_one_topic_of_a_service_and_for_names_that_are_not_of_ros():
     qos_of = {"/go": {"depth": 3}, "/jail/a": {"depth": 4}}
     rules = [parse_rule({"namespace": "/jail", "qos": qos_of})]
     for name, depth in {"rq/goRequest": 3, "rr/goReply": 3, "rq/aRequest": 4, "rt/b": 10}.items():
@@ -223,7 +226,9 @@ def test_a_rate_is_a_token_bucket():
     assert [limiter.admits() for _ in range(26)] == [True] * 25 + [False]
     now[0] += 0.01
     assert limiter.admits() and not limiter.admits()
-    now[0] += 60.0  # the bucket holds a quarter of a second's messages, whatever the pause was
+    now[0] += (
+        60.0  # the bucket holds the messages of a quarter of a second, however long the pause was
+    )
     assert [limiter.admits() for _ in range(26)] == [True] * 25 + [False]
 
 
@@ -248,7 +253,7 @@ def test_the_limiter_of_a_writer():
         return limiter.write(memoryview(sample), write, refused.append)
 
     assert limited(b"1234") is True
-    assert limited(b"12345") is True  # dropped: waiting would not make it smaller
+    assert limited(b"12345") is True  # dropped, as it would exceed the limit later too
     assert limited(b"more") is False
     now[0] += 0.25
     assert limited(b"more") is True
@@ -256,7 +261,7 @@ def test_the_limiter_of_a_writer():
     assert refused == ["5 bytes are over max_size 4"]
 
 
-def test_a_sample_that_the_network_does_not_take_costs_no_token():
+def test_a_sample_that_the_middleware_refuses_costs_no_token():
     answers = [False, False, True]
     limiter = Settings([Rule(max_rate=1.0)], lambda: 0.0).limiter
     assert [
@@ -269,7 +274,7 @@ def test_without_limits_there_is_no_limiter():
 
 
 @pytest.mark.parametrize(
-    "text, said",
+    "text, message",
     [
         ("[[client]]\nname = 'x'", "a rule has no 'name'"),
         ("[[client]]\nnamspace = 'x'", "did you mean 'namespace'?"),
@@ -299,10 +304,10 @@ def test_without_limits_there_is_no_limiter():
         (f"[[client]]\nnode = 'n'\nnamespace = '/{'-' * 5000}'", "-... is no ROS name"),
     ],
 )  # fmt: skip
-def test_a_wrong_file_says_what_is_wrong(text, said, tmp_path):
+def test_errors_in_a_file_are_named(text, message, tmp_path):
     with pytest.raises(ConfigError, match="control.toml: ") as caught:
         load_rules(text, tmp_path)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_file_that_cannot_be_read(tmp_path):
@@ -330,7 +335,7 @@ _WORDS = ["key", "address", "node", "domain", "namespace", "remap", "qos", "max_
 
 
 @given(st.dictionaries(st.sampled_from([*_WORDS, "x"]), _ANY, max_size=5))
-def test_whatever_a_table_holds_it_is_a_rule_or_refused(table):
+def test_any_table_is_a_rule_or_is_refused(table):
     try:
         rule = parse_rule(table)
     except ConfigError:

@@ -40,31 +40,31 @@ def clock():
 # --- budgets ----------------------------------------------------------------------------
 
 
-def test_one_client_gets_its_part_and_others_theirs(clock):
+def test_a_greedy_client_gets_its_share_and_another_client_all_its_turns(clock):
     budget = TimeBudget(clock.monotonic)
     budget.enabled = True
     greedy, modest = budget.for_client(), budget.for_client()
     worked = {greedy: 0, modest: 0}
     for turn in range(2000):  # 10 s
         clock.now += 0.005
-        for one in (greedy, modest) if turn % 100 == 0 else (greedy,):
-            if one.start():
+        for account in (greedy, modest) if turn % 100 == 0 else (greedy,):
+            if account.start():
                 clock.now += 0.001
-                one.charge()
-                worked[one] += 1
+                account.charge()
+                worked[account] += 1
     assert 2000 < 1000 * (module.BURST_OF_ONE + 12 * module.SHARE_OF_ONE) < 4000
     assert worked[greedy] < 1000 * (module.BURST_OF_ONE + 13 * module.SHARE_OF_ONE)
-    assert worked[modest] == 20  # every time
+    assert worked[modest] == 20  # in each of its turns
 
 
 def test_all_together_never_work_longer_than_a_burst(clock):
     budget = TimeBudget(clock.monotonic)
     budget.enabled = True
     start, turn = clock.now, 0
-    for one in [budget.for_client() for _ in range(100)]:
-        if one.start():
+    for account in [budget.for_client() for _ in range(100)]:
+        if account.start():
             clock.now += 0.001
-            one.charge()
+            account.charge()
             turn += 1
     assert clock.now - start <= 5 * module.BURST_OF_ALL and turn < 100
 
@@ -81,35 +81,35 @@ def test_without_a_server_nobody_waits(clock):
 
 
 def test_closing_is_done_in_slices_in_order_and_once(clock):
-    later, closed, failed = [], [], []
+    deferred, closed, failed = [], [], []
     closing = DeferredCloseQueue(failed.append, clock.monotonic)
-    closing.schedule = lambda: later.append(1)
+    closing.schedule = lambda: deferred.append(1)
 
     def close(number):
-        def it():
+        def close_call():
             clock.now += 0.001
             closed.append(number)
             if number == 3:
                 raise RuntimeError("of the middleware")
 
-        return it
+        return close_call
 
     for number in range(100):
         closing.add(close(number))
-    assert 9 <= len(closed) <= 12 and len(later) == 1
+    assert 9 <= len(closed) <= 12 and len(deferred) == 1
     before = len(closed)
-    closing.begin_turn()  # another turn, but what waits goes first
+    closing.begin_turn()  # another turn, but the waiting calls come first
     closing.add(close(100))
     assert len(closed) == before
-    while later:
-        later.clear()
+    while deferred:
+        deferred.clear()
         closing.work()
         assert len(closed) - before <= 12
         before = len(closed)
     assert closed == list(range(101)) and len(failed) == 1 and not closing
 
 
-def test_what_waits_has_an_end_and_so_has_the_end(clock, monkeypatch):
+def test_the_queue_of_deferred_calls_is_bounded_and_so_is_the_shutdown(clock, monkeypatch):
     monkeypatch.setattr(module, "MAX_CLOSING", 10)
     closed = []
     closing = DeferredCloseQueue(lambda error: None, clock.monotonic)
@@ -126,12 +126,12 @@ def test_what_waits_has_an_end_and_so_has_the_end(clock, monkeypatch):
 
 
 def slow(monkeypatch, seconds):
-    """Creating and closing a writer takes as long as on a network; the list grows with each."""
+    """Delay creating and closing a writer as on a network; return the list that records both."""
     create, close = MemoryNode.create_writer, MemoryWriter.close
     done = []
 
     def creates(self, *args):
-        time.sleep(seconds)  # the very thing: a library that keeps the thread
+        time.sleep(seconds)  # stands for a library call that blocks the thread
         done.append("create")
         return create(self, *args)
 
@@ -146,53 +146,59 @@ def slow(monkeypatch, seconds):
 
 
 def waits(client, count, done):
-    """How much the agent did of ``done`` while each of so many pings waited, sorted."""
-    found = []
+    """Return how much was appended to ``done`` while each of so many pings waited, sorted."""
+    counts = []
     for _ in range(count):
         before = len(done)
         assert client.ping() == 1
-        found.append(len(done) - before)
-    return sorted(found)
+        counts.append(len(done) - before)
+    return sorted(counts)
 
 
 class Storm:
-    """A client that makes and deletes one writer for ever, as fast as its window allows."""
+    """A client that creates and deletes one writer for ever, as fast as its window allows."""
 
     def __init__(self, client):
         self.client = client
         _make(client, participant(), topic(), group())
-        self.made = 0
+        self.submessage_count = 0
 
     def blow(self):
-        """Fill the window; take what has come."""
+        """Fill the window; handle the messages that have arrived."""
         client = self.client
         while client._out.available():
-            self.made += 1
-            thing = oid(7, 5)
-            one = endpoint(thing, topic_id=oid(1, 2)) if self.made % 2 else delete(thing)
-            client._put(one[0], one[2], ids.STREAM_RELIABLE, one[1])
-        while (got := client.line.receive(time.monotonic())) is not None:
-            client.take(got)
+            self.submessage_count += 1
+            writer_id = oid(7, 5)
+            submessage = (
+                endpoint(writer_id, topic_id=oid(1, 2))
+                if self.submessage_count % 2
+                else delete(writer_id)
+            )
+            client._put(submessage[0], submessage[2], ids.STREAM_RELIABLE, submessage[1])
+        while (datagram := client.line.receive(time.monotonic())) is not None:
+            client.take(datagram)
 
 
 def blow(good, storms, done, enough, pings=150):
-    """What was done while each ping waited, until there was ``enough`` of a storm."""
-    found = []
-    while len(found) < pings or not enough(found):
+    """Return how much was done while each ping waited, until ``enough`` accepts the counts."""
+    counts = []
+    while len(counts) < pings or not enough(counts):
         for storm in storms:
             storm.blow()
-        found += waits(good, 1, done)
-    return sorted(found)
+        counts += waits(good, 1, done)
+    return sorted(counts)
 
 
-def test_a_storm_of_creations_by_many_does_not_hold_up_others(monkeypatch):
+def test_many_clients_that_create_for_ever_do_not_delay_others(monkeypatch):
     done = slow(monkeypatch, 0.002)
     with running(level=3) as server:
         good = server.client(1)
         storms = [Storm(server.client(10 + number)) for number in range(8)]
-        found = blow(good, storms, done, lambda found: sum(found) > 50)
+        counts = blow(good, storms, done, lambda counts: sum(counts) > 50)
         # 128 wait in the windows. 20 ms of them at once are 10.
-        assert sum(found) > 50 and found[len(found) // 2] <= 10 and found[-1] <= 40, found[-20:]
+        assert sum(counts) > 50 and counts[len(counts) // 2] <= 10 and counts[-1] <= 40, counts[
+            -20:
+        ]
         assert good.ping() == 1
         assert "internal error" not in server.said.getvalue()
 
@@ -203,7 +209,7 @@ def _make(client, *submessages):
     client.until(lambda: not len(client._out), "nothing is acknowledged")
 
 
-def test_a_client_with_many_endpoints_leaves_in_slices(monkeypatch):
+def test_endpoints_of_a_deleted_client_are_closed_in_slices(monkeypatch):
     with running(level=3) as server:
         good, bad = server.client(1), server.client(2)
         writer = bad.writer("a", "rt/a0", TYPE)
@@ -215,9 +221,9 @@ def test_a_client_with_many_endpoints_leaves_in_slices(monkeypatch):
         assert len(bus.writers[0, "rt/a0"]) == 301
         done = slow(monkeypatch, 0.002)  # 0.6 s at once
         assert bad.close() == ids.STATUS_OK
-        found = waits(good, 30, done)
-        assert found[-1] <= 40, found  # 10 ms of them are 5
-        # Its name is free at once.
+        counts = waits(good, 30, done)
+        assert counts[-1] <= 40, counts  # 10 ms of them are 5
+        # The name of its node is free at once.
         again = server.client(2)
         assert again.writer("a", "rt/a1", TYPE)
         deadline = time.monotonic() + 10
@@ -231,8 +237,8 @@ def _send_object(client, submessage):
     client._put(submessage[0], submessage[2], ids.STREAM_RELIABLE, submessage[1])
 
 
-def test_timers_that_are_due_all_at_once_leave_others_their_turn():
-    """As those of a thousand clients whose streams wait."""
+def test_many_timers_due_at_once_do_not_delay_other_clients():
+    """The timers stand for those of a thousand clients whose streams wait."""
     server, done = Server(Agent(MemoryMiddleware(), Log(0)), []), []
     for _ in range(20):
         server.wake_at(0.0, lambda: time.sleep(0.002) or done.append(1))
@@ -248,7 +254,7 @@ def test_timers_that_are_due_all_at_once_leave_others_their_turn():
     server._wake.close()
 
 
-def test_what_still_waits_is_closed_at_the_end(monkeypatch):
+def test_deferred_calls_are_made_at_shutdown(monkeypatch):
     slow(monkeypatch, 0.001)
     with running(level=3) as server:
         bad = server.client(2)
@@ -260,33 +266,33 @@ def test_what_still_waits_is_closed_at_the_end(monkeypatch):
     assert not server.middleware.bus.writers and not server.middleware.bus.nodes
 
 
-def test_a_storm_on_dds(own_domain_id):
-    """Two clients that make and delete; the third is served."""
+def test_clients_that_create_for_ever_on_dds_do_not_delay_others(own_domain_id):
+    """Two clients create and delete; the third is served."""
     with running_agent("udp", "dds", own_domain_id, level=3) as agent:
         good = XrceClient(agent.line(0), 1)
         assert good.open() == ids.STATUS_OK
         clients = [XrceClient(agent.line(number), 10 + number) for number in (1, 2)]
-        assert [it.open() for it in clients] == [ids.STATUS_OK] * 2
-        storms = [Storm(it) for it in clients]
-        blow(good, storms, [], lambda _: sum(it.made for it in storms) > 100)
+        assert [client.open() for client in clients] == [ids.STATUS_OK] * 2
+        storms = [Storm(client) for client in clients]
+        blow(good, storms, [], lambda _: sum(client.submessage_count for client in storms) > 100)
         assert good.writer("a", "rt/good", TYPE)
 
 
-def test_a_storm_is_not_a_storm_of_lines(desk, monkeypatch):
+def test_clients_that_create_for_ever_write_few_log_lines(desk, monkeypatch):
     import io
 
     from uros.agent import log as log_module
 
-    said = io.StringIO()
+    log_stream = io.StringIO()
     monkeypatch.setattr(log_module, "_INFO_RATE", 0)
-    log = Log(INFO, said)
+    log = Log(INFO, log_stream)
     for number in range(2 * log_module._INFO_BURST):
         log.info("ProxyClient", "create_topic", "topic created", str(number))
-    assert said.getvalue().count("\n") == log_module._INFO_BURST
+    assert log_stream.getvalue().count("\n") == log_module._INFO_BURST
     log.warning("Root", "x", "y", "z")
-    assert f"z ({log_module._INFO_BURST} lines of info were left out" in said.getvalue()
+    assert f"z ({log_module._INFO_BURST} lines of info were left out" in log_stream.getvalue()
     log.warning("Root", "x", "y", "again")
-    assert said.getvalue().endswith("again\n")
+    assert log_stream.getvalue().endswith("again\n")
     log(WARNING, "Root", "x", "y")
     every = io.StringIO()
     debug = Log(5, every)
