@@ -1,4 +1,4 @@
-"""The ROS graph both ways: a real rclpy node for boards, and boards for it until they go."""
+"""The ROS graph in both directions: boards see a real rclpy node, and it sees boards."""
 
 import signal
 import subprocess
@@ -32,15 +32,16 @@ def opened(agent, key, **more):
 
 
 def watched_graphs(agent):
-    return [it for it in agent.middleware.context.schedule._jobs if isinstance(it, PacedDiscovery)]
+    jobs = agent.middleware.context.schedule._jobs
+    return [job for job in jobs if isinstance(job, PacedDiscovery)]
 
 
-# --- what boards are told --------------------------------------------------------------------
+# --- the graph that boards read --------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def reads():
-    """rosbags' reading of a graph: ``{(namespace, name): {(kind, name): [types]}}``."""
+    """Reads a graph by rosbags, as ``{(namespace, name): {(kind, name): [types]}}``."""
     store = get_typestore(Stores.EMPTY)
     store.register(
         get_types_from_msg(
@@ -57,7 +58,7 @@ def reads():
         message = store.deserialize_cdr(b"\0\1\0\0" + sample, "micro_ros_msgs/msg/Graph")
         return {
             (node.node_namespace, node.node_name): {
-                (it.entity_type, it.name): list(it.types) for it in node.entities
+                (entity.entity_type, entity.name): list(entity.types) for entity in node.entities
             }
             for node in message.nodes
         }
@@ -65,8 +66,8 @@ def reads():
     return read
 
 
-def asking(agent, key, **more):
-    """A board that wants to know the graph, as micro-ROS with RMW_UXRCE_GRAPH."""
+def graph_reader(agent, key, **more):
+    """A client with a reader of the graph, as that of micro-ROS with RMW_UXRCE_GRAPH."""
     client = opened(agent, key, **more)
     flags = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     reader = client.reader("microros_graph", TOPIC, TYPE, flags, depth=1)
@@ -74,8 +75,8 @@ def asking(agent, key, **more):
     return client, reader
 
 
-def told(client, reader, reads, ready, seconds=20):
-    """The first graph that is ``ready``; later ones only follow from what happens after it."""
+def graph_when(client, reader, reads, ready, seconds=20):
+    """Receive graphs until one is ``ready``, and return it. Each change sends another graph."""
     deadline = time.monotonic() + seconds
     while True:
         graph = reads(client.sample(reader, deadline - time.monotonic()))
@@ -83,62 +84,65 @@ def told(client, reader, reads, ready, seconds=20):
             return graph
 
 
-def test_a_board_is_told_what_a_ros_node_has_and_what_it_gets(agent, peer, reads):
-    client, reader = asking(agent, 0x52000001)
+def test_a_board_reads_the_endpoints_of_a_ros_node_and_their_changes(agent, peer, reads):
+    client, reader = graph_reader(agent, 0x52000001)
     publishers = [(PUBLISHER, "/rosout"), (PUBLISHER, "/parameter_events")]
-    known = "/real", "peer"
-    graph = told(client, reader, reads, lambda it: set(publishers) <= it.get(known, {}).keys())
-    assert graph[known][SERVER, "/real/peer/get_parameters"] == ["rcl_interfaces/srv/GetParameters"]
+    node = "/real", "peer"
+    graph = graph_when(
+        client, reader, reads, lambda graph: set(publishers) <= graph.get(node, {}).keys()
+    )
+    assert graph[node][SERVER, "/real/peer/get_parameters"] == ["rcl_interfaces/srv/GetParameters"]
     assert graph["/", "microros_graph"] == {}
     peer.do("subscribe", topic="/graph/seen", type=INT32)
-    ready = SUBSCRIBER, "/graph/seen"
-    graph = told(client, reader, reads, lambda it: ready in it[known])
-    assert graph[known][ready] == [INT32]
+    subscription = SUBSCRIBER, "/graph/seen"
+    graph = graph_when(client, reader, reads, lambda graph: subscription in graph[node])
+    assert graph[node][subscription] == [INT32]
     peer.do("unsubscribe", topic="/graph/seen")
-    told(client, reader, reads, lambda it: ready not in it[known])
+    graph_when(client, reader, reads, lambda graph: subscription not in graph[node])
     client.close()
 
 
-def test_boards_are_told_of_each_other_until_they_leave(agent, reads):
-    other = opened(agent, 0x52000002)
-    other.writer("garden/weather", "rt/garden/t", DDS_INT32)
-    other.service(
+def test_boards_see_each_other_in_the_graph_until_they_leave(agent, reads):
+    """Two clients read the graph of a third; when all have left, the agent stops watching it."""
+    weather = opened(agent, 0x52000002)
+    weather.writer("garden/weather", "rt/garden/t", DDS_INT32)
+    weather.service(
         ids.KIND_REPLIER, "garden/weather", "/garden/go",
         "std_srvs::srv::dds_::Trigger_Request_", "std_srvs::srv::dds_::Trigger_Response_",
     )  # fmt: skip
-    client, reader = asking(agent, 0x52000003)
-    second, second_reader = asking(agent, 0x52000004)
-    known = "/garden", "weather"
+    client, reader = graph_reader(agent, 0x52000003)
+    second, second_reader = graph_reader(agent, 0x52000004)
+    node = "/garden", "weather"
     expected = {
         (PUBLISHER, "/garden/t"): [INT32],
         (SERVER, "/garden/go"): ["std_srvs/srv/Trigger"],
     }
-    told(client, reader, reads, lambda it: it.get(known) == expected)
-    told(second, second_reader, reads, lambda it: it.get(known) == expected)
-    other.close()
-    told(client, reader, reads, lambda it: known not in it)
-    told(second, second_reader, reads, lambda it: known not in it)
+    graph_when(client, reader, reads, lambda graph: graph.get(node) == expected)
+    graph_when(second, second_reader, reads, lambda graph: graph.get(node) == expected)
+    weather.close()
+    graph_when(client, reader, reads, lambda graph: node not in graph)
+    graph_when(second, second_reader, reads, lambda graph: node not in graph)
     assert watched_graphs(agent)
     client.close()
     second.close()
-    # The DELETE is answered when everything is closed.
+    # The agent answers the DELETE after it has closed everything.
     assert not watched_graphs(agent)
     assert "graph stopped" in agent.said.getvalue()
 
 
-def test_a_graph_of_many_nodes_is_no_more_than_a_board_can_take(agent, peer, reads):
-    """Sixty boards, and one that asks with the MTU of micro-ROS; another has room for all."""
+def test_a_graph_of_many_nodes_is_cut_to_what_a_board_can_take(agent, peer, reads):
+    """Of sixty boards, a client with micro-ROS's MTU gets some names; an MTU of 8192 holds all."""
     boards = [opened(agent, 0x52001000 + number) for number in range(60)]
     names = {("/crowd", f"board{number:02}") for number in range(60)}
     for number, board in enumerate(boards):
         board.writer(f"crowd/board{number:02}", f"rt/crowd/topic{number:02}", DDS_INT32)
-    client, reader = asking(agent, 0x52000005)
-    graph = told(client, reader, reads, lambda it: len(it) > 30, 30)
-    assert not any(graph.values())  # names only, and not all of them
-    large, large_reader = asking(agent, 0x52000006, mtu=8192)
-    graph = told(
+    client, reader = graph_reader(agent, 0x52000005)
+    graph = graph_when(client, reader, reads, lambda graph: len(graph) > 30, 30)
+    assert not any(graph.values())  # names without endpoints, and not all of the nodes
+    large, large_reader = graph_reader(agent, 0x52000006, mtu=8192)
+    graph = graph_when(
         large, large_reader, reads,
-        lambda it: all(it.get(name) for name in names) and ("/real", "peer") in it, 30,
+        lambda graph: all(graph.get(name) for name in names) and ("/real", "peer") in graph, 30,
     )  # fmt: skip
     assert graph["/crowd", "board07"] == {(PUBLISHER, "/crowd/topic07"): [INT32]}
     for board in (*boards, client, large):
@@ -148,13 +152,13 @@ def test_a_graph_of_many_nodes_is_no_more_than_a_board_can_take(agent, peer, rea
         assert peer.do("gone", namespace="/crowd", name=name)["gone"]
 
 
-# --- what ROS sees go -------------------------------------------------------------------------
+# --- how nodes of boards leave the ROS graph --------------------------------------------------
 
-SOON = 5
+SOON = 5  # seconds
 
 
 def board(agent, key, node="board"):
-    """A client with a node, a writer and a reader; the client and their ids."""
+    """Return a client with a node, a writer and a reader, and the ids of the last two."""
     client = opened(agent, key)
     writer = client.writer(node, f"rt/{node}/out", DDS_INT32)
     reader = client.reader(node, f"rt/{node}/in", DDS_INT32)
@@ -173,7 +177,7 @@ def assert_gone(peer, node="board", seconds=SOON):
         assert peer.do("unused", topic=topic, seconds=seconds)["unused"], topic
 
 
-def test_a_writer_and_a_reader_that_the_board_deletes_go_and_its_node_stays(agent, peer):
+def test_deleted_writers_and_readers_leave_the_graph_and_the_node_stays(agent, peer):
     client, writer, reader = board(agent, 0x52000011)
     client.writer("board", "rt/board/kept", DDS_INT32)
     assert_there(peer)
@@ -182,13 +186,13 @@ def test_a_writer_and_a_reader_that_the_board_deletes_go_and_its_node_stays(agen
     assert peer.do("topic", topic="/board/in", of="subscriptions")["infos"]
     assert client.delete(reader) == ids.STATUS_OK
     assert peer.do("unused", topic="/board/in", seconds=SOON)["unused"]
-    seen = peer.do("node", namespace="/", name="board", publishers={"/board/kept": INT32})
-    assert "/board/out" not in seen["publishers"]
+    answer = peer.do("node", namespace="/", name="board", publishers={"/board/kept": INT32})
+    assert "/board/out" not in answer["publishers"]
     client.close()
     assert_gone(peer)
 
 
-def test_a_node_that_the_board_deletes_goes_and_its_other_node_stays(agent, peer):
+def test_a_deleted_node_leaves_the_graph_and_the_other_node_stays(agent, peer):
     client, _, _ = board(agent, 0x52000012)
     client.writer("staying", "rt/staying/out", DDS_INT32)
     client.reader("staying", "rt/staying/in", DDS_INT32)
@@ -201,7 +205,7 @@ def test_a_node_that_the_board_deletes_goes_and_its_other_node_stays(agent, peer
     assert_gone(peer, "staying")
 
 
-def test_nothing_is_left_of_a_board_whose_tcp_connection_is_closed(domain, peer):
+def test_a_board_whose_tcp_connection_closes_leaves_the_graph(domain, peer):
     with running_agent("tcp", "dds", domain) as agent:
         board(agent, 0x52000013)
         assert_there(peer)
@@ -209,8 +213,8 @@ def test_nothing_is_left_of_a_board_whose_tcp_connection_is_closed(domain, peer)
         assert_gone(peer)
 
 
-def test_nothing_is_left_of_a_board_that_is_switched_off_when_its_time_is_over(domain, peer):
-    """By UDP nothing tells the agent but silence."""
+def test_a_silent_udp_board_leaves_the_graph_after_its_dead_time(domain, peer):
+    """Over UDP the agent notices by its silence alone that a board is switched off."""
     running = RunningAgent("udp", "dds", domain, 4)
     running.agent.liveliness = Liveliness(running.agent, dead_time=3)
     with serving(running) as agent:
@@ -220,8 +224,8 @@ def test_nothing_is_left_of_a_board_that_is_switched_off_when_its_time_is_over(d
         assert_gone(peer, seconds=3 * SOON)
 
 
-def test_nothing_is_left_of_a_board_that_comes_again_as_another(agent, peer):
-    """The same address, another client key: the board was flashed anew."""
+def test_a_board_that_returns_with_another_key_replaces_the_old_one(agent, peer):
+    """A client with the same address and another key, as after a board was flashed again."""
     line = agent.line()
     old = XrceClient(line, key=0x52000014)
     old.open()
@@ -236,7 +240,7 @@ def test_nothing_is_left_of_a_board_that_comes_again_as_another(agent, peer):
     new.close()
 
 
-# A participant that says no farewell is dropped when its lease is over: Cyclone's is ten seconds.
+# Seconds after which a participant is removed that did not announce its end: Cyclone's lease.
 LEASE = 10
 
 
@@ -256,7 +260,7 @@ def test_a_killed_agent_is_gone_after_its_lease(domain, peer):
         agent.send_signal(signal.SIGKILL)
         killed = time.monotonic()
         assert_gone(peer, seconds=LEASE + 5)
-        assert time.monotonic() - killed > 1  # without a farewell
+        assert time.monotonic() - killed > 1  # it did not announce its end
         line.close()
     finally:
         agent.kill()
@@ -266,17 +270,17 @@ def test_a_killed_agent_is_gone_after_its_lease(domain, peer):
 # --- types that uros does not know --------------------------------------------------------------
 
 
-def test_an_own_type_has_no_hash_and_disturbs_nobody(agent, peer):
+def test_an_unknown_type_has_no_hash_and_other_types_still_work(agent, peer):
     client = opened(agent, 0x52000017)
     client.writer("maker", "rt/made", "my_robot_msgs::msg::dds_::WheelTicks_")
     client.reader("maker", "rt/wanted", "my_robot_msgs::msg::dds_::WheelTicks_")
     for topic, of in (("/made", "publishers"), ("/wanted", "subscriptions")):
         (info,) = peer.do("topic", topic=topic, of=of)["infos"]
         assert (info["type"], info["hash"]) == ("my_robot_msgs/msg/WheelTicks", "INVALID")
-    seen = peer.do("node", namespace="/", name="maker",
-                   publishers={"/made": "my_robot_msgs/msg/WheelTicks"})  # fmt: skip
-    assert seen["publishers"]["/made"] == ["my_robot_msgs/msg/WheelTicks"]
-    # Everything else goes on: rclpy and the board talk by known types.
+    answer = peer.do("node", namespace="/", name="maker",
+                     publishers={"/made": "my_robot_msgs/msg/WheelTicks"})  # fmt: skip
+    assert answer["publishers"]["/made"] == ["my_robot_msgs/msg/WheelTicks"]
+    # Other topics still work: the board receives an Int32 from rclpy.
     reader = client.reader("maker", "rt/to_maker", DDS_INT32)
     client.read(reader)
     message = load_type(INT32)()

@@ -1,7 +1,7 @@
 """``uros topic pub``, ``uros service`` and ``uros run``, as processes, with real rclpy nodes and
 with boards on an agent.
 
-Where a command needs rclpy itself, it runs under the interpreter that has it.
+Commands that need rclpy run under the interpreter that has rclpy.
 """
 
 import json
@@ -35,7 +35,7 @@ SECONDS = 40
 EMPTY = "0001000000"  # a Trigger's request
 LOG = re.compile(r"\[INFO\] \[(\d{10})\.(\d{9})\] \[(\w+)\]: (.*)\n")
 
-# Whoever started the tests may have told them to ignore Ctrl-C.
+# The process that started the tests may have set SIGINT to be ignored, which children inherit.
 UROS = (
     "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
     " from uros.tools.cli import main; sys.exit(main())"
@@ -54,7 +54,7 @@ def peer(ros_python, domain):
 
 @pytest.fixture
 def uros(domain):
-    """Run a command to its end: its standard output, or its errors where it fails."""
+    """Run a command to its end; return standard output, or standard error if it fails."""
 
     def run(*arguments, python=sys.executable, status=0, stdin=""):
         done = subprocess.run(
@@ -69,12 +69,12 @@ def uros(domain):
 
 @contextmanager
 def child(python, *arguments):
-    """A command in a process, which is gone when the block ends, however that ends."""
+    """Run a command in a process, which is killed at the end of the block."""
     process = subprocess.Popen(
         [str(python), "-c", UROS, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, env=environment(),
     )  # fmt: skip
-    timer = threading.Timer(SECONDS, process.kill)  # so that no read waits for ever
+    timer = threading.Timer(SECONDS, process.kill)  # so that no read blocks forever
     timer.start()
     try:
         yield process
@@ -88,7 +88,7 @@ def child(python, *arguments):
 
 @contextmanager
 def going(python, *arguments):
-    """A command that goes on until it is interrupted, which it must take well."""
+    """Run a command that ends with status 0 when it is interrupted at the end of the block."""
     with child(python, *arguments) as process:
         yield process
         process.send_signal(signal.SIGINT)
@@ -114,7 +114,7 @@ def trigger_board(port, domain):
 
 @contextmanager
 def spinning(node):
-    """The node works in a thread until the end of the block."""
+    """Spin the node in a thread until the end of the block."""
     end = threading.Event()
     failed = []
 
@@ -138,7 +138,7 @@ def spinning(node):
 
 @contextmanager
 def agent_with_rclpy(ros_python, domain):
-    """The port of an agent whose services go by rclpy."""
+    """Run an agent whose services use rclpy, and yield its port."""
     process = subprocess.Popen(
         [str(ros_python), "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain),
          "--stop-at-eof"],
@@ -165,10 +165,10 @@ def agent_with_rclpy(ros_python, domain):
 @contextmanager
 def rclpy_service(peer, name):
     peer.do("serve", name=name, type=TRIGGER)
-    spinning_peer = threading.Event()
+    end = threading.Event()
 
-    def spin():  # it serves while it waits
-        while not spinning_peer.is_set():
+    def spin():  # the peer serves requests while it waits for a node that does not exist
+        while not end.is_set():
             peer.do("node", namespace="/none", name="none", publishers={}, seconds=0.3)
 
     thread = threading.Thread(target=spin)
@@ -176,7 +176,7 @@ def rclpy_service(peer, name):
     try:
         yield
     finally:
-        spinning_peer.set()
+        end.set()
         thread.join()
 
 
@@ -208,7 +208,7 @@ def test_a_nested_message_with_the_time(uros, peer):
     kind = load("geometry_msgs/msg/TwistStamped")
     peer.do("subscribe", topic="/stamped", type=kind._TYPE)
     text = "header: auto\ntwist:\n  linear: {x: 0.2}\n  angular:\n    z: 1e-1\n"
-    # The type is known: the topic is there.
+    # No type is given: the command takes it from the subscription.
     uros("topic", "pub", "-t", "2", "-r", "20", "/stamped", "--stdin", stdin=text)
     first, second = (from_cdr(kind, peer.message("/stamped")) for _ in range(2))
     assert (first.twist.linear.x, first.twist.angular.z) == (0.2, 0.1)
@@ -219,7 +219,8 @@ def test_a_nested_message_with_the_time(uros, peer):
     peer.do("unsubscribe", topic="/stamped")
 
 
-def test_times_and_what_is_printed(uros, peer):
+def test_topic_pub_publishes_a_number_of_times_and_prints_some(uros, peer):
+    """``-t 6 -p 3`` publishes six messages and prints every third."""
     peer.do("subscribe", topic="/counted", type=STRING)
     printed = uros("topic", "pub", "-t", "6", "-r", "50", "-p", "3", "/counted", STRING, "data: x")
     lines = printed.split("publisher: beginning loop\n")[1].split("\n\n")
@@ -229,7 +230,7 @@ def test_times_and_what_is_printed(uros, peer):
     peer.do("unsubscribe", topic="/counted")
 
 
-def test_it_goes_on_until_it_is_interrupted(started, peer):
+def test_topic_pub_runs_until_it_is_interrupted(started, peer):
     peer.do("subscribe", topic="/endless", type=STRING)
     with started("topic", "pub", "-r", "20", "/endless", STRING, "data: on") as process:
         assert process.stdout.readline() == "publisher: beginning loop\n"
@@ -239,7 +240,7 @@ def test_it_goes_on_until_it_is_interrupted(started, peer):
     peer.do("unsubscribe", topic="/endless")
 
 
-def test_it_stays_behind_the_last_message(domain):
+def test_topic_pub_stays_for_keep_alive_after_the_last_message(domain):
     once = ("topic", "pub", "-1", "-w", "0", "--keep-alive", "1.5", "/kept", STRING)
     with child(sys.executable, *once, "--domain", str(domain)) as process:
         while not process.stdout.readline().startswith("publishing #1"):
@@ -249,7 +250,7 @@ def test_it_stays_behind_the_last_message(domain):
         assert time.monotonic() - started > 1.2
 
 
-def test_nobody_subscribes(uros):
+def test_topic_pub_without_a_subscription_times_out(uros):
     error = uros(
         "topic", "pub", "--once", "--max-wait-time-secs", "0.3", "/nobody", STRING, "data: x",
         status=1,
@@ -258,7 +259,8 @@ def test_nobody_subscribes(uros):
     assert "publishing #1" in uros("topic", "pub", "--once", "-w", "0", "/nobody", STRING)
 
 
-def test_a_subscription_that_will_hear_nothing_is_told_of(uros, peer):
+def test_topic_pub_names_a_subscription_that_does_not_match(uros, peer):
+    """The error names the node and its QoS, or its type."""
     peer.do("subscribe", topic="/strict", type=STRING, durability="transient_local")
     error = uros("topic", "pub", "--once", "--max-wait-time-secs", "4", "/strict", STRING, status=1)
     assert "/real/peer requests transient_local on /strict, and this offers volatile" in error
@@ -273,8 +275,8 @@ def test_a_subscription_that_will_hear_nothing_is_told_of(uros, peer):
     peer.do("unsubscribe", topic="/numbers")
 
 
-def test_a_board_hears_it(uros, domain):
-    came = threading.Event()
+def test_a_board_receives_what_topic_pub_publishes(uros, domain):
+    received = threading.Event()
     heard = []
     with running_agent("udp", "dds", domain) as agent:
         import uros as package
@@ -282,19 +284,20 @@ def test_a_board_hears_it(uros, domain):
         transport = UdpTransport("127.0.0.1", agent.transport.port)
         node = package.Node("board", transport, domain_id=domain)
         node.create_subscription(
-            load("std_msgs/msg/Bool"), "/led", lambda message: (heard.append(message), came.set())
-        )
+            load("std_msgs/msg/Bool"), "/led",
+            lambda message: (heard.append(message), received.set()),
+        )  # fmt: skip
         with spinning(node):
             uros("topic", "pub", "--once", "/led", "std_msgs/msg/Bool", "{data: 1}")
-            assert came.wait(SECONDS)
-    assert [it.data for it in heard] == [True]
+            assert received.wait(SECONDS)
+    assert [message.data for message in heard] == [True]
 
 
 # --- services -----------------------------------------------------------------------------
 
 
 def answer(text):
-    """(success, message) of what `service call` printed."""
+    """Parse the output of `service call`: (success, message)."""
     match = re.fullmatch(
         r"requester: making request: std_srvs\.srv\.Trigger_Request\(\)\n\n"
         r"response:\nstd_srvs\.srv\.Trigger_Response\(success=(\w+), message='(.*)'\)\n\n",
@@ -304,7 +307,7 @@ def answer(text):
     return match.groups()
 
 
-def test_a_board_is_called_where_nobody_has_rclpy(uros, domain):
+def test_service_call_to_a_board_without_rclpy(uros, domain):
     with running_agent("udp", "dds", domain) as agent:
         with trigger_board(agent.transport.port, domain):
             called = [answer(uros("service", "call", "/srv_trigger_py", TRIGGER)) for _ in "12"]
@@ -312,9 +315,9 @@ def test_a_board_is_called_where_nobody_has_rclpy(uros, domain):
             assert answer(uros("service", "call", "srv_trigger_py"))[1] == "Response[2]"
 
 
-def test_a_board_whose_agent_has_rclpy(uros, ros_python, peer, domain):
+def test_service_call_to_a_board_whose_agent_has_rclpy(uros, ros_python, peer, domain):
     with agent_with_rclpy(ros_python, domain) as port, trigger_board(port, domain):
-        # What the tool itself has decides: rclpy's form is for rclpy.
+        # The form of rmw_fastrtps needs rclpy in the tool's own interpreter.
         with_rclpy = uros("service", "call", "/srv_trigger_py", TRIGGER, python=ros_python)
         assert answer(with_rclpy) == ("True", "Response[0]")
         error = uros("service", "call", "/srv_trigger_py", TRIGGER, status=1)
@@ -325,14 +328,15 @@ def test_a_board_whose_agent_has_rclpy(uros, ros_python, peer, domain):
         assert not reply.message.startswith(" ") and reply.message.startswith("Response[")
 
 
-def test_with_rclpy_too_a_board_of_the_other_form_is_called(uros, ros_python, domain):
+def test_service_call_with_rclpy_to_a_board_of_the_other_form(uros, ros_python, domain):
+    """A tool with rclpy calls a board whose agent uses the form of rmw_cyclonedds."""
     with running_agent("udp", "dds", domain) as agent:
         with trigger_board(agent.transport.port, domain):
             called = uros("service", "call", "/srv_trigger_py", TRIGGER, python=ros_python)
             assert answer(called) == ("True", "Response[0]")
 
 
-def test_an_rclpy_service_is_called(uros, ros_python, peer):
+def test_service_call_to_an_rclpy_service(uros, ros_python, peer):
     with rclpy_service(peer, "/real/go"):
         called = uros("service", "call", "/real/go", TRIGGER, python=ros_python)
         assert answer(called) == ("True", "answer 1")
@@ -340,14 +344,15 @@ def test_an_rclpy_service_is_called(uros, ros_python, peer):
         assert "/real/go uses the form of rmw_fastrtps" in error
 
 
-def test_values_of_a_request_and_a_rate(uros, domain):
+def test_service_call_with_values_and_with_a_rate(uros, domain):
+    """The request has the given values; ``-r`` repeats it until Ctrl-C ends it with status 130."""
     from uros import Node
 
     kind = load("std_srvs/srv/SetBool")
-    asked = []
+    requests = []
 
     def switch(request, response):
-        asked.append(request.data)
+        requests.append(request.data)
         response.success, response.message = request.data, "on" if request.data else "off"
         return response
 
@@ -368,16 +373,16 @@ def test_values_of_a_request_and_a_rate(uros, domain):
             assert process.wait(SECONDS) == 130
         error = uros("service", "call", "/light", TRIGGER, status=1)
         assert error == "uros: /light is std_srvs/srv/SetBool, not std_srvs/srv/Trigger\n"
-    assert asked[0] is True and asked[1:4] == [False] * 3
+    assert requests[0] is True and requests[1:4] == [False] * 3
 
 
-def test_a_service_that_is_not_there(uros, domain):
+def test_service_call_to_a_missing_service_times_out(uros, domain):
     error = uros("service", "call", "/nowhere", TRIGGER, "--timeout", "0.3", status=1)
     assert "waiting for service /nowhere to become available" in error
     assert "there was no service /nowhere within 0.3 s" in error
 
 
-def test_a_service_that_comes_later(domain):
+def test_service_call_waits_for_a_service(domain):
     late = ("service", "call", "/late", TRIGGER, "--domain", str(domain))
     with child(sys.executable, *late) as process:
         assert "waiting for service /late" in process.stderr.readline()
@@ -390,7 +395,7 @@ def test_a_service_that_comes_later(domain):
     assert answer(out) == ("False", "")
 
 
-def test_a_server_that_does_not_answer_or_leaves(uros, domain):
+def test_service_call_to_a_server_that_does_not_answer_or_leaves(uros, domain):
     from uros import Node
 
     node = Node("deaf", domain_id=domain)
@@ -405,15 +410,15 @@ def test_a_server_that_does_not_answer_or_leaves(uros, domain):
         assert process.wait(SECONDS) == 1
 
 
-def test_list_type_and_find(uros, peer):
+def test_service_list_type_and_find(uros, peer):
     with rclpy_service(peer, "/real/listed"):
         listed = uros("service", "list", "-t").splitlines()
         assert f"/real/listed [{TRIGGER}]" in listed
         assert "/real/peer/get_parameters [rcl_interfaces/srv/GetParameters]" in listed
         assert uros("service", "type", "/real/listed") == f"{TRIGGER}\n"
-        found = uros("service", "find", "std_srvs/Trigger").splitlines()
-        assert "/real/listed" in found and "/real/peer/get_parameters" not in found
-        assert int(uros("service", "find", TRIGGER, "-c")) == len(found)
+        names = uros("service", "find", "std_srvs/Trigger").splitlines()
+        assert "/real/listed" in names and "/real/peer/get_parameters" not in names
+        assert int(uros("service", "find", TRIGGER, "-c")) == len(names)
         error = uros("service", "type", "/real/liste", status=1)
         assert "there is no service '/real/liste'" in error and "'/real/listed'" in error
 
@@ -421,7 +426,8 @@ def test_list_type_and_find(uros, peer):
 # --- uros run -------------------------------------------------------------------------------
 
 
-def said(process):
+def log_line(process):
+    """Read a line of the log: (node, text)."""
     match = LOG.fullmatch(process.stdout.readline())
     assert match
     return match[3], match[4]
@@ -430,12 +436,13 @@ def said(process):
 def test_the_talker_and_the_listener_meet(started, domain):
     with started("run", "listener") as listener, started("run", "talker") as talker:
         for count in (1, 2, 3):
-            assert said(talker) == ("talker", f"Publishing: 'Hello World: {count}'")
-        name, text = said(listener)
+            assert log_line(talker) == ("talker", f"Publishing: 'Hello World: {count}'")
+        name, text = log_line(listener)
         assert name == "listener" and re.fullmatch(r"I heard: \[Hello World: [12]\]", text)
 
 
-def test_rclpy_hears_the_talker_and_is_heard(started, peer):
+def test_the_talker_and_the_listener_with_rclpy(started, peer):
+    """rclpy receives from the talker, and the listener receives from rclpy."""
     peer.do("subscribe", topic="/chatter", type=STRING)
     with started("run", "talker"):
         assert from_cdr(load(STRING), peer.message("/chatter")).data.startswith("Hello World: ")
@@ -443,9 +450,9 @@ def test_rclpy_hears_the_talker_and_is_heard(started, peer):
     hello = to_cdr(load(STRING)(data="from rclpy")).hex()
     with started("run", "listener", "-r", "chatter:=/news", "-r", "__node:=reader") as listener:
         heard = []
-        reading = threading.Thread(target=lambda: heard.append(said(listener)))
+        reading = threading.Thread(target=lambda: heard.append(log_line(listener)))
         reading.start()
-        while reading.is_alive():  # what is published before they know each other is lost
+        while reading.is_alive():  # samples from before the two are matched are lost
             peer.do("publish", topic="/news", type=STRING, cdr=[hello])
             reading.join(0.2)
     assert heard == [("reader", "I heard: [from rclpy]")]
@@ -454,18 +461,20 @@ def test_rclpy_hears_the_talker_and_is_heard(started, peer):
 def test_rclpy_calls_the_trigger_service(started, peer, ros_python):
     with started("run", "trigger_service", python=ros_python) as service:
         called = peer.do("call", name="/srv_trigger_py", type=TRIGGER, cdr=EMPTY, times=3)
-        replies = [from_cdr(load(TRIGGER).Response, bytes.fromhex(it)) for it in called["replies"]]
-        first = int(replies[0].message[9:-1])  # its first request may have been repeated
-        assert [(it.success, it.message) for it in replies] == [
+        replies = [
+            from_cdr(load(TRIGGER).Response, bytes.fromhex(cdr)) for cdr in called["replies"]
+        ]
+        first = int(replies[0].message[9:-1])  # the peer may have repeated its first request
+        assert [(reply.success, reply.message) for reply in replies] == [
             (n % 2 == 0, f"Response[{n}]") for n in range(first, first + 3)
         ]
-        assert said(service) == ("trigger_service", "incoming request")
-        assert said(service) == ("trigger_service", "Response[0]")
+        assert log_line(service) == ("trigger_service", "incoming request")
+        assert log_line(service) == ("trigger_service", "Response[0]")
 
 
 @pytest.mark.parametrize("with_rclpy", [False, True], ids=["dds", "rclpy"])
 def test_a_board_calls_the_trigger_service(started, domain, ros_python, with_rclpy):
-    """Agent and service in one environment, as a user has them."""
+    """Agent and service run in the same Python environment, as a user would run them."""
     import uros as package
 
     python = ros_python if with_rclpy else sys.executable
@@ -486,14 +495,14 @@ def test_a_board_calls_the_trigger_service(started, domain, ros_python, with_rcl
         while len(answers) < 3:
             node.spin_once(0.1)
         node.destroy_node()
-    numbers = [int(it.message[9:-1]) for it in answers]
+    numbers = [int(answer.message[9:-1]) for answer in answers]
     assert numbers == list(range(numbers[0], numbers[0] + 3))
-    assert [it.success for it in answers] == [n % 2 == 0 for n in numbers]
+    assert [answer.success for answer in answers] == [n % 2 == 0 for n in numbers]
 
 
 @contextmanager
 def agent_at(ros_python, domain):
-    """The port of an agent, with rclpy where its interpreter is given."""
+    """Run an agent and yield its port; it uses rclpy if the interpreter with rclpy is given."""
     if ros_python is not None:
         with agent_with_rclpy(ros_python, domain) as port:
             yield port
@@ -502,7 +511,7 @@ def agent_at(ros_python, domain):
             yield agent.transport.port
 
 
-# --- what is printed ------------------------------------------------------------------------
+# --- messages as text -----------------------------------------------------------------------
 
 SHOWN = [
     "std_msgs/msg/String", "std_msgs/msg/Byte", "std_msgs/msg/Float64", "std_msgs/msg/Bool",
@@ -535,11 +544,11 @@ def test_messages_are_printed_as_rclpy_prints_them(ros_python):
         load("std_msgs/msg/ByteMultiArray")(data=[1, 65]),
         load("std_msgs/msg/UInt8MultiArray")(data=bytes([1, 65])),
     ]
-    asked = [(message._TYPE, to_cdr(message).hex()) for message in messages]
+    samples = [(message._TYPE, to_cdr(message).hex()) for message in messages]
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     done = subprocess.run(
-        [str(ros_python), "-c", PRINT_REPR], input=json.dumps(asked), capture_output=True,
+        [str(ros_python), "-c", PRINT_REPR], input=json.dumps(samples), capture_output=True,
         text=True, check=True, env=environment, timeout=SECONDS,
     )  # fmt: skip
-    ours = [constructed(from_cdr(type(message), to_cdr(message))) for message in messages]
-    assert ours == json.loads(done.stdout)
+    printed = [constructed(from_cdr(type(message), to_cdr(message))) for message in messages]
+    assert printed == json.loads(done.stdout)

@@ -1,4 +1,4 @@
-"""``uros image save``, as a process, and pictures of a real rclpy node."""
+"""``uros image save``, as a process, with images that a real rclpy node publishes."""
 
 import subprocess
 import sys
@@ -31,6 +31,7 @@ def stamped(message):
     ids=["jpeg", "raw"],
 )  # fmt: skip
 def test_pictures_of_rclpy(peer, domain, tmp_path, message, reliability):
+    """A JPEG is saved as it is, a raw image as PNG; the file name has the time of the image."""
     topic = f"/pictures/{type(message).__name__}/{reliability}"
     saving = subprocess.Popen(
         [sys.executable, "-m", "uros", "image", "save", topic, "--out", str(tmp_path),
@@ -38,7 +39,7 @@ def test_pictures_of_rclpy(peer, domain, tmp_path, message, reliability):
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
     try:
-        # What it sends before it is heard is gone: again, until the command has ended.
+        # Samples from before the command's reader is discovered are lost: repeat until it ends.
         while saving.poll() is None:
             peer.do(
                 "publish", topic=topic, type=message._TYPE, cdr=[to_cdr(message).hex()],
@@ -46,8 +47,8 @@ def test_pictures_of_rclpy(peer, domain, tmp_path, message, reliability):
             )  # fmt: skip
     finally:
         saving.kill()
-        said, _ = saving.communicate()
-    assert saving.returncode == 0, said
+        output, _ = saving.communicate()
+    assert saving.returncode == 0, output
     (path,) = tmp_path.iterdir()
     assert "_1700000000.000000005." in path.name
     if isinstance(message, CompressedImage):

@@ -1,9 +1,9 @@
-"""A board is there, then an rclpy program starts and publishes at once: the board hears it soon.
+"""An rclpy program that publishes from its start reaches a board within SECONDS of discovery.
 
-What goes out before DDS has connected the two is lost, as everywhere in ROS. What follows must
-not wait for the next heartbeat of Fast DDS, which comes every three seconds; see
-``middleware/dds/late_writer_heartbeat.py``. About every third start is one where our readers miss
-the first.
+Samples from before DDS has matched the two are lost, as everywhere in ROS. Later samples must not
+wait for the next heartbeat of Fast DDS, which comes every three seconds; see
+``middleware/dds/late_writer_heartbeat.py``. In about every third start, the agent's readers miss
+the first heartbeat.
 """
 
 import os
@@ -26,15 +26,18 @@ SCRIPT = Path(__file__).parent / "early_talker.py"
 TOPICS = ["/early_0", "/early_1", "/early_2"]
 STARTS = 6
 RATE = 20
-SECONDS = 1.5  # without the remedy it is 3.0
+SECONDS = 1.5  # without the probe reader it takes 3.0
 SAMPLES = 10
-EACH = 100_000  # numbers of a start
+NUMBERS_PER_START = 100_000
 
 pytestmark = pytest.mark.timeout(180)
 
 
 class EarlyTalker:
-    """The process. ``heard`` says for a topic the number and the time when it had a subscriber."""
+    """The process of early_talker.py.
+
+    ``matched`` has for each topic the first number that was published with a subscriber, and when.
+    """
 
     def __init__(self, python, domain, first):
         environment = dict(os.environ, ROS_DOMAIN_ID=str(domain))
@@ -44,14 +47,14 @@ class EarlyTalker:
             [str(python), str(SCRIPT), str(first), *TOPICS],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment,
         )  # fmt: skip
-        self.heard = {}
+        self.matched = {}
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
     def _read(self):
         for line in self._process.stdout:
             topic, number = line.split()
-            self.heard[topic] = int(number), time.monotonic()
+            self.matched[topic] = int(number), time.monotonic()
 
     def close(self):
         self._process.stdin.close()
@@ -65,21 +68,22 @@ class EarlyTalker:
 
 @contextmanager
 def board(domain):
-    """A board of ours behind our agent that reads all topics; what came on each, and when."""
-    came = {topic: [] for topic in [*TOPICS, "/kept"]}
+    """A board on an agent that subscribes to all topics: its node, and for each topic the list of
+    (data, time) received."""
+    received = {topic: [] for topic in [*TOPICS, "/kept"]}
 
-    def keep(topic):
-        return lambda message: came[topic].append((message.data, time.monotonic()))
+    def record(topic):
+        return lambda message: received[topic].append((message.data, time.monotonic()))
 
     with running_agent("udp", "dds", domain) as agent:
         node = uros.Node("late", UdpTransport("127.0.0.1", agent.transport.port))
         for topic in TOPICS:
-            node.create_subscription(Int32, topic, keep(topic), 10)
+            node.create_subscription(Int32, topic, record(topic), 10)
         qos = QoSProfile(10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(String, "/kept", keep("/kept"), qos)
+        node.create_subscription(String, "/kept", record("/kept"), qos)
         until(node, lambda: node.state == AGENT_CONNECTED)
         try:
-            yield node, came
+            yield node, received
         finally:
             node.destroy_node()
 
@@ -87,43 +91,45 @@ def board(domain):
 def until(node, done, seconds=30.0):
     deadline = time.monotonic() + seconds
     while not done():
-        assert time.monotonic() < deadline, "it does not come"
+        assert time.monotonic() < deadline, "the condition is not reached in time"
         node.spin_once(0.02)
 
 
 def since(first, messages):
-    """Those of one start: the last of the start before may come late."""
-    return [it for it in messages if it[0] >= first]
+    """The messages of one start, without late ones of the start before."""
+    return [message for message in messages if message[0] >= first]
 
 
 def test_a_board_hears_a_starting_rclpy_program_soon(ros_python, own_domain_id):
-    with board(own_domain_id) as (node, came):
+    """Of each of several starts, all topics and the latched texts arrive soon and complete."""
+    with board(own_domain_id) as (node, received):
         for start in range(STARTS):
-            came["/kept"].clear()
-            one_start(node, came, EarlyTalker(ros_python, own_domain_id, start * EACH), start)
+            received["/kept"].clear()
+            first = start * NUMBERS_PER_START
+            check_start(node, received, EarlyTalker(ros_python, own_domain_id, first), start)
 
 
-def one_start(node, came, talker, start):
-    first = start * EACH
+def check_start(node, received, talker, start):
+    first = start * NUMBERS_PER_START
 
-    def is_all_there():
+    def is_complete():
         return (
-            len(talker.heard) == len(came)
-            and all(len(since(first, came[topic])) >= SAMPLES for topic in TOPICS)
-            and len(came["/kept"]) >= 3
+            len(talker.matched) == len(received)
+            and all(len(since(first, received[topic])) >= SAMPLES for topic in TOPICS)
+            and len(received["/kept"]) >= 3
         )
 
     try:
-        until(node, is_all_there)
+        until(node, is_complete)
     finally:
         talker.close()
     for topic in TOPICS:
-        number, at = talker.heard[topic]
-        messages = since(first, came[topic])
-        numbers = [it[0] for it in messages]
-        assert messages[0][1] - at < SECONDS, (start, topic)
+        number, matched_at = talker.matched[topic]
+        messages = since(first, received[topic])
+        numbers = [message[0] for message in messages]
+        assert messages[0][1] - matched_at < SECONDS, (start, topic)
         assert numbers[0] - number < SECONDS * RATE, (start, topic)
-        # None is missing from then on, and none comes twice.
+        # From the first number on, none is missing and none is duplicated.
         assert numbers == [numbers[0] + i for i in range(len(numbers))], (start, topic)
-    assert [it[0] for it in came["/kept"]] == ["one", "two", "three"], start
-    assert came["/kept"][-1][1] - talker.heard["/kept"][1] < SECONDS, start
+    assert [message[0] for message in received["/kept"]] == ["one", "two", "three"], start
+    assert received["/kept"][-1][1] - talker.matched["/kept"][1] < SECONDS, start

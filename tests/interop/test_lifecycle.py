@@ -1,4 +1,4 @@
-"""A board's life cycle, driven by a real rclpy node through our agent, beside a node of rclpy's."""
+"""A lifecycle node on a board, driven by a real rclpy node and compared with one of rclpy."""
 
 import pytest
 from support.services_board import board_and_peer
@@ -16,11 +16,11 @@ def board(request, ros_python, domain, tmp_path_factory):
 
 
 def both_of(board, service, values=None):
-    """What the board says, which must be what rclpy's own node says in the same place."""
+    """Call a service of the board and of rclpy's node, which must answer the same; the answer."""
     name, peer = board
     answers = [
-        peer.do("lifecycle", node=it, service=service, values=values, seconds=40)["response"]
-        for it in (name, "/lens")
+        peer.do("lifecycle", node=node, service=service, values=values, seconds=40)["response"]
+        for node in (name, "/lens")
     ]
     assert answers[0] == answers[1], (service, values)
     return answers[0]
@@ -34,7 +34,7 @@ def change(board, number, label=""):
     return both_of(board, "change_state", [number, label])["success"]
 
 
-def test_it_is_driven_as_rclpys_own_node_is(board):
+def test_a_board_answers_lifecycle_services_as_an_rclpy_node(board):
     name, peer = board
     peer.do("camera", name="lens")
     assert state(board) == "unconfigured"
@@ -57,7 +57,7 @@ def test_it_is_driven_as_rclpys_own_node_is(board):
         (4, "", True, "inactive"),
         (2, "", True, "unconfigured"),
     )
-    # It says no: rclpy's node because it is told to, the board because its parameter says so.
+    # on_configure fails: rclpy's node by its configured outcome, the board by its parameter.
     peer.do("camera", name="lens", configure="FAILURE")
     broken = [("broken", 1, True)]
     peer.do("parameters", node=name, method="set_parameters", parameters=broken)
@@ -68,7 +68,7 @@ def test_it_is_driven_as_rclpys_own_node_is(board):
     walk((0, "configure", True, "inactive"))
 
 
-def test_its_publisher_is_silent_unless_it_is_active(board):
+def test_a_lifecycle_publisher_is_silent_unless_active(board):
     name, peer = board
     topic = name.rpartition("/")[0] + "/numbers"
     assert state(board) == "inactive"
@@ -77,37 +77,37 @@ def test_its_publisher_is_silent_unless_it_is_active(board):
     assert change(board, 3)
     peer.message(topic)
     assert change(board, 4)
-    peer.do("hear_steps", node=name)  # time for what was under way
+    peer.do("hear_steps", node=name)  # time for samples that are already on their way
     peer.messages[topic].clear()
     peer.do("steps", count=1, seconds=1.0)
     assert not peer.messages[topic]
     peer.do("unsubscribe", topic=topic)
 
 
-def test_each_step_is_told(board):
+def test_each_transition_is_published(board):
     name, peer = board
     assert state(board) == "inactive"
     peer.do("steps", count=1, seconds=0.5)
-    # Until the two have found each other.
+    # Repeat until the two have discovered each other.
     for _ in range(20):
         assert change(board, 2) and change(board, 1)
         steps = peer.do("steps", count=4, seconds=2.0)["steps"]
         if len(steps) == 4:
             break
-    seen = [
-        (it["transition"]["label"], it["start_state"]["label"], it["goal_state"]["label"])
-        for it in steps
+    transitions = [
+        (step["transition"]["label"], step["start_state"]["label"], step["goal_state"]["label"])
+        for step in steps
     ]
-    assert seen == [
+    assert transitions == [
         ("cleanup", "inactive", "cleaningup"),
         ("transition_success", "cleaningup", "unconfigured"),
         ("configure", "unconfigured", "configuring"),
         ("transition_success", "configuring", "inactive"),
     ]
-    assert all(it["timestamp"] > 1_700_000_000 * 10**9 for it in steps)
+    assert all(step["timestamp"] > 1_700_000_000 * 10**9 for step in steps)
 
 
-def test_shutdown_is_the_end(board):
+def test_a_board_that_was_shut_down_stays_finalized(board):
     assert change(board, 0, "shutdown") and state(board) == "finalized"
     assert both_of(board, "get_available_transitions")["available_transitions"] == []
     assert not change(board, 1)

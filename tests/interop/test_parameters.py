@@ -1,4 +1,4 @@
-"""A board's parameters, by rclpy's own parameter client through our agent."""
+"""A board's parameters, read and set by rclpy's parameter client."""
 
 import pytest
 from support.services_board import board_and_peer
@@ -10,7 +10,7 @@ FIELDS = (
     "bool", "integer", "double", "string", "byte_array", "bool_array", "integer_array",
     "double_array", "string_array",
 )  # fmt: skip
-# The board's parameters that have a value, with their types; as it declares them.
+# The board's parameters that have a value, with types and values as the board declares them.
 DECLARED = {
     "bool": (BOOL, True),
     "int": (INTEGER, 4),
@@ -52,22 +52,22 @@ class Board:
         self.peer = peer
 
     def ask(self, method, **arguments):
-        """The response of a method of AsyncParameterClient, which is called with these."""
+        """Call a method of AsyncParameterClient, and return the response."""
         return self.peer.do(
             "parameters", node=self.name, method=method, seconds=40, **arguments
         )["response"]  # fmt: skip
 
     def set(self, *parameters):
-        """(successful, reason) of each (name, type, value)."""
+        """Set each (name, type, value); return (successful, reason) of each."""
         results = self.ask("set_parameters", parameters=parameters)["results"]
-        return [(it["successful"], it["reason"]) for it in results]
+        return [(result["successful"], result["reason"]) for result in results]
 
     def get(self, *names):
-        """(type, value) of each, as its message has it."""
+        """Return (type, value) of each parameter, as ParameterValue has them."""
         values = self.ask("get_parameters", names=names)["values"]
         return [
-            (it["type"], it[FIELDS[it["type"] - 1] + "_value"] if it["type"] else None)
-            for it in values
+            (value["type"], value[FIELDS[value["type"] - 1] + "_value"] if value["type"] else None)
+            for value in values
         ]
 
     def events(self, count):
@@ -77,7 +77,7 @@ class Board:
 
 
 def names_of(parameters):
-    return [it["name"] for it in parameters]
+    return [parameter["name"] for parameter in parameters]
 
 
 def test_every_type_is_read_and_set(board):
@@ -146,13 +146,14 @@ def test_descriptions(board):
         (("fixed", INTEGER, 2), "read-only"),
         (("none", INTEGER, 2), "not declared"),
     ],
-    ids=lambda it: it.replace(" ", "_") if isinstance(it, str) else it[0],
+    ids=lambda value: value.replace(" ", "_") if isinstance(value, str) else value[0],
 )
-def test_what_is_refused_says_why_and_changes_nothing(board, parameter, reason):
+def test_a_refused_parameter_has_a_reason_and_changes_nothing(board, parameter, reason):
     before = board.get("int", "float", "fixed", "bool")
     flipped = not before[3][1]
-    ((refused, why), (taken, nothing)) = board.set(parameter, ("bool", BOOL, flipped))
-    assert not refused and reason in why and taken and nothing == ""
+    results = board.set(parameter, ("bool", BOOL, flipped))
+    ((success, text), (flip_success, flip_text)) = results
+    assert not success and reason in text and flip_success and flip_text == ""
     both = [("bool", BOOL, not flipped), parameter]
     result = board.ask("set_parameters_atomically", parameters=both)["result"]
     assert not result["successful"] and reason in result["reason"]
@@ -160,7 +161,7 @@ def test_what_is_refused_says_why_and_changes_nothing(board, parameter, reason):
     board.events(1)
 
 
-def test_all_at_once(board):
+def test_parameters_are_set_atomically(board):
     both = [("int", INTEGER, 7), ("text", STRING, "together")]
     result = board.ask("set_parameters_atomically", parameters=both)["result"]
     assert result == {"successful": True, "reason": ""}
@@ -169,12 +170,12 @@ def test_all_at_once(board):
     assert names_of(event["changed_parameters"]) == ["int", "text"]
 
 
-def test_deleting(board):
-    """rclpy deletes by setting to nothing: that is for dynamic types alone."""
+def test_deleting_parameters(board):
+    """rclpy deletes a parameter by setting it to type NOT_SET, which needs dynamic typing."""
     board.set(("any", STRING, "something"))
     board.events(1)
     results = board.ask("delete_parameters", names=["any", "text"])["results"]
-    assert [it["successful"] for it in results] == [True, False]
+    assert [result["successful"] for result in results] == [True, False]
     assert "static type" in results[1]["reason"]
     (event,) = board.events(1)
     assert names_of(event["deleted_parameters"]) == ["any"]
@@ -182,14 +183,14 @@ def test_deleting(board):
 
 
 def test_dump_and_load(board, tmp_path):
-    """What ros2 param dump reads, and ros2 param load sets from a file."""
+    """A YAML file in the form of ros2 param dump is set as by ros2 param load."""
     file = tmp_path / "board.yaml"
     file.write_text(
         f"{board.name}:\n  ros__parameters:\n    int: -7\n    text: from a file\n"
         "    arm:\n      ints: [4, 5]\n      left:\n        texts: [x]\n"
     )
     results = board.ask("load_parameter_file", parameter_file=str(file), use_wildcard=True)
-    assert [it["successful"] for it in results["results"]] == [True] * 4
+    assert [result["successful"] for result in results["results"]] == [True] * 4
     assert board.get("int", "text", "arm.ints", "arm.left.texts") == [
         (INTEGER, -7), (STRING, "from a file"), (INTEGERS, [4, 5]), (STRINGS, ["x"]),
     ]  # fmt: skip

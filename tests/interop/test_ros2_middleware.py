@@ -1,6 +1,6 @@
 """Services of boards on the auto middleware, with real rclpy nodes in processes of their own.
 
-The agent runs under the interpreter that has rclpy. So do the tests of the middleware itself:
+The agent runs under the interpreter that has rclpy, and so do the tests of the middleware itself:
 the contract suite for ros2 and auto, and ``rclpy_middleware.py``.
 """
 
@@ -36,7 +36,7 @@ def environment():
     return dict(os.environ, PYTHONPATH=str(ROOT / "src"))
 
 
-# --- what runs inside the interpreter that has rclpy ---------------------------------
+# --- tests that run inside the interpreter that has rclpy ----------------------------
 
 
 @pytest.mark.parametrize(
@@ -48,9 +48,9 @@ def environment():
     ids=["contract", "rclpy"],
 )
 def test_the_middlewares_on_rclpy(ros_python, tests, least):
-    """``least``: a run that finds no tests, or skips them, must not pass for one that did."""
+    """At least ``least`` tests pass and none is skipped: a run that collects none is a failure."""
     command = [ros_python, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    # rosidl's parser, which rclpy's actions load, imports what Python 3.11 deprecates.
+    # rosidl's parser, which rclpy's actions load, imports modules that Python 3.11 deprecates.
     command += ["-W", "ignore:module 'sre_:DeprecationWarning", *tests]
     done = subprocess.run(
         command, cwd=ROOT, env=environment(), text=True, timeout=170,
@@ -66,7 +66,7 @@ def test_the_middlewares_on_rclpy(ros_python, tests, least):
 
 
 class Agent:
-    """``uros agent`` as a process. ``said`` is its log, line by line."""
+    """``uros agent`` as a process. ``log`` has the lines of its log."""
 
     def __init__(self, python, domain, middleware="auto", how="--stop-at-eof", **variables):
         command = [python, "-m", "uros", "agent", "udp4", "-p", "0", "-m", middleware]
@@ -76,37 +76,37 @@ class Agent:
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                 env=dict(environment(), **variables),
             )  # fmt: skip
-        self.said = []
+        self.log = []
         self._news = threading.Condition()
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
-        self._heard = 0
+        self._position = 0  # in the log, behind the last line that line() returned
         self._lines = []
         self.port = int(self.line("running...").split()[-1])
 
     def _read(self):
         for line in self._process.stdout:
             with self._news:
-                self.said.append(line)
+                self.log.append(line)
                 self._news.notify_all()
 
     def line(self, part):
-        """The first line with this text that was not given out before."""
+        """Wait for the next line of the log with this text, and return it."""
         with self._news:
-            assert self._news.wait_for(lambda: self._find(part), SECONDS), (part, self.said)
+            assert self._news.wait_for(lambda: self._find(part), SECONDS), (part, self.log)
             line = self._find(part)
-            self._heard = self.said.index(line, self._heard) + 1
+            self._position = self.log.index(line, self._position) + 1
             return line
 
     def _find(self, part):
-        return next((line for line in self.said[self._heard :] if part in line), None)
+        return next((line for line in self.log[self._position :] if part in line), None)
 
     def notices(self):
-        """The middleware's, all of them so far."""
-        return [line for line in self.said if "Middleware" in line and "notice" in line]
+        """Return the notices of the middleware so far."""
+        return [line for line in self.log if "Middleware" in line and "notice" in line]
 
     def board(self, key):
-        """A client with a session."""
+        """Return a client with a session."""
         self._lines.append(UdpLine(self.port))
         client = XrceClient(self._lines[-1], key=key)
         assert client.open() == ids.STATUS_OK
@@ -118,14 +118,14 @@ class Agent:
     def close(self):
         self._process.stdin.close()
         try:
-            assert self._process.wait(SECONDS) == 0, self.said
+            assert self._process.wait(SECONDS) == 0, self.log
         finally:
             self._process.kill()
             self._thread.join()
             self._process.stdout.close()
             for line in self._lines:
                 line.close()
-        assert "internal error" not in "".join(self.said), self.said
+        assert "internal error" not in "".join(self.log), self.log
 
 
 @contextmanager
@@ -139,8 +139,8 @@ def running(python, domain, middleware="auto", **options):
 
 @pytest.fixture(scope="module")
 def agent(ros_python, domain):
-    with running(ros_python, domain) as one:
-        yield one
+    with running(ros_python, domain) as agent:
+        yield agent
 
 
 @pytest.fixture(scope="module")
@@ -150,25 +150,25 @@ def peer(ros_python, domain):
 
 
 def reply(text, success=True):
-    """A Trigger's reply as a board writes it: no encapsulation."""
+    """Encode a Trigger's reply as a board writes it: without the CDR encapsulation header."""
     raw = text.encode() + b"\0"
     return bytes((success, 0, 0, 0)) + len(raw).to_bytes(4, "little") + raw
 
 
 def text_of(body):
-    """The text of a Trigger's reply that begins there."""
+    """Return the text of a Trigger's reply without encapsulation header."""
     size = int.from_bytes(body[4:8], "little")
     return body[8 : 8 + size - 1].decode()
 
 
 class BoardServer:
-    """A board that answers a Trigger with its name and a number, in a thread."""
+    """A board that answers a Trigger with its node's name and a number, in a thread."""
 
     def __init__(self, client, node, service):
         self.client = client
         self.node = node
-        self.thing = client.service(ids.KIND_REPLIER, node, service, *TRIGGER_TYPES)
-        client.read(self.thing)
+        self.replier = client.service(ids.KIND_REPLIER, node, service, *TRIGGER_TYPES)
+        client.read(self.replier)
         self.identities = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -176,11 +176,11 @@ class BoardServer:
 
     def _serve(self):
         while not self._stop.is_set():
-            if self.client.wait_sample(self.thing, 0.05):
-                identity = self.client.sample(self.thing)[:24]
+            if self.client.wait_sample(self.replier, 0.05):
+                identity = self.client.sample(self.replier)[:24]
                 self.identities.append(identity)
                 text = reply(f"{self.node} {len(self.identities)}")
-                self.client.write(self.thing, identity + text)
+                self.client.write(self.replier, identity + text)
 
     def close(self):
         self._stop.set()
@@ -189,16 +189,16 @@ class BoardServer:
 
 
 def call(peer, service, times=1):
-    got = peer.do("call", name=service, type=TRIGGER, cdr="0001000000", times=times, seconds=60)
-    assert got["replies"] is not None, "the service is not there"
-    return [text_of(bytes.fromhex(it)[4:]) for it in got["replies"]]
+    answer = peer.do("call", name=service, type=TRIGGER, cdr="0001000000", times=times, seconds=60)
+    assert answer["replies"] is not None, "the service is not available"
+    return [text_of(bytes.fromhex(cdr)[4:]) for cdr in answer["replies"]]
 
 
 def test_a_real_node_calls_a_boards_service_many_times(agent, peer):
     server = BoardServer(agent.board(0x61000001), "arm", "/arm/home")
-    met = int(call(peer, "/arm/home")[0].split()[1])
-    assert call(peer, "/arm/home", CALLS) == [f"arm {met + i + 1}" for i in range(CALLS)]
-    assert len(set(server.identities)) == met + CALLS
+    first = int(call(peer, "/arm/home")[0].split()[1])
+    assert call(peer, "/arm/home", CALLS) == [f"arm {first + i + 1}" for i in range(CALLS)]
+    assert len(set(server.identities)) == first + CALLS
     server.close()
     assert peer.do("no_service", name="/arm/home")["unused"]
 
@@ -206,48 +206,51 @@ def test_a_real_node_calls_a_boards_service_many_times(agent, peer):
 def test_a_board_calls_a_real_nodes_service_many_times(agent, peer):
     peer.do("serve", name="/real/trigger", type=TRIGGER)
     client = agent.board(0x61000002)
-    thing = client.service(ids.KIND_REQUESTER, "caller", "/real/trigger", *TRIGGER_TYPES)
-    client.read(thing)
-    number = met(client, thing)
+    requester = client.service(ids.KIND_REQUESTER, "caller", "/real/trigger", *TRIGGER_TYPES)
+    client.read(requester)
+    number = call_until_matched(client, requester)
     for i in range(CALLS):
-        request = client.write(thing, b"\0")
-        sample = client.sample(thing)
-        assert sample[:4] == request.to_bytes(2, "big") + thing.to_bytes(2, "big")
+        request = client.write(requester, b"\0")
+        sample = client.sample(requester)
+        assert sample[:4] == request.to_bytes(2, "big") + requester.to_bytes(2, "big")
         assert text_of(sample[4:]) == f"answer {number + i + 1}"
     client.close()
 
 
-def met(client, thing):
-    """Ask until the first answer: what is asked before the two ends know each other is lost, as
-    with any client of ROS. How many were answered."""
+def call_until_matched(client, requester):
+    """Send requests until the first is answered; return how many were answered.
+
+    Requests from before requester and server are matched are lost, as with any ROS client.
+    """
     for _ in range(100):
-        client.write(thing, b"\0")
-        if client.wait_sample(thing, 0.2):
+        client.write(requester, b"\0")
+        if client.wait_sample(requester, 0.2):
             break
     else:
         raise AssertionError("the service never answers")
-    answered = text_of(client.sample(thing)[4:])
-    while client.wait_sample(thing, 0.3):
-        answered = text_of(client.sample(thing)[4:])
+    answered = text_of(client.sample(requester)[4:])
+    while client.wait_sample(requester, 0.3):
+        answered = text_of(client.sample(requester)[4:])
     return int(answered.split()[1])
 
 
 def test_a_service_may_answer_late(agent, peer):
     peer.do("serve", name="/real/slow", type=TRIGGER, late=1.5)
     client = agent.board(0x61000003)
-    thing = client.service(ids.KIND_REQUESTER, "patient", "/real/slow", *TRIGGER_TYPES)
-    client.read(thing)
+    requester = client.service(ids.KIND_REQUESTER, "patient", "/real/slow", *TRIGGER_TYPES)
+    client.read(requester)
     for _ in range(10):
-        request = client.write(thing, b"\0")
-        if client.wait_sample(thing, 3.0):
+        request = client.write(requester, b"\0")
+        if client.wait_sample(requester, 3.0):
             break
-    sample = client.sample(thing)
+    sample = client.sample(requester)
     assert sample[:2] == request.to_bytes(2, "big")
     assert text_of(sample[4:]) == "answer 1"
     client.close()
 
 
-def test_a_boards_services_are_its_nodes_which_is_listed_once(agent, peer, ros_python, domain):
+def test_services_belong_to_the_boards_node_which_is_listed_once(agent, peer, ros_python, domain):
+    """Present and later peers see one node with its topics and services until the board leaves."""
     assert peer.do("gone", namespace="/garden", name="gate")["gone"]
     client = agent.board(0x61000004)
     node = "garden/gate"
@@ -259,20 +262,20 @@ def test_a_boards_services_are_its_nodes_which_is_listed_once(agent, peer, ros_p
         "services": {"/garden/open": [TRIGGER], "/garden/close": [TRIGGER]},
         "clients": {"/house/ring": [TRIGGER]},
     }
-    seen = peer.do("services", namespace="/garden", name="gate", **offered)
-    assert seen["found"] == [
+    listed = peer.do("services", namespace="/garden", name="gate", **offered)
+    assert listed["found"] == [
         {"/garden/open": [TRIGGER], "/garden/close": [TRIGGER]}, {"/house/ring": [TRIGGER]}
-    ], seen  # fmt: skip
-    # Not even the hidden node that is behind them at rclpy, and for those neither that come later.
+    ], listed  # fmt: skip
+    # No peer lists the hidden rclpy node behind the services, nor does one that starts later.
     with RosPeer(ros_python, domain, HERE / "service_peer.py") as later:
-        for one in (peer, later):
-            there = one.do("services", namespace="/garden", name="gate", **offered)
-            assert there["found"] == seen["found"], there
-            gone = one.do("gone", namespace="/garden", name="_gate")
-            ours = [name for name in gone["full_names"] if name.startswith("/garden/")]
-            assert ours == ["/garden/gate"], gone
-            there = one.do("services", namespace="/garden", name="gate", **offered)
-            assert there["found"] == seen["found"], there
+        for observer in (peer, later):
+            answer = observer.do("services", namespace="/garden", name="gate", **offered)
+            assert answer["found"] == listed["found"], answer
+            gone = observer.do("gone", namespace="/garden", name="_gate")
+            nodes = [name for name in gone["full_names"] if name.startswith("/garden/")]
+            assert nodes == ["/garden/gate"], gone
+            answer = observer.do("services", namespace="/garden", name="gate", **offered)
+            assert answer["found"] == listed["found"], answer
     topics = peer.do(
         "node", namespace="/garden", name="gate",
         publishers={"/garden/state": "std_msgs/msg/Int32"},
@@ -284,79 +287,80 @@ def test_a_boards_services_are_its_nodes_which_is_listed_once(agent, peer, ros_p
     for service in ("/garden/open", "/garden/close", "/house/ring"):
         assert peer.do("no_service", name=service)["unused"], service
     after = peer.do("gone", namespace="/garden", name="_gate")
-    assert after["gone"] and not [it for it in after["full_names"] if "/garden" in it], after
+    assert after["gone"] and not [name for name in after["full_names"] if "/garden" in name], after
 
 
 def test_two_boards_may_offer_a_service_of_the_same_name(agent, peer):
     first = BoardServer(agent.board(0x61000005), "left", "/arms/wave")
     second = BoardServer(agent.board(0x61000006), "right", "/arms/wave")
     for name in ("left", "right"):
-        seen = peer.do(
+        listed = peer.do(
             "services", namespace="/", name=name, services={"/arms/wave": [TRIGGER]}, clients={}
         )
-        assert seen["found"] == [{"/arms/wave": [TRIGGER]}, {}], seen
-    # The first reply counts, whichever board it is from; both were asked.
+        assert listed["found"] == [{"/arms/wave": [TRIGGER]}, {}], listed
+    # Both boards receive the request; the client takes the first reply of the two.
     answers = call(peer, "/arms/wave", 20)
-    assert len(answers) == 20 and {it.split()[0] for it in answers} <= {"left", "right"}
+    assert len(answers) == 20 and {answer.split()[0] for answer in answers} <= {"left", "right"}
     second.close()
     assert call(peer, "/arms/wave", 20)[-1].split()[0] == "left"
     first.close()
     assert peer.do("no_service", name="/arms/wave")["unused"]
 
 
-def test_what_is_no_reply_is_refused_and_the_next_one_passes(agent, peer):
+def test_a_malformed_reply_is_refused_and_the_next_one_passes(agent, peer):
+    """A reply that does not fit its type is logged, one to an unknown requester is dropped."""
     client = agent.board(0x61000007)
-    thing = client.service(ids.KIND_REPLIER, "bad", "/bad/reply", *TRIGGER_TYPES)
-    client.read(thing)
+    replier = client.service(ids.KIND_REPLIER, "bad", "/bad/reply", *TRIGGER_TYPES)
+    client.read(replier)
     answers = []
 
-    def asking():
+    def start_call():
         thread = threading.Thread(target=lambda: answers.extend(call(peer, "/bad/reply")))
         thread.start()
         return thread
 
-    first = asking()
+    first = start_call()
     while first.is_alive():
-        if client.wait_sample(thing, 0.05):
-            client.write(thing, client.sample(thing)[:24] + reply("met"))
-    asked = asking()
-    identity = client.sample(thing, SECONDS)[:24]
-    client.write(thing, identity + b"\1\0\0\0\xff\xff\xff\x7f")
-    client.write(thing, bytes(24) + reply("to nobody"))
-    client.write(thing, identity + reply("good"))
-    asked.join()
+        if client.wait_sample(replier, 0.05):
+            client.write(replier, client.sample(replier)[:24] + reply("met"))
+    second = start_call()
+    identity = client.sample(replier, SECONDS)[:24]
+    client.write(replier, identity + b"\1\0\0\0\xff\xff\xff\x7f")
+    client.write(replier, bytes(24) + reply("to nobody"))
+    client.write(replier, identity + reply("good"))
+    second.join()
     assert answers == ["met", "good"]
     assert "/bad/reply" in agent.line("does not read as its type")
     client.close()
 
 
-def test_a_board_that_knows_the_graph_sees_a_service_once(agent, peer):
-    offering = agent.board(0x6100000E)
-    offering.service(ids.KIND_REPLIER, "told/gate", "/told/open", *TRIGGER_TYPES)
-    # The node that is behind it at rclpy stands for nothing.
+def test_a_board_that_reads_the_graph_sees_a_service_once(agent, peer):
+    server = agent.board(0x6100000E)
+    server.service(ids.KIND_REPLIER, "told/gate", "/told/open", *TRIGGER_TYPES)
+    # The hidden rclpy node behind the service is in the graph of neither rclpy nor the board.
     offered = {"/told/open": [TRIGGER]}
-    seen = peer.do("services", namespace="/told", name="gate", services=offered, clients={})
-    assert seen["found"] == [offered, {}], seen
+    listed = peer.do("services", namespace="/told", name="gate", services=offered, clients={})
+    assert listed["found"] == [offered, {}], listed
     client = agent.board(0x6100000F)
     flags = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     reader = client.reader("asking", ros_graph.TOPIC, ros_graph.TYPE, flags, depth=1)
     client.read(reader)
     deadline = time.monotonic() + SECONDS
-    while (told := client.sample(reader, deadline - time.monotonic())).count(b"/told/open\0") != 1:
+    while (graph := client.sample(reader, deadline - time.monotonic())).count(b"/told/open\0") != 1:
         pass
-    assert b"\0gate\0" in told and b"_gate\0" not in told
+    assert b"\0gate\0" in graph and b"_gate\0" not in graph
     client.close()
-    offering.close()
+    server.close()
 
 
-class Beside:
+class LoopbackBoard:
     """A board that sends itself a number a hundred times a second, in a thread."""
 
     PERIOD = 0.01
 
     def __init__(self, client):
         self.client = client
-        self.heard = []  # (number, when, how long it was on its way)
+        self.heard = []  # (number, time of arrival, seconds on the way)
         self.sent = 0
         self._topic = "rt/beside", "std_msgs::msg::dds_::Int32_"
         self._writer = client.writer("beside", *self._topic)
@@ -371,9 +375,9 @@ class Beside:
             started = time.monotonic()
             self.client.write(self._writer, self.sent.to_bytes(4, "little"))
             self.sent += 1
-            got = int.from_bytes(self.client.sample(self._reader)[:4], "little")
+            number = int.from_bytes(self.client.sample(self._reader)[:4], "little")
             now = time.monotonic()
-            self.heard.append((got, now, now - started))
+            self.heard.append((number, now, now - started))
 
     def close(self):
         self._stop.set()
@@ -381,42 +385,43 @@ class Beside:
         self.client.close()
 
 
-def test_boards_beside_are_served_while_the_first_service_comes(ros_python, capsys):
-    """How long they wait is printed: it is the machine's."""
+def test_other_boards_are_served_while_the_first_service_is_created(ros_python, capsys):
+    """Another board's samples pass meanwhile; the times depend on the machine and are printed."""
     with leased_domain() as number, running(ros_python, number) as agent:
-        beside = Beside(agent.board(0x6100000A))
+        loopback = LoopbackBoard(agent.board(0x6100000A))
         client = agent.board(0x6100000B)
-        started, before = time.monotonic(), len(beside.heard)
+        started, before = time.monotonic(), len(loopback.heard)
         server = client.service(ids.KIND_REPLIER, "late", "/late", *TRIGGER_TYPES)
         caller = client.service(ids.KIND_REQUESTER, "late", "/late", *TRIGGER_TYPES)
         created = time.monotonic() - started
         client.read(server)
         client.read(caller)
-        request = client.write(caller, b"\0")  # acknowledged when the requester is there
-        there, during = time.monotonic() - started, beside.heard[before:]
+        request = client.write(caller, b"\0")  # acknowledged when the requester has been created
+        ready, during = time.monotonic() - started, loopback.heard[before:]
         if client.wait_sample(server, SECONDS):
             client.write(server, client.sample(server)[:24] + reply("here"))
         answer = client.sample(caller)
         assert (answer[:2], text_of(answer[4:])) == (request.to_bytes(2, "big"), "here")
-        beside.close()
+        loopback.close()
         client.close()
-        assert [it[0] for it in beside.heard] == list(range(beside.sent))
-        assert during, "nobody else was served meanwhile"
+        assert [number for number, _, _ in loopback.heard] == list(range(loopback.sent))
+        assert during, "no other board was served meanwhile"
         assert not agent.notices()
-        times = [it[1] for it in beside.heard]
+        times = [arrival for _, arrival, _ in loopback.heard]
+        longest = max(duration for _, _, duration in loopback.heard)
         gap = max(b - a for a, b in zip(times, times[1:], strict=False))
         with capsys.disabled():
             print(
-                f"\nfirst service: created after {created * 1e3:.0f} ms, there after"
-                f" {there * 1e3:.0f} ms; beside: {len(during)} samples meanwhile, longest gap"
-                f" {gap * 1e3:.0f} ms, longest way {max(it[2] for it in beside.heard) * 1e3:.0f} ms"
+                f"\nfirst service: created after {created * 1e3:.0f} ms, ready after"
+                f" {ready * 1e3:.0f} ms; other board: {len(during)} samples meanwhile, longest gap"
+                f" {gap * 1e3:.0f} ms, longest way {longest * 1e3:.0f} ms"
             )
 
 
-# --- where rclpy cannot help -----------------------------------------------------------
+# --- services that rclpy cannot serve --------------------------------------------------
 
 
-def test_a_type_that_rclpy_does_not_have_is_told_by_name_and_goes_over_dds(agent, peer):
+def test_a_type_that_rclpy_lacks_is_logged_and_goes_over_dds(agent, peer):
     client = agent.board(0x61000008)
     types = "my_robot::srv::dds_::Jump_Request_", "my_robot::srv::dds_::Jump_Response_"
     server = client.service(ids.KIND_REPLIER, "jumper", "/jump", *types)
@@ -426,16 +431,16 @@ def test_a_type_that_rclpy_does_not_have_is_told_by_name_and_goes_over_dds(agent
     client.read(server)
     client.read(caller)
     request = client.write(caller, b"\5\0\0\0")
-    asked = client.sample(server)
-    assert asked[24:28] == b"\5\0\0\0"
-    client.write(server, asked[:24] + b"\7\0\0\0")
+    received = client.sample(server)
+    assert received[24:28] == b"\5\0\0\0"
+    client.write(server, received[:24] + b"\7\0\0\0")
     sample = client.sample(caller)
     assert (sample[:2], sample[4:8]) == (request.to_bytes(2, "big"), b"\7\0\0\0")
     client.close()
-    assert len(agent.notices()) == 1  # once is enough for both ends
+    assert len(agent.notices()) == 1  # one notice for both ends
 
 
-def test_an_rclpy_that_does_not_start_is_told_once(ros_python):
+def test_an_rclpy_that_does_not_start_is_logged_once(ros_python):
     with leased_domain() as domain:
         with running(ros_python, domain, RMW_IMPLEMENTATION="rmw_nowhere_cpp") as agent:
             client = agent.board(0x61000009)
@@ -451,17 +456,15 @@ def test_an_rclpy_that_does_not_start_is_told_once(ros_python):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_agent_with_rclpy_inside_ends_by_a_signal_and_leaves_nothing(
-    ros_python, domain, peer, number
-):
+def test_an_agent_with_rclpy_ended_by_a_signal_leaves_the_graph(ros_python, domain, peer, number):
     with running(ros_python, domain, how="-v4") as agent:
         client = agent.board(0x6100000C)
         client.service(ids.KIND_REPLIER, "short", "/short/lived", *TRIGGER_TYPES)
-        there = peer.do(
+        answer = peer.do(
             "services", namespace="/", name="short", services={"/short/lived": [TRIGGER]},
             clients={},
         )  # fmt: skip
-        assert there["found"] == [{"/short/lived": [TRIGGER]}, {}], there
+        assert answer["found"] == [{"/short/lived": [TRIGGER]}, {}], answer
         agent.signal(number)
         agent.line("server stopped")
         assert peer.do("no_service", name="/short/lived", seconds=5)["unused"]
@@ -478,8 +481,8 @@ def test_topics_and_services_on_ros2_alone(ros_python):
             server = BoardServer(agent.board(0x6100000A), "whole", "/whole/do")
             client = agent.board(0x6100000B)
             writer = client.writer("sensor", "rt/whole/value", "std_msgs::msg::dds_::Int32_")
-            met = int(call(peer, "/whole/do")[0].split()[1])
-            assert call(peer, "/whole/do", 5) == [f"whole {met + i + 1}" for i in range(5)]
+            first = int(call(peer, "/whole/do")[0].split()[1])
+            assert call(peer, "/whole/do", 5) == [f"whole {first + i + 1}" for i in range(5)]
             peer.do("subscribe", topic="/whole/value", type="std_msgs/msg/Int32")
             peer.do(
                 "node", namespace="/", name="sensor",
@@ -492,7 +495,7 @@ def test_topics_and_services_on_ros2_alone(ros_python):
                 peer.do("graph")
             assert peer.message("/whole/value")[:8] == b"\0\1\0\0\x2a\0\0\0"
             full = peer.do("graph")["full_names"]
-            assert {"/whole", "/sensor"} <= set(full) and not any("/_" in it for it in full)
+            assert {"/whole", "/sensor"} <= set(full) and not any("/_" in name for name in full)
             client.close()
             server.close()
             assert peer.do("gone", namespace="/", name="sensor")["gone"]

@@ -1,7 +1,7 @@
-"""A board's log as a real rclpy node hears it, and its transforms on a real DDS.
+"""A board's log at a real rclpy node, and a board's transforms over DDS.
 
-No tf2_msgs is to be had for the rclpy of these tests, so transforms are received as bytes, by
-readers with the quality of service that tf2_ros has, and read by rosbags.
+The rclpy of these tests has no tf2_msgs: transforms are received as CDR, by readers with the QoS of
+tf2_ros, and deserialized by rosbags.
 """
 
 import pytest
@@ -29,7 +29,7 @@ def board(request, ros_python, domain, tmp_path_factory):
 
 
 def lines_until(peer, done):
-    """What comes on /rosout of the board, up to a line for which that is so."""
+    """Receive the board's messages on /rosout up to one for which ``done`` is true."""
     lines = []
     while not lines or not done(lines[-1]):
         cdr, now = peer.timed_message("/rosout", 20)
@@ -41,7 +41,8 @@ def lines_until(peer, done):
     return lines
 
 
-def test_the_log_is_heard_also_what_was_said_before_anybody_listened(board):
+def test_the_log_is_received_with_lines_from_before_the_subscription(board):
+    """Lines have the node's name, level and time; a throttled line comes about once a second."""
     name, peer = board
     peer.do("topic", topic="/rosout", count=2)  # the peer's own and the board's
     peer.do("subscribe", topic="/rosout", type=LOG, durability="transient_local", depth=100)
@@ -64,7 +65,8 @@ def test_an_error_of_the_boards_program_is_logged(board):
     name, peer = board
     trap = [("int", 2, 99)]
     peer.do("parameters", node=name, method="set_parameters", parameters=trap, seconds=40)
-    (error,) = [it for it in lines_until(peer, lambda line: line.level == 40) if it.level == 40]
+    lines = lines_until(peer, lambda line: line.level == 40)
+    (error,) = [line for line in lines if line.level == 40]
     assert "a callback raised" in error.msg and "99 is a trap" in error.msg
     broken = [("broken", 1, True)]
     peer.do("parameters", node=name, method="set_parameters", parameters=broken)
@@ -73,21 +75,23 @@ def test_an_error_of_the_boards_program_is_logged(board):
 
 
 def read(cdr):
-    """(frame, child, x, seconds) of each transform, by rosbags."""
+    """Deserialize with rosbags: (frame, child frame, x, seconds) of each transform."""
     message = STORE.deserialize_cdr(cdr, TF)
     return [
-        (it.header.frame_id, it.child_frame_id, it.transform.translation.x, it.header.stamp.sec)
-        for it in message.transforms
+        (tf.header.frame_id, tf.child_frame_id, tf.transform.translation.x, tf.header.stamp.sec)
+        for tf in message.transforms
     ]
 
 
 def test_transforms_reach_dds(board, domain):
     moving, static = [], []
     with Network(domain) as network:
-        network.listen("/tf", TF, QoSProfile(100), lambda it: moving.append(read(it.cdr)))
+        network.listen("/tf", TF, QoSProfile(100), lambda sample: moving.append(read(sample.cdr)))
         assert network.spin(lambda: len(moving) >= 3, 20)
-        # Whoever comes later hears of all that does not move.
-        network.listen("/tf_static", TF, STATIC, lambda it: static.append(read(it.cdr)))
+        # A late subscription receives all static transforms.
+        network.listen(
+            "/tf_static", TF, STATIC, lambda sample: static.append(read(sample.cdr))
+        )  # fmt: skip
         assert network.spin(lambda: static, 20)
     assert static == [[("base", "camera", 0.5, 0), ("base", "laser", -0.5, 0)]]
     for before, after in zip(moving, moving[1:], strict=False):

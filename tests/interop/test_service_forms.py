@@ -1,5 +1,5 @@
-"""Services in rmw_cyclonedds's form beside real nodes with rmw_fastrtps: nothing is executed with
-wrong arguments, in either direction, and who calls is told."""
+"""Services in the form of rmw_cyclonedds beside real nodes with rmw_fastrtps: in neither direction
+is a request executed with wrong arguments, and the caller gets the reason."""
 
 import re
 import select
@@ -26,12 +26,12 @@ from uros.wire import ids
 TRIGGER = "std_srvs/srv/Trigger"
 BASIC = "test_msgs/srv/BasicTypes"
 REFUSED = "another form of services"
-# Fixed fields, then a string. rmw_fastrtps would take the header of 16 octets for the first fields,
-# and the 1 for the length of the string, so that the whole makes sense to it.
+# Fixed fields, then a string. rmw_fastrtps would take the request header of 16 octets for the first
+# fields, and the 1 for the length of the string: the request would be valid for it.
 REQUEST = b"\0\1\0\0" + struct.pack(
     "<BBBxfdbBhHxxiIqQI", 1, 2, 3, 4.0, 5.0, 6, 7, 8, 9, 10, 11, 1, 0, 1
 ) + b"\0"  # fmt: skip
-# Fast DDS has a request in no time; so long nothing may come.
+# Seconds in which no request may arrive; Fast DDS delivers one within milliseconds.
 QUIET = 1.0
 SECONDS = 20.0
 
@@ -65,7 +65,7 @@ def service(name, type_name):
 def until(middleware, done, seconds=SECONDS):
     deadline = time.monotonic() + seconds
     while not done():
-        assert time.monotonic() < deadline, "it does not come"
+        assert time.monotonic() < deadline, "the condition is not reached in time"
         if select.select([middleware.fileno()], [], [], 0.05)[0]:
             middleware.dispatch()
         middleware.dispatch_local()
@@ -82,10 +82,11 @@ def test_a_request_is_refused_while_a_real_server_is_there(peer, middleware, nod
 
 
 @pytest.mark.parametrize("write", ["plain", "disposed"])
-def test_a_request_that_discovery_was_too_late_for_is_not_executed(
-    peer, middleware, node, monkeypatch, write
-):
-    """Written as plain data it is: that is what the way it is written is for."""
+def test_a_request_before_discovery_is_not_executed(peer, middleware, node, monkeypatch, write):
+    """Requests that are written as disposed samples do not reach a server of the other form.
+
+    Written as plain data, as a comparison, they are executed with wrong arguments.
+    """
     name = f"/late_{write}"
     peer.do("count", name=name, type=BASIC)
     if write == "plain":
@@ -95,35 +96,37 @@ def test_a_request_that_discovery_was_too_late_for_is_not_executed(
     monkeypatch.setattr(service_peers.MatchedServers, "has_incompatible", lambda self: False)
     for _ in range(5):
         requester.request(REQUEST)
-    got = peer.do("counted", name=name, seconds=SECONDS if write == "plain" else QUIET)["requests"]
+    seconds = SECONDS if write == "plain" else QUIET
+    requests = peer.do("counted", name=name, seconds=seconds)["requests"]
     if write == "plain":
-        assert got and not re.search(r"bool_value=True, byte_value=b'\\x02'", got[0]), got
+        sent = r"bool_value=True, byte_value=b'\\x02'"
+        assert requests and not re.search(sent, requests[0]), requests
     else:
-        assert got == []
+        assert requests == []
 
 
 def test_a_real_clients_request_does_not_reach_our_server(peer, middleware, node):
-    told = []
-    middleware.on_notice = told.append
+    notices = []
+    middleware.on_notice = notices.append
     replier = node.create_replier(service("/ours", TRIGGER), services_profile(), print)
     taken, answers = [], []
 
-    def heard():
+    def is_noticed():
         taken.extend(replier.take(10))
-        return told
+        return notices
 
     call = {"name": "/ours", "type": TRIGGER, "cdr": "0001000000"}
     calling = threading.Thread(target=lambda: answers.append(peer.do("call", **call, seconds=4)))
     calling.start()
-    until(middleware, heard)
+    until(middleware, is_noticed)
     calling.join()
     assert taken == []
-    assert "a client of /ours gets no answer" in told[0]
+    assert "a client of /ours gets no answer" in notices[0]
     assert answers[0]["replies"] == []
 
 
 def test_a_hosts_call_fails_with_the_reason(peer, domain):
-    """Whether the server is known when it is called, or is discovered afterwards."""
+    """A call fails whether the server is discovered before the call or after it."""
     trigger = load(TRIGGER)
     connection = uros.Node("caller", domain_id=domain)
     client = connection.create_client(trigger, "/failing")
@@ -142,7 +145,7 @@ def test_a_hosts_call_fails_with_the_reason(peer, domain):
     assert peer.do("counted", name="/failing", seconds=QUIET)["requests"] == []
 
 
-def test_uros_service_call_says_why(peer, domain):
+def test_uros_service_call_gives_the_reason(peer, domain):
     peer.do("count", name="/tool", type=TRIGGER)
     code = "import sys; from uros.tools.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "service", "call", "/tool", "-m", "dds"]
@@ -153,18 +156,20 @@ def test_uros_service_call_says_why(peer, domain):
     assert peer.do("counted", name="/tool", seconds=QUIET)["requests"] == []
 
 
-def test_a_boards_call_gets_a_status_and_the_log_says_why(peer, agent):
+def test_a_boards_call_gets_a_status_and_the_log_the_reason(peer, agent):
     peer.do("count", name="/board", type=BASIC)
     board = XrceClient(agent.line(0), key=0x62000001)
     assert board.open() == ids.STATUS_OK
-    one = service("/board", BASIC)
-    thing = board.service(ids.KIND_REQUESTER, "caller", "/board", one.request_type, one.reply_type)
-    board.read(thing)
-    # The first may be too early to know that server; then its status comes when it is known.
+    types = service("/board", BASIC)
+    requester = board.service(
+        ids.KIND_REQUESTER, "caller", "/board", types.request_type, types.reply_type
+    )
+    board.read(requester)
+    # If the server is not discovered before the first request, the STATUS comes when it is.
     for _ in range(2):
-        request = board.write(thing, REQUEST[4:])
-        board.until(lambda key=(request, thing): key in board.statuses, "no STATUS", SECONDS)
-        assert board.statuses[request, thing] == ids.STATUS_ERR_DDS_ERROR
+        request = board.write(requester, REQUEST[4:])
+        board.until(lambda key=(request, requester): key in board.statuses, "no STATUS", SECONDS)
+        assert board.statuses[request, requester] == ids.STATUS_ERR_DDS_ERROR
     assert REFUSED in agent.said.getvalue()
     assert peer.do("counted", name="/board", seconds=QUIET)["requests"] == []
     board.close()

@@ -1,4 +1,4 @@
-"""``uros topic`` and ``uros node``, as processes, looking at a real rclpy node."""
+"""``uros topic`` and ``uros node``, as processes, with the topics of a real rclpy node."""
 
 import os
 import signal
@@ -12,13 +12,13 @@ TALKER = Path(__file__).parent / "talker.py"
 SECONDS = 30
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 
-# Whoever started the tests may have told them to ignore Ctrl-C.
+# The process that started the tests may have set SIGINT to be ignored, which children inherit.
 UROS = (
     "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
     " from uros.tools.cli import main; sys.exit(main())"
 )
 
-# PyYAML prints what ros2 would, for documents that the test sends.
+# Prints the documents that the test sends by PyYAML, as ros2 does.
 PRINT_YAML = """
 import json, sys, yaml
 from collections import OrderedDict
@@ -65,7 +65,7 @@ def talker(ros_python, domain):
 
 @pytest.fixture
 def uros(domain):
-    """Run a command to its end: (status, standard output, standard error)."""
+    """Run a command to its end; return standard output, or standard error if it fails."""
 
     def run(*arguments, status=0):
         done = subprocess.run(
@@ -82,7 +82,7 @@ def uros(domain):
 
 @pytest.fixture
 def started(domain):
-    """Start a command that goes on until it is interrupted."""
+    """Start a command that runs until it is interrupted."""
     processes = []
 
     def start(*arguments):
@@ -175,7 +175,7 @@ def test_topic_info_of_endpoints(uros, topic, kind, reliability, durability):
     ]
 
 
-def test_a_topic_that_is_not_there(uros, domain):
+def test_topic_info_of_a_missing_topic(uros, domain):
     assert uros("topic", "info", "/chater", status=1) == (
         f"uros: there is no topic '/chater' in domain {domain}; did you mean '/chatter'?\n"
     )
@@ -189,7 +189,7 @@ def test_echo_a_string(uros):
     assert uros("topic", "echo", "/chatter", "--once", "--field", "data") == "hello\n---\n"
 
 
-def test_echo_what_was_published_before(uros):
+def test_echo_a_latched_sample(uros):
     assert uros("topic", "echo", "latched", "--once") == "data: 'kept: yes'\n---\n"
 
 
@@ -198,7 +198,7 @@ def test_echo_an_image(uros):
     image = [str(i) for i in range(250)] * 60
     printed = uros("topic", "echo", "/camera/compressed", "--once")
     assert printed == (
-        head + "data:\n" + "".join(f"- {one}\n" for one in image[:128]) + "- '...'\n---\n"
+        head + "data:\n" + "".join(f"- {octet}\n" for octet in image[:128]) + "- '...'\n---\n"
     )
     printed = uros("topic", "echo", "/camera/compressed", "--once", "-f", "--csv")
     assert printed == "0,0,cam,jpeg," + ",".join(image) + "\n"
@@ -206,7 +206,7 @@ def test_echo_an_image(uros):
     assert printed == head + "data: '<sequence type: uint8, length: 15000>'\n---\n"
 
 
-def test_echo_goes_on_until_it_is_interrupted(started):
+def test_echo_runs_until_it_is_interrupted(started):
     process = started("topic", "echo", "/chatter")
     lines = [process.stdout.readline() for _ in range(6)]
     assert lines == ["data: hello\n", "---\n"] * 3
@@ -322,7 +322,7 @@ def test_node_info(uros):
     assert "/_hidden" in uros("node", "info", "lab/talker", "--include-hidden")
 
 
-def test_a_node_that_is_not_there(uros, domain):
+def test_node_info_of_a_missing_node(uros, domain):
     assert uros("node", "info", "/lab/talkr", status=1) == (
         f"uros: there is no node '/lab/talkr' in domain {domain}; did you mean '/lab/talker'?\n"
     )

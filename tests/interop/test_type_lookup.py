@@ -1,7 +1,8 @@
-"""Two ROS nodes tell each other of their types, and Cyclone, in the agent, overhears it.
+"""Type lookup between two ROS nodes must not make Cyclone, in the agent, reject their endpoints.
 
-It could not read what Fast DDS says of sequences, held every type with one for invalid, and let no
-endpoint of it in that came later: see ``_COMPATIBILITY`` in ``middleware/dds/config.py``.
+Cyclone also receives the TypeObjects that Fast DDS nodes send each other. It could not read those
+of sequences, took every type with a sequence for invalid, and rejected endpoints of such a type
+that were discovered later: see ``_COMPATIBILITY`` in ``middleware/dds/config.py``.
 """
 
 import pytest
@@ -27,7 +28,7 @@ def test_a_board_hears_publishers_that_come_after_a_type_lookup(agent, peer, ros
     message = load_type(JOINTS)(name=["elbow"])
 
     def hears(node, number, position):
-        """What a publisher says before Cyclone has met it may be lost, so it says it again."""
+        """Publish until the board receives the sample: those from before the match are lost."""
         message.position = [position]
         sample = to_cdr(message)
         for _ in range(20):
@@ -40,9 +41,9 @@ def test_a_board_hears_publishers_that_come_after_a_type_lookup(agent, peer, ros
     for reader in readers:
         client.read(reader)
     assert hears(peer, 0, 1.0)
-    with RosPeer(ros_python, domain) as other:  # asks about all types that it meets
-        infos = other.do("topic", topic=topics[0])["infos"]
-        assert [it["type"] for it in infos] == [JOINTS]
-        assert hears(other, 0, 2.0)
+    with RosPeer(ros_python, domain) as second:  # looks up all types that it discovers
+        infos = second.do("topic", topic=topics[0])["infos"]
+        assert [info["type"] for info in infos] == [JOINTS]
+        assert hears(second, 0, 2.0)
         assert hears(peer, 1, 3.0)
     client.close()
