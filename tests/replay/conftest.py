@@ -1,4 +1,4 @@
-"""The DDS side of the vehicles, and places to fly: a module says in ``places`` which."""
+"""Fixtures of the vehicle tests: the ROS node and the agents; each module defines ``places``."""
 
 import pytest
 from conftest import leased_domain
@@ -13,7 +13,7 @@ def shared_ground():
 
 @pytest.fixture
 def ground(shared_ground):
-    """The DDS side."""
+    """The ROS node, without endpoints and samples of earlier tests."""
     yield shared_ground
     shared_ground.forget()
 

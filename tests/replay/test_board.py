@@ -1,4 +1,4 @@
-"""The recorded board itself against our agent over UDP."""
+"""The recorded board with the agent of uros over UDP."""
 
 import pytest
 from support.agent import running_agent
@@ -20,7 +20,7 @@ def agent(own_domain_id):
         yield running
 
 
-def test_an_endless_board_is_heard_beyond_its_recording_and_leaves_cleanly(agent):
+def test_an_endless_board_repeats_its_samples_and_closes_its_session(agent):
     records = load("rclc_temperature_humidity")
     listener = XrceClient(agent.line(), key=0x99)
     listener.open()
@@ -31,7 +31,7 @@ def test_an_endless_board_is_heard_beyond_its_recording_and_leaves_cleanly(agent
         assert samples[5:] == samples[:3]
         assert board.board.published >= 15
         assert len(agent.agent.clients) == 2
-    listener.ping()  # behind the board's farewell
+    listener.ping()  # after the board's DELETE of the session
     assert len(agent.agent.clients) == 1
     assert "session closed" in agent.said.getvalue()
 

@@ -1,6 +1,6 @@
-"""The stand-in for eProsima's C library, under PX4 and ArduPilot, against what the real one wrote.
+"""Compares support/autopilot.py, the base of PX4 and ArduPilot, with eProsima's C library.
 
-support/autopilot.py takes the client's place in the captures: what it says must be the same bytes.
+The module takes the client's place in the captures; it must send the same bytes.
 """
 
 import os
@@ -21,8 +21,8 @@ from support.autopilot import (
 from support.replay import load
 
 
-class Paper:
-    """A link to nobody."""
+class RecordingLink:
+    """A link without an agent, which records the messages sent."""
 
     def __init__(self):
         self.sent = []
@@ -37,7 +37,7 @@ class Paper:
         return []
 
 
-# Padding that the library left as it was: what it says there means nothing.
+# Uninitialized padding of the library, and zeros in its place.
 GARBAGE = {
     bytes.fromhex("00c9a05e26"): bytes.fromhex("0000000026"),
     bytes.fromhex("030001160a00"): bytes.fromhex("030001000a00"),
@@ -46,10 +46,13 @@ GARBAGE = {
 
 
 def play(name, *steps, key=0xAAAABBBB, mode=autopilot.REPLACE, client=0):
-    """Each step does what made the client send its next messages in the capture, with what the
-    agent had said by then. Compares all that goes out; the session, for more."""
-    paper = Paper()
-    session = autopilot.Session(paper, key, 4)
+    """Run steps with the recorded answers, and compare the messages sent; the session.
+
+    Each step makes the calls that sent the client's next messages in the capture, after the answers
+    that the agent had sent by then.
+    """
+    link = RecordingLink()
+    session = autopilot.Session(link, key, 4)
     session.mode = mode
     steps = list(steps)
     theirs = []
@@ -60,28 +63,33 @@ def play(name, *steps, key=0xAAAABBBB, mode=autopilot.REPLACE, client=0):
             session.take(record.data)
             continue
         theirs.append(record.data)
-        said = [it for it in paper.sent if not own_matter(it)]
-        if steps and len(said) < sum(not own_matter(it) for it in theirs):
+        sent = [message for message in link.sent if not is_acknowledgement(message)]
+        if steps and len(sent) < sum(not is_acknowledgement(message) for message in theirs):
             steps.pop(0)(session)
             session.flush()
     assert not steps
-    said = [it for it in paper.sent if not own_matter(it)]
-    for mine, other in zip(said, [it for it in theirs if not own_matter(it)], strict=False):
-        for garbage, nothing in GARBAGE.items():
-            other = other.replace(garbage, nothing)
-        # The padding behind the last submessage goes along in some places.
-        assert other.startswith(mine) and len(other) - len(mine) < 4, (mine.hex(), other.hex())
-        assert not any(other[len(mine) :])
-    acknowledgements = [it for it in paper.sent if it[4] == autopilot.ACKNACK]
+    sent = [message for message in link.sent if not is_acknowledgement(message)]
+    for own, recorded in zip(
+        sent, [message for message in theirs if not is_acknowledgement(message)], strict=False
+    ):
+        for garbage, zeros in GARBAGE.items():
+            recorded = recorded.replace(garbage, zeros)
+        # Some messages have padding after the last submessage.
+        assert recorded.startswith(own) and len(recorded) - len(own) < 4, (
+            own.hex(),
+            recorded.hex(),
+        )
+        assert not any(recorded[len(own) :])
+    acknowledgements = [message for message in link.sent if message[4] == autopilot.ACKNACK]
     assert set(acknowledgements) <= set(theirs)
     return session
 
 
-def own_matter(message):
+def is_acknowledgement(message):
     return message[4] in (autopilot.ACKNACK, autopilot.HEARTBEAT)
 
 
-GREET = autopilot.Session.greet
+CREATE_CLIENT = autopilot.Session.create_client
 ONE = {kind: object_id(1, kind) for kind in range(1, 9)}
 
 
@@ -101,24 +109,24 @@ def test_entities_in_binary_are_what_the_c_library_writes():
     def write(session):
         session.write_reliable(ONE[WRITER], bytes((1, 0, 0, 0)))
 
-    session = play("binary_entities", GREET, entities, read_and_write, write)
+    session = play("binary_entities", CREATE_CLIENT, entities, read_and_write, write)
     assert list(session.samples[ONE[READER]])[:2] == [bytes(4), bytes((1, 0, 0, 0))]
-    assert [session.statuses[it] for it in range(10, 16)] == [autopilot.OK] * 6
+    assert [session.statuses[request] for request in range(10, 16)] == [autopilot.OK] * 6
 
 
 def test_a_named_participant_and_a_depth_are_what_the_c_library_writes():
     session = play(
         "rclc_int32_publisher",
-        GREET,
-        lambda it: it.participant_bin(0, 0, "int32_pub_node"),
-        lambda it: it.topic_bin(
+        CREATE_CLIENT,
+        lambda session: session.participant_bin(0, 0, "int32_pub_node"),
+        lambda session: session.topic_bin(
             0, object_id(0, PARTICIPANT), "rt/std_msgs_msg_Int32", "std_msgs::msg::dds_::Int32_"
         ),
-        lambda it: it.group_bin(0, PUBLISHER, object_id(0, PARTICIPANT)),
-        lambda it: it.endpoint_bin(
+        lambda session: session.group_bin(0, PUBLISHER, object_id(0, PARTICIPANT)),
+        lambda session: session.endpoint_bin(
             0, WRITER, object_id(0, PUBLISHER), object_id(0, TOPIC), 0x03, 10
         ),
-        lambda it: it.write_reliable(object_id(0, WRITER), bytes(4)),
+        lambda session: session.write_reliable(object_id(0, WRITER), bytes(4)),
         key=0x4B0CBE99,
         mode=autopilot.REUSE | autopilot.REPLACE,
     )
@@ -133,23 +141,23 @@ def test_a_service_is_what_the_c_library_writes():
 
     play(
         "rclc_trigger",
-        GREET,
-        lambda it: it.participant_bin(0, 0, "trigger_server_node"),
-        lambda it: it.replier_bin(
+        CREATE_CLIENT,
+        lambda session: session.participant_bin(0, 0, "trigger_server_node"),
+        lambda session: session.replier_bin(
             0,
             object_id(0, PARTICIPANT),
             "/trigger",
-            [f"std_srvs::srv::dds_::Trigger_{it}_" for it in ("Request", "Response")],
+            [f"std_srvs::srv::dds_::Trigger_{suffix}_" for suffix in ("Request", "Response")],
             ["rq/triggerRequest", "rr/triggerReply"],
         ),
-        lambda it: it.read_data(object_id(0, REPLIER), 0x80),
+        lambda session: session.read_data(object_id(0, REPLIER), 0x80),
         answer,
         key=0x11,
         mode=autopilot.REUSE | autopilot.REPLACE,
     )
 
 
-def test_xml_best_effort_and_the_farewell_are_what_the_c_library_writes():
+def test_xml_best_effort_and_delete_are_what_the_c_library_writes():
     topic = "<name>HelloWorldTopic</name><dataType>HelloWorld</dataType>"
 
     def entities(session):
@@ -166,26 +174,28 @@ def test_xml_best_effort_and_the_farewell_are_what_the_c_library_writes():
         for number in range(1, 4):
             text = autopilot.string("Hello DDS world!")
             session.write_best_effort(ONE[WRITER], number.to_bytes(4, "little") + text)
-        session.farewell()
+        session.delete_client()
 
-    play("publish_best_effort", GREET, entities, write)
+    play("publish_best_effort", CREATE_CLIENT, entities, write)
 
 
 def test_fragments_are_what_the_c_library_writes():
-    session = autopilot.Session(Paper(), 1, 40)
+    session = autopilot.Session(RecordingLink(), 1, 40)
     session.write_reliable(object_id(0, WRITER), published("rclc_image")[0])
     session.flush()
     recorded_parts = [
-        it.data for it in load("rclc_image") if it.from_client and it.data[4] == autopilot.FRAGMENT
+        record.data
+        for record in load("rclc_image")
+        if record.from_client and record.data[4] == autopilot.FRAGMENT
     ][: len(session.link.sent)]
     assert len(recorded_parts) > 25
-    for mine, other in zip(session.link.sent, recorded_parts, strict=True):
-        # The numbers of the message and of the request are others.
-        assert mine[4:8] == other[4:8] and mine[14:] == other[14 : len(mine)]
+    for own, recorded in zip(session.link.sent, recorded_parts, strict=True):
+        # The sequence numbers and the request ids differ.
+        assert own[4:8] == recorded[4:8] and own[14:] == recorded[14 : len(own)]
 
 
 def published(name):
-    """The samples of a capture's client, put together from fragments."""
+    """The samples of a capture's client, reassembled from fragments."""
     out, whole = [], b""
     for record in load(name):
         if record.from_client and record.data[4] == autopilot.FRAGMENT:
@@ -198,20 +208,27 @@ def published(name):
 
 
 def test_pings_are_what_the_c_library_writes():
-    session = play("ping", autopilot.Session.ping, GREET, lambda it: it.ping(autopilot.SESSION_ID))
+    session = play(
+        "ping",
+        autopilot.Session.ping,
+        CREATE_CLIENT,
+        lambda session: session.ping(autopilot.SESSION_ID),
+    )
     assert [session.pong(), session.pong()] == [2, 1]
 
 
 def test_the_time_is_asked_for_as_by_the_c_library():
-    asked = [it.data for it in load("time_sync") if it.from_client and it.data[4] == 14]
+    requests = [
+        record.data for record in load("time_sync") if record.from_client and record.data[4] == 14
+    ]
     steps = [
-        lambda it, raw=raw: it.ask_time(
+        lambda session, raw=raw: session.ask_time(
             int.from_bytes(raw[8:12], "little"), int.from_bytes(raw[12:], "little")
         )
-        for raw in asked
+        for raw in requests
     ]
-    session = play("time_sync", GREET, *steps, key=0xCCCCDDDD)
-    assert len(session.times) == len(asked) > 5
+    session = play("time_sync", CREATE_CLIENT, *steps, key=0xCCCCDDDD)
+    assert len(session.times) == len(requests) > 5
 
 
 def test_frames_are_those_of_the_c_library():
@@ -223,11 +240,14 @@ def test_frames_are_those_of_the_c_library():
             for record in load(name):
                 if not record.from_client:
                     os.write(ends[1], record.data)
-                    found = link.read()
-                    assert found and all(it[0] in (0x80, 0x81) for it in found)
-                    assert b"".join(autopilot.framed(it, 0, 1) for it in found) == record.data
+                    messages = link.read()
+                    assert messages and all(message[0] in (0x80, 0x81) for message in messages)
+                    assert (
+                        b"".join(autopilot.framed(message, 0, 1) for message in messages)
+                        == record.data
+                    )
                     continue
-                frames = [it for it in record.data.split(b"\x7e") if it]
+                frames = [frame for frame in record.data.split(b"\x7e") if frame]
                 for raw in frames:
                     octets = autopilot.unstuffed(raw)
                     assert autopilot.framed(octets[4:-2]) == b"\x7e" + raw

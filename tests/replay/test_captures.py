@@ -1,7 +1,7 @@
-"""Every recorded conversation, played into our agent over the transport it was recorded on.
+"""Replays every recorded conversation to the agent of uros over the recorded transport.
 
-In each stream our answers must be those of the recorded agent: order, kind, request, object,
-status, data. See support.replay for what is not compared and why.
+In each stream our answers must equal those of the recorded agent: order, kind, request, object,
+status, data. support.replay describes what is not compared, and why.
 """
 
 import pytest
@@ -14,7 +14,7 @@ from uros.wire import ids
 
 NAMES = sorted(path.stem for path in CAPTURES.glob("*.jsonl"))
 
-# What others published when the capture was made: topic and type.
+# Topics that nodes outside of the capture published: topic and type.
 OUTSIDE = {
     "subscribe_reliable": ("HelloWorldTopic", "HelloWorld"),
     "rclc_int32_subscriber": ("rt/std_msgs_msg_Int32", "std_msgs::msg::dds_::Int32_"),
@@ -31,7 +31,7 @@ PLAYS = [(name, transport) for name in NAMES for transport in transports_of(name
 
 
 def cancels(replay):
-    """The READ_DATA in a capture that stop a delivery: (client, request id, object id)."""
+    """The READ_DATA of a capture that cancel a delivery: (client, request id, object id)."""
     return [
         (client, *(int.from_bytes(payload[at : at + 2], "big") for at in (0, 2)))
         for client, message in messages(replay.name, replay.records, True)
@@ -59,28 +59,28 @@ def test_answers_are_those_of_the_recorded_agent(name, transport, middleware, ow
 
         replay = Replay(name, agent.line, outside)
         replay.run()
-        # The recorded agent leaves a cancelled READ_DATA unanswered, and its client waits for
-        # a second. Ours says so, where it disturbs no number of a reliable stream.
-        assert [str(it).partition(": ")[2] for it in replay.best_effort] == [
+        # The recorded agent does not answer a READ_DATA that cancels, and its client waits for a
+        # second. Ours answers outside of the reliable streams, whose numbers stay the same.
+        assert [str(reply).partition(": ")[2] for reply in replay.best_effort] == [
             f"STATUS request {request}, object 0x{thing:04X}, OK/0"
             for _, request, thing in cancels(replay)
         ]
-        assert sum(len(it) for it in replay.got.values()) > 0
+        assert sum(len(replies) for replies in replay.received.values()) > 0
 
 
-def test_a_capture_that_differs_is_told_with_both_sides(own_domain_id, monkeypatch):
-    """The comparison itself: an agent whose STATUS is another is found out."""
+def test_a_mismatch_shows_both_sides(own_domain_id, monkeypatch):
+    """The comparison raises Mismatch for an agent with another STATUS, with both in its text."""
     from uros.wire import session
 
     push_status = session.push_status
 
-    def other(w, request_id, object_id, status, implementation=0):
+    def push_matched(w, request_id, object_id, status, implementation=0):
         push_status(w, request_id, object_id, ids.STATUS_OK_MATCHED, implementation)
 
-    monkeypatch.setattr(session, "push_status", other)
+    monkeypatch.setattr(session, "push_status", push_matched)
     with running_agent("udp", "memory", own_domain_id) as agent:
         with pytest.raises(Mismatch) as failed:
             Replay("publish_reliable", agent.line).run()
-    said = str(failed.value)
-    assert "- client 0 stream 0x80 no. 0: STATUS request 10, object 0x0011, OK/0" in said
-    assert "+ client 0 stream 0x80 no. 0: STATUS request 10, object 0x0011, OK_MATCHED/0" in said
+    text = str(failed.value)
+    assert "- client 0 stream 0x80 no. 0: STATUS request 10, object 0x0011, OK/0" in text
+    assert "+ client 0 stream 0x80 no. 0: STATUS request 10, object 0x0011, OK_MATCHED/0" in text

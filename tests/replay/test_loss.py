@@ -1,8 +1,8 @@
-"""Conversations of the real C client in which something is lost, or has every octet different.
+"""Conversations of the real C client with loss, or with values whose octets all differ.
 
-``captures/loss`` was recorded between the C client and the agent; ``lost`` marks what did not
-arrive. What a message must mean is told by what arrived, or by what the recorded program asked
-its library for, and never by a codec of ours: swapped octets at both ends are found here.
+``captures/loss`` was recorded between the C client and the C++ agent; ``lost`` marks messages that
+did not arrive. The expected values come from the messages that arrived, or from the source of the
+recorded program, never from a codec of uros: so the tests detect octets that both ends swap.
 """
 
 import json
@@ -22,11 +22,14 @@ from uros.wire.streams import ReliableIn, ReliableOut
 
 STREAM = 0x80
 SECONDS_BEFORE = 0.004
-LOSSY = [("subscribe", "client"), ("publish", "agent")]  # and who acknowledges with gaps
+LOSSY = [
+    ("subscribe", "client"),
+    ("publish", "agent"),
+]  # name, and the end that acknowledges with gaps
 
 
 class Row:
-    """A line of a capture, and what its first octets say."""
+    """A line of a capture with the values of its header."""
 
     def __init__(self, line):
         fields = json.loads(line)
@@ -50,45 +53,46 @@ def rows(name):
         return [Row(line) for line in file]
 
 
-def only(found):
-    (it,) = found
-    return it
+def only(items):
+    """The only item."""
+    (item,) = items
+    return item
 
 
-def gaps(came, last):
-    """(first number that is missing, all that are missing up to the last heard of)."""
-    missing = [it for it in range(last + 1) if it not in came]
+def gaps(arrived, last):
+    """(first missing number, all missing numbers up to the last announced one)."""
+    missing = [number for number in range(last + 1) if number not in arrived]
     return (missing or [last + 1])[0], frozenset(missing)
 
 
 def acknowledgements(name, by):
-    """Each ACKNACK of ``by``, what it may mean, and what had come by then.
+    """Yield each ACKNACK of ``by``, its possible meanings, and the numbers that had arrived.
 
-    It was written somewhat before it passed the relay: it may mean all that was true in the
-    ``SECONDS_BEFORE``. The numbers stay far from 65535.
+    It was written shortly before it passed the relay, so each state of the last ``SECONDS_BEFORE``
+    is a possible meaning. The numbers stay far from 65535.
     """
-    came, last = set(), -1
-    states = [(0.0, gaps(came, last))]
+    arrived, last = set(), -1
+    states = [(0.0, gaps(arrived, last))]
     for row in rows(name):
         if row.sender != by and not row.lost:
             if row.stream == STREAM:
-                came.add(row.number)
+                arrived.add(row.number)
                 last = max(last, row.number)
             elif row.kind == ids.HEARTBEAT and row.payload[4] == STREAM:
                 last = max(last, struct.unpack_from("<H", row.payload, 2)[0])
-            states.append((row.time, gaps(came, last)))
+            states.append((row.time, gaps(arrived, last)))
         elif row.sender == by and row.kind == ids.ACKNACK and row.payload[4] == STREAM:
             while len(states) > 1 and states[1][0] < row.time - SECONDS_BEFORE:
                 del states[0]
-            yield row, {meaning for _, meaning in states}, set(came)
+            yield row, {meaning for _, meaning in states}, set(arrived)
 
 
 def asked(first, missing):
-    return first, frozenset(first + it for it in range(16) if missing >> it & 1)
+    return first, frozenset(first + bit for bit in range(16) if missing >> bit & 1)
 
 
 @pytest.mark.parametrize(("name", "by"), LOSSY)
-def test_an_acknack_of_others_asks_for_what_was_lost(name, by):
+def test_a_recorded_acknack_requests_the_lost_messages(name, by):
     with_gaps, high = 0, 0
     for row, meanings, _ in acknowledgements(name, by):
         first, missing, stream = session.pull_acknack(row.reader())
@@ -100,16 +104,16 @@ def test_an_acknack_of_others_asks_for_what_was_lost(name, by):
 
 
 @pytest.mark.parametrize(("name", "by"), LOSSY)
-def test_ours_says_the_same_octets_for_the_same_loss(name, by):
+def test_our_acknack_has_the_same_octets_for_the_same_loss(name, by):
     same = 0
-    for row, meanings, came in acknowledgements(name, by):
+    for row, meanings, arrived in acknowledgements(name, by):
         key = struct.unpack_from(">I", row.raw, 4)[0] if row.raw[0] < 0x80 else 0
         octets = set()
         for first, missing in meanings:
             ours = ReliableIn()
             ours.next = first
             ours.announced = max(missing, default=first - 1) & 0xFFFF
-            for number in came:
+            for number in arrived:
                 if number > first:
                     ours.receive(number, b"x")
             octets.add(session.acknack_message(row.raw[0], key, *ours.acknack(), STREAM))
@@ -117,7 +121,7 @@ def test_ours_says_the_same_octets_for_the_same_loss(name, by):
     assert same >= 20
 
 
-def test_our_client_says_what_the_c_client_says_of_the_same_loss():
+def test_our_client_sends_the_acknack_of_the_c_client_for_the_same_loss():
     same = 0
     for row, meanings, _ in acknowledgements("subscribe", "client"):
         octets = set()
@@ -135,27 +139,29 @@ def test_our_client_says_what_the_c_client_says_of_the_same_loss():
     assert same >= 100
 
 
-def test_our_agent_sends_again_what_a_c_client_asks_for():
+def test_our_agent_retransmits_what_a_c_client_requests():
     resent = 0
     for row, meanings, _ in acknowledgements("subscribe", "client"):
         talk = Session(0x12345678, row.raw[0], 512, Handler())
         out = talk._out[STREAM] = ReliableOut(window=0x4000)
-        for number in range(max(max(it, default=first - 1) for first, it in meanings) + 1):
+        for number in range(
+            max(max(numbers, default=first - 1) for first, numbers in meanings) + 1
+        ):
             talk.send(ids.DATA, 1, STREAM, b"\0\x0e\0\x16" + bytes([number]), 100)
         talk.outgoing.clear()
         buf = bytearray(row.raw)
         talk.receive(buf, memoryview(buf), len(buf), 1000)
-        again = frozenset(pull_header(it, len(it))[2] for it in talk.outgoing)
+        again = frozenset(pull_header(message, len(message))[2] for message in talk.outgoing)
         assert (out.acked, again) in meanings
         resent += len(again)
     assert resent >= 100
 
 
-def test_our_client_sends_again_what_the_cpp_agent_asks_for():
+def test_our_client_retransmits_what_the_cpp_agent_requests():
     resent = 0
     for row, meanings, _ in acknowledgements("publish", "agent"):
         first = struct.unpack_from("<H", row.payload)[0]
-        possible = [missing for it, missing in meanings if it == first]
+        possible = [missing for number, missing in meanings if number == first]
         sent = max(max(missing, default=first - 1) for missing in possible) + 1
         bench = Bench()
         bench.session.id = row.raw[0]
@@ -171,10 +177,13 @@ def test_our_client_sends_again_what_the_cpp_agent_asks_for():
     assert resent >= 50
 
 
-def test_the_limits_of_read_data_are_those_that_the_program_asked_for():
-    """It set max_samples 0x0102, max_elapsed_time 0x0304, max_bytes_per_second 0x0506 and
-    min_pace_period 0x0708 in its uxrDeliveryControl, of datareader 0x126."""
-    row = only(it for it in rows("read_limits") if it.kind == ids.READ_DATA)
+def test_read_data_has_the_limits_of_the_recorded_program():
+    """READ_DATA has the limits of the program's uxrDeliveryControl, of datareader 0x126.
+
+    They are max_samples 0x0102, max_elapsed_time 0x0304, max_bytes_per_second 0x0506 and
+    min_pace_period 0x0708.
+    """
+    row = only(row for row in rows("read_limits") if row.kind == ids.READ_DATA)
     request, thing, stream, form, content_filter, control = data.pull_read_data(row.reader())
     assert (request, thing, stream, form, content_filter) == (14, 0x1266, STREAM, 0, None)
     assert control == (0x0102, 0x0304, 0x0506, 0x0708)
@@ -183,25 +192,25 @@ def test_the_limits_of_read_data_are_those_that_the_program_asked_for():
     assert bytes(w.buf[: w.offset]) == row.payload[:16]
 
 
-def test_our_agent_keeps_to_the_limits_that_the_program_asked_for():
+def test_our_agent_applies_the_limits_of_the_recorded_program():
     desk = Desk()
     for row in rows("read_limits"):
         if row.sender == "client" and row.client == 0 and row.kind != ids.DELETE:
             desk.hear(row.raw)
     things = only(desk.agent.clients.values()).objects.values()
-    delivery = only(it.delivery for it in things if it.delivery is not None)
+    delivery = only(endpoint.delivery for endpoint in things if endpoint.delivery is not None)
     assert delivery.remaining == 0x0102
     assert (delivery._bytes_per_second, delivery._pace) == (0x0506, 0x0708)
     desk.close()
 
 
-def test_the_clients_key_and_its_octets():
-    """Its key was 0x12345678, its session 0x01, so that its key stands in each header."""
+def test_the_client_key_and_its_octets():
+    """The key 0x12345678 of the program is in each header, since its session is 0x01."""
     first = rows("subscribe")[0]
     values = session.pull_create_client(Reader(first.payload, 0, len(first.payload), True))
     assert (values[3], values[4], values[6]) == (0x12345678, 0x01, 508)
-    with_key = [it for it in rows("subscribe") if it.raw[0] == 0x01]
-    assert len(with_key) > 100 and {it.sender for it in with_key} == {"client", "agent"}
+    with_key = [row for row in rows("subscribe") if row.raw[0] == 0x01]
+    assert len(with_key) > 100 and {row.sender for row in with_key} == {"client", "agent"}
     for row in with_key:
         head = pull_header(row.raw, len(row.raw))
         assert head == (0x01, row.stream, row.number, 0x12345678, 8)
@@ -216,13 +225,16 @@ def test_the_clients_key_and_its_octets():
 IDENTITY = bytes(range(0xA0, 0xAC)) + b"\xb1\xb2\xb3\xc4", 0x0102030405060708
 
 
-def test_the_identity_of_a_reply_is_the_one_that_the_program_made():
-    """Its SampleIdentity had the prefix A0 to AB, the key B1 B2 B3, the kind C4, and the number
-    high 0x01020304, low 0x05060708; its request was number 16."""
+def test_a_reply_has_the_sample_identity_of_the_recorded_program():
+    """WRITE_DATA number 16 has the SampleIdentity of the program.
+
+    Its GUID has the prefix A0 to AB, the key B1 B2 B3 and the kind C4; its sequence number is high
+    0x01020304, low 0x05060708.
+    """
     replies = [
-        it
-        for it in rows("service_identity")
-        if it.sender == "client" and it.client == 0 and it.kind == ids.WRITE_DATA
+        row
+        for row in rows("service_identity")
+        if row.sender == "client" and row.client == 0 and row.kind == ids.WRITE_DATA
     ]
     assert len(replies) == 4
     row = replies[-1]
@@ -235,33 +247,41 @@ def test_the_identity_of_a_reply_is_the_one_that_the_program_made():
     assert buf == row.payload[4:28]
 
 
-def test_what_was_published_through_loss_arrives_once_and_in_order():
-    """60 samples of the C client, their numbers in them, as they came: lost, doubled, late."""
+def test_samples_published_with_loss_arrive_once_and_in_order():
+    """60 numbered samples of the C client arrive, from messages lost, duplicated and late."""
     talk = Session(0x9ABCDEF1, 0x81, 512, Handler())
-    got = []
-    talk.writers[0x1365] = lambda cdr: got.append(bytes(cdr[4:8])) is None
+    samples = []
+    talk.writers[0x1365] = lambda cdr: samples.append(bytes(cdr[4:8])) is None
     for row in rows("publish"):
         if row.sender == "client" and not row.lost and row.raw[0] == 0x81:
             buf = bytearray(row.raw)
             talk.receive(buf, memoryview(buf), len(buf), 100)
-    assert [struct.unpack("<I", it)[0] for it in got] == list(range(60))
+    assert [struct.unpack("<I", octets)[0] for octets in samples] == list(range(60))
 
 
 def sample_of(index, size):
-    """What the program wrote as its message ``index``."""
-    return bytes((it * 7 + (5 + 2 * index) * 3) % 251 | 8 for it in range(size))
+    """The sample that the program wrote as its message ``index``."""
+    return bytes((i * 7 + (5 + 2 * index) * 3) % 251 | 8 for i in range(size))
 
 
-def test_messages_that_a_c_client_gave_up_are_told_from_those_behind_them():
-    """It gave up 6000 octets and wrote 5000, gave up 7000 and wrote 7000, gave up 66,000 and wrote
-    4000, then 5003, and was told that those arrived."""
+def test_fragments_that_a_c_client_abandoned_do_not_join_the_next_message():
+    """The complete messages arrive, and three abandoned ones are counted.
+
+    The program abandoned 6000 octets and wrote 5000, abandoned 7000 and wrote 7000, abandoned
+    66,000 and wrote 4000, then 5003; the agent acknowledged the complete ones.
+    """
     handler = Handler()
     talk = Session(0x12345678, 0x81, 512, handler)
-    got = []
-    talk.writers[0x1365] = lambda cdr: got.append(bytes(cdr[4:])) is None
+    samples = []
+    talk.writers[0x1365] = lambda cdr: samples.append(bytes(cdr[4:])) is None
     for row in rows("given_up"):
         if row.sender == "client" and row.raw[0] == 0x81:
             buf = bytearray(row.raw)
             talk.receive(buf, memoryview(buf), len(buf), 100)
-    assert got == [sample_of(1, 5000), sample_of(3, 7000), sample_of(5, 4000), sample_of(6, 5003)]
+    assert samples == [
+        sample_of(1, 5000),
+        sample_of(3, 7000),
+        sample_of(5, 4000),
+        sample_of(6, 5003),
+    ]
     assert talk.given_up == 3

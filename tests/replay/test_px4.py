@@ -1,8 +1,8 @@
-"""PX4 on our agent: its client, written from public sources, against the agent as users start it.
+"""PX4 with the agent of uros: a client written from public sources, and an agent process.
 
-No PX4 runs here. What is PX4's was read in its sources (see support/px4.py), and the bytes are
-put together by code that shares nothing with uros, and that test_c_library.py holds against bytes
-of the real library. The DDS side is a participant of its own in this process.
+No PX4 runs here. support/px4.py follows PX4's sources, and builds its bytes without code of uros;
+test_c_library.py compares them with bytes of the real library. The ROS node is a participant of
+its own in this process.
 """
 
 import time
@@ -31,7 +31,7 @@ def places(shared_ground):
 
 @pytest.fixture
 def own_place(transport, own_domain_id):
-    """An agent of this test's own, in a domain of its own."""
+    """An agent for one test, in a domain of its own."""
     with Place(transport, own_domain_id) as running:
         yield running
 
@@ -43,7 +43,7 @@ def udp(places, ground):
     ground.see_them_gone()
 
 
-# --- what ROS sees -------------------------------------------------------------------------
+# --- the ROS graph -------------------------------------------------------------------------
 
 
 def expected(vehicle, topics, direction):
@@ -56,21 +56,21 @@ def expected(vehicle, topics, direction):
 
 
 def see(ground, vehicle, name, publishers, subscribers, services):
-    """Until the graph shows the vehicle's node with all this and nothing else."""
+    """Wait until the graph has the vehicle's node with exactly these endpoints."""
 
-    def seen():
+    def endpoints():
         node = ground.graph.node(name)
         return node and (node.publishers, node.subscribers, node.service_servers)
 
     wanted = (publishers, subscribers, services)
     vehicle.others = (ground,)
-    vehicle.until(lambda: seen() == wanted, lambda: (seen(), wanted))
+    vehicle.until(lambda: endpoints() == wanted, lambda: (endpoints(), wanted))
     assert ground.graph.nodes().count(name) == 1
 
 
 @transports
 @pytest.mark.parametrize("release", ["1.14", "1.15", "1.16"])
-def test_all_topics_are_there_under_the_vehicles_node(place, ground, release):
+def test_all_topics_belong_to_the_vehicles_node(place, ground, release):
     vehicle = place.fly(Px4, ground, release=release)
     for number, name in enumerate(PUBLICATIONS):
         vehicle.publish(name, sample(number))
@@ -104,7 +104,9 @@ def test_all_topics_are_there_under_the_vehicles_node(place, ground, release):
 
 
 def test_vehicles_with_namespaces_are_nodes_of_their_own(udp, ground):
-    vehicles = [udp.fly(Px4, ground, key=2 + it, namespace=f"px4_{1 + it}") for it in range(2)]
+    vehicles = [
+        udp.fly(Px4, ground, key=2 + index, namespace=f"px4_{1 + index}") for index in range(2)
+    ]
     for number, vehicle in enumerate(vehicles, 1):
         see(
             ground,
@@ -117,8 +119,8 @@ def test_vehicles_with_namespaces_are_nodes_of_their_own(udp, ground):
     assert f"/px4_{number}/fmu/out/vehicle_odometry" in ground.graph.topics()
 
 
-def test_the_domain_is_the_vehicles(own_domain_id, own_ground):
-    """As PX4's users start it: without ``--domain``."""
+def test_the_agent_uses_the_domain_of_the_vehicle(own_domain_id, own_ground):
+    """Without ``--domain``, as PX4's users start the agent."""
     ground = own_ground
     with Place("udp", None) as place:
         vehicle = place.fly(Px4, ground, domain=own_domain_id)
@@ -132,7 +134,7 @@ def test_the_domain_is_the_vehicles(own_domain_id, own_ground):
         )
 
 
-def test_the_time_is_the_agents(udp):
+def test_the_vehicle_synchronizes_with_the_agents_time(udp):
     vehicle = udp.fly(Px4)
     difference = time.monotonic() + vehicle.offset - time.time()
     assert abs(difference) < vehicle.offset_error + 0.01
@@ -152,31 +154,31 @@ def talk_to_all(ground, vehicle):
         name: ground.writer(vehicle.topic(name, "in"), type_name(name), RELIABLE)
         for name in SUBSCRIPTIONS
     }
-    return lambda name, it: writers[name](it)
+    return lambda name, octets: writers[name](octets)
 
 
 def meet(ground, vehicle, write):
-    """Until every topic has come through once, each way; then forget what came."""
+    """Exchange a sample on every topic in each direction, then clear the received samples."""
     session = vehicle.session
-    came = Counter()
-    session.on_data = lambda thing, payload: came.update([thing])
+    received = Counter()
+    session.on_data = lambda thing, payload: received.update([thing])
     topics = [vehicle.topic(name, "out") for name in PUBLICATIONS]
     for turn in range(100):
         for name in PUBLICATIONS:
             if not ground.samples[vehicle.topic(name, "out")]:
                 vehicle.publish(name, sample(turn))
         for name in SUBSCRIPTIONS:
-            if not came[vehicle.readers[name]]:
+            if not received[vehicle.readers[name]]:
                 write(name, sample(turn))
 
-        def met():
-            return all(map(ground.samples.get, topics)) and len(came) == len(SUBSCRIPTIONS)
+        def matched():
+            return all(map(ground.samples.get, topics)) and len(received) == len(SUBSCRIPTIONS)
 
-        if autopilot.wait(met, session, ground, seconds=0.2):
+        if autopilot.wait(matched, session, ground, seconds=0.2):
             break
     else:
         raise AssertionError("some topics do not come through")
-    # What was under way still: a marker each way behind it.
+    # A marker in each direction comes after all samples that are still in flight.
     last = PUBLICATIONS[0], SUBSCRIPTIONS[0]
     vehicle.publish(last[0], sample(0xFFFFFFFF))
     marked = []
@@ -195,21 +197,24 @@ def meet(ground, vehicle, write):
     [("udp", 50, 28, 100), ("serial", 8, 8, 50)],
     ids=["udp", "serial"],
 )
-def test_a_second_of_flight_comes_through_whole(place, ground, names_out, names_in, rate):
-    """What is lost, the agent lost: each burst is sent when it is due, but never so far ahead of
-    what has arrived that buffers of the system or the history of a reader (KEEP_LAST of 2 QUEUE
-    samples) could overflow on a busy machine."""
+def test_a_second_of_flight_loses_no_sample(place, ground, names_out, names_in, rate):
+    """Every sample arrives, in both directions; only the agent could lose one.
+
+    Each burst is sent when it is due, but never so far ahead of the received samples that buffers
+    of the system or the history of a reader (KEEP_LAST of 2 QUEUE samples) could overflow on a busy
+    machine.
+    """
     vehicle = place.fly(Px4, ground)
     listen_to_all(ground, vehicle)
     write = talk_to_all(ground, vehicle)
     meet(ground, vehicle, write)
-    came = {}
+    received = {}
     total = 0
 
     def on_data(thing, payload):
         nonlocal total
         total += 1
-        came.setdefault(thing, []).append(counter(payload))
+        received.setdefault(thing, []).append(counter(payload))
 
     session = vehicle.session
     session.on_data = on_data
@@ -223,7 +228,8 @@ def test_a_second_of_flight_comes_through_whole(place, ground, names_out, names_
                 time.monotonic() >= due
                 and ground.count >= (turn - rate // 4) * len(out)
                 and all(
-                    len(came.get(vehicle.readers[name], ())) > turn - 2 * px4.QUEUE for name in into
+                    len(received.get(vehicle.readers[name], ())) > turn - 2 * px4.QUEUE
+                    for name in into
                 )
             )
 
@@ -241,17 +247,17 @@ def test_a_second_of_flight_comes_through_whole(place, ground, names_out, names_
     )
     seconds = time.monotonic() - start
     for name in out:
-        got = ground.samples[vehicle.topic(name, "out")]
-        assert [counter(it) for it in got] == list(range(rate)), name
-        assert all(len(it) == 100 for it in got)
+        samples = ground.samples[vehicle.topic(name, "out")]
+        assert [counter(octets) for octets in samples] == list(range(rate)), name
+        assert all(len(octets) == 100 for octets in samples)
     for name in into:
-        assert came[vehicle.readers[name]] == list(range(rate)), name
+        assert received[vehicle.readers[name]] == list(range(rate)), name
     print(f"{rate * len(out)} out and {rate * len(into)} in, within {seconds:.2f} s")
     assert not place.complaints()
 
 
 @transports
-def test_a_message_larger_than_the_announced_mtu_goes_out(place, ground):
+def test_a_message_larger_than_the_announced_mtu_is_published(place, ground):
     """PX4's buffer of the best-effort stream has 2048 bytes; the session's MTU is 512."""
     vehicle = place.fly(Px4, ground)
     topic = vehicle.topic("event", "out")
@@ -264,19 +270,19 @@ def test_a_message_larger_than_the_announced_mtu_goes_out(place, ground):
     assert ground.samples[topic][0] == big
 
 
-def test_a_message_too_large_for_the_vehicle_is_told_and_harms_nothing(udp, ground):
+def test_a_message_too_large_for_the_vehicle_is_dropped_and_logged(udp, ground):
     vehicle = udp.fly(Px4, ground)
     write = talk_to_all(ground, vehicle)
-    got = []
-    vehicle.session.on_data = lambda thing, payload: got.append(payload)
+    received = []
+    vehicle.session.on_data = lambda thing, payload: received.append(payload)
     for _ in range(100):
         write("obstacle_distance", sample(1, 600))
         write("vehicle_command", sample(2))
-        before = len(got)
-        autopilot.wait(lambda n=before: len(got) > n, vehicle.session, ground, seconds=0.2)
-        if udp.agent.said("message dropped") and got:
+        before = len(received)
+        autopilot.wait(lambda n=before: len(received) > n, vehicle.session, ground, seconds=0.2)
+        if udp.agent.said("message dropped") and received:
             break
-    assert {counter(it) for it in got} == {2}
+    assert {counter(octets) for octets in received} == {2}
     assert udp.agent.said("message dropped"), udp.agent.lines
 
 
@@ -290,9 +296,9 @@ def test_vehicle_command_is_answered(place, ground):
             reply_topic, "px4_msgs::srv::dds_::VehicleCommand_Response_",
         )
     )  # fmt: skip
-    asked = []  # until discovery is through, requests meet nobody
+    request_numbers = []  # before the endpoints have matched, requests are lost
     while not vehicle.session.samples[vehicle.replier]:
-        asked.append(call(sample(len(asked), 84)))
+        request_numbers.append(call(sample(len(request_numbers), 84)))
         autopilot.wait(
             lambda: vehicle.session.samples[vehicle.replier], vehicle.session, ground, seconds=0.3
         )
@@ -300,14 +306,14 @@ def test_vehicle_command_is_answered(place, ground):
     request = vehicle.answer(reply)
     assert len(request) == 84
     vehicle.until(lambda: replies, "no reply comes")
-    assert replies[0] == (asked[counter(request)], reply)
+    assert replies[0] == (request_numbers[counter(request)], reply)
 
 
-# --- coming and going ----------------------------------------------------------------------------
+# --- reconnecting --------------------------------------------------------------------------------
 
 
-def flows(ground, vehicle):
-    """Data goes both ways, once."""
+def check_flow(ground, vehicle):
+    """Exchange a sample on every topic in each direction."""
     write = talk_to_all(ground, vehicle)
     listen_to_all(ground, vehicle)
     meet(ground, vehicle, write)
@@ -315,28 +321,28 @@ def flows(ground, vehicle):
 
 
 @transports
-def test_the_vehicle_reconnects_to_an_agent_that_was_restarted(own_place, own_ground):
+def test_the_vehicle_reconnects_to_a_restarted_agent(own_place, own_ground):
     place, ground = own_place, own_ground
     vehicle = place.fly(Px4, ground)
     assert vehicle.in_session()
     place.agent.kill()
     assert vehicle.lost()
     place.start()
-    # It has a session, but none with this agent: silence is what says so.
+    # Its session is unknown to the new agent, which therefore does not answer.
     vehicle.publish("vehicle_odometry", sample(1))
     assert vehicle.lost()
     vehicle.disconnect()
     vehicle.session.link = place.link()
     vehicle.connect()
     assert vehicle.in_session()
-    flows(ground, vehicle)
+    check_flow(ground, vehicle)
 
 
 @transports
-def test_a_vehicle_that_reboots_is_one_node_and_hears_each_command_once(place, ground):
-    """No farewell, the same key; on UDP another port."""
+def test_a_vehicle_that_reboots_is_one_node_and_receives_each_command_once(place, ground):
+    """The vehicle connects again with the same key, without DELETE; on UDP from another port."""
     first = place.fly(Px4, ground)
-    flows(ground, first)
+    check_flow(ground, first)
     second = place.fly(Px4, ground)
     write = talk_to_all(ground, second)
     meet(ground, second, write)
@@ -348,54 +354,57 @@ def test_a_vehicle_that_reboots_is_one_node_and_hears_each_command_once(place, g
         expected(second, SUBSCRIPTIONS, "in"),
         {"/fmu/vehicle_command": ["px4_msgs/srv/VehicleCommand"]},
     )
-    got = []
-    second.session.on_data = lambda thing, payload: got.append((thing, counter(payload)))
+    commands = []
+    second.session.on_data = lambda thing, payload: commands.append((thing, counter(payload)))
     for number in range(5):
         write("vehicle_command", sample(number))
-    second.until(lambda: len(got) >= 5)
-    assert got == [(second.readers["vehicle_command"], it) for it in range(5)]
+    second.until(lambda: len(commands) >= 5)
+    assert commands == [(second.readers["vehicle_command"], number) for number in range(5)]
     if place.transport == "udp":
         assert not first.in_session(0.2)
 
 
 @pytest.mark.parametrize("transport", ["serial"])
-def test_on_a_serial_line_another_key_takes_the_place_of_the_one_before(place, ground):
+def test_on_a_serial_line_a_new_key_replaces_the_client_before(place, ground):
     place.fly(Px4, ground, key=1)
     second = place.fly(Px4, ground, key=2, namespace="other")
     second.until(
-        lambda: [it for it in ground.graph.nodes() if "px4" in it] == ["/other/px4_micro_xrce_dds"],
+        lambda: (
+            [name for name in ground.graph.nodes() if "px4" in name]
+            == ["/other/px4_micro_xrce_dds"]
+        ),
         ground.graph.nodes,
     )
 
 
-def test_of_two_vehicles_with_the_same_key_the_first_keeps_it(udp, ground):
+def test_the_first_of_two_vehicles_with_the_same_key_keeps_it(udp, ground):
     first = udp.fly(Px4, ground, key=6)
     second = Px4(udp.link(), key=6)
-    second.others = ground, first.session  # which answers the agent's question
-    second.session.greet()
+    second.others = ground, first.session  # it answers the takeover probe
+    second.session.create_client()
     second.until(lambda: second.session.agent_status is not None, "no answer to CREATE_CLIENT")
     assert second.session.agent_status == ids.STATUS_ERR_DENIED
     assert first.in_session()
     assert ground.graph.nodes().count(NODE) == 1
     second.until(
         lambda: any(
-            "client key in use" in it and "a key of its own" in it for it in udp.complaints()
+            "client key in use" in line and "a key of its own" in line for line in udp.complaints()
         ),
-        "the log does not say what to do",
+        "the log has no remedy",
     )
 
 
-def test_a_vehicle_that_does_not_answer_loses_its_key_to_another(udp, ground):
+def test_a_vehicle_that_does_not_answer_loses_its_key_to_a_new_one(udp, ground):
     first = udp.fly(Px4, ground, key=7)
     second = udp.fly(Px4, ground, key=7)
     assert second.in_session() and not first.in_session(0.2)
     assert ground.graph.nodes().count(NODE) <= 1
 
 
-def test_a_farewell_takes_everything_along(udp, ground):
+def test_delete_client_removes_all_entities(udp, ground):
     vehicle = udp.fly(Px4, ground)
     vehicle.until(lambda: NODE in ground.graph.nodes())
-    vehicle.session.farewell()
+    vehicle.session.delete_client()
     vehicle.until(lambda: NODE not in ground.graph.nodes(), ground.graph.nodes)
     vehicle.until(lambda: not ground.graph.publishers("/fmu/out/vehicle_odometry"))
 
@@ -423,7 +432,7 @@ def test_a_custom_participant_comes_from_the_references_file(own_domain_id, own_
         )
 
 
-def test_a_custom_participant_without_the_file_is_refused_and_the_log_says_what_to_do(udp):
+def test_a_custom_participant_without_the_file_is_refused_and_the_log_has_the_remedy(udp):
     vehicle = Px4(udp.link(), config="custom")
     vehicle.find_agent()
     vehicle.open()
@@ -432,7 +441,7 @@ def test_a_custom_participant_without_the_file_is_refused_and_the_log_says_what_
     assert "px4_participant" in line and "--refs FILE" in line
 
 
-def test_a_localhost_participant_is_made_where_discovery_stays_on_localhost(udp, ground):
+def test_a_localhost_participant_is_created_where_discovery_stays_on_localhost(udp, ground):
     vehicle = udp.fly(Px4, ground, config="localhost", namespace="here")
     vehicle.until(lambda: "/here/px4_micro_xrce_dds" in ground.graph.nodes(), ground.graph.nodes)
 

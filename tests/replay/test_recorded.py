@@ -1,4 +1,4 @@
-"""The player of a recorded board against the recorded agent, with a time of its own."""
+"""RecordedBoard with a recorded agent, in simulated time."""
 
 import pytest
 from support import recorded
@@ -17,12 +17,12 @@ def stream_of(message):
 
 
 class RecordedAgent:
-    """Says what the agent of a recording said, after the board's message that it said it to."""
+    """Sends the answers of the recorded agent, each after the same message of the board."""
 
     def __init__(self, records, client=0):
         self._turns = []
         for record in records:
-            if record.client != client or recorded.is_own_matter(record.data):
+            if record.client != client or recorded.is_acknowledgement(record.data):
                 continue
             if record.from_client:
                 self._turns.append([])
@@ -32,8 +32,8 @@ class RecordedAgent:
         self._next = {}
 
     def take(self, message):
-        """What the agent sends back."""
-        if recorded.is_own_matter(message):
+        """The agent's answers to a message."""
+        if recorded.is_acknowledgement(message):
             return []
         stream, number = pull_header(message, len(message))[1:3]
         out = []
@@ -55,12 +55,12 @@ class RecordedAgent:
 
 
 def play(board, agent, until=10**6, lose=lambda message: False):
-    """Run a board on fake time; when each of its messages went out, own matters left out."""
+    """Run a board in simulated time; (time, message) of all but ACKNACK and HEARTBEAT."""
     now = 0
     sent = []
     while not board.done and now <= until:
         for message in board.outgoing(now):
-            if not recorded.is_own_matter(message):
+            if not recorded.is_acknowledgement(message):
                 sent.append((now, message))
             if not lose(message):
                 for answer in agent.take(message):
@@ -77,7 +77,7 @@ def recorded_messages(records, client=0):
         record.data
         for record in records
         if record.from_client and record.client == client
-        and not recorded.is_own_matter(record.data)
+        and not recorded.is_acknowledgement(record.data)
     ]  # fmt: skip
 
 
@@ -87,7 +87,7 @@ UDP = sorted(
 
 
 @pytest.mark.parametrize("name", UDP)
-def test_a_board_says_what_was_recorded_byte_for_byte_and_not_sooner(name):
+def test_a_board_sends_the_recorded_bytes_and_not_earlier(name):
     records = load(name)
     for client in {record.client for record in records}:
         board = RecordedBoard(records, client)
@@ -98,7 +98,7 @@ def test_a_board_says_what_was_recorded_byte_for_byte_and_not_sooner(name):
             record.time * 1000
             for record in records
             if record.from_client and record.client == client
-            and not recorded.is_own_matter(record.data)
+            and not recorded.is_acknowledgement(record.data)
         ]  # fmt: skip
         assert all(
             abs((at - sent[0][0]) - (then - times[0])) <= 1
@@ -106,7 +106,7 @@ def test_a_board_says_what_was_recorded_byte_for_byte_and_not_sooner(name):
         )
 
 
-def test_an_endless_board_goes_on_in_its_rhythm_with_rising_numbers():
+def test_an_endless_board_repeats_with_its_intervals_and_rising_sequence_numbers():
     agent = RecordedAgent(WEATHER)
     board = RecordedBoard(WEATHER, endless=True)
     sent = play(board, agent, until=60_000)
@@ -123,7 +123,7 @@ def test_an_endless_board_goes_on_in_its_rhythm_with_rising_numbers():
     assert all(498 <= gap <= 502 for gap in gaps)
 
 
-def test_finish_takes_leave_as_recorded():
+def test_finish_closes_the_session_as_recorded():
     agent = RecordedAgent(WEATHER)
     board = RecordedBoard(WEATHER, endless=True)
     play(board, agent, until=10_000)
@@ -134,13 +134,13 @@ def test_finish_takes_leave_as_recorded():
         for message in board.outgoing(now):
             kinds = [kind for kind, _, _ in recorded.submessages(message)]
             if kinds == [ids.DELETE] * len(kinds):
-                # The recorded agent has said its part; this one confirms it.
+                # The recorded agent has no answer left; this one confirms the DELETE.
                 for kind, _, payload in recorded.submessages(message):
                     board.receive(status(agent, stream_of(message), kind, payload), now)
             for answer in agent.take(message):
                 board.receive(answer, now)
         now += 1
-        assert now < 10_001 + recorded.FAREWELL_MS + 10
+        assert now < 10_001 + recorded.CLOSE_MS + 10
     assert board.published <= published + 1
     last = [m for m in agent.heard if m[4] == ids.DELETE][-1]
     assert last[6:12] == b"\x04\x00\x00\x02\xff\xfe"
@@ -158,14 +158,14 @@ def status(agent, stream, kind, payload):
     return w.finish()
 
 
-def test_finish_with_nobody_there_ends_at_once():
+def test_finish_without_an_agent_ends_at_once():
     board = RecordedBoard(WEATHER, endless=True)
     board.outgoing(0)
     board.finish(5)
     assert board.done
 
 
-def test_finish_while_the_agent_is_gone_ends_in_time():
+def test_finish_after_the_agent_has_gone_ends_in_time():
     agent = RecordedAgent(WEATHER)
     board = RecordedBoard(WEATHER, endless=True)
     play(board, agent, until=5000)
@@ -174,23 +174,23 @@ def test_finish_while_the_agent_is_gone_ends_in_time():
     while not board.done:
         board.outgoing(now)
         now = board.next_deadline(now) or now
-        assert now <= 5000 + recorded.FAREWELL_MS
+        assert now <= 5000 + recorded.CLOSE_MS
 
 
-def test_what_gets_lost_comes_again():
+def test_lost_messages_are_retransmitted():
     lost = set()
 
     def lose(message):
-        """Every message once."""
+        """Lose every message once."""
         key = bytes(message)
-        if recorded.is_own_matter(message) or key in lost:
+        if recorded.is_acknowledgement(message) or key in lost:
             return False
         lost.add(key)
         return True
 
     class Agent(RecordedAgent):
         def take(self, message):
-            """Asks again for what a heartbeat tells of."""
+            """Request the message that a HEARTBEAT announces."""
             if message[4] == ids.HEARTBEAT:
                 stream = message[12]
                 w = MessageWriter(bytearray(32), 0x81, ids.STREAM_NONE, 0)
@@ -223,22 +223,22 @@ def test_answers_are_acknowledged():
     assert acknowledged[-1][0] == 14 and acknowledged[-1][1:] == (0, 0x80)
 
 
-def test_an_agent_that_comes_late_or_forgets_is_met_anew():
+def test_the_board_creates_its_session_again_at_a_late_or_new_agent():
     board = RecordedBoard(WEATHER, endless=True)
     now = 0
     sent = []
-    while now < 20_000:  # nobody there
+    while now < 20_000:  # without an agent
         sent += board.outgoing(now)
         now = board.next_deadline(now)
     assert 10 <= len(sent) <= 60 and {m[4] for m in sent} == {ids.CREATE_CLIENT}
-    # Now there is one; later another that knows nothing.
+    # Then with an agent, and later with a new one that has no session.
     for _ in range(2):
         agent = RecordedAgent(WEATHER)
         end = now + 20_000
         while now < end:
             for message in board.outgoing(now):
                 if not agent.heard and message[4] != ids.CREATE_CLIENT:
-                    continue  # of a session it does not know
+                    continue  # of an unknown session
                 for answer in agent.take(message):
                     board.receive(answer, now)
             now = max(now, board.next_deadline(now))
@@ -253,11 +253,11 @@ def test_junk_from_the_agent_is_dropped():
     assert board.done
 
 
-def test_only_own_matters_are_left_out_of_what_is_compared():
+def test_only_acknowledgements_are_left_out_of_the_comparison():
     kinds = {
         kind
         for record in WEATHER
-        if recorded.is_own_matter(record.data)
+        if recorded.is_acknowledgement(record.data)
         for kind, _, _ in recorded.submessages(record.data)
     }
     assert kinds == {ids.ACKNACK}
@@ -268,14 +268,14 @@ def test_only_own_matters_are_left_out_of_what_is_compared():
     ["{", "[]", '{"t": 0}', '{"t": 0, "from": "nobody", "client": 0, "hex": ""}',
      '{"t": 0, "from": "agent", "client": 0, "hex": "0"}'],
 )  # fmt: skip
-def test_a_file_that_is_no_recording_is_told_with_its_line(tmp_path, line):
+def test_the_error_for_a_bad_recording_names_the_line(tmp_path, line):
     path = tmp_path / "x.jsonl"
     path.write_text('{"t": 0, "from": "agent", "client": 0, "hex": ""}\n' + line + "\n")
     with pytest.raises(RecordingError, match=r"x\.jsonl:2: not a record"):
         recorded.load(path)
 
 
-def test_a_missing_file_is_told(tmp_path):
+def test_the_error_for_a_missing_file_names_it(tmp_path):
     with pytest.raises(RecordingError, match="none.jsonl"):
         recorded.load(tmp_path / "none.jsonl")
 

@@ -1,4 +1,4 @@
-"""``uros replay``: the C library's conversations, captures of our own agent, and what it finds."""
+"""``uros replay``: conversations of the C library, captures of our agent, and differences."""
 
 import io
 import os
@@ -26,13 +26,13 @@ from uros.tools.errors import ToolError
 from uros.wire import ids, session
 
 NAMES = sorted(path.stem for path in CAPTURES.glob("*.jsonl"))
-# What other nodes published when these were recorded does not come again.
+# Captures with samples of nodes that are not in the capture.
 OUTSIDE = ("subscribe_reliable", "rclc_int32_subscriber")
 TYPE = "std_msgs::msg::dds_::String_"
 
 
 def address(agent):
-    """Where ``uros replay`` reaches a running agent."""
+    """The address of a running agent, as an argument of ``uros replay``."""
     if agent.kind == "pseudoterminal":
         return f"serial://{agent.transport.device}"
     scheme = agent.kind if agent.kind.endswith("6") else f"{agent.kind}4"
@@ -41,7 +41,7 @@ def address(agent):
 
 
 def replay(path, agent, *more):
-    """(exit status, output)."""
+    """Run ``uros replay --fast``; (exit status, output)."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         status = cli.main(["replay", "--fast", str(path), agent, *map(str, more)])
@@ -49,45 +49,47 @@ def replay(path, agent, *more):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_recordings_of_the_cpp_agent_are_answered_alike(name):
+def test_recordings_of_the_cpp_agent_get_the_same_answers(name):
     more = ["--no-data"] if name in OUTSIDE else []
     with running_agent("udp", "memory") as agent:
-        status, said = replay(CAPTURES / f"{name}.jsonl", address(agent), *more)
-    assert status == 0, said
-    assert said.endswith("the answers are as recorded\n")
+        status, output = replay(CAPTURES / f"{name}.jsonl", address(agent), *more)
+    assert status == 0, output
+    assert output.endswith("the answers are as recorded\n")
 
 
 @pytest.mark.parametrize("kind", ["udp6", "tcp", "tcp6", "pseudoterminal"])
 @pytest.mark.parametrize("name", ["rclc_trigger", "serial_publish"])
-def test_over_whichever_transport(kind, name):
+def test_replay_over_each_transport(kind, name):
     with running_agent(kind, "memory") as agent:
-        status, said = replay(CAPTURES / f"{name}.jsonl", address(agent))
-    assert status == 0, said
+        status, output = replay(CAPTURES / f"{name}.jsonl", address(agent))
+    assert status == 0, output
 
 
-def test_by_the_clock_of_the_recording(tmp_path):
-    """A second between two messages is a second again."""
+def test_replay_with_the_times_of_the_recording(tmp_path):
+    """Without ``--fast``, a recorded gap of a second takes a second."""
     path = tmp_path / "it"
     lines = (CAPTURES / "ping.jsonl").read_text().splitlines(keepends=True)
-    records = [it.replace('"t": 0.', '"t": 1.') if i > 2 else it for i, it in enumerate(lines)]
+    records = [
+        line.replace('"t": 0.', '"t": 1.') if i > 2 else line for i, line in enumerate(lines)
+    ]
     path.write_text("".join(records))
     recorded_gap = list(read(path))[4].time - list(read(path))[0].time
     with running_agent("udp", "memory") as agent:
-        heard = []
-        agent.agent.message_hooks.append(heard.append)
+        events = []
+        agent.agent.message_hooks.append(events.append)
         assert cli.main(["replay", str(path), address(agent)]) == 0
-    times = [it.now / 1e6 for it in heard if it.direction == "client"]
+    times = [event.now / 1e6 for event in events if event.direction == "client"]
     assert recorded_gap > 1 and times[-1] - times[0] >= recorded_gap * 0.99
 
 
-# --- captures of our own ------------------------------------------------------------------------
+# --- captures of our agent ----------------------------------------------------------------------
 
 
 def converse(agent):
-    """A conversation of two boards: a topic, samples of all sizes, a service, farewells."""
+    """A conversation of two boards: a topic, samples of several sizes, DELETE, close."""
     talker, listener = XrceClient(agent.line(0), 0xCAFE), XrceClient(agent.line(1), 0xBEEF)
-    for it in (talker, listener):
-        assert it.open() == ids.STATUS_OK
+    for client in (talker, listener):
+        assert client.open() == ids.STATUS_OK
     writer = talker.writer("talker", "rt/chatter", TYPE)
     reader = listener.reader("listener", "rt/chatter", TYPE)
     listener.read(reader)
@@ -98,38 +100,40 @@ def converse(agent):
     assert talker.ping() == 1
     assert listener.delete(reader) == ids.STATUS_OK
     assert listener.delete(0x0995) == ids.STATUS_ERR_UNKNOWN_REFERENCE
-    for it in (talker, listener):
-        assert it.close() == ids.STATUS_OK
+    for client in (talker, listener):
+        assert client.close() == ids.STATUS_OK
 
 
 @pytest.mark.parametrize("form", ["pcapng", "jsonl"])
 @pytest.mark.parametrize("kind", ["udp", "udp6", "tcp", "serial", "can"])
 def test_a_capture_opens_in_wireshark_and_replays_into_a_fresh_agent(kind, form, tmp_path):
     path = tmp_path / f"it.{form}"
-    passed = []
+    events = []
     with running_agent(kind, "memory") as agent:
         capture = Capture(str(path), 10**9, agent.agent.log, agent.agent.message_hooks)
-        agent.agent.message_hooks.append(passed.append)
-        agent.line(7).send(b"nonsense of a stranger")
+        agent.agent.message_hooks.append(events.append)
+        agent.line(7).send(b"nonsense of an unknown session")
         converse(agent)
     capture.close()
     records = list(read(path))
-    assert [(it.from_client, it.message) for it in records] == [
-        (it.direction == "client", it.message) for it in passed
+    assert [(record.from_client, record.message) for record in records] == [
+        (event.direction == "client", event.message) for event in events
     ]
-    assert b"nonsense of a stranger" in [it.message for it in records]
-    addresses = {agent.transport.address(it.peer) for it in passed}
-    assert {it.address for it in records} == addresses and len(addresses) == 3
+    assert b"nonsense of an unknown session" in [record.message for record in records]
+    addresses = {agent.transport.address(event.peer) for event in events}
+    assert {record.address for record in records} == addresses and len(addresses) == 3
     if form == "pcapng":
-        found = packets(path)
-        assert [it.payload for it in found] == [it.message for it in passed]
-        assert all(it.checksums_good for it in found)
-        assert [it.outbound for it in found] == [it.direction == "agent" for it in passed]
-        assert {it.interface for it in found} == {agent.transport.name}
-        for packet, it in zip(found, passed, strict=True):
-            where = agent.transport.address(it.peer)
+        dissected = packets(path)
+        assert [packet.payload for packet in dissected] == [event.message for event in events]
+        assert all(packet.checksums_good for packet in dissected)
+        assert [packet.outbound for packet in dissected] == [
+            event.direction == "agent" for event in events
+        ]
+        assert {packet.interface for packet in dissected} == {agent.transport.name}
+        for packet, event in zip(dissected, events, strict=True):
+            where = agent.transport.address(event.peer)
             assert packet.comment.startswith(f"{agent.transport.name} {where}")
-            assert float(packet.time) == pytest.approx(it.now / 1e6, abs=1e-6)
+            assert float(packet.time) == pytest.approx(event.now / 1e6, abs=1e-6)
             board = packet.destination if packet.outbound else packet.source
             if kind in ("udp", "udp6", "tcp"):
                 ours = packet.source if packet.outbound else packet.destination
@@ -139,28 +143,28 @@ def test_a_capture_opens_in_wireshark_and_replays_into_a_fresh_agent(kind, form,
             else:
                 assert board[0].startswith("127.1.0.")
     else:
-        assert len(recorded.load(path)) == len(passed)
+        assert len(recorded.load(path)) == len(events)
     with running_agent("udp", "memory") as fresh:
-        status, said = replay(path, address(fresh))
-    assert status == 0, said
-    assert "0x0000CAFE" in said and "0x0000BEEF" in said and "nonsense" not in said
-    (stranger,) = [it for it in said.splitlines() if "is left out" in it]
-    assert "its session began before the capture" in stranger
+        status, output = replay(path, address(fresh))
+    assert status == 0, output
+    assert "0x0000CAFE" in output and "0x0000BEEF" in output and "nonsense" not in output
+    (left_out,) = [line for line in output.splitlines() if "is left out" in line]
+    assert "its session began before the capture" in left_out
 
 
-def test_a_capture_that_began_late_is_played_from_the_next_session_on():
+def test_a_capture_that_began_late_is_replayed_from_the_next_session():
     records = list(read(CAPTURES / "publish_reliable.jsonl"))
     late = records[5:] + records
     whole = script(records)
     play = script(late)
     assert not play.left_out
-    assert [it._replace(time=0.0) if isinstance(it, Step) else it for it in play.turns] == [
-        it._replace(time=0.0) if isinstance(it, Step) else it for it in whole.turns
+    assert [turn._replace(time=0.0) if isinstance(turn, Step) else turn for turn in play.turns] == [
+        turn._replace(time=0.0) if isinstance(turn, Step) else turn for turn in whole.turns
     ]
     assert script(records[5:]).left_out == {0: "its session began before the capture"}
 
 
-def test_what_came_twice_or_late_is_played_once_and_in_order():
+def test_duplicated_and_late_messages_are_replayed_once_and_in_order():
     records = list(read(CAPTURES / "rclc_int32_publisher.jsonl"))
     spoilt = []
     for first, second in zip(records[::2], records[1::2], strict=False):
@@ -169,73 +173,73 @@ def test_what_came_twice_or_late_is_played_once_and_in_order():
     plain, played = script(records[: len(records) // 2 * 2]), script(spoilt)
 
     def steps(play):
-        return [it.message for it in play.turns if isinstance(it, Step) and it.stream > 127]
+        return [turn.message for turn in play.turns if isinstance(turn, Step) and turn.stream > 127]
 
     def answers(play):
-        found = [it for it in play.turns if isinstance(it, Answer)]
-        return [it.same for it in found if it.list == ("stream", 0x80)]
+        recorded_answers = [turn for turn in play.turns if isinstance(turn, Answer)]
+        return [turn.same for turn in recorded_answers if turn.list == ("stream", 0x80)]
 
     assert steps(plain) == steps(played) and len(steps(plain)) > 20
     assert answers(plain) == answers(played) and len(answers(plain)) > 5
 
 
-# --- what it finds ------------------------------------------------------------------------------
+# --- differences --------------------------------------------------------------------------------
 
 
-def test_another_answer_is_found_and_shown(monkeypatch):
+def test_a_different_answer_is_shown(monkeypatch):
     push_status = session.push_status
 
-    def other(w, request_id, object_id, status, implementation=0):
+    def push_matched(w, request_id, object_id, status, implementation=0):
         push_status(w, request_id, object_id, ids.STATUS_OK_MATCHED, implementation)
 
-    monkeypatch.setattr(session, "push_status", other)
+    monkeypatch.setattr(session, "push_status", push_matched)
     with running_agent("udp", "memory") as agent:
-        status, said = replay(CAPTURES / "publish_reliable.jsonl", address(agent))
+        status, output = replay(CAPTURES / "publish_reliable.jsonl", address(agent))
     assert status == 1
-    table = said.splitlines()
+    table = output.splitlines()
     assert table[0].split() == [
         "client", "sent", "answers", "as", "recorded", "differ", "missing", "more",
     ]  # fmt: skip
     assert table[1].split()[-5:] == ["6", "1", "5", "0", "0"]
-    assert "client 0, stream reliable, answer 1:\n" in said
+    assert "client 0, stream reliable, answer 1:\n" in output
     assert "  recorded  STATUS #10 0x001(1) OK\n  now       STATUS #10 0x001(1) OK_MATCHED\n" in (
-        said
+        output
     )
-    assert said.endswith("the answers differ\n")
+    assert output.endswith("the answers differ\n")
 
 
-def test_an_agent_that_refuses_the_session_is_told():
+def test_an_agent_that_refuses_the_session_is_reported():
     with running_agent("udp", "memory") as agent:
         agent.agent.admission = Admission(keys=frozenset([1]))
         path = CAPTURES / "rclc_int32_publisher.jsonl"
-        status, said = replay(path, address(agent), "--patience", 0.2)
+        status, output = replay(path, address(agent), "--patience", 0.2)
     assert status == 1
-    assert "refused the session (STATUS_AGENT ERR_DENIED)" in said
-    assert said.endswith("replay to an agent that was just started\n")
+    assert "refused the session (STATUS_AGENT ERR_DENIED)" in output
+    assert output.endswith("replay to an agent that was just started\n")
 
 
-def test_samples_that_do_not_come_are_missing_and_it_says_why():
+def test_absent_samples_are_missing_and_the_output_has_the_reason():
     with running_agent("udp", "memory") as agent:
         path = CAPTURES / "subscribe_reliable.jsonl"
-        status, said = replay(path, address(agent), "--patience", 0.2)
+        status, output = replay(path, address(agent), "--patience", 0.2)
     assert status == 1
-    assert said.splitlines()[1].split()[-5:] == ["10", "6", "0", "4", "0"]
-    assert "  now       (nothing)\n" in said and "--no-data leaves samples out" in said
+    assert output.splitlines()[1].split()[-5:] == ["10", "6", "0", "4", "0"]
+    assert "  now       (nothing)\n" in output and "--no-data leaves samples out" in output
 
 
-def test_an_answer_too_many_is_found(tmp_path):
+def test_an_additional_answer_is_shown(tmp_path):
     path = tmp_path / "it"
     lines = (CAPTURES / "ping.jsonl").read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:-1]))  # without the last answer
     with running_agent("udp", "memory") as agent:
-        status, said = replay(path, address(agent))
+        status, output = replay(path, address(agent))
     assert status == 1
-    assert said.splitlines()[1].split()[-5:] == ["2", "2", "0", "0", "1"]
-    assert "  recorded  (nothing)\n  now       INFO #10 agent OK session known\n" in said
+    assert output.splitlines()[1].split()[-5:] == ["2", "2", "0", "0", "1"]
+    assert "  recorded  (nothing)\n  now       INFO #10 agent OK session known\n" in output
 
 
-def test_messages_that_get_lost_are_sent_again(monkeypatch):
-    """Both ways, each reliable one once."""
+def test_lost_messages_are_retransmitted(monkeypatch):
+    """Each reliable message is lost once in each direction; the answers are as recorded."""
     send, receive = UdpConnection.send, UdpConnection.read
     lost = set()
 
@@ -249,29 +253,31 @@ def test_messages_that_get_lost_are_sent_again(monkeypatch):
         UdpConnection, "send", lambda self, message: losing(message) or send(self, message)
     )
     monkeypatch.setattr(
-        UdpConnection, "read", lambda self: [it for it in receive(self) if not losing(it)]
+        UdpConnection,
+        "read",
+        lambda self: [message for message in receive(self) if not losing(message)],
     )
     with running_agent("udp", "memory") as agent:
-        status, said = replay(CAPTURES / "publish_reliable.jsonl", address(agent))
-    assert status == 0, said
+        status, output = replay(CAPTURES / "publish_reliable.jsonl", address(agent))
+    assert status == 0, output
     assert len(lost) > 6
 
 
-def test_no_agent_is_one_line():
+def test_a_missing_agent_is_an_error_of_one_line():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
         where = f"127.0.0.1:{silent.getsockname()[1]}"
         path = CAPTURES / "ping.jsonl"
-        status, said = replay(path, f"udp4://{where}", "--patience", 0.1)
+        status, output = replay(path, f"udp4://{where}", "--patience", 0.1)
         assert status == 1
-        assert said == (
+        assert output == (
             f"uros: no agent answers at udp4://{where}: start one ('uros agent'), or"
             " correct the address\n"
         )
-        status, said = replay(path, f"tcp4://{where}")
-        assert status == 1 and "cannot connect to tcp4://" in said and "refused" in said
-    status, said = replay(path, "serial:///dev/not-there")
-    assert status == 1 and "No such file or directory; is the agent running?" in said
+        status, output = replay(path, f"tcp4://{where}")
+        assert status == 1 and "cannot connect to tcp4://" in output and "refused" in output
+    status, output = replay(path, "serial:///dev/not-there")
+    assert status == 1 and "No such file or directory; is the agent running?" in output
 
 
 @pytest.mark.parametrize(
@@ -282,13 +288,13 @@ def test_no_agent_is_one_line():
         "udp4://127.0.0.1:99999",
     ],
 )  # fmt: skip
-def test_what_is_no_address(where):
-    status, said = replay(CAPTURES / "ping.jsonl", where)
+def test_an_invalid_address_is_refused(where):
+    status, output = replay(CAPTURES / "ping.jsonl", where)
     assert status == 1
-    assert "is not an address of an agent" in said and "use udp4://127.0.0.1:8888" in said
+    assert "is not an address of an agent" in output and "use udp4://127.0.0.1:8888" in output
 
 
-def test_nothing_to_play(tmp_path):
+def test_a_capture_without_a_session_is_refused(tmp_path):
     path = tmp_path / "it"
     path.write_text("")
     assert replay(path, "udp4://127.0.0.1:1") == (
@@ -296,7 +302,7 @@ def test_nothing_to_play(tmp_path):
     )  # fmt: skip
 
 
-def test_an_agent_that_ends_in_between_is_told():
+def test_an_agent_that_ends_during_the_replay_is_reported():
     with running_agent("tcp", "memory") as agent:
         play = script(read(CAPTURES / "publish_reliable.jsonl"))
         connections = Connections(address(agent))
@@ -304,16 +310,16 @@ def test_an_agent_that_ends_in_between_is_told():
         connect = connections.connect
 
         def ending(client):
-            found = connect(client)
-            send = found.send
+            connection = connect(client)
+            send = connection.send
 
             def stop(message):
                 send(message)
                 if message[1] == 0x80:
                     agent.stop()
 
-            found.send = stop
-            return found
+            connection.send = stop
+            return connection
 
         connections.connect = ending
         with pytest.raises(ToolError, match="closed the connection|to the agent is lost"):
@@ -321,11 +327,19 @@ def test_an_agent_that_ends_in_between_is_told():
         player.close()
 
 
-def test_nonsense_in_a_capture_is_played_too():
+def test_invalid_messages_in_a_capture_are_replayed_too():
     records = list(read(CAPTURES / "ping.jsonl"))
     nonsense = [
-        Record(it.time, it.from_client, it.client, "UDP", "x", 0, it.message[:9] + os.urandom(9))
-        for it in records
+        Record(
+            record.time,
+            record.from_client,
+            record.client,
+            "UDP",
+            "x",
+            0,
+            record.message[:9] + os.urandom(9),
+        )
+        for record in records
     ]
     with running_agent("udp", "memory") as agent:
         play = script([*records[:2], *nonsense])
@@ -334,21 +348,23 @@ def test_nonsense_in_a_capture_is_played_too():
         player.close()
 
 
-RECORDED = [it for name in NAMES for it in read(CAPTURES / f"{name}.jsonl")]
+RECORDED = [record for name in NAMES for record in read(CAPTURES / f"{name}.jsonl")]
 
 
 @given(
     st.lists(
         st.tuples(st.booleans(), st.integers(0, 1), st.binary(max_size=60))
-        | st.sampled_from(RECORDED).map(lambda it: (it.from_client, it.client, it.message)),
+        | st.sampled_from(RECORDED).map(
+            lambda record: (record.from_client, record.client, record.message)
+        ),
         max_size=12,
     ),
     st.data(),
 )
-def test_any_capture_becomes_a_play(said, data):
-    opening = next(it.message for it in RECORDED if it.message[4] == ids.CREATE_CLIENT)
+def test_any_capture_becomes_a_script(messages, data):
+    opening = next(record.message for record in RECORDED if record.message[4] == ids.CREATE_CLIENT)
     records = [Record(0.0, True, client, "UDP", "x", 0, opening) for client in (0, 1)]
-    for from_client, client, message in said:
+    for from_client, client, message in messages:
         octets = bytearray(message)
         if octets and data.draw(st.booleans()):
             octets[data.draw(st.integers(0, len(octets) - 1))] = data.draw(st.integers(0, 255))

@@ -1,2 +1,5 @@
-"""What several groups of tests share: an agent in a thread, lines to it, players, a client,
-and what tests on MicroPython take along."""
+"""Helpers that several groups of tests share.
+
+They are agents in a thread, lines to them, replayed clients, an XRCE client, and modules that tests
+on MicroPython import too.
+"""

@@ -1,4 +1,4 @@
-"""Our agent in a thread, on one transport and one middleware."""
+"""The agent of uros in a thread, on one transport and one middleware."""
 
 import io
 import os
@@ -22,9 +22,9 @@ TRANSPORTS = (
 
 
 class RunningAgent:
-    """``line(n)`` is the line of the n-th client; ``lines`` are all that were given out.
+    """An agent in a thread. ``line(n)`` opens the line of the n-th client; ``lines`` has them all.
 
-    ``transport`` is one of TRANSPORTS, or a transport of the test's own, which then has the lines.
+    ``transport`` is one of TRANSPORTS, or a transport of the test's own, which provides the lines.
     """
 
     def __init__(self, transport, middleware, domain, level, device=None):
@@ -62,7 +62,7 @@ class RunningAgent:
             from uros.agent.transports.tls import TlsServer
 
             return TlsServer(0, "127.0.0.1", own_certificates())
-        if kind == "memory":  # its lines are transport.connect(), for boards of ours
+        if kind == "memory":  # boards connect by transport.connect()
             from uros.agent.transports.memory import MemoryServer
 
             return MemoryServer()
@@ -93,12 +93,12 @@ class RunningAgent:
             self.error = error
 
     def start(self):
-        """It serves when this returns."""
+        """Start the thread and wait until the agent serves."""
         self.thread.start()
         assert self.server.ready.wait(SECONDS)
 
     def line(self, number=0):
-        """The line of the n-th client. On a serial line all share one, boards from 1 up."""
+        """Open the line of the n-th client. Serial clients share one, with addresses from 1."""
         if self.kind in ("udp", "udp6"):
             line = UdpLine(self.transport.port, self.transport.listens_on)
         elif self.kind in ("tcp", "tcp6"):
@@ -133,23 +133,23 @@ class RunningAgent:
         return line
 
     def _custom_port(self):
-        """The line is opened in a thread of its own."""
+        """The port, once the transport's thread has opened it."""
         eventually(lambda: self._custom.port)
         return self._custom.port
 
     def snapshot(self):
-        """What ``uros agent status`` would be told of it now."""
-        made, ready = [], threading.Event()
+        """The agent's current snapshot, as ``uros agent status`` gets it."""
+        snapshots, ready = [], threading.Event()
 
         def make():
             try:
-                made.append(snapshot(self.server))
+                snapshots.append(snapshot(self.server))
             finally:
                 ready.set()
 
         self.server.soon(make)
         assert ready.wait(SECONDS)
-        return made[0]
+        return snapshots[0]
 
     def stop(self):
         self.server.stop()
@@ -171,9 +171,9 @@ class RunningAgent:
 
 @contextmanager
 def running_agent(transport="udp", middleware="dds", domain=0, level=4, device=None):
-    """An agent that runs until the end of the block, and must not have failed inside.
+    """Run an agent until the end of the block; raise the error with which it failed.
 
-    ``device`` is the line of a board that is there already; without it, serial has one of its own.
+    ``device`` is the serial line of a running board; without it, "serial" opens a pseudo-terminal.
     """
     with serving(RunningAgent(transport, middleware, domain, level, device)) as running:
         yield running
@@ -181,7 +181,7 @@ def running_agent(transport="udp", middleware="dds", domain=0, level=4, device=N
 
 @contextmanager
 def serving(running):
-    """This agent runs until the end of the block, and must not have failed inside."""
+    """Run this agent until the end of the block; raise the error with which it failed."""
     running.start()
     try:
         yield running
@@ -190,8 +190,8 @@ def serving(running):
     assert not running.thread.is_alive(), "the agent does not end"
     if running.error is not None:
         raise running.error
-    said = running.said.getvalue()
-    assert "internal error" not in said, said
+    log = running.said.getvalue()
+    assert "internal error" not in log, log
 
 
 __all__ = ["TRANSPORTS", "RunningAgent", "SerialLine", "running_agent"]

@@ -1,6 +1,6 @@
-"""Where vehicles fly: the agent as its users start it, the lines to it, and the DDS side.
+"""The environment of a vehicle: an agent process, the links to it, and a ROS node on DDS.
 
-Everything that waits is served by :func:`support.autopilot.until`.
+:func:`support.autopilot.until` serves them all while a test waits.
 """
 
 import os
@@ -17,7 +17,7 @@ from support.autopilot import SECONDS, SerialLink, UdpLink, until
 
 
 class AgentProcess:
-    """``uros agent ...`` as a user starts it. ``lines`` are what it says."""
+    """A process of ``uros agent ...``; ``lines`` has its output."""
 
     def __init__(self, *arguments, environment=None):
         self.lines = []
@@ -55,15 +55,15 @@ class AgentProcess:
         end = time.monotonic() + seconds
         with self._news:
             while True:
-                found = [line for line in self.lines if text in line]
-                if found:
-                    return found[0]
+                matching = [line for line in self.lines if text in line]
+                if matching:
+                    return matching[0]
                 left = end - time.monotonic()
                 assert left > 0 and self._thread.is_alive(), (text, self.lines)
                 self._news.wait(left)
 
     def kill(self):
-        """As a crash or a power cut: nobody is told."""
+        """Kill the process, as a crash or a power cut does."""
         self._process.kill()
         self._finish()
 
@@ -73,7 +73,7 @@ class AgentProcess:
         self._process.stdout.close()
 
     def close(self):
-        """End it as Ctrl-C does, and see that it had nothing to complain about."""
+        """Terminate the process and check its exit status."""
         if self._process.returncode is None:
             self._process.terminate()
             try:
@@ -92,7 +92,7 @@ class AgentProcess:
 
 
 class Terminal:
-    """A serial line: ``device`` is the agent's end, the vehicle has the other."""
+    """A serial line: ``device`` is the agent's end; the other end is the vehicle's."""
 
     def __init__(self):
         self._master, self._slave = os.openpty()
@@ -108,7 +108,7 @@ class Terminal:
 
 
 class Place:
-    """An agent on a transport. It can be stopped and started, and new links lead to it."""
+    """An agent on a transport, and the links to it. The agent can be stopped and started again."""
 
     def __init__(self, transport, domain, *arguments, environment=None):
         self.transport = transport
@@ -139,7 +139,7 @@ class Place:
         return link
 
     def fly(self, kind, *others, **options):
-        """A vehicle that has connected; ``others`` are served while it waits."""
+        """Create and connect a vehicle; ``others`` are served while it waits."""
         vehicle = kind(self.link(), **options)
         vehicle.others = others
         self._vehicles.append(vehicle)
@@ -147,11 +147,11 @@ class Place:
         return vehicle
 
     def complaints(self):
-        """What the agent has warned of since the vehicles before have landed."""
-        return [it for it in self.agent.lines[self._looked_at :] if "warning" in it]
+        """The agent's warnings since the last :meth:`land`."""
+        return [line for line in self.agent.lines[self._looked_at :] if "warning" in line]
 
     def land(self):
-        """All vehicles say goodbye, so that the place is as new."""
+        """Close the sessions of all vehicles and their links, for the next test."""
         for vehicle in self._vehicles:
             vehicle.land()
         self._vehicles.clear()
@@ -175,7 +175,7 @@ class Place:
 
 
 class Places:
-    """One place for each transport, made when it is first wanted."""
+    """One place for each transport, created at its first use."""
 
     def __init__(self, domain, *arguments):
         self._arguments = domain, *arguments
@@ -195,7 +195,7 @@ class Places:
 
 
 class Ground:
-    """A ROS node without message types: raw CDR in and out, and the graph."""
+    """A ROS node without message types: it publishes and takes plain CDR, and has the graph."""
 
     def __init__(self, domain):
         from uros.host.network import Network
@@ -209,7 +209,7 @@ class Ground:
         self.forget()
 
     def forget(self):
-        """Take all its endpoints away, and what they got."""
+        """Close all endpoints and drop their samples."""
         for endpoint in self._endpoints:
             endpoint.close()
         self._endpoints.clear()
@@ -217,14 +217,14 @@ class Ground:
         self.count = 0
 
     def see_them_gone(self):
-        """Until nothing is left in the graph of the vehicles that have landed."""
+        """Wait until the graph has no node and topic of vehicles any more."""
         self.forget()
         graph = self.graph
 
-        def seen():
+        def entries():
             return len(graph.nodes()), graph.topics()
 
-        until(lambda: seen() == (1, {}), self, what=lambda: f"still there: {seen()}")
+        until(lambda: entries() == (1, {}), self, what=lambda: f"still there: {entries()}")
 
     def fileno(self):
         return self._middleware.fileno()
@@ -243,27 +243,27 @@ class Ground:
     def listen(self, topic, type_name, qos):
         def on_ready():
             while taken := reader.take(64):
-                self.samples[topic].extend(it[4:] for it in taken)
+                self.samples[topic].extend(sample[4:] for sample in taken)
                 self.count += len(taken)
 
         reader = self.node.create_reader(topic, type_name, qos, on_ready)
         self._endpoints.append(reader)
 
     def writer(self, topic, type_name, qos):
-        """What writes plain CDR."""
+        """A function that writes a sample of plain CDR."""
         writer = self.node.create_writer(topic, type_name, qos)
         self._endpoints.append(writer)
         return lambda sample: writer.write(b"\0\1\0\0" + sample)
 
     def caller(self, service):
-        """``call(request)`` sends; ``replies`` gets ``(number, reply)``, both plain CDR."""
+        """``(call, replies)``: ``call(request)`` sends, ``replies`` gets ``(number, reply)``."""
         from uros.qos import services_profile
 
         replies = []
 
         def on_ready():
             while taken := requester.take(16):
-                replies.extend((number, it[4:]) for number, it in taken)
+                replies.extend((number, reply[4:]) for number, reply in taken)
 
         requester = self.node.create_requester(service, services_profile(), on_ready)
         self._endpoints.append(requester)

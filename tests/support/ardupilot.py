@@ -1,9 +1,9 @@
 """ArduPilot's ``AP_DDS_Client``, from its public sources (libraries/AP_DDS).
 
-Up to 4.5 it names profiles (``by_reference``), which the agent needs a file for, the
-``dds_xrce_profile.xml`` that comes with ArduPilot; :func:`profiles` writes one that says the same.
-From 4.6 on it describes all in binary, and the agent needs nothing. Everything, samples too,
-goes over the reliable streams, eight messages deep.
+Up to 4.5 it refers to profiles (``by_reference``), for which the agent needs the file
+``dds_xrce_profile.xml`` of ArduPilot; :func:`profiles` writes an equivalent one. From 4.6 on it
+describes all entities in binary, and the agent needs no file. All messages, samples too, use the
+reliable streams, eight messages deep.
 """
 
 from support import autopilot
@@ -57,8 +57,8 @@ SERVICES_46 = [
     ("ap/set_parameters", "rcl_interfaces/SetParameters"),
     ("ap/get_parameters", "rcl_interfaces/GetParameters"),
 ]
-# What the profiles of 4.5 leave unsaid: a writer's durability, all of a reader's QoS. Fast DDS has
-# transient local and volatile, and best effort for a reader, for that.
+# The profiles of 4.5 leave out a writer's durability and all of a reader's QoS. The defaults of
+# Fast DDS are transient local for a writer, volatile and best effort for a reader.
 DEFAULTED = RELIABLE | KEEP_LAST | TRANSIENT_LOCAL, 20
 READERS = KEEP_LAST, 1
 TOPICS_45 = [
@@ -86,12 +86,12 @@ def dds_type(name, kind="msg", suffix=""):
 
 
 def label(topic):
-    """A profile's name; ArduPilot's own are others, and mean as little."""
+    """A profile's name; ArduPilot's own names differ, and are as arbitrary."""
     return topic.removeprefix("ap/").replace("/", "")
 
 
 def profiles():
-    """A references file that says what ArduPilot 4.5's says."""
+    """A references file equivalent to that of ArduPilot 4.5."""
     parts = [
         '<?xml version="1.0"?>\n<profiles>\n'
         '<participant profile_name="participant_profile"><rtps>'
@@ -100,9 +100,9 @@ def profiles():
     for topic, kind, publishes, (flags, depth), _ in TOPICS_45:
         about = f"<name>rt/{topic}</name><dataType>{dds_type(kind)}</dataType>"
         history = f"<historyQos><kind>KEEP_LAST</kind><depth>{depth}</depth></historyQos>"
-        # The <topic> says a depth for readers too, but a reader takes none from there.
-        other = history if publishes else history.replace(f">{depth}<", ">5<")
-        parts.append(f'<topic profile_name="{label(topic)}__t">{about}{other}</topic>')
+        # The <topic> has a depth for readers too, but a reader does not use it.
+        topic_history = history if publishes else history.replace(f">{depth}<", ">5<")
+        parts.append(f'<topic profile_name="{label(topic)}__t">{about}{topic_history}</topic>')
         if not publishes:
             parts.append(
                 f'<data_reader profile_name="{label(topic)}__dr">'
@@ -120,7 +120,7 @@ def profiles():
             f"<qos>{qos}</qos><topic><kind>NO_KEY</kind>{about}{history}</topic></data_writer>"
         )
     for name, kind in SERVICES_45:
-        request, reply = (dds_type(kind, "srv", it) for it in ("_Request", "_Response"))
+        request, reply = (dds_type(kind, "srv", suffix) for suffix in ("_Request", "_Response"))
         parts.append(
             f'<replier profile_name="{label(name)}__replier" service_name="rs/{name}Service"'
             f' request_type="{request}" reply_type="{reply}">'
@@ -131,7 +131,7 @@ def profiles():
 
 
 class ArduPilot(autopilot.Vehicle):
-    """A vehicle. Parameters of the firmware: DDS_DOMAIN_ID; the key is always the same."""
+    """A vehicle. Parameter of the firmware: DDS_DOMAIN_ID. The client key is constant."""
 
     history = 8
 
@@ -150,7 +150,7 @@ class ArduPilot(autopilot.Vehicle):
         self.create()
 
     def create(self):
-        """All entities. AssertionError where one is refused."""
+        """Create all entities. AssertionError where one is refused."""
         self.must("participant", self.create_participant())
         for number, topic in enumerate(self.topics):
             self.must(topic[0], *self._create_topic(number, *topic))
@@ -162,7 +162,7 @@ class ArduPilot(autopilot.Vehicle):
         self.settle()
 
     def create_participant(self):
-        """Its request id."""
+        """Buffer the CREATE; its request id."""
         if self.by_reference:
             return self.session.create(
                 1, PARTICIPANT, BY_REFERENCE, "participant_profile", self.domain
@@ -196,12 +196,12 @@ class ArduPilot(autopilot.Vehicle):
             number,
             self.participant,
             f"rs/{name}Service",
-            [dds_type(kind, "srv", it) for it in ("_Request", "_Response")],
+            [dds_type(kind, "srv", suffix) for suffix in ("_Request", "_Response")],
             [f"rq/{name}Request", f"rr/{name}Reply"],
         )
 
     def number(self, topic):
-        return [it[0] for it in self.topics].index(topic)
+        return [row[0] for row in self.topics].index(topic)
 
     def writer(self, topic):
         return object_id(self.number(topic), WRITER)
@@ -210,8 +210,8 @@ class ArduPilot(autopilot.Vehicle):
         return object_id(self.number(topic), READER)
 
     def replier(self, name):
-        return object_id([it[0] for it in self.services].index(name), REPLIER)
+        return object_id([row[0] for row in self.services].index(name), REPLIER)
 
     def publish(self, topic, sample):
-        """False: the stream is full, and the sample lost, as in the firmware."""
+        """Publish a sample; False: the stream is full and the sample lost, as in the firmware."""
         return self.session.write_reliable(self.writer(topic), sample)

@@ -1,8 +1,8 @@
-"""A flight controller's end of the line, written from public sources.
+"""The XRCE client of a flight controller, written from public sources.
 
-PX4 and ArduPilot both use eProsima's C client library; :class:`Session` does what that library
-does, with their buffers. Nothing of uros is used for it: bytes are put together here, from the
-library's sources, and tests/replay/test_c_library.py holds them against what the real one wrote.
+PX4 and ArduPilot both use eProsima's C client library; :class:`Session` behaves like that library,
+with the buffers of both. It uses nothing of uros: this module builds the bytes itself, after the
+library's sources, and tests/replay/test_c_library.py compares them with recordings of the library.
 """
 
 import os
@@ -13,7 +13,7 @@ import time
 from collections import defaultdict, deque
 
 SECONDS = 20.0
-"""How long anything that must come may take. Nothing waits for it in vain where all is well."""
+"""The limit for waiting, in seconds. A test that passes does not reach it."""
 
 # Kinds of objects, the low four bits of an id.
 PARTICIPANT, TOPIC, PUBLISHER, SUBSCRIBER, WRITER, READER, REQUESTER, REPLIER = range(1, 9)
@@ -50,9 +50,9 @@ class Cdr(bytearray):
         return self
 
     def text(self, *texts):
-        for it in texts:
+        for value in texts:
             self.extend(bytes(-len(self) % 4))
-            self.extend(string(it))
+            self.extend(string(value))
         return self
 
 
@@ -64,7 +64,7 @@ def object_id(number, kind):
 
 
 class UdpLink:
-    """A socket as PX4's POSIX build has it. A reboot takes another one."""
+    """A UDP socket, as in PX4's POSIX build. A reboot uses a new one."""
 
     def __init__(self, port):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -79,7 +79,7 @@ class UdpLink:
         try:
             self._socket.send(message)
         except OSError:
-            pass  # no agent there (ECONNREFUSED): the library does not look at it either
+            pass  # no agent listens (ECONNREFUSED): the library ignores that too
 
     def read(self):
         out = []
@@ -103,7 +103,7 @@ def crc16(data):
     return crc
 
 
-_CRC = [crc16(bytes([it])) for it in range(256)]
+_CRC = [crc16(bytes([octet])) for octet in range(256)]
 
 
 def _crc16(data):
@@ -152,15 +152,15 @@ class SerialLink:
             return []
         *frames, last = self._came.split(b"\x7e")
         self._came = b"\x7e" + last
-        found = [self._message(it) for it in (*frames, last)]
-        if found[-1] is not None:
+        messages = [self._message(frame) for frame in (*frames, last)]
+        if messages[-1] is not None:
             self._came = b""
-        return [it for it in found if it is not None]
+        return [message for message in messages if message is not None]
 
     def _message(self, raw):
         octets = unstuffed(raw)
         size = 6 + struct.unpack_from("<H", octets, 2)[0] if len(octets) >= 4 else 0
-        # The first half of an escape is no end.
+        # A frame does not end after the first half of an escape.
         if not size or len(octets) != size or raw.endswith(b"\x7d"):
             return None
         message, crc = octets[4:-2], struct.unpack("<H", octets[-2:])[0]
@@ -168,7 +168,7 @@ class SerialLink:
         return message
 
     def close(self):
-        pass  # the pair is the test's
+        pass  # the test closes the pseudo-terminal
 
 
 # --- the session ---------------------------------------------------------------------------
@@ -177,15 +177,15 @@ class SerialLink:
 class Session:
     """``uxrSession`` with one stream of each kind.
 
-    ``history`` is that of the reliable streams; a message of theirs has at most ``slot`` bytes,
-    of which the library takes four for itself. Submessages are packed into one message until
-    it is full, and split where one alone is too long.
+    ``history`` is the depth of the reliable streams; their messages have at most ``slot`` bytes,
+    four of which the library uses itself. Submessages are packed into one message until it is full;
+    a submessage longer than a message is split into fragments.
     """
 
     def __init__(self, link, key, history, slot=512):
         self.link = link
         self.key = key
-        self.mode = REPLACE  # of what is created
+        self.mode = REPLACE  # the flags of CREATE
         self._history = history
         self._capacity = slot - 4
         self._request = 9
@@ -193,7 +193,7 @@ class Session:
         self.infos = deque()
         self.samples = defaultdict(deque)  # object id → payloads of DATA
         self.times = deque()
-        self.on_data = None  # called with (object id, payload) in place of keeping it
+        self.on_data = None  # called with (object id, payload) instead of storing it
         self.agent_status = None
         self._reset_streams()
 
@@ -211,7 +211,7 @@ class Session:
         self._announced = -1
         self._fragments = b""
 
-    # --- what goes out
+    # --- sending
 
     def fileno(self):
         return self.link.fileno()
@@ -231,11 +231,11 @@ class Session:
         return self._request
 
     def room(self):
-        """Messages that the history of the reliable stream has room for."""
+        """The free slots in the history of the reliable stream."""
         return self._history - len(self._unacknowledged) - len(self._waiting)
 
     def buffer(self, kind, payload, flags=0):
-        """On the reliable stream with the next flush. False: no room, it is lost."""
+        """Buffer a submessage for the reliable stream; False: there is no room, and it is lost."""
         whole = self.submessage(kind, payload, flags)
         pad = -len(self._open) % 4
         if len(self._open) + pad + len(whole) <= self._capacity:
@@ -252,7 +252,7 @@ class Session:
         return True
 
     def _split(self, whole):
-        """Fragments: the first fills what is left of the message that is open."""
+        """Buffer fragments; the first one fills the rest of the open message."""
         if self.room() * (self._capacity - 8) < len(whole):
             return False
         self._open += bytes(-len(self._open) % 4)
@@ -282,7 +282,7 @@ class Session:
             self._heartbeat_at = time.monotonic() + HEARTBEAT_SECONDS
 
     def tick(self):
-        """Heartbeats that are due; how long until the next, or None."""
+        """Send a HEARTBEAT that is due; the seconds until the next one, or None."""
         self.flush()
         if self._heartbeat_at is None:
             return None
@@ -329,19 +329,19 @@ class Session:
         content += b"\1" if depth else b"\0"
         if depth:
             content.number("H", depth)
-        # No deadline, lifespan, user data; no strength, or neither time filter nor content filter.
+        # No deadline, lifespan, user data. Writer: no strength. Reader: no time or content filter.
         content += bytes(4 if kind == WRITER else 5)
         return self.create(number, kind, IN_BINARY, bytes(content), group)
 
     def replier_bin(self, number, participant, name, types, topics):
         content = Cdr().text(name, *types)
-        for it in topics:
+        for topic in topics:
             content += b"\1"
-            content.text(it)
+            content.text(topic)
         return self.create(number, REPLIER, IN_BINARY, bytes(content), participant)
 
     def read_data(self, thing, stream):
-        """Samples without end, on ``stream``."""
+        """Ask for an unlimited number of samples on ``stream``."""
         payload = struct.pack(">H", self.request_id()) + thing
         payload += bytes((stream, 0, 0, 1)) + struct.pack("<HHHH", 0xFFFF, 0, 0, 0)
         assert self.buffer(READ_DATA, payload), "the stream is full"
@@ -353,11 +353,11 @@ class Session:
         self.link.send(message + self.submessage(WRITE_DATA, head + sample))
 
     def write_reliable(self, thing, sample):
-        """False: the history is full, and the sample lost, as in ArduPilot."""
+        """Buffer WRITE_DATA; False: the history is full and the sample lost, as in ArduPilot."""
         head = struct.pack(">H", self.request_id()) + thing
         return self.buffer(WRITE_DATA, head + sample)
 
-    # --- what comes in
+    # --- receiving
 
     def ready(self):
         for message in self.link.read():
@@ -371,7 +371,7 @@ class Session:
         if session != SESSION_ID:
             return
         if stream < RELIABLE_STREAM:
-            # Only what is after the last one: uxr_receive_best_effort_message.
+            # Only a later number than the last: uxr_receive_best_effort_message.
             if stream and not 0 < (number - self._best_effort_in) & 0xFFFF < 0x8000:
                 return
             if stream:
@@ -440,7 +440,7 @@ class Session:
     def _acknowledged_to(self, first, missing):
         count = (first - 1 - self._acknowledged) & 0xFFFF
         if count > self._history:
-            return  # an old one
+            return  # an old ACKNACK
         for _ in range(count):
             self._acknowledged += 1
             self._unacknowledged.pop(self._acknowledged, None)
@@ -450,14 +450,14 @@ class Session:
         self._heartbeat_at = None
         self.flush()
 
-    # --- what the library's calls do
+    # --- the library's calls
 
     def ping(self, session=0x80):
         """Send a ping; :attr:`infos` gets the answer."""
         self._at_once(GET_INFO, b"\0\x0a" + AGENT_ID + struct.pack("<I", 2), session)
 
     def pong(self):
-        """What ``uxr_ping_agent_session`` finds: 1 in session, 2 not, 0 for no answer."""
+        """The result of ``uxr_ping_agent_session``: 1 in session, 2 not, 0 for no answer."""
         if not self.infos:
             return 0
         info = self.infos.popleft()
@@ -471,7 +471,7 @@ class Session:
             return 0
         return 1 if info[5] else 2
 
-    def greet(self):
+    def create_client(self):
         """Send CREATE_CLIENT."""
         self._reset_streams()
         self.agent_status = None
@@ -480,7 +480,8 @@ class Session:
         self._at_once(CREATE_CLIENT, payload, 0x80)
         self._request = 9
 
-    def farewell(self):
+    def delete_client(self):
+        """Send DELETE of the client; its request id is 2."""
         self._at_once(DELETE, b"\0\2" + CLIENT_ID)
 
     def ask_time(self, seconds, nanoseconds):
@@ -488,16 +489,16 @@ class Session:
 
 
 def until(done, *parts, seconds=SECONDS, what="it does not come"):
-    """Serve ``parts`` (``fileno``, ``ready``, ``tick``) until ``done()``."""
+    """Serve ``parts`` (``fileno``, ``ready``, ``tick``) until ``done()``, or fail with ``what``."""
     if not wait(done, *parts, seconds=seconds):
         raise AssertionError(what() if callable(what) else what)
 
 
 def wait(done, *parts, seconds):
-    """The same; whether it came in time."""
+    """Serve ``parts`` until ``done()``, for at most ``seconds``; whether it was done in time."""
     end = time.monotonic() + seconds
     while True:
-        due = [it for it in [part.tick() for part in parts] if it is not None]
+        due = [wait_s for wait_s in [part.tick() for part in parts] if wait_s is not None]
         if done():
             return True
         left = end - time.monotonic()
@@ -509,7 +510,7 @@ def wait(done, *parts, seconds):
 
 
 class Vehicle:
-    """What PX4's and ArduPilot's clients have in common: waiting for what they asked for."""
+    """The common part of PX4's and ArduPilot's clients: requests that wait for their answers."""
 
     history = 4
 
@@ -532,19 +533,20 @@ class Vehicle:
 
     def open(self):
         session = self.session
-        session.greet()
+        session.create_client()
         self.until(lambda: session.agent_status is not None, "no answer to CREATE_CLIENT")
         assert session.agent_status == OK, session.agent_status
 
     def all_status(self, *requests):
-        """The statuses of the requests; those of one ``uxr_run_session_until_all_status``."""
+        """Wait for the statuses of requests, as ``uxr_run_session_until_all_status`` does."""
         statuses = self.session.statuses
-        self.until(lambda: all(it in statuses for it in requests), "a STATUS is missing")
-        return [statuses.pop(it) for it in requests]
+        self.until(lambda: all(request in statuses for request in requests), "a STATUS is missing")
+        return [statuses.pop(request) for request in requests]
 
-    def must(self, what, *requests):
+    def must(self, entity, *requests):
+        """Check that the agent accepts the requests of an entity."""
         statuses = self.all_status(*requests)
-        assert statuses == [OK] * len(requests), f"{what}: {statuses}"
+        assert statuses == [OK] * len(requests), f"{entity}: {statuses}"
 
     def in_session(self, seconds=SECONDS):
         """``uxr_ping_agent_session``: whether the agent knows this session."""
@@ -555,18 +557,18 @@ class Vehicle:
         return session.pong() == 1
 
     def lost(self):
-        """Three pings in a row without an answer, as both clients count them."""
+        """Whether three pings in a row get no answer, as both clients count them."""
         return not any(self.in_session(0.2) for _ in range(3))
 
     def land(self):
-        """Leave. An agent confirms that to those it does not know too."""
+        """Close the session. An agent confirms that for an unknown session too."""
         session = self.session
         session.statuses.clear()
-        session.farewell()
-        self.until(lambda: 2 in session.statuses, "no answer to the farewell")
+        session.delete_client()
+        self.until(lambda: 2 in session.statuses, "no answer to the DELETE of the client")
 
     def settle(self):
-        """Until the agent has done all that was sent on the reliable stream."""
+        """Wait until the agent has acknowledged the whole reliable stream."""
         self.until(
             lambda: not self.session._unacknowledged and not self.session._waiting,
             "the agent does not acknowledge",

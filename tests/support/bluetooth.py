@@ -1,15 +1,15 @@
-"""Bluetooth without an adapter: RFCOMM's addresses and channels, over TCP on loopback."""
+"""Bluetooth without an adapter: addresses and channels of RFCOMM over TCP on loopback."""
 
 import errno
 import socket
 
 
 class Air:
-    """Who is on the air. ``errors`` are raised, one a call, by what is tried next."""
+    """The simulated radio. Each call raises the next of its ``errors``."""
 
     def __init__(self):
-        self.listening = {}  # (address, channel) or channel: the port that stands for it
-        self.names = {}  # port of who connects: its Bluetooth address
+        self.listening = {}  # (address, channel) or channel → the TCP port in its place
+        self.names = {}  # TCP port of a connecting board → its Bluetooth address
         self.errors = {"make": [], "bind": [], "connect": [], "accept": []}
         self.tried = []
 
@@ -20,12 +20,12 @@ class Air:
             raise OSError(number, "injected")
 
     def make(self):
-        """The agent's sockets."""
+        """Create a socket of the agent."""
         self.fail("make")
         return _Rfcomm(self)
 
     def board(self, address, channel=1):
-        """A board connects to the channel that the agent listens on."""
+        """Connect a board to the channel on which the agent listens; its socket."""
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         sock.bind(("127.0.0.1", 0))
         self.names[sock.getsockname()[1]] = address
@@ -33,7 +33,7 @@ class Air:
         return sock
 
     def waiting_board(self, address, channel=1):
-        """A board's socket that waits for the agent to connect."""
+        """A board's socket that listens for the agent."""
         sock = socket.create_server(("127.0.0.1", 0))
         self.listening[address, channel] = sock.getsockname()[1]
         return sock

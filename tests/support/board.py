@@ -1,4 +1,4 @@
-"""A board's surroundings, made up: a clock that stands still, messages, and an agent by script.
+"""A simulated environment for a board: a fake clock, message types, and a scripted agent.
 
 Runs on CPython and on MicroPython. Time passes only where the code under test waits.
 """
@@ -15,7 +15,7 @@ KEY = 0xAABBCCDD
 
 
 class FakeClock(Clock):
-    """``t`` is the time in microseconds; waiting moves it on."""
+    """A clock whose time ``t``, in microseconds, advances only by sleeping and receiving."""
 
     def __init__(self, start_ms=1000):
         self.t = start_ms * 1000
@@ -32,7 +32,7 @@ class FakeClock(Clock):
 
 
 class Number:
-    """A message of one int32, as a generated class looks to the client."""
+    """A message of one int32, with the interface of a generated class."""
 
     _TYPE = "test_msgs/msg/Number"
     _DDS_TYPE = "test_msgs::msg::dds_::Number_"
@@ -65,7 +65,7 @@ class Number:
 
 
 class Blob:
-    """A message of octets, as many as there are."""
+    """A message of any number of octets."""
 
     _TYPE = "test_msgs/msg/Blob"
     _DDS_TYPE = "test_msgs::msg::dds_::Blob_"
@@ -104,12 +104,12 @@ def number_bytes(value):
 
 
 def pattern(size, start=0):
-    """So many octets, of all values."""
+    """``size`` octets of all values."""
     return bytes([(start + i * 7 + (i >> 8)) & 0xFF for i in range(size)])
 
 
 def built(push, *values):
-    """What one of the codecs' push functions writes."""
+    """The octets that a push function of the codecs writes."""
     w = Writer(bytearray(1024))
     push(w, *values)
     return bytes(memoryview(w.buf)[: w.offset])
@@ -125,13 +125,13 @@ def message(kind, payload, stream=0, sequence=0, session_id=0x81, flags=ids.FLAG
 
 
 class FakeAgent:
-    """A transport, and the agent at its other end, which answers at once.
+    """A transport with an agent at its other end, which answers at once.
 
-    ``sent`` is all that the board sent, ``requests`` (kind, object id) of what came on its
-    reliable stream, once each and in order, ``samples`` (object id, sample) of WRITE_DATA.
-    What an answer takes there and back is ``delay``, two numbers of microseconds. Set
-    ``silent`` and it answers nothing, ``refuse`` (object id → status) and it refuses,
-    ``fail_open``, ``fail_send`` and ``fail_receive`` and the line raises them.
+    ``sent`` has all messages of the board, ``requests`` the (kind, object id) of each request on
+    its reliable stream, once each and in order, ``samples`` the (object id, sample) of WRITE_DATA.
+    ``delay`` is the latency in each direction, two numbers of microseconds. The agent answers
+    nothing while ``silent`` is set, and answers with the statuses in ``refuse`` (object id →
+    status). The transport raises ``fail_open``, ``fail_send`` and ``fail_receive``.
     """
 
     def __init__(self, clock, mtu=512):
@@ -150,9 +150,9 @@ class FakeAgent:
         self.pings = []  # (clock in ms, within a session)
 
     def forget(self):
-        """A new agent process: it knows nobody."""
+        """Act as a new agent process, without any session."""
         self.sent = []
-        self.inbox = []  # (when, its number, message)
+        self.inbox = []  # (time of arrival, count, message)
         self.requests = []
         self.creations = []  # payloads of CREATE
         self.samples = []
@@ -204,7 +204,7 @@ class FakeAgent:
     # --- the agent ------------------------------------------------------------------------
 
     def post(self, message):
-        """A datagram to the board, on its way from now on."""
+        """Send a datagram to the board; it arrives after the delay."""
         when = self.clock.t + self.delay[0] + self.delay[1]
         self.posted += 1
         self.inbox.append((when, self.posted, message))
@@ -216,15 +216,15 @@ class FakeAgent:
         self.out.put(
             message(kind, payload, ids.STREAM_RELIABLE, self.out.next, self.session_id, flags)
         )
-        for it in self.out.take(self.clock.ms()):
-            self.post(it)
+        for datagram in self.out.take(self.clock.ms()):
+            self.post(datagram)
 
     def sample(self, object_id, octets, request=0):
-        """A sample for the board."""
+        """Send a sample to the board."""
         self.reliable(ids.DATA, built(session.push_request, request, object_id) + octets)
 
     def hear(self, datagram):
-        """Deal with what the board sent."""
+        """Process a datagram of the board."""
         (session_id, stream, sequence, _), parts = unpack(datagram)
         if session_id == ids.SESSION_NONE_WITHOUT_KEY:
             self.stranger(*parts[0])
@@ -266,8 +266,8 @@ class FakeAgent:
         r = Reader(payload, 0, len(payload), True)
         if kind == ids.ACKNACK:
             first, missing, _ = session.pull_acknack(r)
-            for it in self.out.acknack(first, missing, self.clock.ms()):
-                self.post(it)
+            for datagram in self.out.acknack(first, missing, self.clock.ms()):
+                self.post(datagram)
         elif kind == ids.HEARTBEAT:
             first, last, _ = session.pull_heartbeat(r)
             self.into.heartbeat(first, last, self.clock.ms())
@@ -299,8 +299,11 @@ class FakeAgent:
                 self.reliable(ids.STATUS, built(session.push_status, request, thing, status))
 
     def timestamp(self, transmit, receive, originate):
-        """Times of the agent in microseconds."""
-        pair = [(it // 1000000, it % 1000000 * 1000) for it in (transmit, receive)]
+        """Answer with the agent's times in microseconds."""
+        pair = [
+            (microseconds // 1000000, microseconds % 1000000 * 1000)
+            for microseconds in (transmit, receive)
+        ]
         self.answer(
             ids.TIMESTAMP_REPLY, built(session.push_timestamp_reply, pair[0], pair[1], originate)
         )

@@ -1,8 +1,8 @@
-"""CAN buses for tests, with agent and boards on them: python-can's own bus in memory, and one
-behind which python-can's SocketCAN code sends and receives the kernel's frames, as bytes.
+"""CAN buses for tests, with an agent and boards: python-can's virtual bus and a fake SocketCAN.
 
-What stands for the kernel is a pair of UDP sockets: datagrams and time stamps are the same. The
-frames are packed by hand here, after struct canfd_frame in linux/can.h.
+On the fake one, python-can's SocketCAN code sends and receives the kernel's frames as bytes. A pair
+of UDP sockets takes the place of the kernel: its datagrams and time stamps are the same. The frames
+are packed by hand here, after struct canfd_frame in linux/can.h.
 """
 
 import itertools
@@ -24,7 +24,7 @@ _count = itertools.count()
 
 
 def virtual():
-    """An agent's end on a bus of its own in memory."""
+    """An agent's end on a new virtual bus."""
     return CanServer(f"uros-{os.getpid()}-{next(_count)}", "virtual")
 
 
@@ -42,7 +42,7 @@ class VirtualLine(Line):
         self.send_raw(bytes([len(message)]) + message)
 
     def send_raw(self, data):
-        """As frames of 64 bytes at most."""
+        """Send frames of at most 64 bytes."""
         for at in range(0, len(data), 64):
             self.frame(data[at : at + 64])
 
@@ -62,7 +62,7 @@ class VirtualLine(Line):
 
 
 class KernelCan(CanServer):
-    """An agent's end on SocketCAN's side of python-can; ``bus`` is where the others are."""
+    """An agent's end on the fake SocketCAN; ``bus`` is the boards' end."""
 
     def __init__(self, device="can0"):
         super().__init__(device)
@@ -90,18 +90,18 @@ class KernelCan(CanServer):
 
 class _Socket(socket.socket):
     def setsockopt(self, level, *rest):
-        if level != 101:  # SOL_CAN_RAW: taken, as the kernel takes it
+        if level != 101:  # SOL_CAN_RAW: accepted, as by the kernel
             super().setsockopt(level, *rest)
 
 
 def pair():
-    """Two UDP sockets that talk to each other."""
+    """Two UDP sockets connected to each other."""
     ends = [_Socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
     for end in ends:
         end.bind(("127.0.0.1", 0))
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
-    for one, other in (ends, ends[::-1]):
-        one.connect(other.getsockname())
+    for end, peer in (ends, ends[::-1]):
+        end.connect(peer.getsockname())
     return ends
 
 
@@ -135,4 +135,4 @@ class KernelLine(Line):
         return [data[1 : data[0] + 1]] if can_id == self.can_id | EXTENDED else []
 
     def close(self):
-        """The bus is the server's."""
+        """Nothing to close: the server closes the bus."""

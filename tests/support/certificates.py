@@ -1,4 +1,4 @@
-"""Certificates of the tests' own, made anew in each run: a CA, the agent's, boards'."""
+"""Certificates for tests, created in each run: of a CA, the agent and boards."""
 
 import ssl
 from functools import lru_cache
@@ -13,7 +13,7 @@ HOSTS = ("localhost", "127.0.0.1", "::1")
 
 
 class Authority:
-    """A CA that writes what it signs into a folder; ``ca`` is the file with its own certificate."""
+    """A CA that writes the certificates into a folder; ``ca`` is the file with its own one."""
 
     def __init__(self, folder, name="ca"):
         self.folder = Path(folder)
@@ -23,11 +23,11 @@ class Authority:
         self._ca.cert_pem.write_to_path(self.ca)
 
     def issue(self, name, *hosts, **options):
-        """(certificate, key): files. ``options`` are trustme's, such as not_after."""
-        made = self._ca.issue_cert(*(hosts or HOSTS), common_name=name, **options)
+        """Issue a certificate: (certificate file, key file). ``options`` are those of trustme."""
+        issued = self._ca.issue_cert(*(hosts or HOSTS), common_name=name, **options)
         cert, key = self.folder / f"{name}.pem", self.folder / f"{name}.key"
-        cert.write_bytes(b"".join(it.bytes() for it in made.cert_chain_pems))
-        made.private_key_pem.write_to_path(str(key))
+        cert.write_bytes(b"".join(pem.bytes() for pem in issued.cert_chain_pems))
+        issued.private_key_pem.write_to_path(str(key))
         return str(cert), str(key)
 
     def agent(self, **options):
@@ -35,7 +35,7 @@ class Authority:
         return self.issue("agent", **options)
 
     def client(self, name=None, trust=None):
-        """An SSLContext for connecting; ``name`` is whose certificate it shows."""
+        """An SSLContext of a client; ``name`` is that in its certificate, None: without one."""
         context = ssl.create_default_context(cafile=trust or self.ca)
         if name is not None:
             context.load_cert_chain(*self.issue(name))
@@ -44,10 +44,10 @@ class Authority:
 
 @lru_cache
 def authority():
-    """The run's, with its folder, which goes when the process does."""
-    made = Authority(_folder().name)
-    made.files = made.agent()
-    return made
+    """The CA of the test run; its folder is removed when the process ends."""
+    ca = Authority(_folder().name)
+    ca.files = ca.agent()
+    return ca
 
 
 @lru_cache
@@ -56,5 +56,5 @@ def _folder():
 
 
 def own_certificates():
-    """What an agent of the run speaks TLS with; boards need none."""
+    """The certificates of the run's agent, which asks boards for none."""
     return Certificates(*authority().files)

@@ -1,6 +1,6 @@
-"""A small XRCE client on uros.wire, for tests: it blocks until what it asked for has come.
+"""A small blocking XRCE client on uros.wire, for tests: a call returns after its answer has come.
 
-Objects have one number each, counted up; the kind is in the low four bits of an id.
+Objects are numbered from 1 for each kind; the kind is in the low four bits of an id.
 """
 
 import time
@@ -51,7 +51,7 @@ class XrceClient:
     # --- sending ---------------------------------------------------------------
 
     def _send(self, kind, payload, stream, flags=ids.FLAG_LITTLE_ENDIAN):
-        """One submessage, in fragments where it is larger than the MTU."""
+        """Send one submessage, in fragments where it is larger than the MTU."""
         head = header_size(self.session_id)
         if head + 4 + len(payload) > self.mtu and stream >= ids.STREAM_RELIABLE:
             size = len(payload)
@@ -77,8 +77,8 @@ class XrceClient:
             self.line.send(message)
             return
         self._out.put(message)
-        for it in self._out.take(now_ms()):
-            self.line.send(it)
+        for datagram in self._out.take(now_ms()):
+            self.line.send(datagram)
 
     def next_request(self):
         self._request += 1
@@ -92,7 +92,7 @@ class XrceClient:
     # --- receiving ---------------------------------------------------------------
 
     def until(self, done, failure, seconds=SECONDS):
-        """Take what comes until ``done()``; AssertionError after the deadline."""
+        """Receive messages until ``done()``; AssertionError after the deadline."""
         deadline = time.monotonic() + seconds
         while not done():
             self._beat()
@@ -156,17 +156,17 @@ class XrceClient:
             self.infos.append(session.pull_info(r))
         elif kind == ids.ACKNACK:
             first, missing, _ = session.pull_acknack(r)
-            for it in self._out.acknack(first, missing, now_ms()):
-                self.line.send(it)
+            for datagram in self._out.acknack(first, missing, now_ms()):
+                self.line.send(datagram)
         elif kind == ids.HEARTBEAT:
             first, last, _ = session.pull_heartbeat(r)
             self._in.heartbeat(first, last, now_ms())
             self._acknowledge()
 
-    # --- what a client does --------------------------------------------------------
+    # --- requests --------------------------------------------------------------
 
     def open(self):
-        """Create the session; the status of the agent."""
+        """Create the session; the status in STATUS_AGENT."""
         none = ids.SESSION_NONE_WITHOUT_KEY if self.session_id & 0x80 else 0
         w = MessageWriter(bytearray(128), none, ids.STREAM_NONE, 0, self.key)
         w.begin(ids.CREATE_CLIENT)
@@ -187,7 +187,7 @@ class XrceClient:
         return self.statuses[number, thing]
 
     def create(self, kind, number, form, content, parent, flags=0):
-        """Create an object; its id. The status must be OK."""
+        """Create an object and check its status; the object id."""
         thing = number << 4 | kind
         flags |= ids.FLAG_LITTLE_ENDIAN
         status = self.request(
@@ -206,11 +206,11 @@ class XrceClient:
         )
 
     def ping(self):
-        """GET_INFO within the session: the implementation status (1: it is known)."""
+        """Send GET_INFO in the session; the availability in the answer, 1: a known session."""
         number = self.next_request()
         payload = self._payload(session.push_get_info, number, ids.OBJECT_AGENT, ids.INFO_ACTIVITY)
         self._put(ids.GET_INFO, payload, ids.STREAM_NONE, ids.FLAG_LITTLE_ENDIAN)
-        self.until(lambda: any(it[0] == number for it in self.infos), "no answer to a ping")
+        self.until(lambda: any(info[0] == number for info in self.infos), "no answer to a ping")
         return self.infos.pop()[3]
 
     def _number(self, kind):
@@ -223,7 +223,7 @@ class XrceClient:
         return self.create(kind, number, ids.IN_BINARY, content, parent)
 
     def participant(self, name, domain=0):
-        """A node; made once for each name."""
+        """The object id of a participant; it is created once for each name."""
         if name not in self._parts:
             self._parts[name] = self.binary(
                 ids.KIND_PARTICIPANT, domain, entities.push_binary_participant, name, None
@@ -239,7 +239,7 @@ class XrceClient:
         return self._parts[key]
 
     def writer(self, node_name, topic, type_name, qos=RELIABLE, depth=10):
-        """A datawriter with all it stands on; its object id."""
+        """Create a datawriter with its participant, topic and publisher; its object id."""
         return self._endpoint(
             ids.KIND_PUBLISHER, ids.KIND_DATAWRITER, node_name, topic, type_name, qos, depth
         )
@@ -259,7 +259,7 @@ class XrceClient:
         )  # fmt: skip
 
     def service(self, kind, node_name, name, request_type, reply_type):
-        """A requester or replier of a ROS service; its object id."""
+        """Create a requester or replier of a ROS service; its object id."""
         node = self.participant(node_name)
         return self.binary(
             kind, node, entities.push_binary_service, name, request_type, reply_type,
@@ -267,7 +267,7 @@ class XrceClient:
         )  # fmt: skip
 
     def write(self, thing, payload, stream=ids.STREAM_RELIABLE, flags=ids.FLAG_LITTLE_ENDIAN):
-        """WRITE_DATA; on a reliable stream until it is acknowledged. The request id."""
+        """Send WRITE_DATA; on a reliable stream, wait for the acknowledgement. The request id."""
         number = self.next_request()
         head = self._payload(session.push_request, number, thing)
         self._send(ids.WRITE_DATA, head + payload, stream, flags)
@@ -276,7 +276,7 @@ class XrceClient:
         return number
 
     def read(self, thing, stream=ids.STREAM_RELIABLE, control=(0xFFFF, 0, 0, 0)):
-        """READ_DATA; the request id."""
+        """Send READ_DATA and wait for the acknowledgement; the request id."""
         number = self.next_request()
         payload = self._payload(data.push_read_data, number, thing, stream, 0, None, control)
         self._send(ids.READ_DATA, payload, ids.STREAM_RELIABLE)
@@ -284,7 +284,7 @@ class XrceClient:
         return number
 
     def wait_sample(self, thing, seconds):
-        """Whether a sample is there, or comes within so long."""
+        """Whether a sample is there, or comes within ``seconds``."""
         waiting = self.samples.setdefault(thing, deque())
         deadline = time.monotonic() + seconds
         while not waiting and time.monotonic() < deadline:
@@ -294,7 +294,7 @@ class XrceClient:
         return bool(waiting)
 
     def sample(self, thing, seconds=SECONDS):
-        """The next sample of a reader, waiting for it."""
+        """Wait for the next sample of a reader; its payload."""
         waiting = self.samples.setdefault(thing, deque())
         self.until(lambda: waiting, f"no sample for 0x{thing:04X}", seconds)
         return waiting.popleft()

@@ -1,7 +1,7 @@
-"""Takes whole XRCE messages apart with the codecs of uros.wire and puts them together again.
+"""Decodes whole XRCE messages with the codecs of uros.wire and encodes them again.
 
-Not a codec of its own: it only knows which pull and push belong to which submessage. The tests
-of recorded conversations use it on CPython and on MicroPython.
+It is not a codec: it only maps submessages to their pull and push functions. The tests of recorded
+conversations use it on CPython and on MicroPython.
 """
 
 from uros.wire import data, entities, header, ids, session
@@ -9,9 +9,9 @@ from uros.wire.cdr import Reader, Writer
 
 
 class PaddedWriter(Writer):
-    """A Writer that remembers which octets it only aligned with.
+    """A Writer that records which octets are padding.
 
-    C clients leave there what their memory held, so no comparison can ask for more.
+    The padding of C clients is uninitialized memory, so a comparison must leave it out.
     """
 
     def __init__(self, size):
@@ -25,7 +25,7 @@ class PaddedWriter(Writer):
         return at
 
     def matches(self, octets):
-        """Whether octets are what was written, in all that is not padding."""
+        """Whether octets equal the written ones, padding excepted."""
         octets = bytearray(octets)
         for at in self.pads:
             if at < len(octets):
@@ -80,7 +80,7 @@ def unpack(message):
 
 
 def pack(head, submessages):
-    """What unpack takes apart."""
+    """Encode a message; the inverse of unpack."""
     size = 8
     for _, _, payload in submessages:
         size += 8 + len(payload)
@@ -92,9 +92,9 @@ def pack(head, submessages):
 
 
 def decode(kind, flags, payload):
-    """The values in a payload, which must be all read by that.
+    """The values in a payload; no octet may be left over.
 
-    An entity's binary representation is still octets: decode_binary takes them.
+    The binary representation of an entity stays encoded: decode_binary decodes it.
     """
     r = Reader(payload, 0, len(payload), bool(flags & ids.FLAG_LITTLE_ENDIAN))
     if kind == ids.CREATE:
@@ -116,7 +116,7 @@ def decode(kind, flags, payload):
 
 
 def encode(kind, values):
-    """A PaddedWriter with what decode takes apart, little endian."""
+    """A PaddedWriter with the encoded values, little endian; the inverse of decode."""
     w = PaddedWriter(600)
     if kind == ids.CREATE:
         request_id, object_id, object_kind, form, content, parent = values
@@ -153,7 +153,7 @@ def decode_binary(kind, content, little=True):
 
 
 def encode_binary(kind, values):
-    """A PaddedWriter with what decode_binary takes apart."""
+    """A PaddedWriter with the encoded values; the inverse of decode_binary."""
     w = PaddedWriter(600)
     if kind == ids.KIND_PARTICIPANT:
         entities.push_binary_participant(w, values[0], values[1])
@@ -173,9 +173,9 @@ def encode_binary(kind, values):
 
 
 def check(message):
-    """Decode all of a message, and see that encoding the values gives its octets again.
+    """Decode a whole message and check that encoding the values gives the same octets.
 
-    What unpack gives, with decoded values for the payloads.
+    Returns the result of unpack, with decoded values in place of the payloads.
     """
     head, submessages = unpack(message)
     out = []
@@ -188,6 +188,6 @@ def check(message):
             assert encode_binary(values[2], values[4]).matches(content), (values, content)
         out.append((kind, flags, values))
     again = pack(head, submessages)
-    # C clients pad what comes last as well.
+    # C clients pad the last submessage too.
     assert again == message[: len(again)] and len(message) - len(again) < 4, (again, message)
     return head, out

@@ -1,4 +1,4 @@
-"""Custom transports as somebody else would write them."""
+"""Custom transports, written as a user of uros writes them."""
 
 import select
 import socket
@@ -7,7 +7,7 @@ from uros.agent.transports.custom import CustomTransport
 
 
 class Datagrams(CustomTransport):
-    """Messages of boards that have addresses."""
+    """A message-oriented transport whose boards have addresses."""
 
     def __init__(self):
         self.port = 0
@@ -34,7 +34,7 @@ class Datagrams(CustomTransport):
 
 
 class Stream:
-    """A stream of bytes: no subclass, and it waits when the other end does not read."""
+    """A framed byte stream without the base class; it blocks when the other end does not read."""
 
     framed = True
 

@@ -1,4 +1,4 @@
-"""A real agent, boards and nodes for `uros doctor` to look at, and what it finds."""
+"""A real agent, boards and nodes for tests of `uros doctor`, and its findings."""
 
 import json
 import socket
@@ -25,7 +25,7 @@ def spare_port():
 
 @contextmanager
 def agent(port, *options):
-    """`uros agent`, listening when the block begins."""
+    """A process of `uros agent`, which listens when the block begins."""
     process = subprocess.Popen(
         [sys.executable, "-m", "uros", "agent", "udp4", "--port", str(port), *options],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -46,7 +46,7 @@ def agent(port, *options):
 
 @contextmanager
 def spinning(make):
-    """A node in a thread that is its own, until the end of the block."""
+    """Spin a node in a thread of its own until the end of the block."""
     end, ready, failed = threading.Event(), threading.Event(), []
 
     def run():
@@ -76,9 +76,10 @@ def spinning(make):
 
 
 def board(port, domain, qos=None, key=0x0D0C0001, clock=0.0, name="board"):
-    """A board that publishes /temp, stamped by a clock that is so far off.
+    """A board that publishes /temp, stamped with a clock that is off by ``clock`` seconds.
 
-    ``qos`` may say ``reliability: best_effort``."""
+    ``qos`` may have ``reliability: best_effort``.
+    """
     profile = QoSProfile()
     if qos:
         assert qos == {"reliability": "best_effort"}
@@ -111,24 +112,25 @@ def listener(domain, type=Temperature, topic="/temp"):
     return spinning(make)
 
 
-def look(which, domain, port, *options):
-    """What the doctor finds, as he says it."""
+def look(agent, domain, port, *options):
+    """Run `uros doctor`; (the problems, all findings)."""
     done = subprocess.run(
         [sys.executable, "-m", "uros", "doctor", "--json", "--domain", str(domain), "--port",
-         str(port), "--agent", str(which.pid), "--seconds", "0.6", *options],
+         str(port), "--agent", str(agent.pid), "--seconds", "0.6", *options],
         capture_output=True, text=True, timeout=45,
     )  # fmt: skip
     assert done.stdout, done.stderr
-    told = json.loads(done.stdout)
-    assert told["version"] == 1
-    found = [Finding(**it) for it in told["findings"]]
-    problems = [it for it in found if it.state == PROBLEM]
-    assert told["problems"] == len(problems)
+    report = json.loads(done.stdout)
+    assert report["version"] == 1
+    findings = [Finding(**fields) for fields in report["findings"]]
+    problems = [finding for finding in findings if finding.state == PROBLEM]
+    assert report["problems"] == len(problems)
     assert done.returncode == bool(problems)
-    assert "..." in done.stderr  # it says what it is about while it listens
-    return problems, found
+    assert "..." in done.stderr  # it prints its progress while it listens
+    return problems, findings
 
 
-def one_of(found, check):
-    (one,) = [it for it in found if it.check == check]
-    return one
+def one_of(findings, check):
+    """The only finding of a check."""
+    (match,) = [finding for finding in findings if finding.check == check]
+    return match

@@ -1,4 +1,4 @@
-"""A rover and its control in virtual time: what a board does between encoders and driver."""
+"""A rover and its control in virtual time: the board's work between encoders and motor driver."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ TICKS = 0x3FFFFFFF
 
 
 class Pwm:
-    """What DRV8835 needs of machine.PWM, on an input of the rover's driver."""
+    """The part of machine.PWM that DRV8835 uses, on an input of the rover's motor driver."""
 
     def __init__(self, rover: Rover, channel: int) -> None:
         self.rover = rover
@@ -30,8 +30,11 @@ class Pwm:
 
 
 class Car:
-    """``seed`` is the rover's. ``begin_us`` is where the board's ticks begin; ``late_us`` are the
-    multiples of time at which its interrupts come."""
+    """A rover with its wheels, control and odometry.
+
+    ``seed`` is the rover's. The board's ticks begin at ``begin_us``, and its interrupts come at
+    multiples of ``late_us``.
+    """
 
     def __init__(
         self,
@@ -72,14 +75,14 @@ class Car:
         return self
 
     def settle(self) -> None:
-        """Measure, without control."""
+        """Measure for one period, without control."""
         self.t_us += self.period_us
         self.rover.advance(self.t_us)
         for wheel, duty in zip(self.wheels, self.duties, strict=True):
             wheel.update(self.ticks(self.t_us), duty)
 
     def step(self) -> None:
-        """One period: the world goes on, then the control's turn."""
+        """Advance by one period: first the world, then the control."""
         self.t_us += self.period_us
         self.rover.advance(self.t_us)
         self.drive.step(self.ticks(self.t_us))
@@ -96,7 +99,7 @@ class Car:
             self.step()
 
     def drive_for(self, seconds: float, v: float, w: float) -> None:
-        """With a command ten times a second."""
+        """Drive with speeds ``v`` and ``w``, commanded ten times a second."""
         end = self.t_us + round(seconds * 1e6)
         while self.t_us < end:
             self.drive.command(v, w)
@@ -104,18 +107,18 @@ class Car:
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """The true one."""
+        """The true pose."""
         return self.rover.x, self.rover.y, self.rover.theta
 
     def error(self) -> tuple[float, float]:
-        """Of the odometry: metres, degrees. The rover began at 0, 0, 0."""
+        """The odometry's error in metres and degrees. The rover began at 0, 0, 0."""
         x, y, theta = self.pose
         turn = math.remainder(self.odometry.theta - theta, math.tau)
         return math.hypot(self.odometry.x - x, self.odometry.y - y), math.degrees(turn)
 
 
 def gains() -> Pid:
-    """What a rover with average motors is driven with."""
+    """The gains for a rover with average motors."""
     return Pid(kp=150, ki=1000, dead_zone=21, kf=214, lag=0.13)
 
 
@@ -124,20 +127,20 @@ class Stuck(AssertionError):
 
 
 def tune(car: Car) -> AutoTune:
-    """Let it find its gains, and take them where there is no fault."""
-    it = AutoTune(car.right, car.left)
+    """Run the self-tuning and apply the gains where there is no fault; the AutoTune."""
+    tuning = AutoTune(car.right, car.left)
     car.rover.power(True)
     going = True
     while going:
         car.t_us += car.period_us
         car.rover.advance(car.t_us)
-        going = it.step(car.ticks(car.t_us))
-        car.give(it.right_duty, it.left_duty)
+        going = tuning.step(car.ticks(car.t_us))
+        car.give(tuning.right_duty, tuning.left_duty)
         if car.t_us > 60_000_000:
             raise Stuck("it is still tuning after a minute")
-    if not it.fault:
-        it.apply(car.drive.right_pid, car.drive.left_pid)
-    return it
+    if not tuning.fault:
+        tuning.apply(car.drive.right_pid, car.drive.left_pid)
+    return tuning
 
 
 def square(
@@ -146,8 +149,10 @@ def square(
     clockwise: bool = False,
     corner: Callable[[], None] = lambda: None,
 ) -> None:
-    """Drive one by odometry, with a command each 40 ms. ``corner`` is called where it stands at
-    the end of the first side."""
+    """Drive a square by odometry, with a command each 40 ms.
+
+    ``corner`` is called when the rover stands at the end of the first side.
+    """
     plan = Square(side, clockwise=clockwise)
     car.start()
     car.run(0.1)
@@ -168,35 +173,40 @@ def square(
 
 
 def calibrate(make: Callable[[], Car], measure: Callable[[float], float] = float) -> Calibration:
-    """Squares in both directions, each by a fresh ``make()`` of the same body. ``measure`` is what
-    a person makes of a true length."""
-    found = Calibration()
+    """Calibrate by squares in both directions, each with a new ``make()`` of the same body.
+
+    ``measure`` returns the length that a person measures for a true length.
+    """
+    calibration = Calibration()
     for clockwise in (False, True):
         car = make()
-        car.on_step = lambda car=car: found.add(car.right.moved, car.left.moved)
+        car.on_step = lambda car=car: calibration.add(car.right.moved, car.left.moved)
         if clockwise:
-            found.restart()
+            calibration.restart()
         square(
             car,
             clockwise=clockwise,
-            corner=lambda car=car: found.measured(measure(car.rover.x), measure(car.rover.y)),
+            corner=lambda car=car: calibration.measured(measure(car.rover.x), measure(car.rover.y)),
         )
         x, y, theta = car.pose
-        found.measured(measure(x), measure(y), theta + 2 * measure(0.0))
-    found.solve()
-    return found
+        calibration.measured(measure(x), measure(y), theta + 2 * measure(0.0))
+    calibration.solve()
+    return calibration
 
 
-def use(car: Car, found: Calibration) -> None:
-    """Drive and count with sizes that were found."""
-    car.right.set_radius(found.right_radius)
-    car.left.set_radius(found.left_radius)
-    car.drive.d = car.odometry.d = found.d
+def use(car: Car, calibration: Calibration) -> None:
+    """Apply the calibrated sizes to control and odometry."""
+    car.right.set_radius(calibration.right_radius)
+    car.left.set_radius(calibration.left_radius)
+    car.drive.d = car.odometry.d = calibration.d
 
 
 class Answer:
-    """How one wheel answers to a new target: ``overshoot`` as a share of it, and ``settled``, the
-    seconds until it stays within 5 %."""
+    """The step response of one wheel.
+
+    ``overshoot`` is a share of the target, ``settled`` the seconds until the speed stays within 5 %
+    of the target.
+    """
 
     def __init__(self, course: list[tuple[float, float]], target: float) -> None:
         self.course = course
@@ -206,7 +216,7 @@ class Answer:
 
 
 def answers(car: Car, v: float, seconds: float = 1.5) -> tuple[Answer, Answer]:
-    """What the true speeds of both wheels do at a step from 0 to ``v``, each millisecond."""
+    """The responses of both wheels to a step from 0 to ``v``, by true speeds each millisecond."""
     courses: tuple[list[tuple[float, float]], ...] = ([], [])
     car.start()
     car.run(0.1)

@@ -1,7 +1,7 @@
-"""How many examples a property test tries, by the profile of the run.
+"""The number of examples of a property test, by the profile of the run.
 
-``quick`` is for ``make quick``, ``daily`` for ``make test``, ``deep`` for ``make test-full``; the
-profiles stand in ``tests/conftest.py``.
+``quick`` is for ``make quick``, ``daily`` for ``make test``, ``deep`` for ``make test-full``;
+``tests/conftest.py`` defines the profiles.
 """
 
 from hypothesis import settings
@@ -10,5 +10,5 @@ SCALE = {"quick": 0.1, "daily": 1, "deep": 3}
 
 
 def examples(daily: int) -> int:
-    """The number of examples where ``daily`` are right for ``make test``; at least 5."""
+    """The number of examples, given the number for ``make test``; at least 5."""
     return max(5, int(daily * SCALE[settings.get_current_profile_name()]))

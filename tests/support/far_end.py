@@ -1,9 +1,9 @@
-"""One reader and one writer on DDS, in a process of their own.
+"""One datareader and one datawriter on DDS, in a process of their own.
 
     python far_end.py DOMAIN READ_TOPIC WRITE_TOPIC TYPE
 
-Says ``ready``, then each sample it reads as hex. Writes each line of its input, given as hex, when
-it has a reader.
+Prints ``ready``, then each sample that it takes, as hex. Writes each line of its input, given as
+hex, as a sample when the datawriter has a matched reader.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The client's end of each transport: messages in, messages out, and their bytes as they are."""
+"""The client's end of each transport: sends and receives messages, and sends raw bytes."""
 
 import os
 import select
@@ -10,7 +10,7 @@ from support.portable import framed
 from uros.wire.framing import Deframer, LengthDeframer
 
 SECONDS = 10.0
-"""How long anything that must come may take."""
+"""The limit for waiting, in seconds."""
 
 
 class Line:
@@ -27,11 +27,11 @@ class Line:
         raise NotImplementedError
 
     def _read(self):
-        """The messages that can be read now, waiting for nothing; None: closed."""
+        """The messages that can be read now, without waiting; None: the line is closed."""
         raise NotImplementedError
 
     def receive(self, deadline):
-        """The next message, or None where none comes until ``deadline`` (time.monotonic)."""
+        """The next message; None where none arrives until ``deadline`` (time.monotonic)."""
         while not self._messages:
             wait = max(0.0, deadline - time.monotonic())
             if not select.select([self.fd], [], [], wait)[0]:
@@ -93,13 +93,13 @@ class TlsLine(TcpLine):
         self.fd = self._socket.fileno()
 
     def receive(self, deadline):
-        while self._socket.pending():  # what the selector does not see
+        while self._socket.pending():  # data in the TLS layer, which select does not report
             self._messages.extend(self._read())
         return super().receive(deadline)
 
 
 class SerialLine(Line):
-    """A board on the file descriptor of a terminal; ``owned``: close it too."""
+    """A board on the file descriptor of a terminal, which ``close`` closes if ``owned``."""
 
     def __init__(self, fd, address=1, owned=True):
         self._deframer = Deframer(address)
@@ -129,7 +129,7 @@ class SerialLine(Line):
 
 
 class SharedTerminal:
-    """Two boards on one line, as on a bus: each sees the frames for it."""
+    """Several boards on one line, as on a bus: each receives the frames with its address."""
 
     def __init__(self, fd):
         self.fd = fd
@@ -141,12 +141,12 @@ class SharedTerminal:
         self._lines.append(line)
         return line
 
-    def _read_for(self, mine):
+    def _read_for(self, reader):
         def read():
             chunk = os.read(self.fd, 65536)
             for line in self._lines:
-                if line is not mine:
+                if line is not reader:
                     line._messages.extend(line._deframer.feed(chunk))
-            return mine._deframer.feed(chunk)
+            return reader._deframer.feed(chunk)
 
         return read

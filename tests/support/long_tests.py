@@ -1,6 +1,6 @@
-"""The files of unit tests that ``make quick`` leaves out, since each takes long.
+"""The files of unit tests that ``make quick`` leaves out because they take long.
 
-Processes, real middleware and builds make them so. Paths are below ``tests/unit``.
+They use processes, real middleware or builds. Paths are relative to ``tests/unit``.
 """
 
 LONG = (

@@ -1,17 +1,17 @@
-"""A board at the other end of a pseudo-terminal that speaks MicroPython's raw REPL, and lies.
+"""A simulated board with MicroPython's raw REPL on a pseudo-terminal, with injected faults.
 
-It is honest except where it is told to lie: its file system is a dict, and CPython runs code with
-an ``os`` and an ``open`` of that file system, so what a deployment does to it can be seen. Each
-thing that it says is a *step*:
+It behaves like a real board except where the test injects a fault, a *lie*: its file system is a
+dict, and CPython runs the code with an ``os`` and an ``open`` of that file system, so a test can
+check the effects of a deployment. Each output of the board is a *step*:
 
-``banner`` ``reboot`` ``again`` (the banner after the reset), ``paste`` (that it knows raw paste),
-``window``, ``credit`` (room for more code), ``heard`` (all code has come), ``output``, ``error``,
-``prompt``, ``friendly``.
+``banner`` ``reboot`` ``again`` (the banner after the reset), ``paste`` (it supports raw paste),
+``window``, ``credit`` (room for more code), ``heard`` (all code has arrived), ``output``,
+``error``, ``prompt``, ``friendly``.
 
-A lie is called with the step, the count of the code that runs (0: none yet), and what honesty would
-say; it returns octets, or one of `SILENCE`, `GONE` and `Endless`.
+A lie is a function of the step, the number of the code that runs (0: none yet) and the correct
+output; it returns octets, or one of `SILENCE`, `GONE` and `Endless`.
 
-`QuickTime` is the time of a deployment to such a board: it passes where nobody says anything.
+`QuickTime` is the clock of a deployment to such a board: it advances while the board is silent.
 """
 
 import binascii
@@ -35,7 +35,7 @@ _FOLDER, _FILE = 0x4000, 0x8000
 
 
 class Endless:
-    """The same octets for as long as anybody reads."""
+    """Repeat the same octets without end."""
 
     def __init__(self, octets):
         self.octets = octets
@@ -46,14 +46,14 @@ class Gone(Exception):
 
 
 class QuickTime:
-    """Time in which nobody waits for a board that has nothing more to say.
+    """A clock that skips the waiting for a board that has no more output.
 
-    It takes the place of ``time`` in `uros.boards.deploy.raw_repl`, and of the waiting of ports. So
-    a timeout does not depend on how fast this machine is: it comes when the board is silent, or
-    when it has said something very often.
+    It replaces ``time`` in `uros.boards.deploy.raw_repl`, and the waiting of ports. So a timeout
+    does not depend on the speed of the machine: it occurs when the board is silent, or after a
+    large number of reads.
     """
 
-    _READ_SECONDS = 0.05  # for each piece that a board says: one that never ends gets somewhere
+    _READ_SECONDS = 0.05  # for each read: endless output then reaches the timeout
 
     def __init__(self, board, monkeypatch):
         self._board = board
@@ -98,7 +98,7 @@ class QuickTime:
 
 
 class LyingBoard:
-    """Plugged in while ``with`` lasts; ``path`` is its line, ``files`` what it has."""
+    """The board, a context manager; ``path`` is its device, ``files`` its file system."""
 
     def __init__(self, lie=lambda step, count, honest: honest, files=(), window=32):
         self.files = dict(files)
@@ -136,8 +136,9 @@ class LyingBoard:
             os.close(self._master)
 
     def is_done(self, sent, received):
-        """Whether it has read all that was sent, all that it said was received, and no more comes
-        before it is sent something.
+        """Whether the board waits for input.
+
+        It has read all ``sent`` octets, and all of its output is ``received``.
         """
         if not self._plugged:
             return True
@@ -148,7 +149,7 @@ class LyingBoard:
     # --- the line ---------------------------------------------------------------------------
 
     def _read(self, seconds=None):
-        """What has come; b"" after so long. Raises Gone at the end."""
+        """The octets that have arrived; b"" after ``seconds``. Raises Gone at the end."""
         self._resting = True
         ready = select.select([self._master, self._stop], [], [], seconds)[0]
         self._resting = False  # before it has read: see is_done
@@ -177,16 +178,16 @@ class LyingBoard:
 
     def _say(self, step, honest):
         self.steps.append(step)
-        said = self.lie(step, self._code, honest)
-        if said is SILENCE:
+        output = self.lie(step, self._code, honest)
+        if output is SILENCE:
             while True:
                 self._read()
-        if said is GONE:
+        if output is GONE:
             raise Gone
-        if isinstance(said, Endless):
+        if isinstance(output, Endless):
             while True:
-                self._write(said.octets * 64)
-        self._write(said)
+                self._write(output.octets * 64)
+        self._write(output)
 
     def _live(self):
         try:
@@ -224,14 +225,14 @@ class LyingBoard:
         self._say("window", self.window.to_bytes(2, "little"))
         self._say("credit", b"\x01")
         code = bytearray()
-        told = 0
+        credited = 0
         while True:
             while not line:
                 line = self._read()
             end = line.find(b"\x04")
             code += line if end < 0 else line[:end]
-            while len(code) - told >= self.window:
-                told += self.window
+            while len(code) - credited >= self.window:
+                credited += self.window
                 self._say("credit", b"\x01")
             if end >= 0:
                 line = line[end + 1 :]
@@ -257,7 +258,7 @@ class LyingBoard:
             error = f"Traceback\r\n{type(raised).__name__}: {raised}\r\n".encode()
         return out.getvalue().replace("\n", "\r\n").encode(), error
 
-    # --- its world --------------------------------------------------------------------------
+    # --- its modules and files ---------------------------------------------------------------
 
     def _import(self, name, *_):
         return {

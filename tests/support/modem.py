@@ -1,4 +1,4 @@
-"""Time, lines and dialogues for tests of modems. Runs on CPython and on MicroPython."""
+"""Clock, lines and dialogues for tests of modems. Runs on CPython and on MicroPython."""
 
 from uros.transport import at_modem as modem
 from uros.transport import esp8266, gs2200
@@ -7,7 +7,7 @@ NETWORK, PASSWORD, AGENT = "robots", "secret99", "192.168.1.10"
 
 
 class FakeTime:
-    """In place of the transports' clock, as a context: time passes only where they wait."""
+    """Replaces the clock of the transports in a context: time passes only where they wait."""
 
     def __init__(self, start=1000):
         self.now = start
@@ -17,29 +17,32 @@ class FakeTime:
         return self.now & 0x3FFFFFFF
 
     def ticks_us(self):
-        self.us += 20  # a look at the clock takes its time
+        self.us += 20  # reading the clock takes time
         return (self.now * 1000 + self.us) & 0x3FFFFFFF
 
     def sleep_ms(self, ms):
         self.now += ms
 
     def __enter__(self):
-        self._kept = []
+        self._originals = []
         for module in (modem, esp8266, gs2200):
             for name in ("ticks_ms", "ticks_us", "sleep_ms"):
                 if hasattr(module, name):
-                    self._kept.append((module, name, getattr(module, name)))
+                    self._originals.append((module, name, getattr(module, name)))
                     setattr(module, name, getattr(self, name))
         return self
 
     def __exit__(self, *_):
-        for module, name, was in self._kept:
-            setattr(module, name, was)
+        for module, name, original in self._originals:
+            setattr(module, name, original)
 
 
 class Line:
-    """A UART between a transport and a modem. ``chunk`` is how much it brings at once, ``takes``
-    how much it takes; ``damage(octets)`` is what becomes of what the modem says."""
+    """A UART between a transport and a modem.
+
+    A read returns at most ``chunk`` octets, a write takes at most ``takes``. ``damage(octets)``
+    alters the modem's output.
+    """
 
     def __init__(self, modem, chunk=1000, takes=1000, damage=bytes):
         self.modem = modem
@@ -59,8 +62,10 @@ class Line:
 
 
 class Setup:
-    """A modem in reach of an access point, and a transport on it: ``air``, ``modem`` and
-    ``transport``. ``link`` is the modem's last one."""
+    """A modem in range of an access point, and its transport: ``air``, ``modem``, ``transport``.
+
+    ``link`` is the modem's latest link.
+    """
 
     @property
     def link(self):
@@ -68,7 +73,7 @@ class Setup:
 
 
 def trouble(call, *arguments):
-    """The text of the OSError that call must raise."""
+    """The text of the OSError that ``call`` must raise."""
     try:
         result = call(*arguments)
     except OSError as error:
@@ -77,7 +82,7 @@ def trouble(call, *arguments):
 
 
 def until(transport, done, turns=100000):
-    """Takes the dialogue on until something is so; what came meanwhile."""
+    """Continue the dialogue until ``done()``; the messages received meanwhile."""
     messages = []
     while not done():
         turns -= 1
@@ -94,7 +99,7 @@ def link_up(transport):
 
 
 def failure(transport, turns=100000):
-    """The error that a dialogue ends with."""
+    """The text of the OSError that ends the dialogue."""
     while True:
         turns -= 1
         assert turns, "it takes too long"
@@ -105,7 +110,7 @@ def failure(transport, turns=100000):
 
 
 def drain(transport):
-    """All that has come."""
+    """Receive all messages that are there."""
     messages = []
     while True:
         message = transport.receive(200)
@@ -115,45 +120,49 @@ def drain(transport):
 
 
 def exchange(place, messages):
-    """Each message there and back; what came back."""
-    got = []
-    for it in messages:
-        place.transport.send(it)
-        place.link.incoming.append(it)
-        got += until(place.transport, lambda it=it: place.link.sent[-1:] == [it])
-    return got + drain(place.transport)
+    """Send each message, and the network sends it back; the messages received."""
+    received = []
+    for message in messages:
+        place.transport.send(message)
+        place.link.incoming.append(message)
+        received += until(
+            place.transport, lambda message=message: place.link.sent[-1:] == [message]
+        )
+    return received + drain(place.transport)
 
 
 def one_by_one(place, messages):
-    """Each message goes there, and only then back; none is lost, and nothing is found wrong."""
+    """Exchange the messages one at a time; none is lost and no fault is counted."""
     transport, link = place.transport, place.link
-    for it in messages:
-        transport.send(memoryview(it))
-        until(transport, lambda it=it: link.sent[-1:] == [it])
-        link.incoming.append(it)
-        got = drain(transport)
-        assert got == [it], (it, got)
+    for message in messages:
+        transport.send(memoryview(message))
+        until(transport, lambda message=message: link.sent[-1:] == [message])
+        link.incoming.append(message)
+        received = drain(transport)
+        assert received == [message], (message, received)
     assert link.sent == list(messages), link.sent
     faults = (transport.dropped, transport.malformed, transport.mute)
     assert faults == (0, 0, 0), faults
 
 
 def in_order(place, messages, sent):
-    """All messages come as they were sent by the network, and then so many go out as they came."""
+    """All messages arrive in order, and then the first ``sent`` of them are sent in order."""
     link_up(place.transport)
     place.link.incoming.extend(messages)
-    got = drain(place.transport)
-    assert got == messages, got
-    for it in messages[:sent]:
-        place.transport.send(it)
-    got = drain(place.transport)
-    assert got == [], got
+    received = drain(place.transport)
+    assert received == messages, received
+    for message in messages[:sent]:
+        place.transport.send(message)
+    received = drain(place.transport)
+    assert received == [], received
     assert place.link.sent == messages[:sent], place.link.sent
 
 
 def opened(place, time, turn_ms):
-    """Opens without waiting. Until the link is there, a turn of 20 ms takes at most so long; how
-    long all took, and in how many turns."""
+    """Open without waiting and receive until the link is up; (milliseconds, turns).
+
+    A turn, which may wait 20 ms, takes at most ``turn_ms``.
+    """
     before = time.now
     place.transport.open()
     assert time.now == before, time.now - before
@@ -168,7 +177,7 @@ def opened(place, time, turn_ms):
 
 
 def attempts(place, moment):
-    """Opens until a message went both ways; how often that failed. ``moment`` is for the error."""
+    """Open until an exchange succeeds; the number of failures. ``moment`` is for the error."""
     place.transport.open()
     for failed in range(20):
         try:
@@ -182,13 +191,13 @@ def attempts(place, moment):
 
 
 def passes_over_what_is_too_long(place, long):
-    """Of 64 octets are the longest messages, ``long`` looks as if something began in it."""
+    """Messages over 64 octets are dropped and counted; ``long`` has a start of a message inside."""
     link_up(place.transport)
     place.link.incoming.extend([bytes(65), b"fits", long, bytes(64)])
-    got = drain(place.transport)
-    assert got == [b"fits", bytes(64)], got
+    received = drain(place.transport)
+    assert received == [b"fits", bytes(64)], received
     assert place.transport.malformed == 2, place.transport.malformed
     place.transport.send(bytes(65))
-    got = drain(place.transport)
-    assert place.transport.dropped == 1 and got == [], (place.transport.dropped, got)
+    received = drain(place.transport)
+    assert place.transport.dropped == 1 and received == [], (place.transport.dropped, received)
     assert place.link.sent == [], place.link.sent

@@ -1,4 +1,4 @@
-"""Nodes on one network, of each kind that there is, and what sends and serves on it."""
+"""Nodes of each kind on one network, and messages to publish there."""
 
 import itertools
 import time
@@ -24,7 +24,7 @@ _TURN = 0.005
 
 
 class Nodes:
-    """``make(name, …)`` is a node of one kind, each with a connection of its own."""
+    """Creates nodes of one kind by ``make(name, …)``, each with a connection of its own."""
 
     def __init__(self, make):
         self._make = make
@@ -36,7 +36,7 @@ class Nodes:
         return node
 
     def until(self, done, seconds=SECONDS):
-        """Let all nodes work until ``done()``."""
+        """Spin all nodes until ``done()``."""
         deadline = time.monotonic() + seconds
         while not done():
             assert time.monotonic() < deadline, "it does not come"
@@ -44,11 +44,11 @@ class Nodes:
                 node.spin_once(_TURN)
 
     def connect(self):
-        """Until all that the nodes have so far is on the network."""
+        """Spin until all nodes are connected, with the entities that they have so far."""
         self.until(lambda: all(node.state == AGENT_CONNECTED for node in self.made))
 
     def settle(self):
-        """Do all that there is to do: what a marker sent behind it has overtaken is not there."""
+        """Spin until marker messages sent now have arrived: earlier messages are then delivered."""
         came = []
         ends = []
         for node in self.made:
@@ -69,7 +69,7 @@ class Nodes:
 
 @contextmanager
 def nodes_of(kind, domain):
-    """Nodes of a kind in a domain; what is left of them goes at the end."""
+    """Nodes of a kind in a domain; the rest of them is destroyed at the end."""
     with ExitStack() as stack:
         if kind == "memory":
             bus = Bus()
@@ -100,7 +100,7 @@ def twist():
 
 
 def image(first=0):
-    """15 kB of a camera."""
+    """A camera image of 15 kB."""
     message = CompressedImage()
     message.header.frame_id, message.format = "camera", "jpeg"
     message.header.stamp.sec, message.header.stamp.nanosec = 1234567890, 999999999
@@ -108,7 +108,7 @@ def image(first=0):
     return message
 
 
-# What is sent of each type.
+# Messages to publish of each type.
 MESSAGES = {
     Int32: [Int32(data=n) for n in (0, -1, 2**31 - 1)],
     String: [String(data=s) for s in ("", "hello", "grüße 🤖")],

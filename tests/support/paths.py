@@ -1,6 +1,6 @@
-"""Where things of this project are."""
+"""Paths of the project."""
 
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-"""The clone."""
+"""The root folder of the clone."""

@@ -14,9 +14,9 @@ START_SECONDS = 30.0
 
 
 class RosPeer:
-    """Starts the process; a context manager.
+    """The process; a context manager.
 
-    ``messages`` are CDR samples by topic, ``times`` when they came by rclpy's clock, in ns.
+    ``messages`` has CDR samples by topic, ``times`` their arrival by rclpy's clock, in ns.
     """
 
     def __init__(self, python, domain, script=SCRIPT):
@@ -69,27 +69,27 @@ class RosPeer:
             self._thread.join()
             self._process.stdout.close()
 
-    def do(self, what, seconds=15.0, **arguments):
-        """Run a command; its answer. It may take so many seconds there."""
+    def do(self, verb, seconds=15.0, **arguments):
+        """Run a command in the peer, for at most ``seconds``; its answer."""
         self._number += 1
-        command = {"id": self._number, "do": what, **arguments}
-        if what not in ("graph", "unsubscribe"):
+        command = {"id": self._number, "do": verb, **arguments}
+        if verb not in ("graph", "unsubscribe"):
             command["seconds"] = seconds
         self._process.stdin.write(json.dumps(command) + "\n")
         self._process.stdin.flush()
         deadline = time.monotonic() + seconds + 5
         while True:
-            event = self._next(deadline, f"what came of {what}")
+            event = self._next(deadline, f"what came of {verb}")
             if event.get("id") == self._number:
                 assert "error" not in event, event
                 return event
 
     def message(self, topic, seconds=15.0):
-        """The next message of a topic that is subscribed to."""
+        """The next message of a subscribed topic."""
         return self.timed_message(topic, seconds)[0]
 
     def timed_message(self, topic, seconds=15.0):
-        """The next message of a topic, and when it came."""
+        """The next message of a subscribed topic, and when it arrived."""
         deadline = time.monotonic() + seconds
         while not self.messages[topic]:
             self._next(deadline, f"that anything came on {topic}")

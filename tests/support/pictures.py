@@ -1,4 +1,4 @@
-"""A board that publishes pictures, and who looks: for mpy/test_pictures.py, bench/pictures.py."""
+"""A board that publishes pictures, and a viewer: for mpy/test_pictures.py, bench/pictures.py."""
 
 import os
 import random
@@ -20,13 +20,13 @@ from uros.middleware import open_middleware
 CompressedImage = load("sensor_msgs/msg/CompressedImage")
 Empty = load("std_msgs/msg/Empty")
 
-# What all pictures are cut out of. Its length is prime: no part of a picture looks like another.
+# All pictures are parts of it. Its length is prime: no part of a picture equals another one.
 _FILM = random.Random(20).randbytes(2039)
-_STRIDE = 131  # where the film begins moves by so much with each picture
+_STRIDE = 131  # each picture begins this much later in the film
 
 
 def picture(number, length):
-    """The octets of a picture: its number, and a piece of the film of its own."""
+    """The octets of a picture: its number, and a part of the film."""
     start = number * _STRIDE % len(_FILM)
     film = _FILM * (2 + length // len(_FILM))
     return number.to_bytes(4, "little") + film[start : start + length - 4]
@@ -42,7 +42,7 @@ from uros.client.streaming import publish_stream, streaming
 FILM = memoryview(FILM_TWICE)
 
 class Camera:
-    '''Its memory is its own, as a sensor's with a FIFO: it is read piece by piece.'''
+    '''A camera with a FIFO of its own, which is read piece by piece.'''
 
     def take(self, number):
         self.head = number.to_bytes(4, "little")
@@ -80,7 +80,7 @@ def step():
     now = time.ticks_ms()
     if node.state != AGENT_CONNECTED or taken > COUNT:
         return
-    if begun is None:  # nobody looks yet
+    if begun is None:  # no viewer yet
         if tried is None or time.ticks_diff(now, tried) > 100:
             tried = now
             images.publish(image)
@@ -89,9 +89,9 @@ def step():
             print("took", time.ticks_diff(now, begun), refused, images.dropped,
                   getattr(TRANSPORT, "dropped", 0), node.connection.connections)
             taken += 1
-    # The next when its time has come and the last is out. Over UDP with a pace, when it has
-    # arrived: the copies that the virtual board's socket makes are in the high water, and a machine
-    # that is late is not to make more of them in one step.
+    # The next picture, when it is due and the last one is sent. Over UDP with a period, when the
+    # last one has arrived: the copies of the virtual board's socket count in the high water, and a
+    # late machine must not cause more of them in one step.
     elif (
         time.ticks_diff(now, begun) >= taken * PERIOD
         and not streaming(images)
@@ -118,7 +118,7 @@ WAYS = {
         port = open_port(0x045B, 0x2013, "uros", "camera", "1")
         TRANSPORT = StreamTransport(port, mtu=MTU)
         """,
-    # A UART that does not wait has room for so much as its driver, and takes no more.
+    # A UART that does not block: a write takes what fits into the TXBUF octets of its driver.
     "uart": """
         import time
         from uros.drivers.port import open_port
@@ -152,9 +152,11 @@ WAYS["serial"] = WAYS["usb"]
 
 
 class Shot(NamedTuple):
-    """What became of them. ``seconds`` went by between the first and the last that arrived, and
-    ``octets`` and ``busy`` are how many octets the line carried meanwhile, and for what part of
-    that time. Of the board: ``refused`` by publish, ``lost`` by its end of the line, its sessions.
+    """The result. ``seconds`` passed between the arrivals of the first and the last picture.
+
+    The line carried ``octets`` meanwhile, and was busy for the part ``busy`` of that time. Of the
+    board: pictures ``refused`` by publish, messages ``dropped`` by the publisher and ``lost`` by
+    the transport, and its ``sessions``.
     """
 
     pictures: list
@@ -176,11 +178,10 @@ def shoot(
     way, folder, domain, count, period_ms=0, length=20_000, *, mtu=512, baud=921_600, txbuf=512,
     measure=True, seconds=40.0,
 ):  # fmt: skip
-    """Let a MicroPython board publish so many pictures, each when its time has come and the last is
-    out, to an agent of ours; and look at them by DDS, in this domain. A :class:`Shot`.
+    """Let a MicroPython board publish pictures to an agent, and take them by DDS; a :class:`Shot`.
 
-    ``way`` is one of WAYS. Where it is "serial" or "uart" there is a `slow_line` of that baud rate
-    between board and agent.
+    A picture is published when it is due, every ``period_ms``, and the last one is sent. ``way`` is
+    one of WAYS; "serial" and "uart" have a `slow_line` of ``baud`` between board and agent.
     """
     os.environ["UROS_MICROPYTHON"] = str(INSTALLED)
     line = None
@@ -230,10 +231,10 @@ def shoot(
                 len(pictures), board.console.queue,
             )  # fmt: skip
             viewer.spin_once(0.05)
-        said = board.wait("took").split()[1:]
+        counts = board.wait("took").split()[1:]
         heap = board.heap()
         assert line is None or line.error is None
     seconds = marks[-1][0] - marks[0][0]
     octets = marks[-1][1] - marks[0][1]
     busy = octets / seconds / line.capacity if line else 0.0
-    return Shot(pictures, seconds, octets, busy, *map(int, said[1:]), heap)
+    return Shot(pictures, seconds, octets, busy, *map(int, counts[1:]), heap)

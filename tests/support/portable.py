@@ -1,6 +1,6 @@
-"""What the portable tests share. Runs on CPython and on MicroPython, as they do.
+"""Helpers of the portable tests. Runs on CPython and on MicroPython.
 
-pytest takes no assertions apart in here, so they say themselves what they found.
+pytest does not rewrite the assertions of this module, so each has a message with the values.
 """
 
 from uros.wire import data, entities, session
@@ -8,7 +8,7 @@ from uros.wire.cdr import Reader, Writer
 from uros.wire.errors import DecodeError, EncodeError, WireError
 from uros.wire.framing import frame, frame_size
 
-# Every decoder of a payload, by the name of what it decodes.
+# Every decoder of a payload, by the name of the payload.
 PULLS = {
     "create_client": session.pull_create_client,
     "status_agent": session.pull_status_agent,
@@ -33,7 +33,7 @@ PULLS = {
 
 
 def refused(error, call, *arguments):
-    """The message of the error that call must raise; exactly that class."""
+    """The message of the error that ``call`` must raise; its class must be exactly ``error``."""
     try:
         result = call(*arguments)
     except WireError as raised:
@@ -43,13 +43,15 @@ def refused(error, call, *arguments):
 
 
 def reader(octets, little=True):
-    """A Reader of all octets."""
+    """A Reader of all the octets."""
     return Reader(octets, 0, len(octets), little)
 
 
 def pair(octets, push, pull, values, arguments=None):
-    """octets (in hex) is what push makes of arguments and what pull turns into values; short of
-    a byte it is refused. Without arguments they are the values."""
+    """Check that ``push(arguments)`` writes ``octets`` (hex) and that ``pull`` reads ``values``.
+
+    Both must refuse every shorter buffer. ``arguments`` are the values where not given.
+    """
     octets = bytes.fromhex(octets)
     arguments = values if arguments is None else arguments
     w = Writer(bytearray(len(octets)))
@@ -65,6 +67,6 @@ def pair(octets, push, pull, values, arguments=None):
 
 
 def framed(payload, source=1, destination=0):
-    """payload as it goes over a serial line."""
+    """The frame of a payload on a serial line."""
     out = bytearray(frame_size(payload))
     return bytes(out[: frame(payload, source, destination, out)])

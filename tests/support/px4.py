@@ -1,7 +1,7 @@
 """PX4's ``uxrce_dds_client``, from its public sources (src/modules/uxrce_dds_client).
 
 =========  ==============================  ===================  =========
-release    topics are                      writers are made     services
+release    topics are                      writers created      services
 =========  ==============================  ===================  =========
 v1.14      ``fmu/out/NAME``, in binary     when first needed    none
 v1.15      the same, names from a table    when first needed    one
@@ -34,7 +34,7 @@ from support.autopilot import (
     object_id,
 )
 
-# What dds_topics.yaml lists under publications, and below it what users add to that.
+# The publications of dds_topics.yaml, and after them topics that users add.
 PUBLICATIONS = """
     register_ext_component_reply arming_check_request mode_completed battery_status
     collision_constraints estimator_status_flags failsafe_flags manual_control_setpoint
@@ -71,7 +71,7 @@ TYPES = {
     "vehicle_command_mode_executor": "VehicleCommand",
     "aux_global_position": "VehicleGlobalPosition",
 }
-# Some that carry a version (msg/versioned), as of v1.16 and later.
+# Some topics with a version (msg/versioned), as of v1.16 and later.
 VERSIONS = {"battery_status": 1, "vehicle_status": 1, "arming_check_request": 1, "home_position": 1}
 
 LOCALHOST_XML = (
@@ -89,14 +89,14 @@ DEFAULT_XML = (
 )
 CUSTOM_REFERENCE = "px4_participant"
 
-# Writers have the number of their uORB topic, readers and services count from here.
+# Writers have the number of their uORB topic; readers and services are numbered from this one.
 SECOND_HALF = 65535 // 32 + 1
 QUEUE = 4
 
 
 def type_name(topic):
     """``vehicle_status`` → ``px4_msgs::msg::dds_::VehicleStatus_``."""
-    camel = TYPES.get(topic) or re.sub(r"(?:^|_)(\w)", lambda it: it[1].upper(), topic)
+    camel = TYPES.get(topic) or re.sub(r"(?:^|_)(\w)", lambda match: match[1].upper(), topic)
     return f"px4_msgs::msg::dds_::{camel}_"
 
 
@@ -132,7 +132,7 @@ class Px4(autopilot.Vehicle):
     # --- setupSession
 
     def connect(self):
-        """All until the main loop. AssertionError where an entity is refused."""
+        """Do all that precedes the main loop. AssertionError where an entity is refused."""
         self.find_agent()
         self.open()
         self.must("participant", self.create_participant())
@@ -147,7 +147,7 @@ class Px4(autopilot.Vehicle):
         self.settle()
 
     def create_participant(self):
-        """Its request id."""
+        """Buffer the CREATE; its request id."""
         session = self.session
         if self.config == "custom":
             return session.create(1, PARTICIPANT, BY_REFERENCE, CUSTOM_REFERENCE, self.domain)
@@ -169,11 +169,11 @@ class Px4(autopilot.Vehicle):
             out_s, out_ns, in_s, in_ns, back_s, back_ns = session.times.popleft()
             assert (back_s, back_ns) == divmod(sent, 10**9)
             assert (out_s, out_ns) >= (in_s, in_ns)
-            came = time.monotonic_ns()
-            if best is None or came - sent < best:
-                best = came - sent
+            received = time.monotonic_ns()
+            if best is None or received - sent < best:
+                best = received - sent
                 self.offset_error = best / 2e9
-                self.offset = in_s + in_ns / 1e9 - (came + sent) / 2e9
+                self.offset = in_s + in_ns / 1e9 - (received + sent) / 2e9
 
     def _group(self, number, kind, name, direction):
         """Buffer topic and publisher or subscriber: (their request ids, ids of both)."""
@@ -188,7 +188,7 @@ class Px4(autopilot.Vehicle):
     def create_writer(self, name):
         number = PUBLICATIONS.index(name)
         requests, topic, group = self._group(number, PUBLISHER, name, "out")
-        # A depth of 0, which the library leaves out.
+        # The library does not send a depth of 0.
         flags = KEEP_LAST | TRANSIENT_LOCAL
         requests.append(self.session.endpoint_bin(number, WRITER, group, topic, flags, 0))
         self.must(name, *requests)
@@ -205,7 +205,7 @@ class Px4(autopilot.Vehicle):
         self.session.read_data(self.readers[name], BEST_EFFORT_STREAM)
 
     def create_service(self, name, kind):
-        types = [f"px4_msgs::srv::dds_::{kind}_{it}_" for it in ("Request", "Response")]
+        types = [f"px4_msgs::srv::dds_::{kind}_{suffix}_" for suffix in ("Request", "Response")]
         request = self.session.replier_bin(
             SECOND_HALF, self.participant, name, types, self.service(name)
         )
@@ -216,13 +216,13 @@ class Px4(autopilot.Vehicle):
     # --- the main loop
 
     def publish(self, name, sample):
-        """On the best-effort stream, one message each; before v1.16 this makes the writer."""
+        """Publish on the best-effort stream; before v1.16 the first call creates the writer."""
         if name not in self.writers:
             self.create_writer(name)
         self.session.write_best_effort(self.writers[name], sample)
 
     def answer(self, body):
-        """Serve one request of the service; its body."""
+        """Answer one request of the service; the body of the request."""
         requests = self.session.samples[self.replier]
         self.until(lambda: requests, "no request comes")
         request = requests.popleft()
@@ -231,17 +231,18 @@ class Px4(autopilot.Vehicle):
         return request[24:]
 
     def disconnect(self):
-        """``deleteSession`` where the agent does not answer any more: one farewell, unheard."""
-        self.session.farewell()
+        """``deleteSession`` when the agent does not answer any more: one DELETE, without answer."""
+        self.session.delete_client()
         self.writers.clear()
         self.readers.clear()
 
 
 def sample(counter, size=100):
-    """A message: its time stamp (``uint64 timestamp``), then a number, then the rest."""
+    """A message: time stamp (``uint64 timestamp``), a counter, zeros up to ``size``."""
     head = struct.pack("<QI", time.monotonic_ns() // 1000, counter)
     return head + bytes(size - len(head))
 
 
 def counter(sample):
+    """The counter in a sample."""
     return struct.unpack_from("<I", sample, 8)[0]

@@ -1,14 +1,14 @@
-"""A board that says again what a real one once said to its agent.
+"""A board that repeats what a real one sent to its agent in a recording.
 
 A recording is a text file, one JSON line for each datagram (UDP) or each chunk read (serial,
 TCP)::
 
     {"t": seconds since the first, "from": "client" or "agent", "client": 0, "hex": "8000…"}
 
-:class:`RecordedBoard` plays the client's side of one to an agent that is there now: bytes as
-recorded, each message after the answers that came before it then, and not earlier than then. Only
-acknowledgements and heartbeats are its own, for they depend on what gets lost today. It knows
-neither sockets nor the clock; :class:`UdpBoard` gives it both, in a thread.
+:class:`RecordedBoard` replays the client's side of a recording to a running agent: bytes as
+recorded, each message after the answers that preceded it in the recording, and no earlier than its
+recorded time. Only its ACKNACKs and HEARTBEATs are new, since they depend on the loss of the
+present link. It uses neither sockets nor the clock; :class:`UdpBoard` provides both, in a thread.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from uros.wire.header import MessageWriter, pull_header, pull_subheader
 from uros.wire.session import pull_acknack, pull_heartbeat, push_acknack, push_heartbeat
 from uros.wire.streams import ReliableIn, ReliableOut
 
-# A request without a stream is sent again after so long without its answer.
+# A request outside of streams is repeated after this time without an answer.
 RETRY_MS: Final = 500
-# An agent that says nothing for so long, while it owes an answer, has forgotten us: start anew.
+# An agent that sends nothing for this time, while an answer is due, has lost the session: restart.
 SILENT_MS: Final = 3000
-# How long a farewell may take.
-FAREWELL_MS: Final = 2000
+# The limit for closing the session.
+CLOSE_MS: Final = 2000
 _LARGEST: Final = 65536
 _SENT: Final = (ids.WRITE_DATA, ids.FRAGMENT)
 _ANSWERS: Final = (ids.STATUS_AGENT, ids.STATUS, ids.INFO, ids.TIMESTAMP_REPLY, ids.DATA)
 
 
 class RecordingError(ValueError):
-    """A file that is no recording, or not one of what is asked for; the text names it."""
+    """A file that is not a recording, or lacks the requested client; the text has the reason."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Record:
 
 
 def load(path: str | Path) -> list[Record]:
-    """The records of a file in their order. Raises RecordingError naming file and line."""
+    """The records of a file in order. Raises RecordingError, which names file and line."""
     records = []
     try:
         with open(path, encoding="utf-8") as file:
@@ -91,15 +91,18 @@ def submessages(message: bytes) -> list[tuple[int, int, bytes]]:
     return out
 
 
-def is_own_matter(message: bytes) -> bool:
-    """Whether a message only acknowledges: how often that is done is each end's own matter."""
+def is_acknowledgement(message: bytes) -> bool:
+    """Whether a message has only ACKNACKs and HEARTBEATs, whose number is up to each end."""
     return all(kind in (ids.ACKNACK, ids.HEARTBEAT) for kind, _, _ in submessages(message))
 
 
 @dataclass(frozen=True)
 class _Step:
-    """One message of the board. ``waits`` is what must have come before it: the number of
-    answers outside of streams, and the messages of each reliable stream."""
+    """One message of the board.
+
+    ``waits`` has what must have arrived before it: for stream 0 the number of answers outside of
+    streams, for each reliable stream the number of its messages.
+    """
 
     at: int  # milliseconds from the first
     message: bytes
@@ -111,15 +114,15 @@ class _Step:
 
 def _steps(records: list[Record], client: int) -> list[_Step]:
     steps = []
-    came: dict[int, int] = {}
+    arrived: dict[int, int] = {}
     for record in records:
         if record.client != client:
             continue
         stream = pull_header(record.data, len(record.data))[1]
-        if is_own_matter(record.data):
+        if is_acknowledgement(record.data):
             continue
         if not record.from_client:
-            came[stream] = came.get(stream, 0) + 1
+            arrived[stream] = arrived.get(stream, 0) + 1
             continue
         parts = submessages(record.data)
         kind, flags, _ = parts[-1]
@@ -128,8 +131,12 @@ def _steps(records: list[Record], client: int) -> list[_Step]:
                 round(record.time * 1000),
                 record.data,
                 stream,
-                tuple((it, n) for it, n in came.items() if not 0 < it < ids.STREAM_RELIABLE),
-                all(it[0] in _SENT for it in parts),
+                tuple(
+                    (number, n)
+                    for number, n in arrived.items()
+                    if not 0 < number < ids.STREAM_RELIABLE
+                ),
+                all(part[0] in _SENT for part in parts),
                 kind == ids.FRAGMENT and not flags & ids.FLAG_LAST_FRAGMENT,
             )
         )
@@ -139,10 +146,10 @@ def _steps(records: list[Record], client: int) -> list[_Step]:
 class RecordedBoard:
     """One client of a recording; see the module.
 
-    ``endless``: what it published is published over and over, in the same rhythm, until
-    :meth:`finish`; then it takes its leave as recorded. Feed :meth:`receive`, send what
-    :meth:`outgoing` gives, come back at :meth:`next_deadline`; ``now`` is integer milliseconds
-    modulo 2^30. :attr:`done` tells the end, :attr:`published` how many samples are out.
+    With ``endless`` it repeats its recorded samples with the same intervals until :meth:`finish`;
+    then it closes the session as recorded. The caller passes datagrams to :meth:`receive`, sends
+    those of :meth:`outgoing`, and calls it again at :meth:`next_deadline`; ``now`` is integer
+    milliseconds modulo 2^30. :attr:`done` is set at the end, :attr:`published` counts samples.
     """
 
     def __init__(self, records: list[Record], client: int = 0, endless: bool = False) -> None:
@@ -165,15 +172,15 @@ class RecordedBoard:
         self._restart(None)
 
     def _restart(self, now: int | None) -> None:
-        """As after a reset of the board."""
+        """Start again, as after a reset of the board."""
         self._next = 0
-        self._due = now  # when the next step may be taken
+        self._due = now  # the earliest time of the next step
         self._heard = now
         self._out: dict[int, ReliableOut] = {}
         self._in: dict[int, ReliableIn] = {}
         self._numbers: dict[int, int] = {}  # of best-effort streams
         self._answers = 0
-        self._unanswered: tuple[bytes, int] | None = None  # message, when it was sent
+        self._unanswered: tuple[bytes, int] | None = None  # message, time of sending
         self._acks: set[int] = set()
         self._queue: list[bytes] = []
 
@@ -181,17 +188,17 @@ class RecordedBoard:
         return self._steps[index].at - self._steps[index - 1].at
 
     def finish(self, now: int) -> None:
-        """Publish no more: take leave."""
+        """Publish no more, and close the session."""
         if self._finishing is None:
-            self._finishing = ticks_add(now, FAREWELL_MS)
+            self._finishing = ticks_add(now, CLOSE_MS)
             self._due = now
             if not self._answers:
-                self.done = True  # nobody there to take leave of
+                self.done = True  # no session to close
 
     # --- receiving ---------------------------------------------------------------
 
     def receive(self, datagram: bytes, now: int) -> None:
-        """Take a message of the agent; what means nothing is dropped."""
+        """Process a message of the agent; drop one that cannot be decoded."""
         try:
             parts = submessages(datagram)
             _, stream, number, _, start = pull_header(datagram, len(datagram))
@@ -225,7 +232,7 @@ class RecordedBoard:
     # --- sending -----------------------------------------------------------------
 
     def outgoing(self, now: int) -> list[bytes]:
-        """What is to be sent now."""
+        """The messages to send now."""
         if self._due is None or self._heard is None:
             self._due = self._heard = now
         if self._finishing is not None and ticks_diff(now, self._finishing) >= 0:
@@ -235,7 +242,7 @@ class RecordedBoard:
         waits = self._waits_for_agent()
         if waits and ticks_diff(now, self._heard) >= SILENT_MS and self._finishing is None:
             if self._next >= len(self._steps):
-                self.done = True  # all is said; whether it was heard, nobody tells
+                self.done = True  # all is sent; no acknowledgement comes
             else:
                 self._restart(now)
                 return self.outgoing(now)
@@ -259,7 +266,7 @@ class RecordedBoard:
         return queue
 
     def next_deadline(self, now: int) -> int | None:
-        """When :meth:`outgoing` has something by time alone; None: when something comes."""
+        """When :meth:`outgoing` has the next message by time; None: only after :meth:`receive`."""
         if self.done or self._due is None or self._heard is None:
             return None
         times = [out.deadline for out in self._out.values() if out.deadline is not None]
@@ -282,14 +289,14 @@ class RecordedBoard:
         return w
 
     def _waits_for_agent(self) -> bool:
-        """Whether the next step needs something of the agent first."""
+        """Whether the next step must wait for the agent."""
         if self._next >= len(self._steps):
             return self._unanswered is not None or any(len(out) for out in self._out.values())
         step = self._steps[self._next]
         for stream, count in step.waits:
             incoming = self._in.get(stream)
-            came = (incoming.next if incoming else 0) if stream else self._answers
-            if came < count:
+            arrived = (incoming.next if incoming else 0) if stream else self._answers
+            if arrived < count:
                 return True
         out = self._out.get(step.stream)
         return out is not None and out.available() == 0
@@ -306,7 +313,7 @@ class RecordedBoard:
     def _play(self, now: int) -> None:
         """Send the next step and choose the one after it."""
         step = self._steps[self._next]
-        self._heard = now  # from here on an answer can be missed
+        self._heard = now  # an answer is due from now on
         message = bytearray(step.message)
         if step.stream >= ids.STREAM_RELIABLE:
             out = self._out.setdefault(step.stream, ReliableOut())
@@ -335,13 +342,13 @@ class RecordedBoard:
             if self._finishing is None and self._next < len(self._steps):
                 gap = self._gap(self._next)
         assert self._due is not None
-        # A late answer delays what follows; the rhythm goes on from there.
+        # A late answer delays the following messages; their intervals stay the same.
         late = ticks_diff(now, self._due) > gap
         self._due = ticks_add(now if late else self._due, gap)
 
 
 class UdpBoard:
-    """Runs a board against an agent's UDP port, in a thread of its own; a context manager."""
+    """Runs a board in a thread, with an agent's UDP port; a context manager."""
 
     def __init__(self, board: RecordedBoard, address: tuple[str, int]) -> None:
         self.board = board
@@ -349,20 +356,20 @@ class UdpBoard:
         self._socket.connect(address)
         self._socket.setblocking(False)
         self._wake = WakeupFd()
-        self._leave = False
+        self._stopping = False
         self._thread = threading.Thread(target=self._run, name="recorded-board", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
     def join(self, timeout: float | None = None) -> bool:
-        """Wait for the end of a board that is not endless; whether it came."""
+        """Wait for the end of a board that is not endless; whether it has ended."""
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
     def stop(self) -> None:
-        """Take leave of the agent and end. Twice is once."""
-        self._leave = True
+        """Close the session and end the thread. Idempotent."""
+        self._stopping = True
         self._wake.set()
         if self._thread.ident is not None:
             self._thread.join()
@@ -380,13 +387,13 @@ class UdpBoard:
         board, fileno, wake = self.board, self._socket.fileno(), self._wake.fileno()
         while True:
             now = int(time.monotonic() * 1000) & TIME_MASK
-            if self._leave:
+            if self._stopping:
                 board.finish(now)
             for message in board.outgoing(now):
                 try:
                     self._socket.send(message)
                 except OSError:
-                    pass  # no agent there yet
+                    pass  # no agent listens yet
             if board.done:
                 return
             deadline = board.next_deadline(now)
@@ -404,5 +411,5 @@ class UdpBoard:
             except BlockingIOError:
                 return
             except OSError:
-                continue  # the port is closed: nobody there
+                continue  # the port is closed: no agent listens
             self.board.receive(datagram, int(time.monotonic() * 1000) & TIME_MASK)

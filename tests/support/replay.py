@@ -1,10 +1,10 @@
-"""Plays the clients of a recorded conversation to our agent and compares what it answers.
+"""Replays the clients of a recorded conversation to our agent and compares the agent's answers.
 
-Events alone drive it: a client's datagram goes out, byte for byte as recorded, when every answer
-recorded before it has come. Acknowledgements and heartbeats are no answers; each agent sends them
-as often as it likes. Two things cannot be as recorded: the times in a TIMESTAMP_REPLY, and the
-identity by which a service knows its request, which is the asker's own. The player learns ours
-from our agent and puts it into the replies it plays.
+Events alone drive the replay: a client's datagram is sent, byte for byte as recorded, after every
+answer recorded before it has arrived. ACKNACKs and HEARTBEATs are not answers: an agent may send
+any number of them. Two values differ from the recording: the times in a TIMESTAMP_REPLY, and the
+sample identity of a service request, which the requester chooses. The replay takes the identity
+from our agent's request and writes it into the replies that it sends.
 """
 
 import time
@@ -29,15 +29,15 @@ NAMES = {
 
 
 class Mismatch(AssertionError):
-    """Our agent does not say what the recorded one said; the text shows both."""
+    """Our agent answers differently from the recorded one; the text shows both answers."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One message of an agent that is more than an acknowledgement.
+    """One message of an agent, ACKNACKs and HEARTBEATs excepted.
 
-    ``identity`` is the (GUID, sequence number) of a request to a service; in ``message`` it is
-    zero then, as are the agent's times.
+    ``identity`` is the (GUID, sequence number) of a request to a service. ``message`` has zeros in
+    its place, and in the place of the agent's times.
     """
 
     client: int
@@ -60,8 +60,8 @@ class Answer:
             name = NAMES.get(kind, str(kind))
             if kind in (ids.STATUS, ids.INFO):
                 request, thing, status, more = session.pull_status(_reader(payload, flags))
-                said = f"request {request}, object 0x{thing:04X}, {ids.status_name(status)}/{more}"
-                parts.append(f"{name} {said} {payload[6:].hex()}".rstrip())
+                text = f"request {request}, object 0x{thing:04X}, {ids.status_name(status)}/{more}"
+                parts.append(f"{name} {text} {payload[6:].hex()}".rstrip())
             elif kind == ids.DATA:
                 request, thing = session.pull_request(_reader(payload, flags))
                 parts.append(f"{name} request {request}, object 0x{thing:04X}, {payload[4:].hex()}")
@@ -77,8 +77,8 @@ def _reader(payload, flags):
 
 
 def answer(client, message):
-    """A message of an agent as an Answer; None where it only acknowledges."""
-    if recorded.is_own_matter(message):
+    """The Answer in a message of an agent; None for ACKNACK and HEARTBEAT."""
+    if recorded.is_acknowledgement(message):
         return None
     _, stream, number, _, start = pull_header(message, len(message))
     masked, identity = bytearray(message), None
@@ -88,7 +88,7 @@ def answer(client, message):
         identity = data.pull_sample_identity(message, at, len(message), bool(flags & 1))
         masked[at : at + data.SAMPLE_IDENTITY_SIZE] = bytes(data.SAMPLE_IDENTITY_SIZE)
     elif kind == ids.TIMESTAMP_REPLY:
-        masked[start + 4 : start + 4 + 16] = bytes(16)  # its clock on sending and receiving
+        masked[start + 4 : start + 4 + 16] = bytes(16)  # the agent's times of sending and receiving
     return Answer(client, stream, number, bytes(masked), identity)
 
 
@@ -98,7 +98,7 @@ def load(name):
 
 
 def messages(name, records, from_client):
-    """``(client, message)`` of one side, taken out of frames and length prefixes."""
+    """Yield ``(client, message)`` of one side, without frames and length prefixes."""
     deframers = {}
     for record in records:
         if record.from_client != from_client:
@@ -118,30 +118,30 @@ def _deframed(name, deframers, record):
     return deframers[key].feed(record.data)
 
 
-def _samples_before_farewells(records):
-    """The same with every DATA before its client's DELETE of the session.
+def _samples_before_deletes(records):
+    """The records with every DATA before its client's DELETE of the session.
 
-    In one capture a sample crosses the farewell; played again it comes before.
+    In one capture a sample crosses the DELETE on the wire; in the replay it comes first.
     """
     out = []
-    farewell = {}  # client → its index in out
+    deletes = {}  # client → its index in out
     for record in records:
         parts = recorded.submessages(record.data)
         kind, _, payload = parts[0]
         if record.from_client and kind == ids.DELETE and payload[2:4] == b"\xff\xfe":
-            farewell[record.client] = len(out)
-        if not record.from_client and kind == ids.DATA and record.client in farewell:
-            out.insert(farewell[record.client], record)
+            deletes[record.client] = len(out)
+        if not record.from_client and kind == ids.DATA and record.client in deletes:
+            out.insert(deletes[record.client], record)
         else:
             out.append(record)
     return out
 
 
 class Replay:
-    """One play of a capture. ``line(client)`` gives each client its line to our agent.
+    """One replay of a capture. ``line(client)`` returns the client's line to our agent.
 
-    ``outside(sample)`` publishes a sample that came from somewhere else when the capture was made;
-    without it every DATA must come of what the clients themselves send.
+    ``outside(sample)`` publishes a sample whose writer was outside of the capture. Without
+    ``outside``, every DATA must result from samples that the clients themselves send.
     """
 
     def __init__(self, name, line, outside=None):
@@ -151,30 +151,30 @@ class Replay:
         self._lines = {}
         self._outside = outside
         if outside:
-            self.records = _samples_before_farewells(self.records)
+            self.records = _samples_before_deletes(self.records)
         self.expected = defaultdict(list)
-        self.got = defaultdict(list)
-        self.best_effort = []  # answers on best-effort streams, which no capture has
+        self.received = defaultdict(list)
+        self.best_effort = []  # answers on best-effort streams; no capture has any
         self._identities = {}
 
     def run(self):
-        """Play it all. Raises Mismatch."""
+        """Replay the whole capture. Raises Mismatch."""
         deframers = {}
         due = defaultdict(int)  # answers recorded so far, by client and stream
         for record in self.records:
-            found = _deframed(self.name, deframers, record)
+            decoded = _deframed(self.name, deframers, record)
             if record.from_client:
                 self._await(due)
                 self._open(record.client).send_raw(self._substitute(record))
                 continue
-            for it in [answer(record.client, message) for message in found]:
-                if it is None:
+            for reply in [answer(record.client, message) for message in decoded]:
+                if reply is None:
                     continue
-                if self._outside and it.kind == ids.DATA:
+                if self._outside and reply.kind == ids.DATA:
                     self._await(due)
-                    self._outside(recorded.submessages(it.message)[0][2][data.REQUEST_SIZE :])
-                self.expected[it.key].append(it)
-                due[it.key] += 1
+                    self._outside(recorded.submessages(reply.message)[0][2][data.REQUEST_SIZE :])
+                self.expected[reply.key].append(reply)
+                due[reply.key] += 1
         self._await(due)
         self._finish(due)
 
@@ -198,14 +198,14 @@ class Replay:
             data.push_sample_identity(message, at, *self._identities[theirs])
         return bytes(message)
 
-    # --- what comes -------------------------------------------------------------
+    # --- receiving --------------------------------------------------------------
 
     def _await(self, due):
         deadline = time.monotonic() + SECONDS
         for (client, stream), count in due.items():
             if 0 < stream < ids.STREAM_RELIABLE:
                 continue
-            while len(self.got[client, stream]) < count:
+            while len(self.received[client, stream]) < count:
                 if not self._receive(client, deadline):
                     raise Mismatch(
                         f"{self.name}: nothing more comes of client {client}'s stream"
@@ -213,21 +213,21 @@ class Replay:
                     )
 
     def _receive(self, client, deadline):
-        """Take and compare one message. False: none came in time."""
+        """Receive one message and compare it. False: none came in time."""
         message = self._open(client).receive(deadline)
         if message is None:
             return False
-        it = answer(client, message)
-        if it is None:
+        reply = answer(client, message)
+        if reply is None:
             return True
-        if 0 < it.stream < ids.STREAM_RELIABLE:
-            self.best_effort.append(it)
+        if 0 < reply.stream < ids.STREAM_RELIABLE:
+            self.best_effort.append(reply)
             return True
-        got, expected = self.got[it.key], self.expected[it.key]
-        got.append(it)
+        got, expected = self.received[reply.key], self.expected[reply.key]
+        got.append(reply)
         index = len(got) - 1
         if index < len(expected):
-            self._compare(expected[index], it)
+            self._compare(expected[index], reply)
         return True
 
     def _compare(self, expected, got):
@@ -247,7 +247,7 @@ class Replay:
                 )
 
     def _finish(self, due):
-        """See that nothing else was on its way: a ping's answer comes behind it all."""
+        """Check that no other answer is in flight: the answer to a ping comes after all of them."""
         for client, line in self._lines.items():
             w = MessageWriter(bytearray(64), ids.SESSION_NONE_WITHOUT_KEY, ids.STREAM_NONE, 0)
             w.begin(ids.GET_INFO)
@@ -255,25 +255,25 @@ class Replay:
             line.send(w.finish())
             key = client, ids.STREAM_NONE
             deadline = time.monotonic() + SECONDS
-            while not self.got[key] or b"\x77\x77" not in self.got[key][-1].message:
+            while not self.received[key] or b"\x77\x77" not in self.received[key][-1].message:
                 if not self._receive(client, deadline):
                     raise Mismatch(f"{self.name}: the agent does not answer a ping any more")
-            self.got[key].pop()
-        for key, got in self.got.items():
+            self.received[key].pop()
+        for key, got in self.received.items():
             if len(got) != due.get(key, 0):
                 raise Mismatch(f"{self.name}: more than was recorded\n" + self._table(key, 0))
 
     def _table(self, key, count):
-        """Both sides of a stream from just before where they part."""
-        expected, got = self.expected[key], self.got[key]
+        """Both sides of a stream, from two answers before the first difference."""
+        expected, got = self.expected[key], self.received[key]
         same = 0
         while same < min(len(expected), len(got)) and expected[same].message == got[same].message:
             same += 1
         lines = [f"  the first {same} answers are the same"]
-        for it in expected[max(0, same - 2) : same]:
-            lines.append(f"    {it}")
+        for reply in expected[max(0, same - 2) : same]:
+            lines.append(f"    {reply}")
         for sign, side in (("-", expected[same : same + 3]), ("+", got[same : same + 3])):
-            lines.extend(f"  {sign} {it}" for it in side)
+            lines.extend(f"  {sign} {reply}" for reply in side)
             if not side:
                 lines.append(f"  {sign} (nothing)")
         lines.append("  - as recorded, + ours")

@@ -1,7 +1,8 @@
-"""A link to an agent that loses, doubles and delays messages, each way.
+"""A link to an agent that loses, duplicates and delays messages in both directions.
 
-What the C library asks again only after seconds, or never, passes: CREATE_CLIENT, DELETE, GET_INFO
-and TIMESTAMP. All that belongs to a stream does not, its ACKNACKs and HEARTBEATs included.
+It leaves alone the messages that the C library repeats only after seconds, or never: CREATE_CLIENT,
+DELETE, GET_INFO and TIMESTAMP. It affects all messages of a stream, with its ACKNACKs and
+HEARTBEATs.
 """
 
 import random
@@ -10,8 +11,11 @@ from support.autopilot import ACKNACK, HEARTBEAT
 
 
 class RoughLink:
-    """Around another link. ``lost``, ``doubled`` and ``late`` are shares of the messages; a late
-    one comes behind the next. ``counts`` is what happened, by these names."""
+    """A wrapper around another link.
+
+    ``lost``, ``doubled`` and ``late`` are shares of the messages; a late message comes after the
+    next one. ``counts`` has the numbers of such messages, by these names.
+    """
 
     def __init__(self, link, seed, lost=0.2, doubled=0.1, late=0.1):
         self._link = link
@@ -27,13 +31,13 @@ class RoughLink:
     def close(self):
         self._link.close()
 
-    def _happens(self, what):
-        happens = self._random.random() < self._shares[what]
-        self.counts[what] += happens
+    def _happens(self, fault):
+        happens = self._random.random() < self._shares[fault]
+        self.counts[fault] += happens
         return happens
 
     def _through(self, message, way):
-        """What comes out of the link when this goes in."""
+        """The messages that leave the link when this one enters."""
         late, self._late[way] = self._late[way], []
         if self.calm or not message[1] and message[4] not in (ACKNACK, HEARTBEAT):
             return [message, *late]
@@ -45,8 +49,8 @@ class RoughLink:
         return [message, *late, *([message] if self._happens("doubled") else [])]
 
     def send(self, message):
-        for it in self._through(message, "out"):
-            self._link.send(it)
+        for copy in self._through(message, "out"):
+            self._link.send(copy)
 
     def read(self):
-        return [it for message in self._link.read() for it in self._through(message, "in")]
+        return [copy for message in self._link.read() for copy in self._through(message, "in")]

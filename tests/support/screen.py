@@ -1,9 +1,9 @@
-"""What a person sees of a command's output, and text that fools a terminal."""
+"""Checks a command's output as a terminal shows it, with text that attacks a terminal."""
 
 import unicodedata
 
-# A text as nobody's name should be: clears the screen, sets the title, returns to the start of the
-# line, begins new lines in eight ways, turns the direction, hides, and cannot be encoded.
+# A hostile name: it clears the screen, sets the title, returns to the start of the line, begins new
+# lines in eight ways, changes the direction, has invisible characters, and cannot be encoded.
 FORGED = "FORGED"
 HOSTILE = (
     f"a\x1b[2J\x1b]0;owned\x07\r{FORGED}\n{FORGED}\r\n{FORGED}\x0b{FORGED}\x0c{FORGED}\x1c{FORGED}"
@@ -16,10 +16,10 @@ _INVISIBLE = "\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0"
 
 
 def seen(output: str) -> list[str]:
-    """The lines of an output in which nothing is hidden, moved or forged.
+    """The lines of an output, after a check that no text is hidden, moved or forged.
 
-    Fails where a terminal would do anything but show text and begin lines, and where a line begins
-    with what only a forged one begins with.
+    Raises AssertionError where a terminal would do more than show text and begin lines, and where a
+    line begins with FORGED.
     """
     for char in output:
         if char not in "\n\t":

@@ -4,9 +4,11 @@ from uros.drivers import SensorError
 
 
 class Script:
-    """An I2C whose transfers must be these, in this order: hex of the address, ">" for a write or
-    "<" for a read, hex of the bytes; or "!" and the number of the error that the transfer ends
-    with."""
+    """An I2C bus that expects these transfers in this order.
+
+    A transfer is the hex of the address, ">" for a write or "<" for a read, and the hex of the
+    bytes; or "!" and an errno in place of the bytes, for a transfer that fails.
+    """
 
     def __init__(self, *transfers):
         self.transfers = list(transfers)
@@ -33,7 +35,7 @@ class Script:
 
 
 def raised(call):
-    """The error that the call must raise."""
+    """The error that ``call`` must raise."""
     try:
         call()
     except (OSError, SensorError) as error:

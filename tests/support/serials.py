@@ -1,4 +1,4 @@
-"""The kinds of serial lines besides a device and a pseudo-terminal, for RunningAgent."""
+"""Serial lines for RunningAgent besides a device and a pseudo-terminal."""
 
 import os
 import socket
@@ -12,14 +12,14 @@ KINDS = ("multiserial", "pyserial", "socket", "rfcomm")
 
 
 class Ends:
-    """``transports`` are the agent's ends, ``line(n)`` the n-th client's."""
+    """A kind of line: ``transports`` has the agent's ends, ``line(n)`` is the n-th client's."""
 
     def __init__(self):
         self.transports = []
         self.fds = []
 
     def pty(self):
-        """A device's name; the board's end of it is the last of ``fds``."""
+        """Open a pseudo-terminal; its device name. The board's end is the last of ``fds``."""
         master, slave = os.openpty()
         tty.setraw(slave)
         self.fds += [slave, master]
@@ -35,7 +35,7 @@ class Ends:
 
 
 class Several(Ends):
-    """Two devices, and a board with the same address on each."""
+    """Two devices, each with a board; both boards have the same address."""
 
     def __init__(self):
         from uros.agent.transports.multiserial import serial_servers
@@ -48,7 +48,7 @@ class Several(Ends):
 
 
 class Shared(Ends):
-    """A line that all clients share."""
+    """One line that all clients share."""
 
     terminal = None
 
@@ -58,15 +58,19 @@ class Shared(Ends):
         return self.terminal.line(number + 1)
 
     def board(self):
-        """The fd, once the agent has opened its end: it drops what came before."""
+        """The board's fd, after the agent has opened its end: the agent drops earlier input."""
         deadline = time.monotonic() + SECONDS
         while self.transports[0].line.stream is None:
             assert time.monotonic() < deadline, "the agent does not open its line"
-            time.sleep(0.002)  # a poll with a deadline: a thread opens, and tells only the agent
+            time.sleep(
+                0.002
+            )  # a poll with a deadline: the thread that opens it notifies only the agent
         return self.fds[1]
 
 
 class ByPySerial(Shared):
+    """A device that the agent opens with pyserial."""
+
     def __init__(self):
         from uros.agent.transports.portable_serial import PySerialServer
 
@@ -75,7 +79,7 @@ class ByPySerial(Shared):
 
 
 class BySocket(Shared):
-    """A line that another machine offers by TCP."""
+    """A serial line that another machine serves over TCP."""
 
     def __init__(self):
         from uros.agent.transports.serial import serial_server
@@ -98,7 +102,7 @@ class BySocket(Shared):
 
 
 class OverBluetooth(Ends):
-    """Boards that connect, each on a connection of its own and with the same address there."""
+    """Boards that connect by RFCOMM: one connection each, the same address on each."""
 
     def __init__(self):
         from uros.agent.transports.rfcomm import RfcommListener

@@ -1,6 +1,6 @@
-"""A node with a scripted agent, asked by its services and heard on its topics.
+"""A node with a scripted agent: calls its services and takes its published messages.
 
-Runs on CPython and on MicroPython. Values are lists, as uros.client.dynamic_messages has them.
+Runs on CPython and on MicroPython. Values are lists, as in uros.client.dynamic_messages.
 """
 
 from support.board import KEY, FakeAgent, FakeClock
@@ -11,11 +11,11 @@ IDENTITY = bytes(range(24))
 
 
 class Bench:
-    """``node``, its ``agent`` and ``clock``, and what the node's callbacks raised: ``errors``."""
+    """A ``node``, its ``agent`` and ``clock``, and the ``errors`` that its callbacks raised."""
 
     def __init__(self, name="node", namespace="", connect=True, make=Node, **options):
         self.clock = FakeClock()
-        self.agent = FakeAgent(self.clock, 4096)  # it puts no fragments together
+        self.agent = FakeAgent(self.clock, 4096)  # no sample of these tests is split into fragments
         self.node = make(name, self.agent, namespace, 0, KEY, clock=self.clock, **options)
         self.errors = []
         self.node.executor.report = self.errors.append
@@ -23,7 +23,7 @@ class Bench:
             self.connect()
 
     def connect(self):
-        """Spin until all that the node has is there."""
+        """Spin until the node is connected and its entities exist."""
         self.until(lambda: self.node.state == AGENT_CONNECTED)
         self.run(50)
 
@@ -40,19 +40,19 @@ class Bench:
             self.node.spin_once((end - self.clock.t) / 1000000)
 
     def lose(self):
-        """The agent is gone, and another one comes."""
+        """The agent ends, and another one starts."""
         self.agent.silent = True
         self.until(lambda: self.node.state == WAITING_AGENT)
         self.agent.silent = False
         self.agent.forget()
 
     def entity(self, name):
-        """The one of this full name."""
-        (found,) = [it for it in self.node._entities if getattr(it, "name", "") == name]
-        return found
+        """The entity of this full name."""
+        (match,) = [entity for entity in self.node._entities if getattr(entity, "name", "") == name]
+        return match
 
     def ask(self, name, values):
-        """The service's answer to these values."""
+        """Call a service with these values; the values of its reply."""
         service = self.entity(name)
         request = service.type.Request(values)
         octets = bytearray(request.cdr_size())
@@ -61,7 +61,7 @@ class Bench:
         thing = service.object_id(ids.KIND_REPLIER)
         self.agent.sample(thing, IDENTITY + bytes(octets))
         self.run(200)
-        answers = [it for it in self.agent.samples if it[0] == thing]
+        answers = [sample for sample in self.agent.samples if sample[0] == thing]
         assert len(answers) == 1, answers
         sample = bytes(answers[0][1])
         assert sample[:24] == IDENTITY
@@ -70,7 +70,7 @@ class Bench:
         return response.values
 
     def heard(self, name):
-        """All that the topic's publisher has sent since it was asked last."""
+        """The values of all messages that the topic's publisher sent since the last call."""
         publisher = self.entity(name)
         self.run(50)
         thing = publisher.object_id(ids.KIND_DATAWRITER)
@@ -85,9 +85,9 @@ class Bench:
 
 
 def raised(error, call, *arguments):
-    """The text of the error that call must raise."""
+    """The text of the error that ``call`` must raise."""
     try:
         call(*arguments)
-    except error as it:
-        return str(it)
+    except error as caught:
+        return str(caught)
     raise AssertionError(f"nothing raised: {arguments!r}")

@@ -1,4 +1,4 @@
-"""The board of tests/firmware/services at an agent that has services, and a real rclpy node."""
+"""The board of tests/firmware/services with an agent process and a real rclpy node."""
 
 import os
 import shutil
@@ -18,28 +18,28 @@ SECONDS = 30.0
 
 @contextmanager
 def agent_process(python, device, domain, middleware="auto"):
-    """``uros agent`` on a serial line, under the interpreter that has rclpy; its process."""
+    """A process of ``uros agent`` on a serial line, under the interpreter that has rclpy."""
     command = [python, "-m", "uros", "agent", "serial", "-D", device, "-m", middleware]
     process = subprocess.Popen(
         [*map(str, command), "--domain", str(domain), "--stop-at-eof"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env=dict(os.environ, PYTHONPATH=str(ROOT / "src")),
     )  # fmt: skip
-    said = ""
+    output = ""
     try:
         yield process
     finally:
         try:
-            said, _ = process.communicate("", SECONDS)
+            output, _ = process.communicate("", SECONDS)
         finally:
             process.kill()
             process.wait()
-    assert process.returncode == 0 and "internal error" not in said, said
+    assert process.returncode == 0 and "internal error" not in output, output
 
 
 @contextmanager
 def running_board(folder, engine, name):
-    """The board with that name, on this engine."""
+    """Run the board on an engine, with ``name`` as its name."""
     program = folder / name
     shutil.copytree(ROOT / "tests/firmware/services", program)
     (program / "config.py").write_text(f"NAME = {name!r}\n")
@@ -52,7 +52,7 @@ def running_board(folder, engine, name):
 
 @contextmanager
 def board_and_peer(python, folder, engine, domain):
-    """(the node's full name, a RosPeer of board_peer.py) while all of them run."""
+    """Run board, agent and peer: (the node's full name, the RosPeer of board_peer.py)."""
     name = f"{engine}_camera"
     with (
         RosPeer(python, domain, SCRIPT) as peer,

@@ -1,20 +1,20 @@
-"""Signal dispositions for processes that tests start."""
+"""Signal dispositions of processes that tests start."""
 
 from contextlib import contextmanager
 from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, default_int_handler, signal
 
 
 def default_signals():
-    """Inside, SIGINT and SIGHUP have their default dispositions, also in processes started there.
+    """A context in which SIGINT and SIGHUP, also of child processes, have the default dispositions.
 
-    A run of the tests that was started by nohup, or by ``&`` in a script, ignores these signals,
-    and each process that it starts inherits that.
+    A test run that was started by nohup, or by ``&`` in a script, ignores these signals, and each
+    child process inherits that.
     """
     return _dispositions({SIGINT: default_int_handler, SIGHUP: SIG_DFL})
 
 
 def ignored_hangup():
-    """Inside, SIGHUP is ignored as by nohup, also in processes started there."""
+    """A context in which SIGHUP is ignored as under nohup, also in child processes."""
     return _dispositions({SIGHUP: SIG_IGN})
 
 

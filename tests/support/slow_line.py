@@ -1,7 +1,7 @@
-"""A serial line that carries no more than its baud rate lets it, between two terminals.
+"""A serial line between two terminals, limited to its baud rate.
 
 A UART sends an octet as ten bits, 8N1: a start bit, eight of data, a stop bit. So 921,600 baud are
-92,160 octets a second each way, and no more.
+92,160 octets a second in each direction.
 """
 
 import collections
@@ -12,8 +12,8 @@ import time
 import tty
 
 BITS = 10  # an octet, 8N1
-# What a bridge between USB and a UART (an FT2232H, a CP2102N) has room for, each way. A thread that
-# wakes late finds there what the line would have carried meanwhile.
+# The buffer of a bridge between USB and a UART (an FT2232H, a CP2102N), each way. A thread that
+# wakes late finds the octets there that the line would have carried meanwhile.
 FIFO = 1024
 _STEP = 64  # octets that arrive together, as in a USB packet
 _NAP = 0.002
@@ -27,8 +27,8 @@ class _Way:
         self.target = target
         self.carried = 0
         self._octet = seconds
-        self._free = 0.0  # when the last octet that was taken is through
-        self._coming = collections.deque()  # (when, octets)
+        self._free = 0.0  # when the last accepted octet has been transmitted
+        self._coming = collections.deque()  # (time of arrival, octets)
         self._held = 0
 
     def take(self, now):
@@ -60,10 +60,10 @@ class _Way:
 
 
 class SlowLine:
-    """A context: carries octets between the terminal ``device``, of a board, and :attr:`path`, a
-    terminal for the agent. ``up`` is the way from the board, ``down`` the way to it.
+    """A context that carries octets between a board's terminal ``device`` and the agent's ``path``.
 
-    ``capacity`` is how many octets a second fit each way.
+    ``up`` is the direction from the board, ``down`` the direction to it. ``capacity`` is the limit
+    of each direction in octets a second.
     """
 
     def __init__(self, device, baud):
@@ -89,7 +89,16 @@ class SlowLine:
                 for way in ways:
                     way.take(now)
                     way.give(now)
-                nap = min([_NAP, *(it for it in (way.wait(now) for way in ways) if it is not None)])
+                nap = min(
+                    [
+                        _NAP,
+                        *(
+                            wait_s
+                            for wait_s in (way.wait(now) for way in ways)
+                            if wait_s is not None
+                        ),
+                    ]
+                )
                 idle = [way.source for way in ways if not way._held]
                 select.select(idle, [], [], nap)
         except OSError as error:

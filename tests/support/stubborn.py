@@ -1,11 +1,11 @@
-"""A client with the streams of eProsima's C client, that never starts anew, whatever happens.
+"""A client with the reliable streams of eProsima's C client, which never creates a new session.
 
 Its streams are modelled after ``output_reliable_stream.c`` and ``input_reliable_stream.c``, with
-what matters for an agent that comes back: it frees whatever an ACKNACK says was received, takes no
-number twice, believes nothing of a HEARTBEAT but the last number, and waits for ever for what is
-missing.
-An ACKNACK for less than it knows to be acknowledged would make the C client walk around all numbers
-and lose what it holds; here it is an AssertionError.
+the behaviour that matters when an agent restarts: the client frees every message that an ACKNACK
+acknowledges, accepts no sequence number twice, uses only the last number of a HEARTBEAT, and waits
+for ever for a missing message.
+An ACKNACK below the acknowledged sequence number would make the C client go through all sequence
+numbers and lose its history; here it raises AssertionError.
 """
 
 import select
@@ -27,7 +27,7 @@ def _ahead(a, b):
 
 
 class StubbornClient:
-    """Made with a session on ``port`` of this machine.
+    """A client with a session at the agent on ``port`` of this machine.
 
     ``acknowledged`` counts messages of its reliable stream; ``samples`` are payloads of DATA.
     """
@@ -56,7 +56,7 @@ class StubbornClient:
     def close(self):
         self.sock.close()
 
-    # --- the way to the agent: a test may have another one ---------------------------------
+    # --- transport to the agent: a test may override it ------------------------------------
 
     def _connect(self, port):
         self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -66,11 +66,11 @@ class StubbornClient:
     def _send(self, message):
         try:
             self.sock.sendto(message, self._address)
-        except OSError:  # nobody listens just now
+        except OSError:  # no agent listens now
             pass
 
     def _receive(self, seconds):
-        """A message that comes within that, or None."""
+        """A message that arrives within ``seconds``, or None."""
         if not select.select([self.sock], [], [], seconds)[0]:
             return None
         try:
@@ -92,7 +92,10 @@ class StubbornClient:
         return HISTORY - len(self._out)
 
     def put(self, kind, payload, flags=1):
-        """One submessage on the reliable stream, in fragments where it is long. There is room."""
+        """Send a submessage on the reliable stream, in fragments where it is long.
+
+        The caller has checked :attr:`room`.
+        """
         size = len(payload)
         whole = bytes((kind, flags, size & 0xFF, size >> 8)) + payload
         parts = [whole]
@@ -100,19 +103,19 @@ class StubbornClient:
             pieces = [whole[at : at + FRAGMENT_ROOM] for at in range(0, len(whole), FRAGMENT_ROOM)]
             flags = [1] * (len(pieces) - 1) + [1 | ids.FLAG_LAST_FRAGMENT]
             parts = [
-                bytes((ids.FRAGMENT, flag, len(it) & 0xFF, len(it) >> 8)) + it
-                for flag, it in zip(flags, pieces, strict=True)
+                bytes((ids.FRAGMENT, flag, len(piece) & 0xFF, len(piece) >> 8)) + piece
+                for flag, piece in zip(flags, pieces, strict=True)
             ]
         assert len(parts) <= self.room
-        for it in parts:
+        for part in parts:
             self.last_sent = (self.last_sent + 1) & 0xFFFF
             message = self._out[self.last_sent] = (
-                self._header(ids.STREAM_RELIABLE, self.last_sent) + it
+                self._header(ids.STREAM_RELIABLE, self.last_sent) + part
             )
             self._send(message)
 
     def write(self, thing, cdr):
-        """WRITE_DATA; the number of messages that must be acknowledged until it is."""
+        """Send WRITE_DATA; the value of ``acknowledged`` once it is acknowledged."""
         self._request = (self._request + 1) & 0x7FFF or 1
         self.put(ids.WRITE_DATA, self._request.to_bytes(2, "big") + thing.to_bytes(2, "big") + cdr)
         return self.acknowledged + len(self._out)
@@ -157,7 +160,7 @@ class StubbornClient:
     # --- in ------------------------------------------------------------------------------
 
     def turn(self, seconds):
-        """Take what comes, for so long at most."""
+        """Process one message that arrives within ``seconds``; whether one arrived."""
         self._beat()
         message = self._receive(seconds)
         if message is None:
@@ -193,7 +196,7 @@ class StubbornClient:
             self._announced = number
 
     def _next(self):
-        """Whether a stored message, or one in fragments, was the next one."""
+        """Process the next message if it is stored, whole or in fragments; whether it was."""
         whole, number = b"", self.last_handled
         while True:
             number = (number + 1) & 0xFFFF
@@ -213,7 +216,7 @@ class StubbornClient:
         return True
 
     def _tell(self):
-        """ACKNACK."""
+        """Send ACKNACK."""
         first = self.last_handled
         for ahead in range(1, HISTORY + 1):
             if (self.last_handled + ahead) & 0xFFFF not in self._in:
@@ -251,7 +254,7 @@ class StubbornClient:
                     self._tell()
             at += 4 + size + (-size & 3)
 
-    # --- what it does once -------------------------------------------------------------------
+    # --- requests ----------------------------------------------------------------------------
 
     def _open(self):
         w = MessageWriter(bytearray(128), self.session_id & 0x80, ids.STREAM_NONE, 0, self.key)
@@ -280,7 +283,7 @@ class StubbornClient:
         return self.request(ids.CREATE, entities.push_create, thing, ids.IN_BINARY, content, parent)
 
     def topic(self, name, type_name):
-        """A participant and a topic, numbered 1."""
+        """Create a participant and a topic, numbered 1."""
         self.create(0x11, 0, entities.push_binary_participant, f"board_{self.key:x}", None)
         self.create(0x12, 0x11, entities.push_binary_topic, name, type_name)
 

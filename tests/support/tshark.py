@@ -1,4 +1,4 @@
-"""What an independent reader finds in a pcapng file: tshark, of Wireshark."""
+"""Reads pcapng files with an independent reader: tshark, of Wireshark."""
 
 import json
 import shutil
@@ -6,7 +6,7 @@ import subprocess
 
 
 def packets(path):
-    """Each packet as tshark's JSON has it, by protocol; checksums are verified."""
+    """The packets of a file, from tshark's JSON; tshark verifies the checksums."""
     if shutil.which("tshark") is None:
         raise AssertionError("there is no tshark: apt-get install tshark")
     done = subprocess.run(
@@ -17,13 +17,13 @@ def packets(path):
         capture_output=True, text=True, timeout=50,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    complaints = [it for it in done.stderr.splitlines() if "Running as user" not in it]
+    complaints = [line for line in done.stderr.splitlines() if "Running as user" not in line]
     assert not complaints, done.stderr
-    return [Packet(it["_source"]["layers"]) for it in json.loads(done.stdout)]
+    return [Packet(packet["_source"]["layers"]) for packet in json.loads(done.stdout)]
 
 
 class Packet:
-    """One packet, as far as it matters here."""
+    """The fields of a packet that the tests use."""
 
     def __init__(self, layers):
         frame, udp = layers["frame"], layers["udp"]
@@ -42,17 +42,17 @@ class Packet:
 
 
 def find(tree, name):
-    """The first value of that name, however deep."""
+    """The first value of that name, at any depth."""
     if isinstance(tree, dict):
         for key, value in tree.items():
             if key == name:
                 return value
-            found = find(value, name)
-            if found is not None:
-                return found
+            result = find(value, name)
+            if result is not None:
+                return result
     elif isinstance(tree, list):
         for value in tree:
-            found = find(value, name)
-            if found is not None:
-                return found
+            result = find(value, name)
+            if result is not None:
+                return result
     return None

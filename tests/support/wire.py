@@ -1,11 +1,11 @@
-"""Boards of ours and our own agent on a bad network, all in one thread and in made-up time.
+"""Boards and an agent of uros on an unreliable network, in one thread and in simulated time.
 
     with Wire(seed, loss=0.3, twice=0.2, late_ms=50) as wire:
         node = wire.node("talker")
         wire.until(lambda: node.state == AGENT_CONNECTED)
 
-Nothing sleeps: time goes from one event to the next. The agent is the real one, on the memory
-middleware; its thread's loop is played here.
+Nothing sleeps: time advances from one event to the next. The agent is the real one, on the memory
+middleware; this module takes the place of the server's loop.
 """
 
 import heapq
@@ -25,7 +25,7 @@ STEP_MS = 10
 
 
 class _Place(ServerTransport):
-    """The agent's end: peers are numbers."""
+    """The agent's end of the network; a peer is the number of its board."""
 
     name = "WireAgent"
     kind = "WIRE"
@@ -48,7 +48,7 @@ class _Place(ServerTransport):
 
 
 class BoardEnd:
-    """The board's transport."""
+    """The transport of a board."""
 
     def __init__(self, wire, number, mtu):
         self.mtu = mtu
@@ -71,7 +71,7 @@ class BoardEnd:
     def send(self, message, size):
         number = self._number
         datagram = bytes(memoryview(message)[:size])
-        self._wire.carry(datagram, lambda it: self._wire.agent_hears(number, it))
+        self._wire.carry(datagram, lambda received: self._wire.agent_hears(number, received))
 
     def receive(self, timeout_ms):
         self._wire.advance(timeout_ms, lambda: bool(self.inbox))
@@ -79,8 +79,11 @@ class BoardEnd:
 
 
 class Wire:
-    """``loss`` and ``twice`` are probabilities. A datagram is ``way_ms`` under way, and up to
-    ``late_ms`` more, each for itself, so that they overtake each other."""
+    """The network with its boards and its agent.
+
+    ``loss`` and ``twice`` are the probabilities that a datagram is lost or duplicated. Its latency
+    is ``way_ms`` plus a random part of ``late_ms``, so that datagrams overtake each other.
+    """
 
     def __init__(self, seed=0, loss=0.0, twice=0.0, late_ms=0.0, way_ms=0.1):
         self.clock = FakeClock(seed * 12345)
@@ -97,7 +100,7 @@ class Wire:
         self.start_agent()
 
     def start_agent(self):
-        """An agent that knows nobody; the one before is gone without a word."""
+        """Start an agent without sessions in place of the one before, which is not closed."""
         self.said = io.StringIO()
         self.middleware = MemoryMiddleware()
         clock = Clock(time_ns=self.epoch_ns)
@@ -106,7 +109,7 @@ class Wire:
         self.place = _Place(self)
 
     def kill_agent(self):
-        """The agent ends as a killed process does; what is under way to it gets lost."""
+        """End the agent like a killed process; datagrams in flight to it are lost."""
         self.middleware.close()
         self.agent = None
 
@@ -123,7 +126,7 @@ class Wire:
             assert "internal error" not in self.said.getvalue(), self.said.getvalue()
 
     def node(self, name, mtu=512, **options):
-        """A board with one node."""
+        """Create a board with one node."""
         number = len(self.boards) + 1
         self.boards[number] = BoardEnd(self, number, mtu)
         options.setdefault("silence_ms", 20000)
@@ -134,7 +137,7 @@ class Wire:
     # --- the network ----------------------------------------------------------------------
 
     def carry(self, datagram, arrive):
-        """Put a datagram on the wire."""
+        """Send a datagram: lose it, or schedule the arrival of one or two copies."""
         self.carried += 1
         if self.random.random() < self.loss:
             self.lost += 1
@@ -156,7 +159,7 @@ class Wire:
             self.place.deliver(self, number, buf, view, len(buf), self.agent.now())
             self.settle()
 
-    # What a transport asks of its server.
+    # The methods of a server that a transport calls.
 
     def now(self):
         return self.agent.now()
@@ -169,7 +172,7 @@ class Wire:
         self.agent.unmatched(transport, peer, buf, view, length)
 
     def settle(self):
-        """What the agent's loop does after a burst."""
+        """Do the work of the server's loop after a burst of datagrams."""
         self.middleware.dispatch()
         while self.agent.attended:
             session = self.agent.attended.pop()
@@ -177,7 +180,7 @@ class Wire:
             self.agent.flush(session)
 
     def _timers(self):
-        """Do what is due at the agent; microseconds until the next."""
+        """Run the agent's timers that are due; microseconds until the next one."""
         soonest = STEP_MS * 1000
         if self.agent is None:
             return soonest
@@ -196,7 +199,7 @@ class Wire:
     # --- time -----------------------------------------------------------------------------
 
     def advance(self, ms, done=lambda: False):
-        """Events for so long, or until it is done."""
+        """Process events for ``ms``, or until ``done()``."""
         end = self.clock.t + ms * 1000
         while True:
             while self._events and self._events[0][0] <= self.clock.t:
@@ -211,11 +214,11 @@ class Wire:
             self.clock.t = max(at, self.clock.t + 1)
 
     def run(self, ms):
-        """Spin all nodes for so long."""
+        """Spin all nodes for ``ms``."""
         self.until(lambda: False, ms, None)
 
     def until(self, done, ms=30000, what="it takes too long"):
-        """Spin all nodes until it is done."""
+        """Spin all nodes until ``done()``; AssertionError with ``what`` after ``ms``."""
         end = self.clock.t + ms * 1000
         while not done():
             if self.clock.t >= end:
@@ -224,20 +227,20 @@ class Wire:
             for node in self.nodes:
                 while node.spin_once(0):
                     pass
-            self.advance(STEP_MS, lambda: any(it.inbox for it in self.boards.values()))
+            self.advance(STEP_MS, lambda: any(board.inbox for board in self.boards.values()))
 
     def connect(self):
-        """Until all nodes are connected, and nothing of before is under way any more."""
+        """Spin until all nodes are connected and no earlier datagram is in flight."""
 
         def connected():
             return len(self.agent.clients) == len(self.nodes) and all(
-                it.state == AGENT_CONNECTED for it in self.nodes
+                node.state == AGENT_CONNECTED for node in self.nodes
             )
 
         for _ in range(20):
-            self.until(connected, what=[it.connection.reason for it in self.nodes])
-            before = [it.connection.connections for it in self.nodes]
+            self.until(connected, what=[node.connection.reason for node in self.nodes])
+            before = [node.connection.connections for node in self.nodes]
             self.run(2 * int(self.late_ms + self.way_ms) + 100)
-            if before == [it.connection.connections for it in self.nodes] and connected():
+            if before == [node.connection.connections for node in self.nodes] and connected():
                 return
         raise AssertionError("the nodes do not stay connected")

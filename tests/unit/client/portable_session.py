@@ -123,10 +123,10 @@ def test_an_answer_about_the_time_counts_once_and_only_to_the_last_question() ->
         )
 
     answer((5, 6))
-    assert bench.owner.told == []
+    assert bench.owner.events == []
     answer((7, 8))
     answer((7, 8))
-    assert bench.owner.told == [("time", transmit, receive)]
+    assert bench.owner.events == [("time", transmit, receive)]
 
 
 # --- requests and their numbers ---------------------------------------------------------------
@@ -441,7 +441,7 @@ def test_more_fragments_than_the_limit_are_dropped_and_the_next_sample_is_whole(
     bench = Bench(limit=1000)
     for i in range(5):
         bench.hear(ids.FRAGMENT, bytes(400), 0x80, i, flags=3 if i == 4 else 1)
-    assert bench.session.dropped == 1 and bench.owner.told == []
+    assert bench.session.dropped == 1 and bench.owner.events == []
     whole = bytes((ids.DATA, 1, 8, 0)) + b"\0\x0e\0\x16abcd"
     bench.hear(ids.FRAGMENT, whole[:8], 0x80, 5)
     bench.hear(ids.FRAGMENT, whole[8:], 0x80, 6, flags=3)
@@ -456,7 +456,7 @@ def test_a_fragment_that_never_comes_takes_only_its_sample_along() -> None:
     bench.sample(3, b"after")
     bench.heartbeat(2, 3)
     # What is lost comes again; no heartbeat says otherwise.
-    assert bench.owner.told == []
+    assert bench.owner.events == []
     bench.hear(ids.FRAGMENT, whole[4:8], 0x80, 1)
     assert bench.owner.samples() == [b"abcd", b"after"] and bench.session.dropped == 0
 
@@ -469,7 +469,7 @@ def test_samples_come_in_order_and_once() -> None:
     for sequence in (2, 0, 0, 3, 2, 1, 1, 4, 0):
         bench.sample(sequence, bytes((sequence,)))
     assert bench.owner.samples() == [bytes((i,)) for i in range(5)]
-    assert bench.owner.told[0] == ("data", 0x16, b"\0", True)
+    assert bench.owner.events[0] == ("data", 0x16, b"\0", True)
 
 
 def test_what_came_is_acknowledged_once_a_tick() -> None:
@@ -498,13 +498,13 @@ def test_heartbeats_are_answered_and_late_ones_change_nothing() -> None:
     bench.sample(4, b"4")
     bench.heartbeat(4, 6)  # of an earlier session: 0 to 3 were acknowledged there
     bench.heartbeat(500, 503)
-    assert bench.owner.told == []
+    assert bench.owner.events == []
     bench.session.tick(0)
     assert bench.take() == [bytes.fromhex("81000000 0a010500 0000 002f 80")]
     for sequence in range(6):
         bench.sample(sequence, b"%d" % sequence)
     assert bench.owner.samples() == [b"0", b"1", b"2", b"3", b"4", b"5", b"6"]
-    assert len(bench.owner.told) == 7
+    assert len(bench.owner.events) == 7
 
 
 def test_an_agent_that_gives_messages_up_again_and_again_has_another_session() -> None:
@@ -512,9 +512,9 @@ def test_an_agent_that_gives_messages_up_again_and_again_has_another_session() -
     bench.sample(0, b"0")
     for now in range(0, 2000, 200):
         bench.heartbeat(3, 4, now)
-        assert len(bench.owner.told) == 1
+        assert len(bench.owner.events) == 1
     bench.heartbeat(3, 4, 2000)
-    assert bench.owner.told[1:] == [("unknown",)]
+    assert bench.owner.events[1:] == [("unknown",)]
 
 
 def test_a_heartbeat_in_either_order_of_octets() -> None:
@@ -524,7 +524,7 @@ def test_a_heartbeat_in_either_order_of_octets() -> None:
     assert bench.take() == [bytes.fromhex("81000000 0a010500 0000 0007 80")]
     for now in range(0, 2001, 200):
         bench.hear(ids.HEARTBEAT, b"\1\2\4\3\x80", now=now, flags=0)
-    assert bench.owner.told == [("unknown",)]
+    assert bench.owner.events == [("unknown",)]
 
 
 def test_best_effort_samples_come_in_order_and_gaps_are_gaps() -> None:
@@ -552,13 +552,13 @@ def test_several_submessages_in_a_message() -> None:
     acknack = bytes((ids.ACKNACK, 1, 5, 0)) + built(session.push_acknack, 0, 0, 0x80)
     whole = message(ids.DATA, b"\0\x0e\0\x16abcd", 0x80, 0) + status + acknack
     assert bench.session.receive(whole, 0)
-    assert bench.owner.told == [("data", 0x16, b"abcd", True), ("status", 10, ids.STATUS_OK)]
+    assert bench.owner.events == [("data", 0x16, b"abcd", True), ("status", 10, ids.STATUS_OK)]
 
 
 def test_big_endian_samples_are_told_as_such() -> None:
     bench = Bench()
     bench.hear(ids.DATA, b"\0\x0e\0\x16abcd", 0x80, 0, flags=0)
-    assert bench.owner.told == [("data", 0x16, b"abcd", False)]
+    assert bench.owner.events == [("data", 0x16, b"abcd", False)]
 
 
 def test_what_the_agent_says() -> None:
@@ -569,7 +569,7 @@ def test_what_the_agent_says() -> None:
     bench.hear(ids.INFO, built(session.push_info, 10, ids.OBJECT_AGENT, 0, 1, []))
     bench.hear(ids.STATUS, built(session.push_status, DELETE_CLIENT_REQUEST, ids.OBJECT_CLIENT, 0))
     assert not bench.session.receive(message(ids.INFO, info, session_id=0x80), 0)
-    assert bench.owner.told == [
+    assert bench.owner.events == [
         ("agent", ids.STATUS_ERR_DENIED), ("unknown",), ("status", DELETE_CLIENT_REQUEST, 0),
         ("pong",),
     ]  # fmt: skip
@@ -631,7 +631,7 @@ def test_fragments_of_fragments_are_nonsense() -> None:
     for _ in range(200):  # deeper than any stack of a board
         inner = bytes((ids.FRAGMENT, 3, len(inner) & 0xFF, len(inner) >> 8)) + inner
     bench.hear(ids.FRAGMENT, inner, 0x80, 0, flags=3)
-    assert bench.session.dropped == 1 and bench.owner.told == []
+    assert bench.session.dropped == 1 and bench.owner.events == []
     bench.sample(1, b"after")
     assert bench.owner.samples() == [b"after"]
 
@@ -645,12 +645,12 @@ def test_an_agent_whose_heartbeats_stay_behind_has_begun_anew() -> None:
     for now in range(10):
         bench.heartbeat(3, 4, now)  # and many late ones at once
     bench.heartbeat(19, 19, 10)
-    assert bench.owner.samples() == [b"x"] * 20 and len(bench.owner.told) == 20
+    assert bench.owner.samples() == [b"x"] * 20 and len(bench.owner.events) == 20
     for now in range(0, 2000, 200):
         bench.heartbeat(0, 2, now)
-        assert len(bench.owner.told) == 20
+        assert len(bench.owner.events) == 20
     bench.heartbeat(0, 2, 2000)
-    assert bench.owner.told[20:] == [("unknown",)]
+    assert bench.owner.events[20:] == [("unknown",)]
 
 
 # --- one session after the other --------------------------------------------------------------
@@ -675,11 +675,11 @@ def test_every_session_has_another_id_and_starts_from_nothing() -> None:
         bench.session.tick(0)
         assert bench.take() == []
     assert seen == list(range(0x81, 0xFF)) + [0x81, 0x82, 0x83, 0x84]
-    told = len(bench.owner.told)
+    told = len(bench.owner.events)
     assert bench.request() == 10
     bench.write(b"abcd", False)
     out = bench.take()
     assert [it[2] for it in out] == [0, 0]
     bench.sample(0, b"fresh")
     bench.sample(0, b"fresh too", ids.STREAM_BEST_EFFORT)
-    assert len(bench.owner.told) == told + 2
+    assert len(bench.owner.events) == told + 2
