@@ -1,4 +1,4 @@
-"""Boards that know nothing of their agent find it: real agents, multicast on loopback."""
+"""Boards that discover their agent: real agents, multicast on loopback."""
 
 from contextlib import ExitStack
 
@@ -24,23 +24,23 @@ HERE = "127.0.0.1"
 
 @pytest.fixture(autouse=True)
 def loopback_only(monkeypatch):
-    """Agents join the group on no network outside of this machine."""
+    """Agents join the multicast group on loopback only."""
     monkeypatch.setattr(addresses, "ipv4_by_interface", lambda: {"lo": HERE})
 
 
 @pytest.fixture
 def boards():
-    """Makes nodes that ask at a port, and ends them."""
-    made = []
+    """A function that creates nodes with discovery at a port; closes them at the end."""
+    created = []
 
     def make(port, host=GROUP, **options):
         transport = DiscoveringTransport(((host, port),), HERE, **options)
-        made.append(Node("node", transport, key=len(made) + 1, **QUICK))
-        return made[-1]
+        created.append(Node("node", transport, key=len(created) + 1, **QUICK))
+        return created[-1]
 
     yield make
-    for it in made:
-        it.connection.transport.close()
+    for node in created:
+        node.connection.transport.close()
 
 
 def until(node, done):
@@ -55,52 +55,54 @@ def connected(node):
 
 
 @pytest.mark.parametrize("host", [GROUP, HERE], ids=["multicast", "unicast"])
-def test_an_agent_is_found_and_samples_travel(host, boards):
+def test_a_discovered_agent_carries_samples(host, boards):
     udp = UdpServer(0)
     with running(udp) as agent:
-        asked = ((host, agent.discovery.port),)
-        assert discover_agent(10_000, asked, HERE) == (HERE, udp.port)
+        addresses_asked = ((host, agent.discovery.port),)
+        assert discover_agent(10_000, addresses_asked, HERE) == (HERE, udp.port)
         node = boards(agent.discovery.port, host)
-        heard = []
+        received = []
         publisher = node.create_publisher(Int32, "numbers")
-        node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), 100)
+        node.create_subscription(
+            Int32, "numbers", lambda message: received.append(message.data), 100
+        )
         connected(node)
         assert node.connection.transport.agent == (HERE, udp.port)
         for i in range(100):
             assert publisher.publish(Int32(data=i))
-        until(node, lambda: len(heard) == 100)
-        assert heard == list(range(100)) and agent.discovery.faults == 0
+        until(node, lambda: len(received) == 100)
+        assert received == list(range(100)) and agent.discovery.faults == 0
         node.destroy_node()
 
 
-def test_an_agent_that_comes_back_at_another_port(boards):
+def test_an_agent_that_restarts_on_another_port_is_discovered_again(boards):
     with running(UdpServer(0)) as agent:
         port = agent.discovery.port
         node = boards(port)
-        states, heard = [], []
+        states, received = [], []
         node.on_state = states.append
         publisher = node.create_publisher(Int32, "numbers")
-        node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data))
+        node.create_subscription(Int32, "numbers", lambda message: received.append(message.data))
         connected(node)
-        found = [node.connection.transport.agent]
+        agents = [node.connection.transport.agent]
     for turn in range(2):
         until(node, lambda: node.state == WAITING_AGENT)
         udp = UdpServer(0)
         with running(udp, port=port):
             connected(node)
-            found.append(node.connection.transport.agent)
-            assert found[-1] == (HERE, udp.port)
+            agents.append(node.connection.transport.agent)
+            assert agents[-1] == (HERE, udp.port)
             assert publisher.publish(Int32(data=turn))
-            until(node, lambda turn=turn: turn in heard)
-    assert len(set(found)) == 3 and heard == [0, 1]
+            until(node, lambda turn=turn: turn in received)
+    assert len(set(agents)) == 3 and received == [0, 1]
     assert states.count(AGENT_DISCONNECTED) == 2
 
 
-def test_of_two_agents_one_is_taken_and_the_other_when_that_has_left(boards):
+def test_the_second_of_two_agents_is_used_after_the_first_has_ended(boards):
     agents = {}
-    with ExitStack() as one, ExitStack() as two:
+    with ExitStack() as first, ExitStack() as second:
         port = 0
-        for leaving in (one, two):
+        for leaving in (first, second):
             udp = UdpServer(0)
             port = leaving.enter_context(running(udp, port=port)).discovery.port
             agents[HERE, udp.port] = leaving
@@ -113,7 +115,7 @@ def test_of_two_agents_one_is_taken_and_the_other_when_that_has_left(boards):
         assert node.connection.transport.agent in agents
 
 
-def test_the_program_goes_on_while_there_is_no_agent(boards):
+def test_the_program_continues_while_there_is_no_agent(boards):
     port = free_port()
     node = boards(port, patience_ms=50)
     calls = []
@@ -126,7 +128,7 @@ def test_the_program_goes_on_while_there_is_no_agent(boards):
         connected(node)
 
 
-def test_over_a_network_that_is_not_there_yet(boards):
+def test_discovery_waits_for_the_network_link(boards):
     class Link:
         up = False
 
@@ -143,7 +145,7 @@ def test_over_a_network_that_is_not_there_yet(boards):
         connected(node)
 
 
-def test_nobody_answers():
+def test_discovery_without_an_agent_times_out():
     before = ticks_ms()
     assert discover_agent(200, ((GROUP, free_port()),), HERE) is None
     assert ticks_diff(ticks_ms(), before) >= 200
@@ -157,7 +159,7 @@ def test_an_agent_on_ipv6_alone(boards):
         assert node.connection.transport.agent == ("0:0:0:0:0:0:0:1", udp.port)
 
 
-def test_an_agent_on_tcp_for_a_board_that_speaks_it(boards):
+def test_an_agent_on_tcp_for_a_board_on_tcp(boards):
     tcp = TcpServer(0)
     with running(tcp) as agent:
         node = boards(agent.discovery.port, make=TcpTransport)
@@ -165,8 +167,8 @@ def test_an_agent_on_tcp_for_a_board_that_speaks_it(boards):
         assert node.connection.transport.agent == (HERE, tcp.port)
 
 
-def test_an_agent_of_which_one_port_is_silent(boards):
-    """TCP first or UDP: it does not say, so a board tries what it was told in turn."""
+def test_an_agent_with_a_port_that_does_not_answer_the_board(boards):
+    """The agent offers a TCP and a UDP port without types, and the board tries both in turn."""
     with running(TcpServer(0), UdpServer(0)) as agent:
         node = boards(agent.discovery.port, make=TcpTransport)
         connected(node)

@@ -1,7 +1,7 @@
-"""Agents that are killed at any moment, and a board that goes on: nothing doubled, nothing stuck.
+"""A board whose agents are killed at any moment reconnects, without duplicated samples.
 
-The agent is a real process; the board is a node here, with seven publishers and as many
-subscriptions that hear them through the agent.
+The agent is a real process; the board is a node in this process, with seven publishers and seven
+subscriptions to their topics.
 """
 
 import random
@@ -21,7 +21,7 @@ TOPICS = 7
 
 
 class Agents:
-    """One agent after the other, on the same port; ``log`` is what the last one says."""
+    """Agent processes one after the other, on the same port; ``log`` is that of the last one."""
 
     def __init__(self, port, middleware, domain, folder):
         self._command = [
@@ -36,7 +36,7 @@ class Agents:
             self._process = subprocess.Popen(self._command, stdout=out, stderr=subprocess.STDOUT)
 
     def kill(self):
-        """SIGKILL: no goodbye to anybody."""
+        """End the agent with SIGKILL, without closing any session."""
         assert self._process.poll() is None, self.log()
         self._process.kill()
         self._process.wait()
@@ -46,7 +46,7 @@ class Agents:
 
 
 class Board:
-    """Publishes all the time, each topic its own count."""
+    """A board that publishes a counter on each topic."""
 
     def __init__(self, port):
         self.node = Node(
@@ -56,12 +56,12 @@ class Board:
         self.refused = []
         self.node.connection.log = self.refused.append
         self.next = [0] * TOPICS
-        self.heard = [[] for _ in range(TOPICS)]
+        self.received = [[] for _ in range(TOPICS)]
         self.publishers = []
         for i in range(TOPICS):
             self.publishers.append(self.node.create_publisher(Int32, f"topic{i}"))
             self.node.create_subscription(
-                Int32, f"topic{i}", lambda it, i=i: self.heard[i].append(it.data)
+                Int32, f"topic{i}", lambda message, i=i: self.received[i].append(message.data)
             )
         self.node.create_timer(0.005, self.publish)
 
@@ -84,19 +84,19 @@ class Board:
 
 
 def moment(board, chance):
-    """Spin until the next kill is due: while it connects, or when it works."""
+    """Spin until the next kill is due: while the board connects, or while it publishes."""
     connection = board.node.connection
     kind = chance.randrange(4)
-    if kind == 0:  # wherever it is
+    if kind == 0:  # at any time
         board.spin(chance.random() * 0.4)
-    elif kind == 1:  # in the middle of creating
+    elif kind == 1:  # while entities are created
         board.until(lambda: connection.state == AGENT_AVAILABLE, 3 * SECONDS)
-        wanted = chance.randrange(4 * TOPICS * 2)
+        request = chance.randrange(4 * TOPICS * 2)
         board.until(
-            lambda: connection.state == AGENT_CONNECTED or connection.request_id >= 10 + wanted
+            lambda: connection.state == AGENT_CONNECTED or connection.request_id >= 10 + request
         )
-    else:  # when it has worked for a while
-        before = connection.connections  # it may not have noticed the last kill yet
+    else:  # after it has published for a while
+        before = connection.connections  # the board may not have detected the last kill yet
         board.until(lambda: connection.connections > before, 3 * SECONDS)
         board.spin(chance.random() * 0.1)
     return kind
@@ -117,16 +117,16 @@ def reconnections(kills, middleware, domain, folder):
         before = connection.connections
         board.until(lambda: connection.connections > before, 3 * SECONDS)
         start = board.next[0]
-        board.until(lambda: all(it and it[-1] > start + 10 for it in board.heard))
+        board.until(lambda: all(numbers and numbers[-1] > start + 10 for numbers in board.received))
         log = agents.log()
         connections = connection.connections
         board.node.destroy_node()
     finally:
         agents.kill()
-    published = sum(it.published for it in board.publishers)
-    dropped = sum(it.dropped for it in board.publishers)
-    received = sum(map(len, board.heard))
-    doubled = received - sum(len(set(it)) for it in board.heard)
+    published = sum(publisher.published for publisher in board.publishers)
+    dropped = sum(publisher.dropped for publisher in board.publishers)
+    received = sum(map(len, board.received))
+    doubled = received - sum(len(set(numbers)) for numbers in board.received)
     print(
         f"\n{kills} kills ({kinds[0]} anywhere, {kinds[1]} while creating, {kinds[2] + kinds[3]}"
         f" at work), {connections} connections; samples: {published} published,"
@@ -134,7 +134,7 @@ def reconnections(kills, middleware, domain, folder):
         f" {connection.unconfirmed} unconfirmed"
     )
     assert doubled == 0 and published + dropped == sum(board.next)
-    assert all(it == sorted(it) for it in board.heard)
+    assert all(numbers == sorted(numbers) for numbers in board.received)
     assert connections > kills / 4 and received > 100
     assert board.refused == []
     assert log.count("create_client            | create ") == 1, log
@@ -147,5 +147,5 @@ def test_a_board_survives_agents_that_are_killed(tmp_path, domain_id):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_board_survives_two_hundred_agents_on_dds(tmp_path, own_domain_id):
+def test_a_board_survives_two_hundred_killed_agents_on_dds(tmp_path, own_domain_id):
     reconnections(200, "dds", own_domain_id, tmp_path)

@@ -1,4 +1,4 @@
-"""What a node of ours can do over every transport that a board's program has on a host."""
+"""A node of uros over every transport that a board's program can use on a host."""
 
 import os
 import select
@@ -35,8 +35,8 @@ from uros.transport.udp import UdpTransport
 QUICK = {"ping_ms": 20, "silence_ms": 200, "wait_ms": 20, "limit": 300_000}
 
 
-class Surroundings:
-    """A place for an agent that comes and goes, and boards that stay."""
+class AgentSetup:
+    """An agent that is stopped and started, and nodes that stay."""
 
     def __init__(self, kind):
         self.kind = kind
@@ -50,7 +50,7 @@ class Surroundings:
         self.agent.start()
 
     def server(self):
-        """The agent's end, or its kind."""
+        """The agent's transport, or its kind."""
         return self.kind
 
     def stop(self):
@@ -60,13 +60,13 @@ class Surroundings:
         assert "internal error" not in agent.said.getvalue(), agent.said.getvalue()
 
 
-class Udp(Surroundings):
+class Udp(AgentSetup):
     count = 2
 
     def __init__(self, kind="udp", host="127.0.0.1"):
         super().__init__(kind)
         self.listens_on = host
-        self.host = host  # what boards know it by
+        self.host = host  # the address that boards use
         self.port = lasting_port(host)
         self.start()
 
@@ -98,7 +98,7 @@ class Tcp(Udp):
 
 
 class Tls(Udp):
-    """The agent wants a certificate of the boards too."""
+    """TLS with a certificate of the boards too."""
 
     def __init__(self):
         self.folder = TemporaryDirectory()
@@ -110,7 +110,9 @@ class Tls(Udp):
         from uros.agent.transports.certificates import Certificates
         from uros.agent.transports.tls import TlsServer
 
-        files = Certificates(*self.authority.agent(), self.authority.ca)  # new ones each time
+        files = Certificates(
+            *self.authority.agent(), self.authority.ca
+        )  # new certificates at each start
         return TlsServer(self.port, self.listens_on, files)
 
     def transport(self):
@@ -121,8 +123,8 @@ class Tls(Udp):
         self.folder.cleanup()
 
 
-class Serial(Surroundings):
-    """Agent and board at the two ends of a line: two pseudo-terminals with a wire between."""
+class Serial(AgentSetup):
+    """Agent and board at the two ends of a pseudo-terminal."""
 
     count = 1
 
@@ -137,7 +139,7 @@ class Serial(Surroundings):
             self.relink()
 
     def relink(self):
-        """The device's name stays; what it stands for is the new agent's line."""
+        """Point the constant name of the device to the new agent's pseudo-terminal."""
         if os.path.lexists(self.link):
             os.unlink(self.link)
         os.symlink(self.agent.transport.device, self.link)
@@ -151,7 +153,7 @@ class Serial(Surroundings):
             os.unlink(self.link)
 
 
-class Memory(Surroundings):
+class Memory(AgentSetup):
     count = 2
 
     def __init__(self):
@@ -170,8 +172,8 @@ class Memory(Surroundings):
         self.agent.start()
 
 
-class Can(Surroundings):
-    """python-can's bus in memory; each board has an id of its own there."""
+class Can(AgentSetup):
+    """python-can's virtual bus, with an id for each board."""
 
     count = 2
 
@@ -190,7 +192,7 @@ class Can(Surroundings):
 
 
 class Modem(Udp):
-    """UDP by modelled modems, each with its own, whose network is the host's."""
+    """UDP over virtual modems, one for each board, on the network of the host."""
 
     def __init__(self):
         self.network = HostRadioNetwork({"robots": "secret99"})
@@ -221,167 +223,172 @@ KINDS = {
 @contextmanager
 def place(kind):
     with ExitStack() as stack:
-        made = KINDS[kind]()
-        stack.callback(getattr(made, "close", lambda: None))
-        stack.callback(lambda: made.agent and made.stop())
-        yield made
-        for node in made.nodes:
+        setup = KINDS[kind]()
+        stack.callback(getattr(setup, "close", lambda: None))
+        stack.callback(lambda: setup.agent and setup.stop())
+        yield setup
+        for node in setup.nodes:
             node.connection.transport.close()
-        for end in made.ends:
+        for end in setup.ends:
             end._socket.close()
 
 
 @pytest.fixture(params=KINDS)
-def made(request):
-    with place(request.param) as it:
-        yield it
+def setup(request):
+    with place(request.param) as running:
+        yield running
 
 
-def boards(made, *names):
-    """Nodes, each with a line of its own; the agent runs from now on at the latest."""
+def boards(setup, *names):
+    """Create nodes, each with a transport of its own; the agent runs afterwards."""
     for name in names:
-        key = len(made.nodes) + 1
-        made.nodes.append(Node(name, made.transport(), key=key, **QUICK))
-    if made.kind == "memory":
-        made.begin()
-    return made.nodes
+        key = len(setup.nodes) + 1
+        setup.nodes.append(Node(name, setup.transport(), key=key, **QUICK))
+    if setup.kind == "memory":
+        setup.begin()
+    return setup.nodes
 
 
-def until(made, done, what="it takes too long"):
+def until(setup, done, what="it takes too long"):
     deadline = time.monotonic() + SECONDS
     while not done():
         assert time.monotonic() < deadline, what
-        for node in made.nodes:
+        for node in setup.nodes:
             node.spin_once(0.005)
 
 
-def connected(made):
-    until(made, lambda: all(it.state == AGENT_CONNECTED for it in made.nodes))
+def connected(setup):
+    until(setup, lambda: all(node.state == AGENT_CONNECTED for node in setup.nodes))
 
 
-def test_samples_there_and_back(made):
-    node = boards(made, "node")[0]
-    heard, images = [], []
+def test_samples_in_both_directions(setup):
+    node = boards(setup, "node")[0]
+    received, images = [], []
     numbers = node.create_publisher(Int32, "numbers")
     blobs = node.create_publisher(UInt8MultiArray, "blobs")
-    node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), 1000)
-    node.create_subscription(UInt8MultiArray, "blobs", lambda it: images.append(bytes(it.data)))
-    connected(made)
+    node.create_subscription(Int32, "numbers", lambda message: received.append(message.data), 1000)
+    node.create_subscription(
+        UInt8MultiArray, "blobs", lambda message: images.append(bytes(message.data))
+    )
+    connected(setup)
     for i in range(200):
         assert numbers.publish(Int32(data=i))
     blob = bytes(i * 7 & 0xFF for i in range(20_000))
     assert blobs.publish(UInt8MultiArray(data=blob))
-    until(made, lambda: len(heard) >= 200 and images, (len(heard), len(images)))
-    assert heard == list(range(200)) and images == [blob]
+    until(setup, lambda: len(received) >= 200 and images, (len(received), len(images)))
+    assert received == list(range(200)) and images == [blob]
     assert node.connection.connections == 1 and node.connection.dropped == 0
 
 
-def test_a_service(made):
-    nodes = boards(made, *["server", "caller"][: made.count])
-    asked = []
+def test_a_service(setup):
+    nodes = boards(setup, *["server", "caller"][: setup.count])
+    requests = []
 
     def trigger(request, response):
-        asked.append(1)
-        response.success, response.message = True, f"no. {len(asked)}"
+        requests.append(1)
+        response.success, response.message = True, f"no. {len(requests)}"
         return response
 
     nodes[0].create_service(Trigger, "trigger", trigger)
     client = nodes[-1].create_client(Trigger, "trigger")
-    connected(made)
+    connected(setup)
     answers = []
     for _ in range(5):
         client.call_async(Trigger.Request()).add_done_callback(
-            lambda it: answers.append(it.result().message)
+            lambda future: answers.append(future.result().message)
         )
-    until(made, lambda: len(answers) == 5)
+    until(setup, lambda: len(answers) == 5)
     assert answers == [f"no. {i + 1}" for i in range(5)]
 
 
-def test_a_node_takes_its_leave(made):
-    node = boards(made, "node")[0]
+def test_destroying_a_node_closes_its_session(setup):
+    node = boards(setup, "node")[0]
     node.create_publisher(Int32, "numbers")
-    connected(made)
-    assert len(made.agent.agent.clients) == 1
+    connected(setup)
+    assert len(setup.agent.agent.clients) == 1
     node.destroy_node()
-    until(made, lambda: not made.agent.agent.clients)  # at once, where the agent is not busy
+    until(setup, lambda: not setup.agent.agent.clients)
     assert node.state == WAITING_AGENT
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp", "tls", "serial", "can", "esp8266", "gs2200"])
-def test_everything_is_there_again_after_another_agent(kind):
-    with place(kind) as made:
-        node = boards(made, "node")[0]
-        heard, states = [], []
+def test_all_entities_are_created_again_at_a_new_agent(kind):
+    with place(kind) as setup:
+        node = boards(setup, "node")[0]
+        received, states = [], []
         node.on_state = states.append
         publisher = node.create_publisher(Int32, "numbers")
-        node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data))
+        node.create_subscription(Int32, "numbers", lambda message: received.append(message.data))
         for turn in range(3):
-            connected(made)
+            connected(setup)
             assert publisher.publish(Int32(data=turn))
-            until(made, lambda turn=turn: turn in heard)
-            made.stop()
-            until(made, lambda: node.state == WAITING_AGENT)
-            made.start()
-        connected(made)
-        assert heard == [0, 1, 2] and node.connection.connections >= 4
+            until(setup, lambda turn=turn: turn in received)
+            setup.stop()
+            until(setup, lambda: node.state == WAITING_AGENT)
+            setup.start()
+        connected(setup)
+        assert received == [0, 1, 2] and node.connection.connections >= 4
         assert states.count(AGENT_DISCONNECTED) == 3
-        assert len(made.agent.agent.clients) == 1
+        assert len(setup.agent.agent.clients) == 1
 
 
-def test_an_agent_that_is_gone_with_its_line(made):
-    node = boards(made, "node")[0]
+def test_an_agent_that_ends_together_with_its_line(setup):
+    node = boards(setup, "node")[0]
     publisher = node.create_publisher(Int32, "numbers")
-    connected(made)
-    made.stop()
+    connected(setup)
+    setup.stop()
     for i in range(20):
         publisher.publish(Int32(data=i))
-    until(made, lambda: node.state == WAITING_AGENT)
+    until(setup, lambda: node.state == WAITING_AGENT)
     assert node.connection.reason
-    until(made, lambda: not publisher.publish(Int32()))
+    until(setup, lambda: not publisher.publish(Int32()))
     calls = []
     node.create_timer(0.01, lambda: calls.append(1))
-    until(made, lambda: len(calls) >= 10)  # and the program goes on
+    until(setup, lambda: len(calls) >= 10)  # the program continues
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp", "tls", "esp8266", "gs2200"])
-def test_an_agent_that_comes_later(kind):
-    with place(kind) as made:
-        made.stop()
-        node = boards(made, "node")[0]
+def test_an_agent_that_starts_later(kind):
+    with place(kind) as setup:
+        setup.stop()
+        node = boards(setup, "node")[0]
         calls = []
         node.create_timer(0.01, lambda: calls.append(1))
-        until(made, lambda: len(calls) >= 10)
+        until(setup, lambda: len(calls) >= 10)
         assert node.state == WAITING_AGENT
-        made.start()
-        connected(made)
+        setup.start()
+        connected(setup)
 
 
 @pytest.mark.parametrize("kind", ["udp", "udp6"])
 def test_a_name_with_addresses_of_both_families(kind, monkeypatch):
-    """The agent listens on one of them, and no answer to the other comes but a refusal."""
+    """The agent listens on one address family; the board connects, also after a restart.
+
+    Datagrams to the other family are refused.
+    """
 
     def both(host, port, *_):
         assert host == "robot.local"
         return [
-            (socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("fe80::1", port, 0, 0)),  # no way
+            (socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("fe80::1", port, 0, 0)),  # unreachable
             (socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("::1", port, 0, 0)),
             (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.1", port)),
         ]
 
-    with place(kind) as made:
+    with place(kind) as setup:
         monkeypatch.setattr("uros.transport.udp.socket.getaddrinfo", both)
-        made.host = "robot.local"
-        node = boards(made, "node")[0]
-        connected(made)
-        made.stop()
-        until(made, lambda: node.state == WAITING_AGENT)
-        made.start()
-        connected(made)
+        setup.host = "robot.local"
+        node = boards(setup, "node")[0]
+        connected(setup)
+        setup.stop()
+        until(setup, lambda: node.state == WAITING_AGENT)
+        setup.start()
+        connected(setup)
         assert node.connection.connections == 2
 
 
 def test_an_address_that_has_answered_is_kept_while_its_agent_restarts(monkeypatch):
-    """A restarted agent with --state knows the board by its port."""
+    """The board keeps its port, by which a restarted agent with --state finds its session."""
 
     def listen(port=0):
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -412,7 +419,7 @@ def test_an_address_that_has_answered_is_kept_while_its_agent_restarts(monkeypat
     transport.close()
 
 
-def test_a_name_with_no_way_to_any_address(monkeypatch):
+def test_a_name_without_a_reachable_address(monkeypatch):
     nowhere = [(socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("fe80::1", 9, 0, 0))]
     monkeypatch.setattr("uros.transport.udp.socket.getaddrinfo", lambda *_: nowhere)
     transport = UdpTransport("robot.local", 9)
@@ -422,7 +429,7 @@ def test_a_name_with_no_way_to_any_address(monkeypatch):
     transport.close()
 
 
-# --- the device -------------------------------------------------------------------------------
+# --- serial devices----------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -444,7 +451,7 @@ def refused(port):
     return caught.value
 
 
-def test_a_device_reads_and_writes_and_never_waits(terminal):
+def test_a_device_reads_and_writes_without_blocking(terminal):
     master, path = terminal
     port = DevicePort(path, 57600)
     port.open()
@@ -456,7 +463,7 @@ def test_a_device_reads_and_writes_and_never_waits(terminal):
     total = 0
     while (taken := port.write(bytes(4096))) > 0:
         total += taken
-    assert total > 0  # full, and it did not wait
+    assert total > 0  # the buffer is full, and write did not block
     port.close()
     port.close()
 
@@ -483,7 +490,7 @@ def test_a_device_that_is_unplugged_is_an_error(terminal):
     port.close()
 
 
-def test_why_a_device_does_not_open(terminal, tmp_path):
+def test_the_errors_of_a_device_that_does_not_open(terminal, tmp_path):
     error = refused(DevicePort("/dev/ttyNONE0"))
     assert error.errno == 2 and "plug the board in" in str(error)
     error = refused(DevicePort(str(tmp_path)))

@@ -1,7 +1,7 @@
-"""A type that both sides define, and not alike: boards count, say it once and go on.
+"""A type with different definitions at the two ends: boards count, report once and continue.
 
-The other side is Cyclone DDS with a type of that name of its own, as a ROS 2 node has it that was
-built with another version of a package.
+The other end is Cyclone DDS with its own type of that name, like a ROS 2 node that was built with
+another version of a package.
 """
 
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ DIFFERENT = {
 
 @pytest.fixture
 def boards(own_domain_id):
-    """Makes nodes of boards behind one agent; ``reports`` is what they say."""
+    """A function that creates nodes of boards with one agent."""
     with running_agent("udp", "dds", own_domain_id) as agent:
         nodes = Nodes(
             lambda name: Node(name, UdpTransport("127.0.0.1", agent.transport.port), key=0xD1FF)
@@ -104,18 +104,20 @@ def boards(own_domain_id):
 
 
 def end_of(domain, cls, end):
-    """A writer or reader of Cyclone's own."""
+    """A DataWriter or DataReader of Cyclone DDS."""
     participant = DomainParticipant(domain)
     qos = WRITER if end is DataWriter else READER
     return end(participant, Topic(participant, "rt/reading", cls, qos=qos), qos=qos)
 
 
 @pytest.mark.parametrize("message", DIFFERENT.values(), ids=DIFFERENT)
-def test_what_another_definition_sends_is_counted_and_told_once(boards, own_domain_id, message):
-    heard, reports = [], []
+def test_a_message_of_another_definition_is_counted_and_reported_once(
+    boards, own_domain_id, message
+):
+    received, reports = [], []
     node = boards("board")
     node.executor.report = reports.append
-    subscription = node.create_subscription(Reading, "/reading", heard.append)
+    subscription = node.create_subscription(Reading, "/reading", received.append)
     boards.connect()
     wrong = end_of(own_domain_id, type(message), DataWriter)
     for _ in range(3):
@@ -123,51 +125,51 @@ def test_what_another_definition_sends_is_counted_and_told_once(boards, own_doma
     boards.until(lambda: subscription.malformed == 3)
     (report,) = reports
     assert isinstance(report, ValueError)
-    said = str(report)
-    assert said.startswith("/reading: what came is no differ_msgs/msg/Reading (")
-    assert "give both ends the same definition" in said
+    text = str(report)
+    assert text.startswith("/reading: what came is no differ_msgs/msg/Reading (")
+    assert "give both ends the same definition" in text
     right = end_of(own_domain_id, Same, DataWriter)
     right.write(Same(7, "seven", 7.5))
-    boards.until(lambda: heard)
-    assert heard == [Reading(7, "seven", 7.5)]
+    boards.until(lambda: received)
+    assert received == [Reading(7, "seven", 7.5)]
     assert subscription.malformed == 3 and len(reports) == 1
 
 
-def test_a_field_more_at_the_end_is_left_out(boards, own_domain_id):
-    """As Fast DDS does; and Fast DDS itself sends octets behind that mean nothing."""
-    heard = []
+def test_an_additional_last_field_is_ignored(boards, own_domain_id):
+    """The board ignores it, as Fast DDS does; Fast DDS itself sends padding at the end."""
+    received = []
     node = boards("board")
     node.executor.report = lambda error: pytest.fail(str(error))
-    node.create_subscription(Reading, "/reading", heard.append)
+    node.create_subscription(Reading, "/reading", received.append)
     boards.connect()
     wrong = end_of(own_domain_id, Added, DataWriter)
     wrong.write(ADDED)
-    boards.until(lambda: heard)
-    assert heard == [Reading(5, "five", 5.5)]
+    boards.until(lambda: received)
+    assert received == [Reading(5, "five", 5.5)]
 
 
 @pytest.mark.parametrize("message", [*DIFFERENT.values(), ADDED], ids=[*DIFFERENT, "added"])
-def test_what_a_board_sends_to_another_definition_harms_nobody(boards, own_domain_id, message):
+def test_a_boards_message_to_another_definition_does_no_harm(boards, own_domain_id, message):
     node = boards("board")
     node.executor.report = lambda error: pytest.fail(str(error))
     publisher = node.create_publisher(Reading, "/reading")
     boards.connect()
     wrong = end_of(own_domain_id, type(message), DataReader)
     right = end_of(own_domain_id, Same, DataReader)
-    came = []
+    taken = []
 
     def done():
         publisher.publish(Reading(9, "nine", 9.5))
-        came.extend(right.take(10))
-        return came
+        taken.extend(right.take(10))
+        return taken
 
     boards.until(done)
-    assert came[0] == Same(9, "nine", 9.5)
-    wrong.take(10)  # whatever Cyclone makes of it
+    assert taken[0] == Same(9, "nine", 9.5)
+    wrong.take(10)  # Cyclone may take it or not
 
 
 class Raw:
-    """Octets that say they are a reading."""
+    """Octets published as a Reading."""
 
     _TYPE = Reading._TYPE
     _DDS_TYPE = Reading._DDS_TYPE
@@ -184,23 +186,23 @@ class Raw:
 
 
 def test_no_octets_harm_a_board(boards, own_domain_id):
-    reports, heard = [], []
+    reports, received = [], []
     node = boards("board")
     node.executor.report = reports.append
-    subscription = node.create_subscription(Reading, "/reading", heard.append)
+    subscription = node.create_subscription(Reading, "/reading", received.append)
     boards.connect()
-    other = uros.Node("other", Direct(open_middleware("dds"), own_domain_id))
-    boards.made.append(other)
-    publisher = other.create_publisher(Raw, "/reading")
+    sender = uros.Node("other", Direct(open_middleware("dds"), own_domain_id))
+    boards.made.append(sender)
+    publisher = sender.create_publisher(Raw, "/reading")
     good = bytearray(Reading(1, "one", 1.5).cdr_size())
     Reading(1, "one", 1.5).pack_into(good, 0, 0)
-    boards.until(lambda: publisher.publish(Raw(good)) and heard)
+    boards.until(lambda: publisher.publish(Raw(good)) and received)
     for end in range(1, len(good)):
         for octets in (good[:end], b"\xff" * end):
             before = subscription.malformed
             publisher.publish(Raw(octets))
             boards.until(lambda before=before: subscription.malformed == before + 1)
-    del heard[:]
+    del received[:]
     publisher.publish(Raw(good))
-    boards.until(lambda: heard)
-    assert heard == [Reading(1, "one", 1.5)] and len(reports) == 1
+    boards.until(lambda: received)
+    assert received == [Reading(1, "one", 1.5)] and len(reports) == 1

@@ -1,4 +1,4 @@
-"""What every middleware must do for the agent: the contract in uros.middleware.base, as tests.
+"""The contract of uros.middleware.base, tested with every middleware.
 
 Where rclpy can be imported, ros2 and auto are tested too: tests/interop runs this file there.
 """
@@ -20,7 +20,7 @@ from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPol
 
 SECONDS = 10.0
 TYPE = "std_msgs::msg::dds_::String_"
-# ros2 needs a type that exists.
+# ros2 needs an existing type.
 SERVICE = Service(
     "rq/listRequest", "rcl_interfaces::srv::dds_::ListParameters_Request_",
     "rr/listReply", "rcl_interfaces::srv::dds_::ListParameters_Response_",
@@ -37,25 +37,26 @@ def cdr(text):
 
 
 def request(text):
-    """A request: a list with one text of seven letters, so that nothing is padded; and a depth."""
+    """A request: a list of one text of seven letters, which needs no padding; and a depth."""
     assert len(text) == 7
     return b"\x00\x01\x00\x00\x01\x00\x00\x00" + cdr(text)[4:] + bytes(8)
 
 
 def reply(text):
-    """A reply: a list with one text, and an empty one."""
+    """A reply: a list of one text, and an empty list."""
     return request(text)[:-4]
 
 
 def text_of(sample):
-    """The text of either."""
+    """The text of a request or reply."""
     return sample[12:19].decode()
 
 
 class Network:
-    """Middlewares of one network with the data plane's part around them: waiting, dispatching.
+    """Middlewares of one network, with the waiting and dispatching of the data plane.
 
-    Readers stand in nodes of the first, writers in those of the last: the same one, or another.
+    Readers belong to nodes of the first middleware, writers to nodes of the last, which may be the
+    same one.
     """
 
     def __init__(self, middlewares, domain):
@@ -71,13 +72,13 @@ class Network:
 
     @property
     def peer(self):
-        """The node that writers stand in."""
+        """The node of the writers."""
         if self._peer is None:
             self._peer = self.middlewares[-1].create_node(self.domain, "/", "peer")
         return self._peer
 
     def turn(self, seconds):
-        """Wait for work and do it. False: there was none."""
+        """Wait for work and do it; whether there was any."""
         ready = select.select([item.fileno() for item in self.middlewares], [], [], seconds)[0]
         for middleware in self.middlewares:
             if middleware.fileno() in ready:
@@ -97,18 +98,18 @@ class Network:
             self.turn(left)
 
     def settle(self, node, peer=None):
-        """Do all work that there is: what a marker sent behind it has overtaken is not there."""
-        came = Inbox(node, "rt/settle")
+        """Dispatch until a marker sent now has arrived: earlier samples are then delivered."""
+        inbox = Inbox(node, "rt/settle")
         writer = (peer or self.peer).create_writer("rt/settle", TYPE, QoSProfile())
         writer.write(cdr("marker"))
-        self.until(lambda: came.samples)
+        self.until(lambda: inbox.samples)
         while self.turn(0):
             pass
         writer.close()
-        came.reader.close()
+        inbox.reader.close()
 
     def foreign_writer(self, topic, type_name):
-        """A writer of somebody who knows nothing of services, matched with all readers."""
+        """A plain datawriter on a service's topic, matched with all readers."""
         if self.middleware.name not in ("ros2", "auto"):
             return self.peer.create_writer(topic, type_name, QoSProfile())
         from uros.middleware.dds import cyclone
@@ -133,7 +134,7 @@ class Network:
 
 
 class Inbox:
-    """A reader that takes what comes as it comes; or counts only, with ``limit`` 0."""
+    """A reader that takes samples in on_ready; with ``limit`` 0 it only counts the calls."""
 
     def __init__(self, node, topic, type_name=TYPE, qos=None, limit=1000):
         self.samples = []
@@ -158,21 +159,21 @@ if find_spec("rclpy") is not None:
 
 @pytest.fixture(params=NETWORKS)
 def network(request, own_domain_id):
-    """``two``: what is written comes from another middleware of the same network."""
+    """``two``: the writers belong to another middleware of the same network."""
     name, _, two = request.param.partition("-")
     middlewares = [open_middleware(name)]
     if two:
-        other = MemoryMiddleware(middlewares[0].bus) if name == "memory" else open_middleware(name)
-        middlewares.append(other)
-    one = Network(middlewares, own_domain_id)
-    yield one
-    one.close()
+        second = MemoryMiddleware(middlewares[0].bus) if name == "memory" else open_middleware(name)
+        middlewares.append(second)
+    running = Network(middlewares, own_domain_id)
+    yield running
+    running.close()
 
 
 # --- topics -----------------------------------------------------------------------
 
 
-def test_what_is_written_is_taken_as_it_was_in_order(network):
+def test_samples_are_taken_unchanged_and_in_order(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter")
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
@@ -180,13 +181,13 @@ def test_what_is_written_is_taken_as_it_was_in_order(network):
     for sample in sent:
         assert writer.write(sample) is True
     network.until(lambda: len(inbox.samples) == 5)
-    # DDS pads a sample to a multiple of four on some ways; the length inside rules.
+    # DDS may pad a sample to a multiple of four; the length inside the sample is right.
     assert [sample[: len(s)] for sample, s in zip(inbox.samples, sent, strict=True)] == sent
     assert all(len(sample) - len(s) < 4 for sample, s in zip(inbox.samples, sent, strict=True))
 
 
 def test_a_writer_knows_how_many_readers_it_has(network):
-    """Those of its own process count too."""
+    """matched() counts the readers, those of its own process too."""
     node = network.node()
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     assert writer.matched() == 0
@@ -199,18 +200,18 @@ def test_a_writer_knows_how_many_readers_it_has(network):
 
 
 @pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])
-def test_a_sample_may_be_any_kind_of_bytes_and_is_the_callers_again(network, kind):
+def test_a_sample_may_be_any_bytes_like_object_and_is_copied(network, kind):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
     buffer = bytearray(cdr("original"))
-    kept = bytes(buffer)
+    original = bytes(buffer)
     network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(kind(buffer))
     buffer[8:] = bytes(len(buffer) - 8)
     network.until(lambda: inbox.calls)
-    assert inbox.reader.take(10)[0][: len(kept)] == kept
+    assert inbox.reader.take(10)[0][: len(original)] == original
 
 
-def test_take_gives_at_most_the_limit_oldest_first(network):
+def test_take_returns_at_most_the_limit_oldest_first(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
@@ -245,7 +246,7 @@ def test_keep_all_keeps_all(network):
     assert inbox.reader.take(1000) == sent
 
 
-def test_a_late_transient_local_reader_gets_the_last_ones_up_to_the_writers_depth(network):
+def test_a_late_transient_local_reader_gets_the_samples_in_the_writers_depth(network):
     node = network.node()
     writer = network.peer.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
     sent = [cdr(f"map{i}") for i in range(5)]
@@ -257,7 +258,7 @@ def test_a_late_transient_local_reader_gets_the_last_ones_up_to_the_writers_dept
     assert inbox.samples == sent[2:]
 
 
-def test_a_late_volatile_reader_gets_nothing_of_before(network):
+def test_a_late_volatile_reader_gets_no_earlier_sample(network):
     node = network.node()
     writer = network.peer.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
     writer.write(cdr("before"))
@@ -268,7 +269,7 @@ def test_a_late_volatile_reader_gets_nothing_of_before(network):
     assert inbox.samples == [cdr("later ")]
 
 
-def test_a_closed_writer_leaves_nothing_to_late_readers(network):
+def test_a_closed_writer_sends_nothing_to_late_readers(network):
     node = network.node()
     writer = network.peer.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
     writer.write(cdr("before"))
@@ -290,7 +291,7 @@ def test_a_closed_writer_leaves_nothing_to_late_readers(network):
     ids=["reliable", "reliable-to-best-effort", "best-effort", "best-effort-to-reliable",
          "volatile-to-transient-local"],
 )  # fmt: skip
-def test_a_reader_hears_only_a_writer_that_offers_what_it_wants(network, offered, wanted, arrives):
+def test_a_reader_matches_only_a_writer_with_compatible_qos(network, offered, wanted, arrives):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", qos=wanted)
     network.peer.create_writer("rt/chatter", TYPE, offered).write(cdr("abc"))
@@ -301,39 +302,39 @@ def test_a_reader_hears_only_a_writer_that_offers_what_it_wants(network, offered
 def test_types_match_by_name(network):
     node = network.node()
     same = Inbox(node, "rt/chatter")
-    if network.middleware.name == "ros2":  # no process on ROS 2 can have both
+    if network.middleware.name == "ros2":  # a process on ROS 2 cannot have both types
         with pytest.raises(MiddlewareError, match="topic /chatter: .*type"):
             Inbox(node, "rt/chatter", "std_msgs::msg::dds_::Int32_")
         return
-    other = Inbox(node, "rt/chatter", "std_msgs::msg::dds_::Int32_")
+    int32_inbox = Inbox(node, "rt/chatter", "std_msgs::msg::dds_::Int32_")
     network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     network.settle(node)
-    assert (same.samples, other.samples) == ([cdr("abc")], [])
+    assert (same.samples, int32_inbox.samples) == ([cdr("abc")], [])
 
 
 def test_topics_match_by_name(network):
     node = network.node()
-    inbox, other = Inbox(node, "rt/chatter"), Inbox(node, "rt/chatter2")
+    inbox, inbox2 = Inbox(node, "rt/chatter"), Inbox(node, "rt/chatter2")
     network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     network.settle(node)
-    assert (inbox.samples, other.samples) == ([cdr("abc")], [])
+    assert (inbox.samples, inbox2.samples) == ([cdr("abc")], [])
 
 
-def test_domains_are_apart(network):
+def test_domains_are_separate(network):
     from conftest import leased_domain
 
     with leased_domain() as domain:
-        here, there = network.node(), network.node(domain=domain)
-        inbox, other = Inbox(here, "rt/chatter"), Inbox(there, "rt/chatter")
-        here.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
-        network.settle(here)
-        network.settle(there, there)
-        assert (inbox.samples, other.samples) == ([cdr("abc")], [])
-        there.close()
+        node, distant = network.node(), network.node(domain=domain)
+        inbox, distant_inbox = Inbox(node, "rt/chatter"), Inbox(distant, "rt/chatter")
+        node.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+        network.settle(node)
+        network.settle(distant, distant)
+        assert (inbox.samples, distant_inbox.samples) == ([cdr("abc")], [])
+        distant.close()
 
 
 @pytest.mark.parametrize("domain", [-1, 233])
-def test_a_domain_that_cannot_be_is_refused(network, domain):
+def test_an_invalid_domain_is_refused(network, domain):
     with pytest.raises(MiddlewareError, match=f"domain {domain} .*0 to 232"):
         network.node(domain=domain)
 
@@ -349,8 +350,8 @@ def test_large_samples_arrive_whole(network, size):
     assert inbox.samples[0][: len(sample)] == sample
 
 
-def test_many_readers_all_hear(network):
-    """More than a waitset reports at once."""
+def test_many_readers_all_receive(network):
+    """300 readers, more than a waitset reports at once."""
     nodes = [network.node(f"node{i}") for i in range(3)]
     inboxes = [Inbox(nodes[i % 3], "rt/chatter") for i in range(300)]
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
@@ -363,7 +364,7 @@ def test_many_readers_all_hear(network):
 # --- on_ready ---------------------------------------------------------------------
 
 
-def test_on_ready_comes_only_from_dispatch(network):
+def test_on_ready_is_called_only_by_dispatch(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
     network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
@@ -371,7 +372,7 @@ def test_on_ready_comes_only_from_dispatch(network):
     network.until(lambda: inbox.calls)
 
 
-def test_on_ready_comes_again_only_after_a_take(network):
+def test_on_ready_is_called_again_only_after_a_take(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
@@ -388,8 +389,8 @@ def test_on_ready_comes_again_only_after_a_take(network):
     assert inbox.reader.take(10) == [cdr("abc2")]
 
 
-def test_what_was_left_by_a_take_is_not_announced_but_there(network):
-    """A wake that was under way before the take may announce once more, and no more."""
+def test_samples_left_by_a_take_are_not_announced_again(network):
+    """They stay readable. A wakeup in flight before the take may announce them once more."""
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
@@ -409,11 +410,11 @@ def test_what_was_left_by_a_take_is_not_announced_but_there(network):
     assert inbox.reader.take(10) == [cdr(f"abc{i}") for i in (2, 3, 4)]
 
 
-def test_a_reader_that_does_not_take_costs_nothing_and_goes_on_when_it_takes(network):
-    """A client without room must not make the data plane run in circles."""
+def test_a_reader_that_does_not_take_uses_no_cpu_and_resumes_with_a_take(network):
+    """A client without room for samples must not make the data plane busy."""
     node = network.node()
     stuck = Inbox(node, "rt/stuck", qos=KEEP_ALL, limit=0)
-    other = Inbox(node, "rt/other")
+    free = Inbox(node, "rt/other")
     to_stuck = network.peer.create_writer("rt/stuck", TYPE, KEEP_ALL)
     to_other = network.peer.create_writer("rt/other", TYPE, QoSProfile())
     to_stuck.write(cdr("abc0"))
@@ -426,7 +427,7 @@ def test_a_reader_that_does_not_take_costs_nothing_and_goes_on_when_it_takes(net
     for i in range(20):
         to_stuck.write(cdr("abc0"))
         to_other.write(cdr(f"abc{i}"))
-        network.until(lambda n=i + 1: len(other.samples) == n)
+        network.until(lambda n=i + 1: len(free.samples) == n)
     calls = stuck.calls
     assert len(stuck.reader.take(100)) == 21
     stuck.limit = 100
@@ -435,7 +436,7 @@ def test_a_reader_that_does_not_take_costs_nothing_and_goes_on_when_it_takes(net
     assert stuck.calls > calls
 
 
-def test_sizes_of_what_waits_are_told_once_and_what_comes_next_is_announced(network):
+def test_sizes_of_waiting_samples_are_reported_once_and_later_samples_announced(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
@@ -443,22 +444,22 @@ def test_sizes_of_what_waits_are_told_once_and_what_comes_next_is_announced(netw
     sizes = [len(item) for item in sent]
     for sample in sent[:5]:
         writer.write(sample)
-    seen = []
+    reported = []
 
-    def look(count):
+    def poll(count):
         network.until(lambda: inbox.calls)
         inbox.calls = 0
-        seen.extend(inbox.reader.arrived(100))
-        return len(seen) >= count
+        reported.extend(inbox.reader.arrived(100))
+        return len(reported) >= count
 
-    network.until(lambda: look(5))
-    assert seen == sizes[:5] and inbox.reader.arrived(100) == []
-    while network.turn(0):  # it may be announced once more, as it came while we looked
+    network.until(lambda: poll(5))
+    assert reported == sizes[:5] and inbox.reader.arrived(100) == []
+    while network.turn(0):  # a sample that came during arrived() may be announced once more
         assert inbox.reader.arrived(100) == []
     inbox.calls = 0
     writer.write(sent[5])
-    network.until(lambda: look(6))  # announced, though nobody has taken
-    assert seen == sizes
+    network.until(lambda: poll(6))  # announced, without a take
+    assert reported == sizes
     assert inbox.reader.take(2) == sent[:2]
     assert inbox.reader.take(100) == sent[2:]
     assert inbox.reader.arrived(100) == [] and inbox.reader.take(100) == []
@@ -466,46 +467,46 @@ def test_sizes_of_what_waits_are_told_once_and_what_comes_next_is_announced(netw
     assert inbox.reader.arrived(100) == []
 
 
-def test_sizes_are_told_some_at_a_time_and_depth_holds(network):
+def test_sizes_are_reported_up_to_the_limit_and_depth_applies(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", qos=QoSProfile(depth=5), limit=0)
     writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
     network.until(lambda: writer.matched() == 1)
     sent = [cdr("x" * (4 * count - 1)) for count in range(1, 30)]
-    told = []
+    sizes = []
     for sample in sent:
         writer.write(sample)
         network.until(lambda: inbox.calls)
         inbox.calls = 0
-        told += inbox.reader.arrived(2)
+        sizes += inbox.reader.arrived(2)
         while network.turn(0):
-            told += inbox.reader.arrived(2)
+            sizes += inbox.reader.arrived(2)
             inbox.calls = 0
-    assert told == [len(item) for item in sent]
+    assert sizes == [len(item) for item in sent]
     assert inbox.reader.take(100) == sent[-5:]
 
 
-def test_sizes_of_requests_that_wait(network):
+def test_sizes_of_waiting_requests_are_reported(network):
     node = network.node()
     calls = []
     replier = node.create_replier(SERVICE, QoSProfile(), lambda: calls.append(1))
     requester = network.peer.create_requester(SERVICE, QoSProfile(), lambda: None)
     sequence = None
 
-    def told():
+    def arrived_sizes():
         nonlocal sequence
         sequence = sequence or requester.request(request("abcdefg"))
         return calls and replier.arrived(10)
 
     sizes = []
-    network.until(lambda: sizes or sizes.extend(told() or ()) or sizes)
+    network.until(lambda: sizes or sizes.extend(arrived_sizes() or ()) or sizes)
     assert len(sizes) == 1 and sizes[0] >= len(request("abcdefg"))
     ((_, number, sample),) = replier.take(10)
     assert number == sequence and text_of(sample) == "abcdefg"
     assert replier.arrived(10) == [] and replier.take(10) == []
 
 
-def test_an_on_ready_that_raises_hurts_nobody_else(network):
+def test_an_on_ready_that_raises_does_not_affect_other_readers(network):
     node = network.node()
     inbox = Inbox(node, "rt/b")
     more = Inbox(node, "rt/c")
@@ -524,7 +525,7 @@ def test_an_on_ready_that_raises_hurts_nobody_else(network):
         for writer in writers:
             writer.write(cdr(f"abc{round_}"))
         while min(len(inbox.samples), len(more.samples), len(taken)) <= round_:
-            assert time.monotonic() < deadline, "the others hear nothing any more"
+            assert time.monotonic() < deadline, "the other readers receive nothing any more"
             try:
                 network.middleware.dispatch_local()
                 network.turn(0.2)
@@ -578,7 +579,7 @@ class Caller:
 
 
 class Server:
-    """Answers each request with its text turned round, when told to."""
+    """A replier that stores its requests."""
 
     def __init__(self, node, service=SERVICE):
         self.requests = []
@@ -590,7 +591,7 @@ class Server:
             self.requests.extend(self.replier.take(100))
 
 
-def test_requests_reach_the_replier_and_replies_their_asker(network):
+def test_requests_reach_the_replier_and_replies_their_requester(network):
     server = Server(network.node("server"))
     first, second = Caller(network.peer), Caller(network.node("second"))
     numbers = [
@@ -612,7 +613,7 @@ def test_requests_reach_the_replier_and_replies_their_asker(network):
     assert dict(second.replies) == {numbers[1]: reply("owt-owt")}
 
 
-def test_replies_to_another_are_not_ours(network):
+def test_replies_to_another_requester_are_not_taken(network):
     node = network.node()
     server, caller = Server(node), Caller(network.peer)
     number = caller.requester.request(request("one-one"))
@@ -626,8 +627,8 @@ def test_replies_to_another_are_not_ours(network):
     assert caller.replies == [(number, reply("eno-eno"))]
 
 
-def test_samples_that_are_no_requests_are_left_out(network):
-    """Somebody else's writer on the service's topics, with samples too short for an identity."""
+def test_samples_without_a_request_header_are_ignored(network):
+    """Samples of a plain datawriter, too short for a sample identity, are ignored."""
     node = network.node()
     server, caller = Server(node), Caller(network.peer)
     for topic, type_name in (
@@ -646,7 +647,7 @@ def test_samples_that_are_no_requests_are_left_out(network):
     assert caller.replies == [(number, reply("two-two"))]
 
 
-def test_a_requester_without_a_server_and_a_replier_without_an_asker(network):
+def test_a_requester_without_a_replier_and_a_replier_without_a_requester(network):
     node = network.node()
     caller = Caller(node)
     assert caller.requester.request(request("one-one")) is not None
@@ -659,24 +660,24 @@ def test_a_requester_without_a_server_and_a_replier_without_an_asker(network):
 # --- closing ----------------------------------------------------------------------
 
 
-def test_closing_twice_is_closing_once(network):
+def test_close_is_idempotent(network):
     node = network.node()
-    things = [
+    endpoints = [
         network.peer.create_writer("rt/chatter", TYPE, QoSProfile()),
         Inbox(node, "rt/chatter").reader,
         Caller(node).requester,
         Server(node).replier,
     ]
-    for thing in things:
-        thing.close()
-        thing.close()
+    for endpoint in endpoints:
+        endpoint.close()
+        endpoint.close()
     node.close()
     node.close()
 
 
-def test_a_node_closes_its_endpoints_and_nobody_elses(network):
+def test_a_node_closes_only_its_own_endpoints(network):
     leaving, staying = network.node("leaving"), network.node("staying")
-    left = Inbox(leaving, "rt/chatter")
+    closed_inbox = Inbox(leaving, "rt/chatter")
     writer = leaving.create_writer("rt/map", TYPE, TRANSIENT_LOCAL)
     writer.write(cdr("abc"))
     server, caller = Server(leaving), Caller(leaving)
@@ -687,12 +688,12 @@ def test_a_node_closes_its_endpoints_and_nobody_elses(network):
     Caller(network.peer).requester.request(request("one-one"))
     network.settle(staying)
     assert inbox.samples == [cdr("abc")]
-    assert (left.samples, late.samples, server.requests, caller.replies) == ([], [], [], [])
-    for thing in (left.reader, writer, server.replier, caller.requester):
-        thing.close()
+    assert (closed_inbox.samples, late.samples, server.requests, caller.replies) == ([], [], [], [])
+    for endpoint in (closed_inbox.reader, writer, server.replier, caller.requester):
+        endpoint.close()
 
 
-def test_what_comes_and_goes_leaves_nothing_behind(network):
+def test_endpoints_that_come_and_go_leak_no_memory(network):
     node = network.node()
     process = psutil.Process()
 
@@ -704,8 +705,8 @@ def test_what_comes_and_goes_leaves_nothing_behind(network):
             inbox = Inbox(visitor, topic)
             caller, server = Caller(node), Server(visitor)
             writer.write(cdr("abc"))
-            for thing in (caller.requester, server.replier, writer, inbox.reader):
-                thing.close()
+            for endpoint in (caller.requester, server.replier, writer, inbox.reader):
+                endpoint.close()
             visitor.close()
         network.settle(node)
         gc.collect()
@@ -715,12 +716,12 @@ def test_what_comes_and_goes_leaves_nothing_behind(network):
     memory, objects = come_and_go(20)
     memory_after, objects_after = come_and_go(500)
     assert objects_after - objects < 100
-    if memory_after - memory >= 3_000_000:  # threads of Fast DDS got heaps of their own: once
+    if memory_after - memory >= 3_000_000:  # threads of Fast DDS allocate heaps of their own, once
         memory, (memory_after, _) = memory_after, come_and_go(500)
     assert memory_after - memory < 3_000_000
 
 
-def test_a_topic_can_be_joined_left_and_joined_again_with_another_type(network):
+def test_a_topic_can_be_used_again_with_another_type(network):
     node = network.node()
     for type_name in (TYPE, "std_msgs::msg::dds_::Int32_", TYPE):
         inbox = Inbox(node, "rt/chatter", type_name)
@@ -731,7 +732,7 @@ def test_a_topic_can_be_joined_left_and_joined_again_with_another_type(network):
         inbox.reader.close()
 
 
-def test_closing_the_middleware_twice_and_with_everything_open(network):
+def test_closing_the_middleware_twice_and_with_open_endpoints(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", limit=0)
     Caller(node), Server(node)
@@ -741,7 +742,7 @@ def test_closing_the_middleware_twice_and_with_everything_open(network):
     assert inbox.calls == 0
 
 
-def test_a_middleware_that_nobody_used_closes(network):
+def test_an_unused_middleware_closes(network):
     network.middleware.close()
 
 

@@ -1,4 +1,4 @@
-"""What every transport of the agent must do for a client, whichever way its bytes travel."""
+"""The contract of the agent's transports: a client's session, over each of them."""
 
 import os
 import select
@@ -23,18 +23,18 @@ def agent(request):
 
 
 def client(agent, number=0, **options):
-    one = XrceClient(agent.line(number), key=0x11110000 + number, **options)
-    assert one.open() == ids.STATUS_OK
-    return one
+    board = XrceClient(agent.line(number), key=0x11110000 + number, **options)
+    assert board.open() == ids.STATUS_OK
+    return board
 
 
 def payload(size, start=0):
-    """Every octet there is, flags and escapes of serial frames too."""
+    """Octets of all values, flags and escapes of serial frames too."""
     return bytes((i + start) & 0xFF for i in range(size))
 
 
 def ping(line, number=1):
-    """GET_INFO outside of any session; the INFO that answers."""
+    """Send GET_INFO outside of any session; the INFO in answer."""
     w = MessageWriter(bytearray(64), ids.SESSION_NONE_WITHOUT_KEY, ids.STREAM_NONE, 0)
     w.begin(ids.GET_INFO)
     session.push_get_info(w, number, ids.OBJECT_AGENT, ids.INFO_ACTIVITY)
@@ -51,44 +51,48 @@ def test_a_ping_is_answered_without_a_session(agent):
 
 @pytest.mark.parametrize("session_id", [0x81, 0x01], ids=["without-key", "with-key"])
 def test_a_session_from_its_start_to_its_end(agent, session_id):
-    one = client(agent, session_id=session_id)
-    assert one.ping() == 1
-    writer = one.writer("node", TOPIC, TYPE)
-    reader = one.reader("node", TOPIC, TYPE)
-    one.read(reader)
+    board = client(agent, session_id=session_id)
+    assert board.ping() == 1
+    writer = board.writer("node", TOPIC, TYPE)
+    reader = board.reader("node", TOPIC, TYPE)
+    board.read(reader)
     for i in range(40):  # more than a window
-        one.write(writer, payload(20, i))
-    assert [one.sample(reader) for _ in range(40)] == [payload(20, i) for i in range(40)]
-    assert one.delete(writer) == ids.STATUS_OK
-    assert one.delete(writer) == ids.STATUS_ERR_UNKNOWN_REFERENCE
-    assert one.close() == ids.STATUS_OK
+        board.write(writer, payload(20, i))
+    assert [board.sample(reader) for _ in range(40)] == [payload(20, i) for i in range(40)]
+    assert board.delete(writer) == ids.STATUS_OK
+    assert board.delete(writer) == ids.STATUS_ERR_UNKNOWN_REFERENCE
+    assert board.close() == ids.STATUS_OK
     assert agent.agent.clients == {}
 
 
-def test_best_effort_both_ways(agent):
-    one = client(agent)
-    writer = one.writer("node", TOPIC, TYPE, BEST_EFFORT)
-    reader = one.reader("node", TOPIC, TYPE, BEST_EFFORT)
-    one.read(reader, stream=ids.STREAM_BEST_EFFORT)
+def test_best_effort_in_both_directions(agent):
+    board = client(agent)
+    writer = board.writer("node", TOPIC, TYPE, BEST_EFFORT)
+    reader = board.reader("node", TOPIC, TYPE, BEST_EFFORT)
+    board.read(reader, stream=ids.STREAM_BEST_EFFORT)
     for i in range(10):
-        one.write(writer, payload(30, i), stream=ids.STREAM_BEST_EFFORT)
-        assert one.sample(reader) == payload(30, i)
+        board.write(writer, payload(30, i), stream=ids.STREAM_BEST_EFFORT)
+        assert board.sample(reader) == payload(30, i)
 
 
-def test_two_clients_talk_to_each_other(agent):
-    one, two = client(agent, 0), client(agent, 1)
-    writers = [it.writer(name, TOPIC + name, TYPE) for it, name in ((one, "one"), (two, "two"))]
-    readers = [it.reader(name, TOPIC + name, TYPE) for it, name in ((one, "two"), (two, "one"))]
-    for it, reader in zip((one, two), readers, strict=True):
-        it.read(reader)
+def test_two_clients_exchange_samples(agent):
+    first, second = client(agent, 0), client(agent, 1)
+    writers = [
+        board.writer(name, TOPIC + name, TYPE) for board, name in ((first, "one"), (second, "two"))
+    ]
+    readers = [
+        board.reader(name, TOPIC + name, TYPE) for board, name in ((first, "two"), (second, "one"))
+    ]
+    for board, reader in zip((first, second), readers, strict=True):
+        board.read(reader)
     for i in range(20):
-        one.write(writers[0], payload(50, i))
-        two.write(writers[1], payload(60, i))
-        assert two.sample(readers[1]) == payload(50, i)
-        assert one.sample(readers[0]) == payload(60, i)
-    assert one.close() == ids.STATUS_OK
-    two.write(writers[1], payload(9))
-    assert two.ping() == 1 and two.close() == ids.STATUS_OK
+        first.write(writers[0], payload(50, i))
+        second.write(writers[1], payload(60, i))
+        assert second.sample(readers[1]) == payload(50, i)
+        assert first.sample(readers[0]) == payload(60, i)
+    assert first.close() == ids.STATUS_OK
+    second.write(writers[1], payload(9))
+    assert second.ping() == 1 and second.close() == ids.STATUS_OK
 
 
 def test_services_between_two_clients(agent):
@@ -111,73 +115,73 @@ def test_services_between_two_clients(agent):
 
 @pytest.mark.parametrize("size", [600, 15_000, 200_000])
 def test_large_samples_travel_in_fragments(agent, size):
-    one = client(agent)
-    writer, reader = one.writer("node", TOPIC, TYPE), one.reader("node", TOPIC, TYPE)
-    one.read(reader)
+    board = client(agent)
+    writer, reader = board.writer("node", TOPIC, TYPE), board.reader("node", TOPIC, TYPE)
+    board.read(reader)
     for start in (0, 1):
-        one.write(writer, payload(size, start))
-        assert one.sample(reader) == payload(size, start)
+        board.write(writer, payload(size, start))
+        assert board.sample(reader) == payload(size, start)
 
 
 def test_a_large_mtu(agent):
-    one = client(agent, mtu=8000)
-    writer, reader = one.writer("node", TOPIC, TYPE), one.reader("node", TOPIC, TYPE)
-    one.read(reader)
+    board = client(agent, mtu=8000)
+    writer, reader = board.writer("node", TOPIC, TYPE), board.reader("node", TOPIC, TYPE)
+    board.read(reader)
     for size in (7000, 7988, 7989, 20_000):
-        one.write(writer, payload(size))
-        assert one.sample(reader) == payload(size)
+        board.write(writer, payload(size))
+        assert board.sample(reader) == payload(size)
 
 
-def test_garbage_is_survived_and_others_do_not_notice(agent):
-    one = client(agent, 0)
-    stranger = agent.line(1)
+def test_garbage_affects_neither_the_agent_nor_other_clients(agent):
+    board = client(agent, 0)
+    line = agent.line(1)
     for junk in (b"\0" * 3, bytes(range(200)), b"\x81\x80\x00\x00\x07\x01\xff\xff", b"\x80" * 40):
         if agent.kind in ("tcp", "tcp6", "tls"):
-            stranger.send(junk)  # a stream of lengths has no place to start again at
+            line.send(junk)  # a stream with length prefixes cannot be resynchronized
         else:
-            stranger.send_raw(junk)
-    assert ping(stranger)
-    assert one.ping() == 1
+            line.send_raw(junk)
+    assert ping(line)
+    assert board.ping() == 1
 
 
-def test_a_client_that_comes_back_finds_its_objects(agent):
-    one = client(agent)
-    writer = one.writer("node", TOPIC, TYPE)
-    assert one.open() == ids.STATUS_OK
-    reader = one.reader("node", TOPIC, TYPE)
-    one.read(reader)
-    one.write(writer, payload(5))
-    assert one.sample(reader) == payload(5)
+def test_a_client_that_reconnects_finds_its_objects(agent):
+    board = client(agent)
+    writer = board.writer("node", TOPIC, TYPE)
+    assert board.open() == ids.STATUS_OK
+    reader = board.reader("node", TOPIC, TYPE)
+    board.read(reader)
+    board.write(writer, payload(5))
+    assert board.sample(reader) == payload(5)
 
 
-def test_the_end_closes_everything(agent):
-    one = client(agent)
-    one.writer("node", TOPIC, TYPE)
+def test_stopping_the_agent_closes_everything(agent):
+    board = client(agent)
+    board.writer("node", TOPIC, TYPE)
     node_count = len(agent.middleware.bus.nodes)
     agent.stop()
     assert not agent.thread.is_alive()
     assert node_count == 1 and agent.middleware.bus.nodes == []
     assert agent.agent.clients == {}
-    agent.transport.close()  # twice is once
+    agent.transport.close()  # idempotent
     if agent.kind in ("tcp", "tcp6", "tls"):
         rest = b"-"
         while rest:
-            assert select.select([one.line.fd], [], [], SECONDS)[0]
+            assert select.select([board.line.fd], [], [], SECONDS)[0]
             try:
-                rest = os.read(one.line.fd, 1000)
-            except ConnectionResetError:  # something of ours was not read any more
+                rest = os.read(board.line.fd, 1000)
+            except ConnectionResetError:  # the agent left some data unread
                 break
 
 
-def test_stop_before_anything_happened(agent):
+def test_stop_directly_after_the_start(agent):
     agent.stop()
     assert not agent.thread.is_alive()
 
 
-def test_a_port_is_free_again_at_once():
+def test_a_port_is_free_directly_after_the_end():
     with running_agent("tcp", "memory") as first:
-        one = client(first)
-        assert one.ping() == 1
+        board = client(first)
+        assert board.ping() == 1
         port = first.transport.port
     from uros.agent.transports.tcp import TcpServer
 
@@ -188,8 +192,10 @@ def test_a_port_is_free_again_at_once():
 
 
 def test_a_flood_does_not_starve_others():
-    """One sends as fast as it can, into the socket that is another's too; what the other
-    asks for on its reliable stream, which repeats what gets lost there, is done meanwhile."""
+    """While one client floods the agent's socket, requests of another client are answered.
+
+    The other client's reliable stream repeats the messages that get lost.
+    """
     with running_agent("udp", "memory") as agent:
         flooder = UdpLine(agent.transport.port)
         agent.lines.append(flooder)
@@ -200,27 +206,27 @@ def test_a_flood_does_not_starve_others():
                 flooder.send_raw(b"\x81\x01\x00\x00\x07\x01\x08\x00" + bytes(8))
 
         thread = threading.Thread(target=flood)
-        one = client(agent)
+        board = client(agent)
         thread.start()
         try:
             for number in range(10):
-                assert one.delete(one.participant(f"node{number}")) == ids.STATUS_OK
+                assert board.delete(board.participant(f"node{number}")) == ids.STATUS_OK
         finally:
             stop.set()
             thread.join()
 
 
-def test_a_boards_printf_between_frames_is_passed_over():
+def test_a_boards_printf_between_frames_is_ignored():
     with running_agent("serial", "memory") as agent:
         line = agent.line()
         line.send_raw(b"\r\nBooting...\r\nfree heap: 12345\r\n")
         assert ping(line)
         line.send_raw(b"I (312) wifi: connected~")
-        one = XrceClient(line, key=5)
-        assert one.open() == ids.STATUS_OK
+        board = XrceClient(line, key=5)
+        assert board.open() == ids.STATUS_OK
 
 
-def test_a_frame_in_single_bytes():
+def test_a_frame_that_arrives_byte_by_byte():
     class Slow(SerialLine):
         def send_raw(self, data):
             for i in range(len(data)):
@@ -229,6 +235,6 @@ def test_a_frame_in_single_bytes():
     with running_agent("pseudoterminal", "memory") as agent:
         line = Slow.open(agent.transport.device)
         agent.lines.append(line)
-        one = XrceClient(line, key=5)
-        assert one.open() == ids.STATUS_OK
-        assert one.ping() == 1
+        board = XrceClient(line, key=5)
+        assert board.open() == ids.STATUS_OK
+        assert board.ping() == 1

@@ -1,4 +1,4 @@
-"""``uros`` with faults: what a soak must find."""
+"""``uros`` with leaks that a soak must detect."""
 
 import os
 import sys
@@ -6,14 +6,14 @@ import sys
 from uros.agent.agent import Agent
 from uros.tools.cli import main
 
-kept: list[object] = []
+leaked: list[object] = []
 delete_client = Agent.delete_client
 
 
 def leaky(self: Agent, key: int) -> bool:
-    kept.append(bytearray(os.urandom(100_000)))
-    if len(kept) % 50 == 0:
-        kept.append(os.dup(0))
+    leaked.append(bytearray(os.urandom(100_000)))
+    if len(leaked) % 50 == 0:
+        leaked.append(os.dup(0))
     return key % 16 == 0 or delete_client(self, key)
 
 

@@ -1,16 +1,17 @@
-"""A hundred boards that come and go, against a real ``uros agent`` on DDS, for as long as you like.
+"""A hundred boards that connect to a real ``uros agent`` on DDS and leave, for any duration.
 
     python tests/soak/soak.py [--seconds 3600] [--clients 100] [--seed 1]
 
 The boards are nodes of the client library over UDP, TCP and pseudo-terminals. Each connects,
-creates its entities, publishes and hears, and leaves by taking leave, without a word, silent but
-connected, reset, or reset in the middle of a fragmented message. Then another comes in its place,
-as the same client or as a new one. A node on DDS, outside of the agent, hears them all.
+creates its entities, publishes and receives, and leaves: it closes its session, closes its line
+only, stays connected but silent, is reset, or is reset in the middle of a fragmented message. Then
+another board takes its slot, as the same client or as a new one. A node on DDS, outside of the
+agent, receives the messages of all boards.
 
-A line every 10 s; at the end one JSON object and the verdict. It fails where the agent ends, where
-it reports an internal error, where a session or descriptor is left when all boards are gone, and
-where its memory at the end is over what it was at the reference point (after ten minutes, or half
-of the time) by more than the tolerance.
+It prints a line every 10 s, and at the end one JSON object and the verdict. It fails if the agent
+ends or reports an internal error, if a session or descriptor is left after all boards have left, or
+if the agent's memory at the end exceeds that at the reference point (after ten minutes, or half of
+the time) by more than the tolerance.
 """
 
 from __future__ import annotations
@@ -55,17 +56,17 @@ LOOPBACK = (
     '<Peers><Peer Address="127.0.0.1"/></Peers></Discovery>'
 )
 
-# Who is silent for so long has left, in seconds.
+# The --dead-time of the agent, after which it closes the session of a silent board, in seconds.
 DEAD_TIME = 5
 LIFE = (8.0, 24.0)
-# How a board ends, and how often of a hundred times.
-LEAVES = {"farewell": 40, "vanish": 20, "silent": 10, "reset": 15, "mid_fragment": 15}
-# Once a second all of this: more would measure the machine, and an hour is long.
+# How a board leaves, and how often in a hundred times.
+LEAVES = {"close": 40, "vanish": 20, "silent": 10, "reset": 15, "mid_fragment": 15}
+# A board publishes once a second: more would measure the machine.
 PERIOD = 1.0
-# How long the boards wait for something to come.
+# How long the boards wait for input, in seconds.
 TURN = 0.02
 LARGE = 3000
-# All sessions end within the dead time and what the agent looks after it with.
+# All sessions end within the dead time and the agent's period of checking it.
 LEAVING = 4 * DEAD_TIME + 10.0
 
 
@@ -73,7 +74,7 @@ LEAVING = 4 * DEAD_TIME + 10.0
 
 
 class Line:
-    """A board's line that can be cut: ``cut`` more messages go out, then half of one."""
+    """A board's line that can be cut: ``cut`` more messages are sent, then half of one."""
 
     mtu = 512
 
@@ -96,7 +97,7 @@ class Line:
         raise NotImplementedError
 
     def put_half(self, message: bytes) -> None:
-        """The board is reset while it sends this."""
+        """Send half of a message: the board is reset meanwhile."""
 
 
 class UdpLine(Line):
@@ -158,7 +159,7 @@ class TcpLine(Line):
         self._send((len(message).to_bytes(2, "little") + message)[: len(message) // 2])
 
     def _send(self, data: bytes) -> None:
-        # The socket's buffer takes all of so little, or the agent has stopped reading.
+        # A partial write means that the buffer is full: the agent has stopped reading.
         if self._socket is None or self._socket.send(data) != len(data):
             raise OSError(errno.EPIPE, "the agent does not read")
 
@@ -194,7 +195,7 @@ class _Port:
 
 
 class PtyLine(Line):
-    """A serial line stays when its board is reset."""
+    """A serial line, which stays open when its board is reset."""
 
     def __init__(self, fd: int) -> None:
         super().__init__()
@@ -221,7 +222,7 @@ class PtyLine(Line):
 
 
 class Board:
-    """One place that a board is at. When one is gone, the next comes."""
+    """A slot for boards: when one has left, the next one begins."""
 
     def __init__(self, soak: Soak, slot: int, kind: str, fd: int = -1) -> None:
         self._soak = soak
@@ -233,7 +234,7 @@ class Board:
         self._life = 0
         self.node: Node | None = None
         self.line: Line = Line()
-        # The first come within a few seconds, not all at once.
+        # The first boards begin within 5 s, not all at once.
         self._next_life = time.monotonic() + self._random.random() * 5
         self._ends = self._next_publish = 0.0
         self._leaves = ""
@@ -254,8 +255,8 @@ class Board:
         own = f"own_{self._slot}_{self._life % 5}"
         self._all = node.create_publisher(String, "all")
         self._own = node.create_publisher(Int32, own)
-        node.create_subscription(Int32, own, self._heard)
-        node.create_subscription(Int32, "orders", self._ordered)
+        node.create_subscription(Int32, own, self._on_own)
+        node.create_subscription(Int32, "orders", self._on_order)
         if chance.random() < 0.2:
             node.create_service(Trigger, f"service_{self._slot}", lambda request, response: None)
         self._leaves = chance.choices(list(LEAVES), list(LEAVES.values()))[0]
@@ -263,10 +264,10 @@ class Board:
         self._next_publish = now + chance.random()
         self._connected = False
 
-    def _heard(self, message) -> None:  # type: ignore[no-untyped-def]
+    def _on_own(self, message) -> None:  # type: ignore[no-untyped-def]
         self._soak.count["heard"] += 1
 
-    def _ordered(self, message) -> None:  # type: ignore[no-untyped-def]
+    def _on_order(self, message) -> None:  # type: ignore[no-untyped-def]
         self._soak.count["orders"] += 1
 
     def turn(self, now: float) -> None:
@@ -292,32 +293,32 @@ class Board:
 
     def leave(self, now: float) -> None:
         node, self.node = self.node, None
-        how = "farewell" if self._leaves == "silent" and self._kind == "pty" else self._leaves
-        self._soak.count[how] += 1
+        way = "close" if self._leaves == "silent" and self._kind == "pty" else self._leaves
+        self._soak.count[way] += 1
         assert node is not None
-        if how == "farewell":
+        if way == "close":
             node.destroy_node()
             self._key = 0
-        elif how == "silent":
+        elif way == "silent":
             self._soak.silent.append((now + 2 * DEAD_TIME, self.line))
             self._key = 0
         else:
-            if how == "mid_fragment" and node.state == AGENT_CONNECTED:
+            if way == "mid_fragment" and node.state == AGENT_CONNECTED:
                 self.line.cut = self._random.randrange(1, LARGE // self.line.mtu)
                 self._all.publish(String(data="x" * LARGE))
                 for _ in range(3):
                     node.spin_once(0)
-            if how == "vanish":
+            if way == "vanish":
                 self._key = 0
             self.line.close()
         self._next_life = now + self._random.uniform(0.1, 2.0)
 
 
-# --- the agent and its surroundings --------------------------------------------------------
+# --- the agent process ---------------------------------------------------------------------
 
 
 class AgentProcess:
-    """``uros agent``, what it says, and what it takes."""
+    """A process of ``uros agent``, its log, and its use of memory, CPU and descriptors."""
 
     def __init__(
         self, devices: list[str], domain: int, middleware: str, arguments: list[str]
@@ -326,9 +327,9 @@ class AgentProcess:
             *(arguments or [sys.executable, "-m", "uros"]), "agent",
             "udp4", "-p", "0", "tcp4", "-p", "0", "multiserial", "-D", *devices,
             "-m", middleware, "--domain", str(domain), "--dead-time", str(DEAD_TIME),
-            "--stop-at-eof",  # however we end
+            "--stop-at-eof",  # it ends with this process in any case
         ]  # fmt: skip
-        self.said: Counter[str] = Counter()
+        self.events: Counter[str] = Counter()
         self.complaints: list[str] = []
         self.ports: queue.Queue[tuple[str, int]] = queue.Queue()
         environment = dict(os.environ, PYTHONPATH=str(ROOT / "src"), PYTHONUNBUFFERED="1")
@@ -343,43 +344,43 @@ class AgentProcess:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            parts = [it.strip() for it in line.split("|")]
+            parts = [field.strip() for field in line.split("|")]
             if len(parts) < 5:
                 self.complaints.append(line.rstrip())
                 continue
-            _, part, function, what, about = parts[:5]
-            if what == "running..." and (found := re.fullmatch(r"port: (\d+)", about)):
-                self.ports.put((part, int(found[1])))
-            if part == "Root" and what in ("create", "delete"):
-                self.said[what] += 1
-            if what == "internal error" or "traceback" in line.lower():
+            _, part, _, event, about = parts[:5]
+            if event == "running..." and (port := re.fullmatch(r"port: (\d+)", about)):
+                self.ports.put((part, int(port[1])))
+            if part == "Root" and event in ("create", "delete"):
+                self.events[event] += 1
+            if event == "internal error" or "traceback" in line.lower():
                 self.complaints.append(line.rstrip())
 
     def wait_for_ports(self) -> dict[str, int]:
-        found: dict[str, int] = {}
+        ports: dict[str, int] = {}
         end = time.monotonic() + 20
-        while len(found) < 2:
+        while len(ports) < 2:
             try:
                 name, port = self.ports.get(timeout=0.1)
             except queue.Empty:
                 if self.ended or time.monotonic() > end:
                     raise SystemExit(f"soak: the agent does not start: {self.complaints}") from None
                 continue
-            found[name] = port
-        return found
+            ports[name] = port
+        return ports
 
     def sessions(self) -> int:
-        """That there are, by what its log says."""
-        return self.said["create"] - self.said["delete"]
+        """The number of sessions, by the agent's log."""
+        return self.events["create"] - self.events["delete"]
 
     def clients(self) -> int:
-        """The same by what it says when it is asked."""
+        """The number of sessions, by the agent's status."""
         from uros.tools.agent.running_agents import ask, find_agent
 
         return len(ask(find_agent(self.process.pid), "status")["clients"])
 
     def resident(self) -> float:
-        """Megabytes."""
+        """The resident memory in megabytes."""
         pages = int((self._folder / "statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
@@ -387,7 +388,7 @@ class AgentProcess:
         return len(os.listdir(self._folder / "fd"))
 
     def cpu(self) -> float:
-        """Seconds."""
+        """The CPU time in seconds."""
         parts = (self._folder / "stat").read_text().rsplit(")", 1)[1].split()
         return (int(parts[11]) + int(parts[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -396,7 +397,7 @@ class AgentProcess:
         return self.process.poll() is not None
 
     def stop(self) -> int:
-        """End it; its exit status. Twice is once."""
+        """End the process; its exit status. Idempotent."""
         process = self.process
         assert process.stdin is not None and process.stdout is not None
         if not self.ended:
@@ -413,7 +414,7 @@ class AgentProcess:
 
 
 class Soak:
-    """See the module. ``agent`` replaces ``python -m uros``."""
+    """A soak; see the module. ``agent`` is the command in place of ``python -m uros``."""
 
     def __init__(
         self, seconds: float, clients: int, seed: int, domain: int, tolerance: float,
@@ -459,7 +460,7 @@ class Soak:
         from uros.middleware import open_middleware
 
         kinds = ["pty"] * len(masters)
-        kinds += [("udp", "tcp")[it % 2] for it in range(self.clients - len(kinds))]
+        kinds += [("udp", "tcp")[number % 2] for number in range(self.clients - len(kinds))]
         boards = [
             Board(self, slot, kind, masters[slot] if slot < len(masters) else -1)
             for slot, kind in enumerate(kinds)
@@ -468,12 +469,12 @@ class Soak:
         outside = uros.Node("listener", network, "soak", self.domain)
         outside.create_subscription(String, "all", lambda message: self._outside())
         orders = outside.create_publisher(Int32, "orders")
-        # What DDS opens for its first node stays open.
+        # The descriptors that DDS opens for its first node stay open.
         self._visit(agent)
         descriptors = agent.descriptors()
         began = time.monotonic()
         failed, left = "", self.clients
-        told = sampled = ordered = began
+        printed = sampled = ordered = began
         try:
             while not failed and time.monotonic() < began + self.seconds:
                 now = time.monotonic()
@@ -483,22 +484,22 @@ class Soak:
                     orders.publish(Int32(data=int(now)))
                 if now >= sampled:
                     sampled = now + 1.0
-                    failed = self._look(agent, now - began)
-                if now >= told:
-                    told = now + 10.0
-                    self._tell(agent, now - began)
+                    failed = self._check(agent, now - began)
+                if now >= printed:
+                    printed = now + 10.0
+                    self._print_line(agent, now - began)
             cores = agent.cpu() / (time.monotonic() - began) if not agent.ended else 0.0
             self.leaving = True
             end = time.monotonic() + LEAVING
-            left, asked = self.clients, 0.0
+            left, next_status = self.clients, 0.0
             while not failed and (left or agent.descriptors() > descriptors):
                 now = time.monotonic()
-                if left and now >= asked:
-                    left, asked = agent.clients(), now + 1.0
+                if left and now >= next_status:
+                    left, next_status = agent.clients(), now + 1.0
                 if now >= end:
                     failed = "not all is left"
                 self._turn(boards, outside, now)
-                failed = failed or self._look(agent, -1)
+                failed = failed or self._check(agent, -1)
         finally:
             outside.destroy_node()
             for _, line in self.silent:
@@ -506,34 +507,34 @@ class Soak:
         return self._verdict(agent, failed, descriptors, left, cores)
 
     def _visit(self, agent: AgentProcess) -> None:
-        """One board comes and goes."""
+        """Connect one board and close its session."""
         node = Node("visitor", UdpLine(self.udp_port), "soak", self.domain)
         node.create_publisher(String, "all")
         end = time.monotonic() + 20
         while node.state != AGENT_CONNECTED and time.monotonic() < end:
             node.spin_once(0.01)
         node.destroy_node()
-        while agent.said["delete"] < 1 and time.monotonic() < end:
+        while agent.events["delete"] < 1 and time.monotonic() < end:
             select.select([], [], [], 0.01)
 
     def _outside(self) -> None:
         self.count["outside"] += 1
 
     def _turn(self, boards: list[Board], outside: Node, now: float) -> None:
-        """Wait for something to come, at most a little, and let all boards work."""
-        lines = [it.line.fd for it in boards if it.node is not None and it.line.fd >= 0]
+        """Wait for input for at most TURN, and let all boards work."""
+        lines = [board.line.fd for board in boards if board.node is not None and board.line.fd >= 0]
         ready = set(select.select(lines, [], [], TURN)[0])
         slice_ = int(now / TURN) % 4
         for number, board in enumerate(boards):
-            # Who hears nothing has its turn at times.
+            # A board without input has its turn in every fourth call.
             if board.line.fd in ready or number % 4 == slice_:
                 board.turn(now)
         while self.silent and self.silent[0][0] <= now:
             self.silent.pop(0)[1].close()
         outside.spin_once(0)
 
-    def _look(self, agent: AgentProcess, seconds: float) -> str:
-        """What is wrong, if anything is."""
+    def _check(self, agent: AgentProcess, seconds: float) -> str:
+        """Check the agent; the fault, or an empty text."""
         if agent.ended:
             return f"the agent ended with status {agent.process.returncode}"
         if agent.complaints:
@@ -542,7 +543,7 @@ class Soak:
             self._memory.append((seconds, agent.resident()))
         return ""
 
-    def _tell(self, agent: AgentProcess, seconds: float) -> None:
+    def _print_line(self, agent: AgentProcess, seconds: float) -> None:
         if agent.ended:
             return
         self.curve.append((int(seconds), round(agent.resident(), 1)))
@@ -556,8 +557,8 @@ class Soak:
             )
 
     def _median(self, end: float) -> float:
-        found = [mb for at, mb in self._memory if end - self._window <= at <= end]
-        return statistics.median(found) if found else 0.0
+        samples = [mb for at, mb in self._memory if end - self._window <= at <= end]
+        return statistics.median(samples) if samples else 0.0
 
     def _verdict(
         self, agent: AgentProcess, failed: str, descriptors: int, left: int, cores: float
@@ -578,11 +579,11 @@ class Soak:
             wrong.append(f"the agent ended with status {status}")
         if agent.complaints and not failed:
             wrong.append(f"the agent said: {agent.complaints[0]}")
-        # A soak in which nothing happens proves nothing.
+        # Every kind of event must have happened.
         outside = () if self.middleware == "memory" else ("outside", "orders")
-        for what in ("heard", "udp", "tcp", "pty", *outside):
-            if not self.count[what]:
-                wrong.append(f"nothing was counted as {what}")
+        for name in ("heard", "udp", "tcp", "pty", *outside):
+            if not self.count[name]:
+                wrong.append(f"nothing was counted as {name}")
         if self.count["connected"] < 0.8 * self.count["lives"]:
             wrong.append(f"only {self.count['connected']} of the boards came to work")
         return {
@@ -622,7 +623,7 @@ def main() -> int:
     print(json.dumps(result))
     if options.json:
         options.json.write_text(json.dumps(result, indent=1) + "\n")
-    print(f"soak: {result['verdict']}" + "".join(f"; {it}" for it in result["wrong"]))
+    print(f"soak: {result['verdict']}" + "".join(f"; {fault}" for fault in result["wrong"]))
     return 1 if result["wrong"] else 0
 
 
