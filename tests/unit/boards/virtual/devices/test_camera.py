@@ -51,8 +51,8 @@ def test_the_ball_moves_before_a_camera_at_rest() -> None:
     camera.advance(2_000_000)
     second = opened(camera.capture())
     changed = sum(
-        sum(abs(a - b) for a, b in zip(one, other, strict=True)) > 150
-        for one, other in zip(_pixels(first), _pixels(second), strict=True)
+        sum(abs(a - b) for a, b in zip(before, after, strict=True)) > 150
+        for before, after in zip(_pixels(first), _pixels(second), strict=True)
     )
     assert changed > 100
 
@@ -63,14 +63,14 @@ def _pixels(picture: Image.Image) -> list[tuple[int, int, int]]:
 
 
 def test_its_noise_comes_from_the_seed() -> None:
-    one, same, other = Camera(seed=1), Camera(seed=1), Camera(seed=2)
-    pictures = [one.capture(), one.capture()]
+    camera, same, different = Camera(seed=1), Camera(seed=1), Camera(seed=2)
+    pictures = [camera.capture(), camera.capture()]
     assert pictures[0] != pictures[1]
     assert pictures == [same.capture(), same.capture()]
-    assert other.capture() != pictures[0]
+    assert different.capture() != pictures[0]
 
 
-def test_failed() -> None:
+def test_a_failed_camera_returns_no_picture() -> None:
     camera = Camera()
     camera.fault("failed")
     assert camera.capture() == b""
@@ -78,7 +78,7 @@ def test_failed() -> None:
     assert camera.capture()
 
 
-def test_large() -> None:
+def test_the_fault_large_gives_pictures_above_the_limit() -> None:
     camera = Camera()
     camera.fault("large")
     data = camera.capture()
@@ -87,7 +87,7 @@ def test_large() -> None:
     assert len(tiny) > LARGE
 
 
-def test_torn() -> None:
+def test_the_fault_torn_gives_truncated_pictures() -> None:
     camera = Camera()
     camera.fault("torn")
     data = camera.capture()
@@ -96,7 +96,7 @@ def test_torn() -> None:
         opened(data)
 
 
-def test_dark() -> None:
+def test_the_fault_dark_gives_dark_pictures() -> None:
     camera = Camera()
     bright = opened(camera.capture()).convert("L")
     camera.fault("dark")
@@ -104,7 +104,7 @@ def test_dark() -> None:
     assert sum(dark.tobytes()) < 0.1 * sum(bright.tobytes())
 
 
-def test_what_it_shows() -> None:
+def test_the_visible_state() -> None:
     camera = Camera()
     assert camera.shows() == "no picture yet"
     data = camera.capture()

@@ -71,11 +71,11 @@ def test_wide_teeth_shift_every_other_edge() -> None:
 def test_rocking_over_an_edge_reports_an_edge_each_time() -> None:
     disc = Disc()
     disc.turn(9, 10)
-    seen = len(disc.edges)
+    before = len(disc.edges)
     for _ in range(10):
         disc.turn(-9, 10)
         disc.turn(9, 10)
-    assert len(disc.edges) == seen + 20
+    assert len(disc.edges) == before + 20
 
 
 @given(st.lists(st.tuples(st.floats(-400, 400), st.integers(1, 50)), max_size=20))
@@ -108,11 +108,11 @@ def test_missing_teeth_are_missing_edges_each_turn() -> None:
 
 
 def test_noise_is_short_pulses_and_comes_from_the_seed() -> None:
-    disc, same, other = Disc("noise"), Disc("noise"), Disc("noise", seed=1)
-    for each in (disc, same, other):
+    disc, same, different = Disc("noise"), Disc("noise"), Disc("noise", seed=1)
+    for each in (disc, same, different):
         each.turn(0, 3000)
     assert 10 < len(disc.edges) / 2 < 60
-    assert disc.edges == same.edges != other.edges
+    assert disc.edges == same.edges != different.edges
     for (a, up), (b, down) in zip(disc.edges[::2], disc.edges[1::2], strict=True):
         assert 20 <= b - a <= 500 and up != down == disc.encoder.level
 

@@ -19,7 +19,7 @@ class Bench:
         self.gnss = Gnss(self.world.place, self.world.epoch, seed=seed, **options)
         self.nmea = NMEA()
         self.t_us = 0
-        self.fixes = []  # (seconds, status) of each that was complete
+        self.fixes = []  # (seconds, status) of each complete report
 
     def run(self, seconds, every_us=10_000):
         out = bytearray()
@@ -44,13 +44,13 @@ class Bench:
 
 def test_a_cold_start():
     bench = Bench()
-    said = bench.run(5.5)
-    assert b"TXT" in said and b"$GNRMC,,V," in said
+    output = bench.run(5.5)
+    assert b"TXT" in output and b"$GNRMC,,V," in output
     assert [status for _, status in bench.fixes] == [NO_FIX] * 4
     assert bench.nmea.seconds == 0
     assert bench.gnss.shows() == "no fix"
     bench.run(3)
-    assert bench.nmea.seconds == bench.world.epoch + 8  # the time, and no place yet
+    assert bench.nmea.seconds == bench.world.epoch + 8  # the time, and no position yet
     assert bench.nmea.status == NO_FIX
     bench.run(30)
     assert bench.nmea.status == FIX
@@ -60,7 +60,7 @@ def test_a_cold_start():
     assert "satellites" in bench.gnss.shows()
 
 
-def test_once_a_second_and_near_the_truth():
+def test_a_position_a_second_near_the_true_one():
     bench = Bench(cold_start_s=2.0)
     bench.run(10)
     errors = []
@@ -85,9 +85,9 @@ def test_once_a_second_and_near_the_truth():
 
 def test_time_is_utc():
     bench = Bench(cold_start_s=2.0)
-    said = bench.run(20).decode()
+    output = bench.run(20).decode()
     when = datetime.fromtimestamp(bench.nmea.seconds, timezone.utc)
-    assert f"GNRMC,{when:%H%M%S}.00,A," in said and f"{when:%d%m%y}" in said
+    assert f"GNRMC,{when:%H%M%S}.00,A," in output and f"{when:%d%m%y}" in output
     assert bench.nmea.seconds == bench.world.epoch + 19
 
 
@@ -115,33 +115,33 @@ def test_the_line_has_960_octets_a_second():
     assert gnss.write(b"$PUBX,40*00\r\n") == 13
 
 
-def test_a_line_that_is_too_slow_is_never_faster():
+def test_output_does_not_exceed_the_baud_rate():
     gnss = Gnss(Outdoors().place, 0, baud=1200, cold_start_s=0.0)
-    got = 0
+    count = 0
     for second in range(1, 21):
         gnss.advance(second * 1_000_000)
-        got += len(gnss.read(10_000) or b"")
-        assert got <= second * 120
-    assert got > 19 * 100
+        count += len(gnss.read(10_000) or b"")
+        assert count <= second * 120
+    assert count > 19 * 100
 
 
 def test_the_output_does_not_depend_on_when_it_is_read():
     a, b = Bench(seed=7), Bench(seed=7)
-    one = a.run(60, every_us=1_000)
-    other = b.run(60, every_us=97_000) + b.run(1)
-    assert other.startswith(one) or one.startswith(other)
-    assert len(one) > 9_000
+    often = a.run(60, every_us=1_000)
+    seldom = b.run(60, every_us=97_000) + b.run(1)
+    assert seldom.startswith(often) or often.startswith(seldom)
+    assert len(often) > 9_000
 
 
-def test_unread_data_is_lost_and_a_week_costs_no_time():
+def test_unread_data_is_lost_and_a_week_is_skipped():
     gnss = Gnss(Outdoors().place, 0)
     gnss.advance(7 * 86_400 * 1_000_000)
-    said = b""
+    output = b""
     while data := gnss.read(512):
-        said += data
-    assert 2_000 < len(said) <= 4_096
+        output += data
+    assert 2_000 < len(output) <= 4_096
     nmea = NMEA()
-    assert nmea.feed(said) and nmea.status == FIX and nmea.damaged == 0
+    assert nmea.feed(output) and nmea.status == FIX and nmea.damaged == 0
 
 
 def test_no_fix_and_a_new_fix():
@@ -158,7 +158,7 @@ def test_no_fix_and_a_new_fix():
     assert bench.nmea.status == FIX
 
 
-def test_silence():
+def test_the_fault_silent_ends_the_output():
     bench = Bench(cold_start_s=2.0)
     bench.run(10)
     bench.gnss.fault("silent")
@@ -172,21 +172,21 @@ def test_damaged_octets_never_make_a_wrong_position():
     bench = Bench(cold_start_s=2.0)
     bench.run(10)
     bench.gnss.fault("noise")
-    seen = 0
+    fixes = 0
     for _ in range(400):
         before = len(bench.fixes)
         bench.run(1)
         if len(bench.fixes) > before:
-            seen += 1
+            fixes += 1
             assert bench.error_m()[0] < 8
     assert bench.nmea.damaged > 200
-    assert seen > 50
+    assert fixes > 50
     bench.gnss.heal()
     bench.run(2)
     assert bench.fixes[-1][1] == FIX
 
 
-def test_jamming_is_seen_in_the_covariance():
+def test_jamming_increases_the_covariance():
     bench = Bench(cold_start_s=2.0)
     bench.run(20)
     calm = [0.0] * 9
@@ -214,8 +214,8 @@ def test_a_cold_restart():
     assert set(bench.gnss.ACTS) == {"cold"}
 
 
-def test_sentences_by_hand():
-    """The example of many manuals."""
+def test_checksum_and_angles_of_sentences():
+    """The GGA example of many manuals, and angles in degrees and minutes."""
     body = "GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,"
     assert sentence(body) == f"${body}*47\r\n".encode()
     assert angle(48.1173, 2, 3, "NS") == "4807.038,N"
@@ -230,7 +230,7 @@ def test_sentences_by_hand():
     st.integers(1_000_000_000, 2_147_000_000),
 )  # fmt: skip
 def test_every_place_and_time_round_trips(latitude, longitude, altitude, decimals, epoch):
-    """Allow half a unit of the digits that were sent, and of 1e-9."""
+    """The tolerance is half a unit of the last digit sent, and 1e-9."""
     by = 0.51 * 10**-decimals / 60 + 1e-9
     lines = b"".join(
         sentence(body)

@@ -80,7 +80,7 @@ def test_reads_stretch_the_clock(bench):
     assert bench.clock.world_us() - before == (10 + 9 + 10 + 18 + 1) * 10 + 60
 
 
-def test_identity_and_what_follows_a_register(bench):
+def test_identity_and_octets_beyond_a_register(bench):
     assert bench.get(0x20, 4) == b"\x40\x14\xff\xff"
     assert bench.get(0x77, 2) == b"\xff\xff"
 
@@ -146,7 +146,7 @@ def test_a_broken_thermocouple(bench):
     bench.clock.advance(CONVERSION)
     assert bench.celsius(0x00) == 1372
     assert bench.get(0x04, 1) == b"\xd0"
-    bench.set(0x04, 0x00)  # clears only that there is something new
+    bench.set(0x04, 0x00)  # clears the update bit only
     assert bench.get(0x04, 1) == b"\x10"
     bench.device.faults.clear()
     bench.clock.advance(CONVERSION)
@@ -168,12 +168,12 @@ def test_alert_registers_keep_what_is_written(bench):
 
 def test_noise_is_small():
     bench = Bench(noise=True)
-    seen = set()
+    readings = set()
     for _ in range(100):
-        seen.add(bench.celsius(0x00))
+        readings.add(bench.celsius(0x00))
         bench.clock.advance(CONVERSION)
-    assert len(seen) > 3
-    assert all(abs(celsius - 61.3) < 0.4 for celsius in seen)
+    assert len(readings) > 3
+    assert all(abs(celsius - 61.3) < 0.4 for celsius in readings)
 
 
 @given(

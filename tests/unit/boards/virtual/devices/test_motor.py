@@ -29,7 +29,7 @@ def test_speed_follows_from_voltage_and_friction() -> None:
     assert run(Motor(spread=0.0), 3.0, -1.0) == pytest.approx(-wanted, rel=1e-3)
 
 
-def test_below_its_dead_zone_it_does_not_turn() -> None:
+def test_a_motor_does_not_turn_in_its_dead_zone() -> None:
     kt = motor.BACK_EMF * motor.GEAR * motor.EFFICIENCY
     starts = motor.COULOMB * motor.STICTION * motor.RESISTANCE / kt / 7.0
     assert 0.03 < starts < 0.2
@@ -89,7 +89,7 @@ def test_energy_is_conserved() -> None:
     assert taken > heat > 0
 
 
-def test_weak_and_open() -> None:
+def test_the_faults_weak_and_open() -> None:
     sound = run(Motor(spread=0.0), 3.0, 0.3, 0.7)
     weak = Motor(spread=0.0)
     weak.faults.add("weak")
@@ -101,11 +101,11 @@ def test_weak_and_open() -> None:
 
 
 def test_motors_differ_by_their_seed_and_within_their_spread() -> None:
-    made = [Motor(seed, 0.15) for seed in range(300)]
+    motors = [Motor(seed, 0.15) for seed in range(300)]
     for value, nominal in (
-        ([dc_motor.resistance for dc_motor in made], motor.RESISTANCE),
-        ([dc_motor.back_emf for dc_motor in made], motor.BACK_EMF * motor.GEAR),
-        ([dc_motor.coulomb for dc_motor in made], motor.COULOMB),
+        ([dc_motor.resistance for dc_motor in motors], motor.RESISTANCE),
+        ([dc_motor.back_emf for dc_motor in motors], motor.BACK_EMF * motor.GEAR),
+        ([dc_motor.coulomb for dc_motor in motors], motor.COULOMB),
     ):
         assert min(value) >= nominal * 0.85
         assert max(value) <= nominal * 1.15

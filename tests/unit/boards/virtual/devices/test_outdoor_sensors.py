@@ -140,7 +140,7 @@ def test_lis3mdl():
     assert bench.get(0x22) == b"\x03"
 
 
-def test_lis3mdl_pointer_moves_on_only_with_its_top_bit():
+def test_lis3mdl_pointer_increments_only_with_its_top_bit():
     bench = Bench(Lis3mdl(lambda t: (0, 0, 0), noise=False))
     assert bench.get(0x0F, 3) == b"\x3d\x3d\x3d"
 
@@ -235,7 +235,7 @@ def test_tfluna_triggered():
     assert bench.get(0x00, 2) == b"\xc8\x00"
 
 
-def test_tfluna_may_change_while_it_is_read():
+def test_tfluna_may_update_during_a_read():
     """A read during an update from 255 to 256 cm returns one byte of each."""
     bench = Bench(TfLuna(lambda t: (2.55 if t < 0.9999 else 2.56, 0.8), noise=False))
     # The first byte is read 190 µs after the beginning and the second 90 µs later: around 1 s.
@@ -253,7 +253,7 @@ def test_tfluna_may_change_while_it_is_read():
 @pytest.mark.parametrize("name", MAKERS)
 @settings(max_examples=examples(60), deadline=None)
 @given(data=st.data())
-def test_whatever_is_sent(name, data):
+def test_any_bytes_sent(name, data):
     address, make = MAKERS[name]
     value = data.draw(st.floats(-1e12, 1e12) | st.sampled_from((math.inf, -math.inf, math.nan)))
     bench = Bench(make(value, True))

@@ -127,14 +127,14 @@ def test_beyond_the_result_the_line_is_idle(bench):
     assert bench.command(0x2C06, 9)[6:] == b"\xff\xff\xff"
 
 
-def test_the_result_is_of_the_end_of_the_measurement():
-    asked = []
-    bench = Bench(lambda t: asked.append(t) or AIR)
+def test_the_air_is_sampled_at_the_end_of_the_measurement():
+    times = []
+    bench = Bench(lambda t: times.append(t) or AIR)
     bench.command(0x2400)
     ends = bench.clock.world_us() - 10 + 15_000
     bench.wait(500_000)
     bench.read()
-    assert asked == [ends / 1e6]
+    assert times == [ends / 1e6]
 
 
 def test_no_command_is_acknowledged_during_a_measurement(bench):
@@ -225,7 +225,7 @@ def test_noise_is_small_and_comes_from_the_seed():
     assert len({t for t, _ in first}) > 5
 
 
-def test_a_wrong_checksum_on_demand(bench):
+def test_the_fault_crc(bench):
     bench.device.faults.add("crc")
     data = bench.command(0x2C06, 6)
     assert crc8(data[:2]) == data[2] ^ 0xFF and crc8(data[3:5]) == data[5] ^ 0xFF

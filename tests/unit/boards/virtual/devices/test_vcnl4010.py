@@ -46,7 +46,7 @@ def test_both_on_demand(bench):
     bench.set(0x80, 0x18)
     assert bench.get(0x80) == 0x98
     bench.wait(1000)
-    assert bench.get(0x80) == 0xB0  # proximity is there first
+    assert bench.get(0x80) == 0xB0  # proximity is ready first
     bench.wait(100_000)
     assert bench.get(0x80) == 0xE0
     assert bench.get(0x87, 2) == 13_100
@@ -86,7 +86,7 @@ def test_a_quarter_lux_a_count(lux, counts):
     assert bench.get(0x85, 2) == counts
 
 
-def test_the_pointer_moves_on(bench):
+def test_the_pointer_increments(bench):
     bench.set(0x82, 3, 7)
     assert bench.bus.transfer(0x13, b"\x81", 4) == b"\x21\x03\x07\x1d"
     assert bench.bus.transfer(0x13, b"\x8f", 3) == b"\0\0\0"
@@ -124,7 +124,7 @@ def test_the_current_is_limited_to_200_mA_and_none_measures_nothing():
 
 
 @given(st.floats(-10, 1e4), st.floats(-10, 1e4), st.integers(0, 20))
-def test_nearer_and_brighter_is_more(a, b, current):
+def test_counts_rise_with_proximity_and_current(a, b, current):
     near, far = sorted((a, b))
     counts = proximity_counts(near, 10 * current)
     assert 2100 <= proximity_counts(far, 10 * current) <= counts <= 65535
@@ -189,7 +189,7 @@ def test_noise_is_small_and_comes_from_the_seed():
 
     first = series()
     assert first == series()
-    assert len({it for it, _ in first}) > 2 and len({it for _, it in first}) > 10
+    assert len({light for light, _ in first}) > 2 and len({near for _, near in first}) > 10
     assert all(abs(light - 312) < 10 and near > 13_000 for light, near in first)
 
 

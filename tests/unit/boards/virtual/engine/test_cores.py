@@ -1,4 +1,4 @@
-"""A board's second core: what goes from one core to the other, and that each runs by itself."""
+"""A board's second core: the mailboxes between the cores, and a program on each core."""
 
 import errno
 import textwrap
@@ -12,7 +12,7 @@ ENGINES = ("cpython", "micropython")
 BOARD = "ra6m5_sensor_node"
 
 
-def test_of_each_number_the_newest_waits_and_they_come_in_their_order():
+def test_a_mailbox_keeps_the_newest_message_of_each_number_in_order():
     mail = Mail()
     for number, data in ((3, b"a"), (1, b"b"), (3, b"c")):
         mail.send(0, number, data)
@@ -26,25 +26,25 @@ def test_of_each_number_the_newest_waits_and_they_come_in_their_order():
     assert mail.receive(0) == b""
 
 
-def test_what_there_is_not_is_refused_and_the_numbers_are_bounded():
+def test_unknown_mailboxes_are_refused_and_numbers_are_bounded():
     mail = Mail()
     for box, number in ((2, 1), (0, 0)):
-        with pytest.raises(OSError) as told:
+        with pytest.raises(OSError) as caught:
             mail.send(box, number, b"")
-        assert told.value.errno == errno.EINVAL
+        assert caught.value.errno == errno.EINVAL
     with pytest.raises(OSError):
         mail.receive(2)
     for number in range(1, MOST_NUMBERS + 1):
         mail.send(0, number, b"")
     mail.send(0, 1, b"again")
-    with pytest.raises(OSError) as told:
+    with pytest.raises(OSError) as caught:
         mail.send(0, MOST_NUMBERS + 1, b"")
-    assert told.value.errno == errno.ENOMEM
+    assert caught.value.errno == errno.ENOMEM
 
 
 @pytest.fixture
 def program(tmp_path):
-    """Makes a folder of modules."""
+    """Return a function that makes a folder of modules."""
 
     def make(**modules):
         folder = tmp_path / "program"
@@ -77,7 +77,7 @@ MAIN = """
     while True:
         pass
 """
-OTHER = """
+SECOND_CORE = """
     import time
     count = 0
     def start(inbox, outbox):
@@ -99,8 +99,8 @@ OTHER = """
 @pytest.mark.parametrize(
     "engine, form", [("cpython", "py"), ("micropython", "py"), ("micropython", "mpy")]
 )
-def test_two_cores_talk_by_mail_and_one_goes_on_while_the_other_hangs(program, engine, form):
-    with RunningBoard(program(main=MAIN, other=OTHER), BOARD, engine, form=form) as board:
+def test_two_cores_exchange_messages_and_one_runs_while_the_other_hangs(program, engine, form):
+    with RunningBoard(program(main=MAIN, other=SECOND_CORE), BOARD, engine, form=form) as board:
         board.wait(f"once {errno.EBUSY if engine == 'cpython' else 5}")
         for _ in range(7):
             board.wait("answer True")
@@ -108,14 +108,14 @@ def test_two_cores_talk_by_mail_and_one_goes_on_while_the_other_hangs(program, e
         board.wait("hangs")
         board.wait("alive")
         board.wait("alive")
-        # A reset ends both, and both begin anew.
+        # A reset restarts both cores.
         board.reset()
         board.wait("started")
         board.wait("nan True")
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_an_error_there_is_told_and_the_first_core_goes_on(program, engine):
+def test_an_error_of_the_second_core_is_reported_and_the_first_core_runs_on(program, engine):
     main = """
         import time, second_core
         second_core.start("other")
@@ -123,20 +123,20 @@ def test_an_error_there_is_told_and_the_first_core_goes_on(program, engine):
             time.sleep_ms(100)
             print("first")
     """
-    other = """
+    core = """
         def start(inbox, outbox):
             pass
         def step():
             raise RuntimeError("of the second core")
     """
-    with RunningBoard(program(main=main, other=other), BOARD, engine) as board:
+    with RunningBoard(program(main=main, other=core), BOARD, engine) as board:
         board.wait("RuntimeError: of the second core")
         board.wait("first")
         assert not board.ended
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_module_that_is_not_there_is_told(program, engine):
+def test_a_missing_module_is_reported(program, engine):
     main = "import second_core\nsecond_core.start('other')\nimport time\ntime.sleep(60)\n"
     with RunningBoard(program(main=main), BOARD, engine) as board:
         board.wait("ImportError: no module named 'other'")

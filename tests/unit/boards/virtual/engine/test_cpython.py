@@ -1,4 +1,4 @@
-"""What a program finds on a board that CPython runs: in this process, time moved by hand."""
+"""Programs on CPython: modules, output, time, buses and USB; in this process, on a manual clock."""
 
 import struct
 import sys
@@ -16,7 +16,7 @@ from uros.boards.virtual.models.catalog import find
 
 
 class Runner:
-    """A board's file system in a folder, and what came of running it."""
+    """A board whose file system is a folder; keeps the output and tracebacks of the last run."""
 
     def __init__(self, root):
         self.root = root
@@ -37,7 +37,7 @@ class Runner:
         file.write_text(textwrap.dedent(text))
 
     def run(self, text):
-        """What main.py printed. A program that ends otherwise than expected fails the test."""
+        """Run ``text`` as main.py; return what it printed."""
         self.file("main.py", text)
         self.printed = ""
         self.tracebacks.clear()
@@ -45,6 +45,7 @@ class Runner:
         return self.printed
 
     def fine(self, text):
+        """Run a program that must end without an error; return what it printed."""
         printed = self.run(text)
         assert self.tracebacks == [""], self.tracebacks
         return printed
@@ -60,12 +61,12 @@ def runner(tmp_path):
 # --- modules --------------------------------------------------------------------------------
 
 
-def test_modules_come_from_the_board_and_are_forgotten_with_the_run(runner):
+def test_modules_come_from_the_board_and_are_discarded_after_the_run(runner):
     runner.file("one.py", "count = 0\n")
     runner.file("pack/__init__.py", "from . import inner\nfrom .inner import name\n")
     runner.file("pack/inner.py", "import sys\nname = __name__\nfrom . import late\n")
     runner.file("pack/late.py", "from .deep.most import value\n")
-    runner.file("pack/deep/most.py", "value = 7\n")  # a package without a file of its own
+    runner.file("pack/deep/most.py", "value = 7\n")  # a package without __init__.py
     runner.file("below.py", "def where(): return __file__\n")
     program = """
         import one, pack.inner as inner, pack
@@ -83,13 +84,13 @@ def test_modules_come_from_the_board_and_are_forgotten_with_the_run(runner):
 
 
 @pytest.mark.parametrize("name", ["typing", "threading", "subprocess", "uros.boards", "no.where"])
-def test_what_a_board_does_not_have_cannot_be_imported(runner, name):
+def test_modules_that_a_board_does_not_have_cannot_be_imported(runner, name):
     assert f"ImportError: no module named '{name.partition('.')[0]}'" in (
         runner.run(f"import {name}\n") + runner.tracebacks[0]
     )
 
 
-def test_a_module_that_fails_is_tried_again(runner):
+def test_a_module_that_failed_is_imported_again(runner):
     runner.file("bad.py", "print('bad')\nraise ValueError('no')\n")
     program = """
         for _ in range(2):
@@ -106,7 +107,7 @@ def test_relative_imports_need_a_package(runner):
     assert "ImportError: can't perform relative import" in runner.tracebacks[0]
 
 
-def test_what_micropython_has_is_there(runner):
+def test_modules_of_micropython_can_be_imported(runner):
     program = """
         import array, binascii, collections, errno, gc, io, json, math, os, random, struct
         from micropython import const, mem_info
@@ -122,7 +123,7 @@ def test_what_micropython_has_is_there(runner):
     assert runner.fine(program) == "3 -1 -1 True\nmicropython virtual True\n"
 
 
-def test_struct_is_micropythons(runner):
+def test_struct_behaves_as_on_micropython(runner):
     printed = runner.run(
         """
         from array import array
@@ -150,7 +151,7 @@ def test_the_host_keeps_its_own_time(runner):
 # --- printing and the end ----------------------------------------------------------------------
 
 
-def test_a_traceback_looks_as_on_a_board(runner):
+def test_a_traceback_has_the_format_of_micropython(runner):
     runner.file("helper.py", "def fail():\n    raise KeyError('k')\n")
     runner.run("import helper\n\ndef inside():\n    helper.fail()\n\ninside()\n")
     assert runner.tracebacks == [
@@ -163,7 +164,7 @@ def test_a_traceback_looks_as_on_a_board(runner):
 
 
 @pytest.mark.parametrize(
-    ("what", "line"),
+    ("expression", "line"),
     [
         ("ValueError()", "ValueError: "),
         ("ValueError('a', 1)", "ValueError: ('a', 1)"),
@@ -172,8 +173,8 @@ def test_a_traceback_looks_as_on_a_board(runner):
         ("Own('x')", "Own: x"),
     ],
 )
-def test_the_last_line_of_a_traceback(runner, what, line):
-    runner.run(f"class Own(Exception): pass\nraise {what}\n")
+def test_the_last_line_of_a_traceback(runner, expression, line):
+    runner.run(f"class Own(Exception): pass\nraise {expression}\n")
     assert runner.tracebacks[0].splitlines()[-1] == line
 
 
@@ -212,7 +213,7 @@ def test_programs_that_ask_for_a_reset(runner, text):
     assert not runner.tracebacks and not runner.printed
 
 
-def test_print_goes_to_the_console_or_where_it_is_told(runner):
+def test_print_writes_to_the_console_or_to_its_file(runner):
     program = """
         import io, sys
         text = io.StringIO()
@@ -246,7 +247,7 @@ def test_ticks_wrap_as_small_integers_do(runner):
     assert runner.fine("import time\nprint(time.ticks_us(), time.ticks_ms())\n") == "5 1073741\n"
 
 
-def test_the_clock_begins_in_2000(runner):
+def test_the_epoch_is_2000(runner):
     program = """
         import time
         time.sleep(90061)
@@ -271,13 +272,13 @@ def test_the_real_time_clock_can_be_set(runner):
     assert runner.fine(again) == "(2026, 11, 22, 6, 15, 2, 50, 0)\n"
 
 
-def test_the_calendar_is_that_of_everybody(runner):
+def test_the_calendar_agrees_with_datetime(runner):
     epoch = datetime(2000, 1, 1, tzinfo=timezone.utc)
     moments = [epoch + timedelta(days=d, seconds=d) for d in range(-15000, 60000, 7)]
     for year in (1999, 2000, 2023, 2024, 2100):
         for month, day in ((1, 1), (2, 28), (12, 31)):
             moments.append(datetime(year, month, day, 23, 59, 59, tzinfo=timezone.utc))
-    seconds = [int((it - epoch).total_seconds()) for it in moments]
+    seconds = [int((moment - epoch).total_seconds()) for moment in moments]
     program = f"""
         import time
         for s in {seconds}:
@@ -346,7 +347,7 @@ def test_errors_of_a_bus(runner, fault, error):
         ("machine.I2C(2).readfrom(200, 1)", "OSError: [Errno 22] EINVAL"),
     ],
 )
-def test_what_the_board_does_not_have(runner, text, error):
+def test_pins_and_buses_that_the_board_does_not_have(runner, text, error):
     runner.run(f"import machine\n{text}\n")
     assert runner.tracebacks[0].splitlines()[-1] == error
 
@@ -365,7 +366,7 @@ def test_pins(runner):
     assert runner.board.pins["P006"].value() == 1
 
 
-def test_the_chip(runner):
+def test_unique_id_frequency_and_sleep(runner):
     program = """
         import machine
         print(machine.unique_id(), machine.freq())
@@ -391,7 +392,7 @@ while not cdc.is_open():
 """
 
 
-def test_the_host_sees_what_the_firmware_says(runner):
+def test_the_host_gets_the_descriptors_of_the_firmware(runner):
     runner.fine(OPEN + "assert usb.device.get().active()\n")
     identity = runner.board.usb.identity
     assert (identity.vendor, identity.product, identity.serial) == (0x1234, 0x5678, "7")
@@ -401,7 +402,7 @@ def test_the_host_sees_what_the_firmware_says(runner):
     assert runner.states == ["attached", "configured"]
 
 
-def test_what_the_firmware_leaves_open_is_micropythons_own(runner):
+def test_the_default_descriptors_are_micropythons(runner):
     runner.fine(
         "import usb.device, time\nfrom usb.device.cdc import CDCInterface\n"
         "cdc = CDCInterface()\nusb.device.get().init(cdc)\n"
@@ -417,13 +418,13 @@ def test_switching_usb_off(runner):
     assert runner.states == ["attached", "configured", "detached"]
 
 
-def test_a_wait_ends_as_soon_as_it_may(runner):
+def test_a_wait_ends_at_its_state_or_its_timeout(runner):
     from uros.boards.virtual.shims import _ops as ops
 
     runner.fine(OPEN)
     clock = runner.board.clock
     for wanted, state, us in (
-        (ops.USB_OPEN, ops.USB_OPEN, 0),  # it is so already
+        (ops.USB_OPEN, ops.USB_OPEN, 0),  # in this state already
         (ops.USB_READABLE, ops.USB_OPEN, 70_000),
         (ops.USB_WRITABLE, ops.USB_OPEN, 70_000),
     ):
@@ -432,8 +433,8 @@ def test_a_wait_ends_as_soon_as_it_may(runner):
         assert us <= clock.world_us() - before <= us + 1
 
 
-def test_descriptors_of_the_firmwares_own(runner):
-    """A driver may write others, and change them until the device is switched on."""
+def test_descriptors_of_a_driver(runner):
+    """A driver may write its own descriptors and change them until the device is enabled."""
     program = """
         import time, usb.device
         from usb.device.cdc import CDCInterface
@@ -519,7 +520,7 @@ print(cdc.write(b"nobody"), time.ticks_diff(time.ticks_ms(), start))
     assert runner.fine(program) == "b'ab' 1000\n0 1000\n"
 
 
-def test_a_poll_ends_when_its_time_is_up(runner):
+def test_a_poll_ends_at_its_timeout(runner):
     program = (
         OPEN
         + """
@@ -555,10 +556,10 @@ cdc = Own"""
     assert runner.fine(program) == "opened\nreset\n"
 
 
-# --- the operations themselves ---------------------------------------------------------------
+# --- system calls ----------------------------------------------------------------------------
 
 
-def test_an_operation_that_is_none_or_makes_no_sense(runner):
+def test_unknown_and_invalid_operations_are_refused(runner):
     from uros.boards.virtual.shims import _ops as ops
 
     for op, data in ((99, b""), (ops.I2C_TRANSFER, b"\2"), (ops.PIN_GET, b"P999")):
@@ -570,16 +571,16 @@ def test_the_reset_button_waits_for_an_operation_but_not_for_a_sleep(runner):
     from uros.boards.virtual.shims import _ops as ops
 
     bus = runner.board.i2c[2]
-    heard = []
+    resets = []
 
     def pressed_while_reading(*_):
         runner.host.ask_reset()
-        heard.append(True)
+        resets.append(True)
 
     bus.on_read = pressed_while_reading
     with pytest.raises(Reset):
         runner.host.call(ops.I2C_TRANSFER, struct.pack("<BBBH", 2, 0x13, 1, 1))
-    assert heard
+    assert resets
     runner.host.reset()
 
     def pressed_while_asleep(us):
@@ -592,10 +593,10 @@ def test_the_reset_button_waits_for_an_operation_but_not_for_a_sleep(runner):
         runner.host.call(ops.SLEEP, struct.pack("<Q", 5))
     runner.host.reset()
     with pytest.raises(Reset):
-        runner.host.ask_reset()  # within the program itself
+        runner.host.ask_reset()  # while the program itself runs
 
 
-def test_a_reset_takes_usb_away_and_starts_the_ticks_anew(runner):
+def test_a_reset_disables_usb_and_restarts_the_ticks(runner):
     runner.fine(OPEN)
     runner.host.reset()
     assert runner.states[-1] == "detached"

@@ -1,4 +1,4 @@
-"""Where the engine looks for MicroPython, and what it says where there is none."""
+"""Where the engine finds MicroPython, and its error if MicroPython is missing."""
 
 import os
 
@@ -21,14 +21,14 @@ def test_the_runner_and_the_shims_are_part_of_the_package():
     assert (micropython.RUNNER.parents[1] / "shims" / "_boot.py").is_file()
 
 
-def test_in_a_folder_that_is_named(installed, monkeypatch):
+def test_micropython_is_found_in_the_named_folder(installed, monkeypatch):
     monkeypatch.setenv("UROS_MICROPYTHON", str(installed))
     node = installed / "node"
     node.touch(0o755)
     assert find() == (node, installed / micropython._MODULE)
 
 
-def test_in_the_current_folder_with_node_on_the_path(installed, monkeypatch):
+def test_micropython_is_found_in_the_current_folder_with_node_on_the_path(installed, monkeypatch):
     monkeypatch.delenv("UROS_MICROPYTHON", raising=False)
     monkeypatch.setattr(micropython, "_HERE", installed / "a" / "b" / "c" / "d")
     monkeypatch.chdir(installed)
@@ -42,7 +42,7 @@ def test_in_the_current_folder_with_node_on_the_path(installed, monkeypatch):
         find()
 
 
-def test_where_there_is_none_the_error_has_the_remedy(tmp_path, monkeypatch):
+def test_without_micropython_the_error_has_the_remedy(tmp_path, monkeypatch):
     monkeypatch.setenv("UROS_MICROPYTHON", str(tmp_path))
     with pytest.raises(NoMicroPython, match="npm install @micropython/.*UROS_MICROPYTHON"):
         find()

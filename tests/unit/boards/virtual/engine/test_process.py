@@ -1,4 +1,4 @@
-"""A board in a process of its own: what it tells, what can be done to it, and that it ends."""
+"""A board in a process of its own: its events, its commands and its end."""
 
 import os
 import select
@@ -20,7 +20,7 @@ BOARD = "ra6m5_sensor_node"
 
 @pytest.fixture
 def program(tmp_path):
-    """Makes a folder with a main.py."""
+    """Return a function that makes a folder with a main.py."""
 
     def make(text):
         folder = tmp_path / "program"
@@ -76,15 +76,15 @@ def test_a_program_from_its_first_line_to_its_end(program):
             board.wait("never", 0.01)
 
 
-def test_reads_may_call_back(program):
+def test_on_read_is_called_for_each_i2c_read(program):
     folder = program("from machine import I2C\nI2C(2).readfrom(0x13, 1)\nI2C(2).scan()\n")
-    heard = []
-    with RunningBoard(folder, BOARD, on_read=lambda address, ns: heard.append(address)) as board:
+    addresses = []
+    with RunningBoard(folder, BOARD, on_read=lambda address, _: addresses.append(address)) as board:
         assert board.wait_end() == ""
-    assert heard == [0x13] and board.reads.empty()
+    assert addresses == [0x13] and board.reads.empty()
 
 
-def test_the_line_is_a_terminal_under_the_name_that_was_asked_for(program, tmp_path):
+def test_the_line_is_a_terminal_at_the_requested_path(program, tmp_path):
     link = tmp_path / "tty"
     with RunningBoard(program(ECHO), BOARD, link=link) as board:
         assert board.path == link
@@ -107,8 +107,8 @@ def test_the_line_is_a_terminal_under_the_name_that_was_asked_for(program, tmp_p
     assert board.ended
 
 
-def test_a_line_that_comes_back_is_told_also_by_a_program_that_never_asks(program):
-    """Of a board whose USB socket has a chip that makes a UART of it."""
+def test_usb_states_are_reported_without_calls_of_the_program(program):
+    """On a board with a USB bridge chip, each state is reported though the program only sleeps."""
     folder = program("import time\nwhile True:\n    time.sleep_ms(50)\n")
     with RunningBoard(folder, "esp32_publisher") as board:
         board.wait_usb("configured")
@@ -118,7 +118,7 @@ def test_a_line_that_comes_back_is_told_also_by_a_program_that_never_asks(progra
         board.wait_usb("configured")
 
 
-def test_faults_from_the_beginning_and_while_it_runs(program):
+def test_faults_at_the_start_and_while_the_program_runs(program):
     folder = program("""
         import time
         from machine import I2C
@@ -166,7 +166,7 @@ def test_a_program_resets_its_board(program):
      "while True:\n    try: time.sleep(3600)\n    except Exception: pass"],
     ids=["loop", "sleep", "poll", "stubborn"],
 )  # fmt: skip
-def test_the_reset_button_and_the_end_get_through_to_any_program(program, stuck):
+def test_reset_and_stop_end_any_program(program, stuck):
     folder = program(f"import time, select\nprint('started')\n{stuck}\n")
     with RunningBoard(folder, BOARD) as board:
         board.wait("started")
@@ -186,7 +186,7 @@ def test_reset_after_the_end_of_the_program(program):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_signal_ends_it_without_a_trace(program, tmp_path, number):
+def test_a_signal_ends_the_board_and_removes_its_link(program, tmp_path, number):
     link = tmp_path / "tty"
     with RunningBoard(program(ECHO), BOARD, link=link) as board:
         board.wait_usb("configured")
@@ -212,7 +212,7 @@ sys.stdin.read()
 
 
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="not on this platform: needs pidfd_open")
-def test_it_ends_with_its_parent_however_that_ends(program, tmp_path):
+def test_the_process_ends_with_its_parent(program, tmp_path):
     link = tmp_path / "tty"
     parent = subprocess.Popen(
         [sys.executable, "-c", PARENT, program(ECHO), BOARD, link],
@@ -267,26 +267,26 @@ def test_events_instead_of_queues(program):
     folder = program("print('a')\n")
     with RunningBoard(folder, BOARD, on_event=events.append) as board:
         board.wait_end()
-    assert [it["event"] for it in events if it["event"] != "part"] == [
+    assert [event["event"] for event in events if event["event"] != "part"] == [
         "ready", "console", "ended", "gone",
     ]  # fmt: skip
-    leds = [(it["name"], it["shows"]) for it in events if it["event"] == "part"]
+    leds = [(event["name"], event["shows"]) for event in events if event["event"] == "part"]
     assert leds == [("led_blue", "off"), ("led_green", "off"), ("led_red", "off")]
     assert board.console.empty()
 
 
-def test_a_heap_that_is_asked_for_before_there_is_an_engine(program, monkeypatch):
-    asked = []
+def test_a_heap_request_waits_for_the_engine(program, monkeypatch):
+    calls = []
 
     class Engine:
         def __init__(self, root, host, measure):
-            asked.append("begun")
+            calls.append("begun")
 
         def ask_heap(self):
-            asked.append("heap")
+            calls.append("heap")
 
         def run(self):
-            asked.append("runs")
+            calls.append("runs")
 
         def stop(self):
             pass
@@ -305,7 +305,7 @@ def test_a_heap_that_is_asked_for_before_there_is_an_engine(program, monkeypatch
         process.close()
         os.close(reading)
         os.close(writing)
-    assert asked == ["begun", "heap", "runs", "begun", "runs"]
+    assert calls == ["begun", "heap", "runs", "begun", "runs"]
 
 
 FAULTS = """
@@ -313,15 +313,16 @@ FAULTS = """
     from sensor_msgs.msg import BatteryState, Imu
     from std_msgs.msg import String, UInt8
     from uros.interfaces import dynamic
-    made = dynamic.load("my_msgs/msg/Greenhouse", "float32 soil\\nuint8 doors")
-    kinds = {"battery": BatteryState, "imu": Imu, "octet": UInt8, "text": String, "made": made}
+    greenhouse = dynamic.load("my_msgs/msg/Greenhouse", "float32 soil\\nuint8 doors")
+    kinds = {"battery": BatteryState, "imu": Imu, "octet": UInt8, "text": String}
+    kinds["made"] = greenhouse
     def attempt(kind, path, value):
         message = kinds[kind]()
         try:
             *inside, name = path.split(".")
             at = message
-            for it in inside:
-                at = getattr(at, it)
+            for field in inside:
+                at = getattr(at, field)
             setattr(at, name, value)
             message.pack_into(bytearray(1000), 0, 0)
             print("packed", getattr(at, name))
@@ -343,16 +344,14 @@ FAULTS = """
 
 
 @pytest.mark.parametrize("engine_name", ["cpython", "micropython"])
-def test_a_field_that_is_not_there_and_a_value_that_does_not_fit_are_told_once(
-    program, engine_name
-):
-    """By no name that the build could see; what is right goes on as ever."""
+def test_an_unknown_field_and_an_invalid_value_are_reported_once(program, engine_name):
+    """The build cannot see these names. Valid fields are packed in every round."""
     lines = []
     with RunningBoard(program(FAULTS), BOARD, engine_name) as board:
         while "round 2" not in (line := board.console.get(timeout=30)):
             lines.append(line)
-    told = [line.partition("Error: ")[2] for line in lines if "Error: " in line]
-    assert told == [
+    errors = [line.partition("Error: ")[2] for line in lines if "Error: " in line]
+    assert errors == [
         "sensor_msgs/msg/BatteryState has no field volts; did you mean voltage?",
         "geometry_msgs/msg/Quaternion has no field a; it has x, y, z, w",
         "builtin_interfaces/msg/Time has no field sek; did you mean sec?",
@@ -363,7 +362,7 @@ def test_a_field_that_is_not_there_and_a_value_that_does_not_fit_are_told_once(
     ]
     good = ["packed 1.0", "packed 1234567890", "packed 7.5"]
     assert [line for line in lines if line.startswith("packed")] == 3 * good
-    assert sum(line.startswith("Traceback") for line in lines) == len(told)
+    assert sum(line.startswith("Traceback") for line in lines) == len(errors)
 
 
 @pytest.mark.parametrize("engine_name", ["cpython", "micropython"])
@@ -371,7 +370,8 @@ def test_a_virtual_board_has_the_messages_of_ros_distro(program, engine_name, mo
     monkeypatch.setenv("ROS_DISTRO", "humble")
     text = """
         from sensor_msgs.msg import Range
-        print("octets", Range().cdr_size(), [hasattr(Range(), it) for it in ("variance", "range")])
+        fields = [hasattr(Range(), name) for name in ("variance", "range")]
+        print("octets", Range().cdr_size(), fields)
     """
     with RunningBoard(program(text), BOARD, engine_name) as board:
         board.wait("octets 32 [False, True]")

@@ -37,26 +37,26 @@ def room_celsius(board):
 
 
 def active(board):
-    return {it.spec for it in board.faults() if it.active}
+    return {fault.spec for fault in board.faults() if fault.active}
 
 
 @pytest.mark.parametrize("name", BOARDS)
-def test_every_board_is_whole(name, tmp_path):
+def test_every_board_has_parts_faults_and_actions(name, tmp_path):
     spec = BOARDS[name]
     assert spec.name == name and spec.text and spec.mcu and spec.firmware and spec.ports
     board = VirtualBoard(find(name), ManualClock(), tmp_path / "line")
     try:
         assert board.name == spec.name and board.unique_id
-        specs = [it.spec for it in (*board.faults(), *board.acts())]
+        specs = [happening.spec for happening in (*board.faults(), *board.acts())]
         assert len(specs) == len(set(specs)) and "usb:unplug" in specs
-        for it in board.faults():
-            assert it.text and not it.active
-            board.happen(it.spec)
+        for fault in board.faults():
+            assert fault.text and not fault.active
+            board.happen(fault.spec)
         board.clock.advance(2_000_000)
         board.advance()
         board.reset()
         board.happen("all:off")
-        assert not [it for it in board.faults() if it.active]
+        assert not [fault for fault in board.faults() if fault.active]
         for part in board.parts:
             assert isinstance(part.shows(), str)
     finally:
@@ -76,7 +76,7 @@ def test_an_unknown_board():
         VirtualBoard(find("esp"))
 
 
-def test_the_sensors_look_at_the_room(board):
+def test_the_sensors_measure_the_room(board):
     room = board.room
     assert room_celsius(board) == pytest.approx(room.temperature(1), abs=0.1)
     hot = int.from_bytes(board.i2c[2].transfer(0x67, b"\x00", 2), "big") / 16
@@ -88,7 +88,7 @@ def test_the_sensors_look_at_the_room(board):
     assert int.from_bytes(data[2:], "big") > 10_000
 
 
-def test_a_room_and_a_seed_of_ones_own(tmp_path):
+def test_values_depend_on_the_room_and_the_seed(tmp_path):
     def values(seed, room=None):
         model = find("ra6m5_sensor_node")
         board = VirtualBoard(model, ManualClock(), tmp_path / "line", seed, room)
@@ -101,7 +101,7 @@ def test_a_room_and_a_seed_of_ones_own(tmp_path):
     ids = set()
     assert values(1) == values(1) != values(2)
     assert values(1, Room(start_hour=15)) > values(1) + 1
-    assert len(ids) == 2 and {len(it) for it in ids} == {16}
+    assert len(ids) == 2 and {len(unique_id) for unique_id in ids} == {16}
 
 
 @pytest.mark.parametrize("device, address", [("sht3x", 0x44), ("mcp9600", 0x67), ("vcnl4010", 19)])
@@ -114,7 +114,7 @@ def test_a_room_and_a_seed_of_ones_own(tmp_path):
         ("stuck", errno.ETIMEDOUT),
     ],
 )
-def test_a_fault_of_a_sensor_and_its_healing(board, device, address, kind, number):
+def test_a_fault_of_a_sensor_can_be_cleared(board, device, address, kind, number):
     board.happen(f"{device}:{kind}")
     assert active(board) == {f"{device}:{kind}"}
     command = b"\x2c\x06" if device == "sht3x" else b"\x85"
@@ -127,7 +127,7 @@ def test_a_fault_of_a_sensor_and_its_healing(board, device, address, kind, numbe
     assert len(board.i2c[2].transfer(address, command, 2)) == 2
 
 
-def test_faults_of_one_device_leave_the_others_alone(board):
+def test_faults_of_one_device_do_not_affect_the_others(board):
     board.happen("mcp9600:absent")
     board.happen("vcnl4010:nack")
     room_celsius(board)
@@ -142,7 +142,7 @@ def test_faults_of_one_device_add_up(board):
     assert active(board) == {"sht3x:noise", "sht3x:crc"}
 
 
-def test_wrong_checksums_and_an_open_thermocouple_exist_only_where_they_can(board):
+def test_wrong_checksums_and_an_open_thermocouple_are_faults_of_one_sensor(board):
     board.happen("sht3x:crc")
     with pytest.raises(AssertionError):
         room_celsius(board)
@@ -164,14 +164,14 @@ def test_a_stuck_bus(board):
 
 
 @pytest.mark.parametrize("spec", ["", "sht3x", "sht:nack", ":", "nack", "all:nack", "usb:nack"])
-def test_unknown_faults_say_what_there_is(board, spec):
+def test_an_unknown_fault_lists_the_known_ones(board, spec):
     with pytest.raises(FaultError) as caught:
         board.happen(spec)
     assert "sht3x:" in str(caught.value) or "usb:unplug" in str(caught.value)
     assert not active(board)
 
 
-def test_every_fault_in_the_list_can_be_planted_and_healed(board):
+def test_every_listed_fault_can_be_injected_and_cleared(board):
     for fault in board.faults():
         assert fault.text
         board.happen(fault.spec)

@@ -29,7 +29,7 @@ def test_the_crystal_drifts_by_50_ppm():
     assert clock.epoch_ns() == RTC_START_NS + (DAY_US + 4_320_000) * 1000
 
 
-def test_sleeping_goes_by_the_crystal():
+def test_sleeps_are_timed_by_the_crystal():
     host = Host()
     clock = BoardClock(host_ns=lambda: host.ns, host_sleep=host.sleep)
     clock.sleep_us(10**6)
@@ -41,14 +41,14 @@ def test_sleeping_goes_by_the_crystal():
 
 @pytest.mark.parametrize("drift", [-50.0, 0.0, 50.0])
 @pytest.mark.parametrize("us", [1, 3, 700, 1000, 20_000, 100_000])
-def test_a_sleep_on_a_manual_clock_is_as_long_as_asked(drift, us):
+def test_a_sleep_on_a_manual_clock_is_exact(drift, us):
     clock = ManualClock(drift)
     for n in range(1, 20):
         clock.sleep_us(us)
         assert n * us <= clock.ticks_us() <= n * us + 1
 
 
-def test_the_rtc_begins_in_2000():
+def test_the_rtc_starts_in_2000():
     assert time.gmtime(BoardClock().epoch_ns() / 1e9)[:6] == (2000, 1, 1, 0, 0, 0)
 
 

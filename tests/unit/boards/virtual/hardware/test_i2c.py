@@ -1,4 +1,4 @@
-"""The bus: what is on the wire, how long it takes, and everything that can go wrong."""
+"""The I2C bus: bytes on the wire, their timing, and all faults."""
 
 import errno
 
@@ -11,23 +11,23 @@ from uros.boards.virtual.hardware.i2c import FAULTS, STRETCH_US, BusError, Devic
 
 
 class Memory(Device):
-    """Answers with the bytes 1, 2, 3 …, and takes four in each transfer."""
+    """A device that returns the bytes 1, 2, 3 …, and accepts four in each transfer."""
 
     def __init__(self, name="memory", address=0x50, hold=0):
         super().__init__(name, address)
-        self.seen = []
+        self.log = []
         self.hold = hold
         self.next = 0
         self.times = []
 
     def start(self, read):
-        self.seen.append("R" if read else "W")
+        self.log.append("R" if read else "W")
         self.taken = 0
         return True
 
     def write(self, byte):
         self.taken += 1
-        self.seen.append(byte)
+        self.log.append(byte)
         self.times.append(self.now_us())
         return self.taken <= 4
 
@@ -39,7 +39,7 @@ class Memory(Device):
         return self.hold
 
     def stop(self):
-        self.seen.append("P")
+        self.log.append("P")
 
 
 @pytest.fixture
@@ -63,10 +63,10 @@ def fails(bus, number, address=0x50, write=b"\x01", read=2):
 
 def test_write_then_read_with_a_repeated_start(bus):
     assert bus.transfer(0x50, b"\x07\x08", 3) == b"\x01\x02\x03"
-    assert bus.devices[0x50].seen == ["W", 7, 8, "R", "P"]
+    assert bus.devices[0x50].log == ["W", 7, 8, "R", "P"]
 
 
-def test_a_transfer_lasts_as_long_as_its_bits(bus, clock):
+def test_the_duration_of_a_transfer_is_that_of_its_bits(bus, clock):
     bus.transfer(0x50, b"\x07\x08", 3)
     bits = 10 + 2 * 9 + 10 + 3 * 9 + 1
     assert clock.world_us() == bits * 10
@@ -84,19 +84,19 @@ def test_a_device_sees_the_time_of_the_wire(bus, clock):
 
 def test_only_the_address(bus):
     assert bus.transfer(0x50, b"", 0) == b""
-    assert bus.devices[0x50].seen == ["W", "P"]
+    assert bus.devices[0x50].log == ["W", "P"]
 
 
 def test_without_a_stop_the_bus_stays_claimed(bus):
-    other = Memory("other", 0x51)
-    bus.attach(other)
+    second = Memory("other", 0x51)
+    bus.attach(second)
     bus.transfer(0x50, b"\x07", 0, stop=False)
-    assert bus.devices[0x50].seen == ["W", 7]
+    assert bus.devices[0x50].log == ["W", 7]
     bus.transfer(0x50, b"", 1, stop=False)
-    assert bus.devices[0x50].seen == ["W", 7, "R"]
+    assert bus.devices[0x50].log == ["W", 7, "R"]
     bus.transfer(0x51, b"", 1)
-    assert bus.devices[0x50].seen == ["W", 7, "R", "P"]
-    assert other.seen == ["R", "P"]
+    assert bus.devices[0x50].log == ["W", 7, "R", "P"]
+    assert second.log == ["R", "P"]
 
 
 def test_scan(bus):
@@ -112,13 +112,13 @@ def test_an_address_is_taken_once(bus):
         bus.attach(Memory("second"))
 
 
-def test_what_cannot_be_asked(bus):
+def test_invalid_addresses_and_counts_are_refused(bus):
     for address, read in ((-1, 0), (128, 0), (0x50, -1)):
         with pytest.raises(ValueError):
             bus.transfer(address, b"", read)
 
 
-def test_nobody_there(bus, clock):
+def test_no_device_at_an_address(bus, clock):
     assert "0x51" in fails(bus, errno.ENODEV, address=0x51)
     assert clock.world_us() == 110
 
@@ -126,17 +126,17 @@ def test_nobody_there(bus, clock):
 def test_a_byte_that_is_not_acknowledged(bus, clock):
     assert "memory does not acknowledge byte 5" in fails(bus, errno.EIO, write=b"12345678")
     assert clock.world_us() == (10 + 5 * 9 + 1) * 10
-    assert bus.devices[0x50].seen[-1] == "P"
+    assert bus.devices[0x50].log[-1] == "P"
 
 
-def test_reads_are_told_when_they_are_over(bus, clock):
-    told = []
-    bus.on_read = lambda address, ns: told.append((address, ns, clock.host_ns()))
+def test_reads_are_reported_at_their_end(bus, clock):
+    reads = []
+    bus.on_read = lambda address, ns: reads.append((address, ns, clock.host_ns()))
     bus.transfer(0x50, b"\x01", 0)
-    assert not told and bus.last_read is None
+    assert not reads and bus.last_read is None
     bus.transfer(0x50, b"\x01", 2)
     ns = clock.host_ns()
-    assert told == [(0x50, ns, ns)]
+    assert reads == [(0x50, ns, ns)]
     assert bus.last_read == (0x50, ns)
     fails(bus, errno.ENODEV, address=0x51)
     assert bus.last_read == (0x50, ns)
@@ -149,14 +149,14 @@ def test_a_device_may_hold_the_clock(clock):
     assert clock.world_us() == 99_000 + 200
 
 
-def test_but_not_beyond_the_time_out(clock):
+def test_a_device_cannot_hold_the_clock_beyond_the_time_out(clock):
     bus = I2CBus(clock=clock)
     bus.attach(Memory(hold=100_000))
     assert "memory held the clock line for 100 ms" in fails(bus, errno.ETIMEDOUT, write=b"")
     assert clock.world_us() == 100_000
 
 
-def test_a_transfer_that_is_too_long_in_itself(bus, clock):
+def test_a_transfer_longer_than_the_time_out_fails(bus, clock):
     fails(bus, errno.ETIMEDOUT, write=b"", read=1111)
     assert clock.world_us() == 100_000
     bus.timeout_us = 200_000
@@ -166,7 +166,7 @@ def test_a_transfer_that_is_too_long_in_itself(bus, clock):
 # Faults.
 
 
-def plant(bus, kind):
+def inject(bus, kind):
     bus.devices[0x50].faults.add(kind)
 
 
@@ -181,7 +181,7 @@ def works(bus):
 
 
 def test_absent(bus):
-    plant(bus, "absent")
+    inject(bus, "absent")
     fails(bus, errno.ENODEV)
     fails(bus, errno.ENODEV, write=b"")
     assert bus.scan() == []
@@ -190,7 +190,7 @@ def test_absent(bus):
 
 
 def test_nack(bus):
-    plant(bus, "nack")
+    inject(bus, "nack")
     fails(bus, errno.EIO)
     fails(bus, errno.ENODEV, write=b"")
     assert bus.scan() == [0x50]
@@ -199,9 +199,9 @@ def test_nack(bus):
 
 
 def test_stretch_ends_by_itself_after_the_time_out(bus, clock):
-    other = Memory("other", 0x51)
-    bus.attach(other)
-    plant(bus, "stretch")
+    second = Memory("other", 0x51)
+    bus.attach(second)
+    inject(bus, "stretch")
     bus.transfer(0x50, b"\x01", 0)  # only reads
     before = clock.world_us()
     fails(bus, errno.ETIMEDOUT)
@@ -214,9 +214,9 @@ def test_stretch_ends_by_itself_after_the_time_out(bus, clock):
     assert works(bus)
 
 
-def test_a_stuck_device_blocks_everybody_until_recovery(bus, clock):
+def test_a_stuck_device_blocks_the_bus_until_recovery(bus, clock):
     bus.attach(Memory("other", 0x51))
-    plant(bus, "stuck")
+    inject(bus, "stuck")
     assert bus.sda == 1
     before = clock.world_us()
     assert "memory held the data line" in fails(bus, errno.ETIMEDOUT)
@@ -236,7 +236,7 @@ def test_a_stuck_device_blocks_everybody_until_recovery(bus, clock):
 
 def test_recovery_by_hand_takes_at_most_nine_clocks(bus):
     counts = set()
-    plant(bus, "stuck")
+    inject(bus, "stuck")
     for _ in range(50):
         fails(bus, errno.ETIMEDOUT)
         count = 0
@@ -247,8 +247,8 @@ def test_recovery_by_hand_takes_at_most_nine_clocks(bus):
     assert counts == set(range(1, 10))
 
 
-def test_a_stuck_device_that_is_unplugged_lets_go(bus):
-    plant(bus, "stuck")
+def test_a_stuck_device_that_is_detached_releases_the_bus(bus):
+    inject(bus, "stuck")
     fails(bus, errno.ETIMEDOUT)
     bus.detach(0x50)
     assert bus.sda == 1
@@ -270,20 +270,20 @@ def test_a_short_is_not_recovered(bus):
 def read_with(kind, seed=0):
     bus = I2CBus(timeout_us=10**6, clock=ManualClock(), seed=seed)
     bus.attach(Memory())
-    plant(bus, kind)
+    inject(bus, kind)
     return bus.transfer(0x50, b"", 800)
 
 
 RIGHT = bytes(n & 0xFF for n in range(1, 801))
 
 
-def test_noise_turns_single_bits():
+def test_noise_flips_single_bits():
     wrong = [(a ^ b).bit_count() for a, b in zip(read_with("noise"), RIGHT, strict=True) if a != b]
     assert set(wrong) == {1}
     assert 150 < len(wrong) < 250
 
 
-def test_rubbish_has_nothing_to_do_with_the_device():
+def test_rubbish_is_independent_of_the_device():
     out = read_with("rubbish")
     assert sum(a == b for a, b in zip(out, RIGHT, strict=True)) < 20
     assert len(set(out)) > 200
@@ -309,7 +309,7 @@ def test_faults_come_from_the_seed(kind):
         max_size=12,
     )
 )
-def test_nothing_but_a_bus_error_and_never_later_than_the_time_out(steps):
+def test_any_transfer_ends_within_the_time_out_with_data_or_a_bus_error(steps):
     clock = ManualClock()
     bus = I2CBus(clock=clock)
     bus.attach(Memory())
@@ -323,7 +323,7 @@ def test_nothing_but_a_bus_error_and_never_later_than_the_time_out(steps):
         elif step == "short":
             bus.fault("stuck")
         elif isinstance(step, str):
-            plant(bus, step)
+            inject(bus, step)
         else:
             before = clock.world_us()
             try:

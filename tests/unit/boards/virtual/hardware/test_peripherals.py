@@ -15,15 +15,15 @@ BOARD = "ra6m5_sensor_node"
 
 class Device:
     def __init__(self):
-        self.heard = b""
-        self.says = b""
+        self.received = b""
+        self.to_send = b""
 
     def read(self, size):
-        some, self.says = self.says[:size], self.says[size:]
-        return some or None
+        data, self.to_send = self.to_send[:size], self.to_send[size:]
+        return data or None
 
     def write(self, data):
-        self.heard += data
+        self.received += data
         return len(data)
 
 
@@ -33,48 +33,48 @@ def line():
     return clock, device, Uart(device, 115200, clock)
 
 
-def test_octets_take_their_time(line):
-    """115200 baud are 11520 octets a second."""
+def test_octets_are_transferred_at_the_baud_rate(line):
+    """115200 baud are 11520 octets a second, in each direction."""
     clock, device, uart = line
-    assert uart.write(bytes(100)) == 100 and device.heard == b""
+    assert uart.write(bytes(100)) == 100 and device.received == b""
     clock.advance(5_000)
     uart.any()
-    assert len(device.heard) == 57
+    assert len(device.received) == 57
     clock.advance(5_000)
     uart.any()
-    assert len(device.heard) == 100
-    device.says = bytes(300)
+    assert len(device.received) == 100
+    device.to_send = bytes(300)
     clock.advance(10_000)
     assert uart.any() == 115
 
 
-def test_what_is_written_is_taken_as_far_as_there_is_room(line):
+def test_a_write_takes_what_fits_into_the_buffer(line):
     clock, device, uart = line
     assert uart.write(bytes(1000)) == 256 and uart.write(b"x") == 0
     clock.advance(1_000_000)
     assert uart.write(b"x") == 1
-    assert len(device.heard) == 256
+    assert len(device.received) == 256
 
 
-def test_what_comes_into_a_full_buffer_is_lost_and_counted(line):
+def test_octets_for_a_full_buffer_are_lost_and_counted(line):
     clock, device, uart = line
     uart.init(115200, 64)
-    device.says = bytes(range(100))
+    device.to_send = bytes(range(100))
     clock.advance(1_000_000)
     assert uart.read(1000) == bytes(range(64)) and uart.overruns == 36
 
 
-def test_at_another_rate_both_hear_noise(line):
+def test_at_another_baud_rate_both_ends_receive_noise(line):
     clock, device, uart = line
     uart.init(9600, 256)
     uart.write(b"AT\r\n")
-    device.says = b"\r\nOK\r\n"
+    device.to_send = b"\r\nOK\r\n"
     clock.advance(1_000_000)
     assert uart.read(100) not in (b"", b"\r\nOK\r\n")
-    assert len(device.heard) == 4 and device.heard != b"AT\r\n"
+    assert len(device.received) == 4 and device.received != b"AT\r\n"
 
 
-def test_a_bus_in_the_wrong_mode_or_without_selection_gives_nothing():
+def test_a_bus_in_the_wrong_mode_or_without_selection_reads_ff():
     class Modem:
         written = b""
 
@@ -118,7 +118,7 @@ def test_a_radio_joins_after_a_moment():
     assert radio.status() == Radio.IDLE
 
 
-def test_sockets_need_a_network_and_have_a_bound():
+def test_sockets_need_a_network_and_are_limited():
     radio = Radio(RadioNetwork({"robots": "secret99"}), lambda: 1000)
     handles = [radio.open(2) for _ in range(16)]
     assert len(set(handles)) == 16
@@ -133,7 +133,7 @@ def test_sockets_need_a_network_and_have_a_bound():
     assert caught.value.errno == errno.EBADF and radio.fd(handles[0]) == -1
 
 
-def test_faults_of_plugs_are_faults_of_the_board():
+def test_faults_of_peripherals_are_faults_of_the_board():
     board = VirtualBoard(find(BOARD), ManualClock(), plugs=["esp8266:uart=1", "wlan"])
     try:
         modem = board.parts["esp8266"].device
@@ -141,11 +141,11 @@ def test_faults_of_plugs_are_faults_of_the_board():
         board.happen("esp8266:lost")
         board.happen("wlan:lost")
         assert modem.joined == "" and modem.network.access_points == {}
-        active = {it.spec for it in board.faults() if it.active}
+        active = {fault.spec for fault in board.faults() if fault.active}
         assert active == {"esp8266:lost", "wlan:lost"}
         board.happen("all:off")
         assert modem.network.access_points == {"robots": "secret99"}
-        assert not [it for it in board.faults() if it.active]
+        assert not [fault for fault in board.faults() if fault.active]
         with pytest.raises(FaultError, match="esp8266:dead"):
             board.happen("esp8266:nonsense")
     finally:
@@ -153,20 +153,20 @@ def test_faults_of_plugs_are_faults_of_the_board():
 
 
 @pytest.mark.parametrize(
-    ("spec", "said"),
+    ("spec", "error"),
     [
         ("nothing", "there are esp8266, gs2200, wlan"), ("esp8266", "say which"),
         ("esp8266:uart=-1", "no number"), ("gs2200:spi=1", "say which"),
         ("wlan:uart=1", "no option uart"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_plugged_in_is_told(spec, said):
-    with pytest.raises(PeripheralError, match=said):
+def test_a_peripheral_that_cannot_be_attached_is_reported(spec, error):
+    with pytest.raises(PeripheralError, match=error):
         VirtualBoard(find(BOARD), ManualClock(), plugs=[spec])
 
 
 @pytest.mark.parametrize("fault", ["alone", "deaf", "lost"])
-def test_nobody_joins_an_access_point_that_fails(fault):
+def test_no_station_joins_an_access_point_that_fails(fault):
     now = [0]
     radio = Radio(RadioNetwork({}), lambda: now[0])
     radio.start("board", "secret99")

@@ -1,4 +1,4 @@
-"""Pins, LEDs, buttons and knobs, without a program."""
+"""Pins, LEDs, buttons and potentiometers, without a program."""
 
 import pytest
 from hypothesis import given
@@ -20,12 +20,12 @@ from uros.boards.virtual.hardware.pins import Potentiometer as Knob
 
 
 def edges_of(button, wanted=RISING | FALLING):
-    """What an interrupt at the button's pin hears: (time, level) pairs."""
-    heard = []
+    """Return a list that gets (time, level) of each interrupt of the button's pin."""
+    edges = []
     button.pin.pull = UP
     button.pin.edges = wanted
-    button.pin.on_edge = lambda t_us, pin, level: heard.append((t_us, level))
-    return heard
+    button.pin.on_edge = lambda t_us, pin, level: edges.append((t_us, level))
+    return edges
 
 
 def test_an_input_that_nothing_drives_follows_its_pull():
@@ -37,19 +37,19 @@ def test_an_input_that_nothing_drives_follows_its_pull():
     assert pin.value() == 1
 
 
-def test_a_wire_that_is_driven_is_stronger_than_a_pull():
+def test_a_driven_wire_overrides_the_pull():
     level = 0
     pin = Pin("1", wire=lambda: level)
     pin.pull = UP
     assert pin.value() == 0
 
 
-def test_an_led_shines_as_long_as_its_pin_is_high():
-    told = []
-    led = Led("led", lambda part: told.append(part.shows()))
+def test_an_led_is_on_while_its_pin_is_high():
+    states = []
+    led = Led("led", lambda part: states.append(part.shows()))
     pin = Pin("22", on_duty=led.drive)
     pin.value(1)
-    assert led.shows() == "off" and not told  # not an output yet
+    assert led.shows() == "off" and not states  # not an output yet
     pin.mode = OUT
     pin.tell()
     assert led.shows() == "on" and led.brightness == 1.0
@@ -57,9 +57,9 @@ def test_an_led_shines_as_long_as_its_pin_is_high():
     assert led.shows() == "25 %"
     pin.pwm(0)
     pin.pwm(None)
-    assert led.shows() == "on"  # the level is still there
+    assert led.shows() == "on"  # the level is still set
     pin.reset()
-    assert led.shows() == "off" and told == ["on", "25 %", "off", "on", "off"]
+    assert led.shows() == "off" and states == ["on", "25 %", "off", "on", "off"]
 
 
 def test_a_dead_led_is_dark():
@@ -73,76 +73,76 @@ def test_a_dead_led_is_dark():
 
 def test_a_button_bounces_and_ends_pressed():
     button = Button("button", seed=3)
-    heard = edges_of(button)
+    edges = edges_of(button)
     button.act("press")
     button.advance(1_000_000)
     assert button.shows() == "pressed" and button.pin.value() == 0
-    assert len(heard) >= 3 and heard[0] == (0, 0) and heard[-1][1] == 0
-    assert heard[-1][0] <= 8_000
+    assert len(edges) >= 3 and edges[0] == (0, 0) and edges[-1][1] == 0
+    assert edges[-1][0] <= 8_000
     # Each edge is another level than the one before.
-    assert all(a[1] != b[1] for a, b in zip(heard, heard[1:], strict=False))
+    assert all(a[1] != b[1] for a, b in zip(edges, edges[1:], strict=False))
 
 
-def test_an_interrupt_at_falling_edges_hears_those_alone():
+def test_an_interrupt_at_falling_edges_gets_no_rising_edge():
     button = Button("button")
-    heard = edges_of(button, FALLING)
+    edges = edges_of(button, FALLING)
     button.act("tap")
     button.advance(1_000_000)
-    assert {level for _, level in heard} == {0}
+    assert {level for _, level in edges} == {0}
 
 
 @given(
     seed=st.integers(0, 1000), bounce=st.floats(0, 50), hold=st.floats(0, 2),
     step=st.integers(1, 100_000),
 )  # fmt: skip
-def test_a_tap_of_any_length_ends_released_and_the_same_in_any_rhythm(seed, bounce, hold, step):
+def test_a_tap_ends_released_and_does_not_depend_on_the_time_steps(seed, bounce, hold, step):
     def run(rhythm):
         button = Button("button", seed)
-        heard = edges_of(button)
+        edges = edges_of(button)
         button.act("bounce", str(bounce))
         button.act("tap", str(hold))
         for t_us in range(0, 2_200_001, rhythm):
             button.advance(t_us)
         button.advance(2_200_001)
         assert button.shows() == "released" and button.pin.value() == 1
-        return heard
+        return edges
 
     assert run(max(step, 5000)) == run(2_200_001)
 
 
 def test_a_stuck_and_a_broken_button():
     button = Button("button")
-    heard = edges_of(button)
+    edges = edges_of(button)
     button.advance(5)
     button.fault("stuck")
-    assert button.pin.value() == 0 and heard == [(5, 0)]
+    assert button.pin.value() == 0 and edges == [(5, 0)]
     button.heal()
-    assert button.pin.value() == 1 and heard == [(5, 0), (5, 1)]
+    assert button.pin.value() == 1 and edges == [(5, 0), (5, 1)]
     button.fault("broken")
     button.act("press")
     button.advance(100_000)
-    assert button.pin.value() == 1 and len(heard) == 2
+    assert button.pin.value() == 1 and len(edges) == 2
 
 
-def test_off_undoes_what_was_said_of_its_contacts():
+def test_clearing_faults_restores_the_bounce_time():
     def edges():
         button = Button("button", seed=7)
-        heard = edges_of(button)
+        edges = edges_of(button)
         button.act("bounce", "0")
         button.act("press")
         button.advance(20_000)
-        assert len(heard) == 1
+        assert len(edges) == 1
         button.heal()
         button.act("release")
         button.advance(40_000)
-        return heard
+        return edges
 
     untouched = Button("button", seed=7)
     assert untouched._bounce_us > 0
     assert len(edges()) > 2
 
 
-def test_what_a_button_shows_does_not_bounce():
+def test_the_visible_state_of_a_button_does_not_bounce():
     button = Button("button", seed=7)
     button.act("tap", "0.02")
     shown, levels = [button.shows()], []
@@ -171,6 +171,6 @@ def test_a_knob():
         (Button("button"), "bounce", "-1"), (Button("button"), "tap", "for ever"),
     ],
 )  # fmt: skip
-def test_a_value_that_cannot_be(part, kind, value):
+def test_an_invalid_value_is_refused(part, kind, value):
     with pytest.raises(ValueError, match="it takes a number from 0 to .*, like "):
         part.act(kind, value)

@@ -24,11 +24,11 @@ from uros.boards.virtual.hardware.usb import (
 )
 from uros.boards.virtual.hardware.usb_descriptors import PACKET
 
-SECONDS = 20.0  # that anything which must come may take
+SECONDS = 20.0  # the longest wait for an event that must come
 
 
 class Program:
-    """On the host."""
+    """A program on the host that has the port open."""
 
     def __init__(self, usb, flushes=True):
         self.fd = os.open(usb.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -42,7 +42,7 @@ class Program:
             return b""
 
     def receive(self, size):
-        """Exactly so many bytes, when they come."""
+        """Wait for exactly ``size`` bytes, and return them."""
         out = b""
         while len(out) < size:
             assert select.select([self.fd], [], [], SECONDS)[0]
@@ -96,7 +96,7 @@ def program(on):
 
 
 def take(usb, size):
-    """``size`` bytes on the board, as they come."""
+    """Wait for ``size`` bytes on the board, and return them."""
     out = b""
     while len(out) < size:
         assert usb.any() or usb.wait(SECONDS)
@@ -107,7 +107,7 @@ def take(usb, size):
 # Enumeration.
 
 
-def test_enumeration_takes_its_time(usb, clock):
+def test_the_device_is_configured_after_enumeration(usb, clock):
     assert usb.state == DETACHED
     switch_on(usb)
     assert usb.state == ATTACHED
@@ -132,7 +132,7 @@ def test_wrong_descriptors_are_not_configured(usb, clock):
     assert usb.state == CONFIGURED
 
 
-def test_switched_on_without_a_cable(usb, clock):
+def test_enabled_without_a_cable(usb, clock):
     usb.unplug()
     switch_on(usb)
     clock.advance(ENUMERATION_US)
@@ -143,19 +143,19 @@ def test_switched_on_without_a_cable(usb, clock):
     assert usb.state == CONFIGURED
 
 
-def test_switched_off(on, program):
+def test_disabled(on, program):
     on.disable()
     assert on.state == DETACHED and program.hung_up() and not on.path.is_symlink()
 
 
-def test_switched_on_again_comes_back_anew(on, program, clock):
+def test_enabling_again_enumerates_again(on, program, clock):
     switch_on(on)
     assert on.state == ATTACHED and program.hung_up()
     clock.advance(ENUMERATION_US)
     assert on.state == CONFIGURED
 
 
-def test_a_folder_that_is_not_there_is_said(clock, tmp_path):
+def test_a_missing_folder_is_reported(clock, tmp_path):
     usb = UsbCdc(clock, tmp_path / "missing" / "line")
     switch_on(usb)
     clock.advance(ENUMERATION_US)
@@ -163,7 +163,7 @@ def test_a_folder_that_is_not_there_is_said(clock, tmp_path):
     usb.close()
 
 
-def test_a_file_is_left_alone(clock, tmp_path):
+def test_a_file_is_not_replaced(clock, tmp_path):
     path = tmp_path / "notes"
     path.write_text("mine")
     with pytest.raises(FileExistsError, match="notes"):
@@ -179,12 +179,12 @@ def test_a_link_left_behind_is_replaced(clock, tmp_path):
     clock.advance(ENUMERATION_US)
     assert usb.state == CONFIGURED and path.resolve().is_char_device()
     path.unlink()
-    path.symlink_to("/dev/null")  # somebody else's by now
+    path.symlink_to("/dev/null")  # another program's link by now
     usb.close()
     assert os.readlink(path) == "/dev/null"
 
 
-def test_by_default_it_has_a_folder_of_its_own(clock):
+def test_by_default_the_link_is_in_a_temporary_folder(clock):
     usb = UsbCdc(clock, name="node")
     folder = usb.path.parent
     assert usb.path.name == "node" and folder.is_dir()
@@ -197,7 +197,7 @@ def test_by_default_it_has_a_folder_of_its_own(clock):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="not on this platform: only Linux tells")
-def test_open_is_when_a_program_has_it_open(on):
+def test_the_port_is_open_while_a_program_has_it_open(on):
     assert not on.is_open()
     for _ in range(3):
         program = Program(on)
@@ -214,7 +214,7 @@ def test_every_byte_passes_both_ways(on, program):
     assert take(on, 256) == data
 
 
-def test_the_line_is_raw_before_any_program_says_so(on):
+def test_the_line_is_raw_before_a_program_sets_it(on):
     fd = os.open(on.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         os.write(fd, b"a\r\n\x03\x04")
@@ -225,7 +225,7 @@ def test_the_line_is_raw_before_any_program_says_so(on):
         os.close(fd)
 
 
-def test_reading_takes_what_there_is(on, program):
+def test_a_read_returns_what_has_arrived(on, program):
     assert on.read(10) == b"" and on.any() == 0
     program.write(b"hello")
     assert on.wait(SECONDS)
@@ -234,7 +234,7 @@ def test_reading_takes_what_there_is(on, program):
     assert on.read(2) == b"el" and on.read(10) == b"lo" and on.any() == 0
 
 
-def test_what_is_not_read_is_held_back_and_not_lost(on, program):
+def test_unread_data_is_held_back_and_not_lost(on, program):
     sent = 0
     pattern = bytes(range(251))
     stream = pattern * 1000
@@ -248,7 +248,7 @@ def test_what_is_not_read_is_held_back_and_not_lost(on, program):
     assert take(on, 4) == b"more"
 
 
-def test_a_packet_is_taken_where_there_is_room_for_the_largest(on, program):
+def test_a_packet_is_received_when_the_largest_one_fits(on, program):
     program.write(b"x" * (RECEIVE_BUFFER - PACKET + 1))
     while on.any() < RECEIVE_BUFFER - PACKET + 1:
         assert on.wait(SECONDS)
@@ -258,7 +258,7 @@ def test_a_packet_is_taken_where_there_is_room_for_the_largest(on, program):
     assert take(on, RECEIVE_BUFFER - PACKET + 1).endswith(b"xy")
 
 
-def test_a_program_that_does_not_read_is_not_waited_for(on, program):
+def test_writes_do_not_wait_for_a_program_that_does_not_read(on, program):
     sent = 0
     pattern = bytes(range(251))
     stream = pattern * 1000
@@ -281,7 +281,7 @@ def test_without_a_program_nothing_is_sent(on):
     assert on.write(b"stale") == 0
 
 
-def test_what_a_program_left_unread_is_thrown_away(on):
+def test_data_that_a_program_left_unread_is_discarded(on):
     program = Program(on)
     assert on.is_open()
     assert on.write(b"stale" * 100) == 500
@@ -294,7 +294,7 @@ def test_what_a_program_left_unread_is_thrown_away(on):
     program.close()
 
 
-def test_what_a_program_sent_before_it_closed_arrives(on):
+def test_data_that_a_program_sent_before_it_closed_arrives(on):
     program = Program(on)
     program.write(b"last words")
     program.close()
@@ -333,7 +333,7 @@ def test_plugging_in_again_is_a_new_line_under_the_same_name(on, program, clock)
     second.close()
 
 
-def test_plugging_in_twice_is_nothing(on, program):
+def test_plugging_in_twice_has_no_effect(on, program):
     on.plug()
     assert on.state == CONFIGURED and not program.hung_up()
 
@@ -351,7 +351,7 @@ def test_suspended_data_waits(on, program):
     assert on.write(b"x") == 1
 
 
-def test_suspending_what_is_not_configured_is_nothing(usb, clock):
+def test_suspending_an_unconfigured_device_has_no_effect(usb, clock):
     usb.suspend()
     switch_on(usb)
     usb.suspend()
@@ -359,7 +359,7 @@ def test_suspending_what_is_not_configured_is_nothing(usb, clock):
     assert usb.state == CONFIGURED
 
 
-def test_a_new_cable_is_not_suspended(on, clock):
+def test_a_device_that_is_plugged_in_again_is_not_suspended(on, clock):
     on.suspend()
     on.unplug()
     on.plug()
@@ -371,12 +371,12 @@ def test_a_new_cable_is_not_suspended(on, clock):
 
 
 def settle(usb):
-    """Hear of what has happened up to now."""
+    """Consume all changes up to now."""
     while usb.wait(0):
         pass
 
 
-def test_a_wait_for_nothing_lasts_as_long_as_it_may(on, clock):
+def test_a_wait_without_an_event_lasts_its_timeout(on, clock):
     for program in (None, Program(on)):
         on.is_open()
         settle(on)
@@ -396,7 +396,7 @@ def test_a_wait_ends_enumeration(usb, clock):
 
 
 @pytest.mark.parametrize("action", ["unplug", "suspend", "close_program", "disable"])
-def test_a_wait_hears_of_changes(on, action):
+def test_a_wait_ends_at_a_change(on, action):
     program = Program(on)
     on.is_open()
     settle(on)
@@ -421,7 +421,7 @@ def test_a_suspended_line_is_not_waited_on(on, program, clock):
 
 
 class Counting(BoardClock):
-    """Real time; says when somebody waits, and how often."""
+    """A real clock that counts waits, and sets ``waiting`` when one begins."""
 
     def __init__(self):
         super().__init__()
@@ -471,7 +471,7 @@ def test_a_wait_is_ended_from_outside_and_does_not_spin(live, action):
         program.fd = os.open(os.devnull, os.O_RDONLY)
 
 
-def test_a_closed_port_does_not_spin_but_its_first_byte_is_heard(live):
+def test_a_closed_port_does_not_spin_and_its_first_byte_ends_a_wait(live):
     usb, program, clock = live
     program.close()
     usb.is_open()
@@ -490,7 +490,7 @@ def test_a_closed_port_does_not_spin_but_its_first_byte_is_heard(live):
     assert take(usb, 1) == b"x"
 
 
-def test_after_closing_nothing_comes_back(usb, clock):
+def test_a_closed_device_stays_detached(usb, clock):
     switch_on(usb)
     usb.close()
     usb.plug()
@@ -500,7 +500,7 @@ def test_after_closing_nothing_comes_back(usb, clock):
     assert usb.wait(1) is True
 
 
-def test_nothing_leaks(clock, tmp_path):
+def test_no_descriptor_leaks(clock, tmp_path):
     def descriptors():
         return len(os.listdir("/dev/fd"))
 

@@ -1,4 +1,4 @@
-"""What a host makes of descriptors, right ones and wrong ones."""
+"""The host's check of USB descriptors, valid and invalid ones."""
 
 import struct
 
@@ -14,7 +14,7 @@ from uros.boards.virtual.hardware.usb_descriptors import (
     check_descriptors,
 )
 
-# The RA6M5's, written out.
+# The descriptors of the RA6M5, byte by byte.
 DEVICE = bytes.fromhex("12 01 0002 02 00 00 40 5b04 1320 0002 01 02 03 01")
 CONFIGURATION = bytes.fromhex(
     "09 02 4300 02 01 00 c0 32"
@@ -27,13 +27,13 @@ CONFIGURATION = bytes.fromhex(
 def test_the_descriptors_of_the_ra6m5():
     assert DEVICE_DESCRIPTOR == DEVICE
     assert CONFIGURATION_DESCRIPTOR == CONFIGURATION and len(CONFIGURATION) == 67
-    it = check_descriptors(DEVICE, CONFIGURATION, STRINGS)
-    assert (it.vendor, it.product) == (0x045B, 0x2013)
-    assert (it.manufacturer_name, it.product_name, it.serial) == (
+    identity = check_descriptors(DEVICE, CONFIGURATION, STRINGS)
+    assert (identity.vendor, identity.product) == (0x045B, 0x2013)
+    assert (identity.manufacturer_name, identity.product_name, identity.serial) == (
         "Renesas", "RA6M5 Sensor Node", "000001",
     )  # fmt: skip
-    assert it.self_powered and it.milliamperes == 100
-    assert (it.notification, it.data_out, it.data_in) == (0x83, 0x01, 0x82)
+    assert identity.self_powered and identity.milliamperes == 100
+    assert (identity.notification, identity.data_out, identity.data_in) == (0x83, 0x01, 0x82)
 
 
 def test_strings_may_be_absent():
@@ -49,7 +49,7 @@ def changed(data, **bytes_at):
 
 
 @pytest.mark.parametrize(
-    "device, why",
+    "device, reason",
     [
         (b"", "0 bytes instead of 18"),
         (DEVICE + b"\0", "19 bytes"),
@@ -61,13 +61,13 @@ def changed(data, **bytes_at):
         (changed(DEVICE, _17=0), "no configuration"),
     ],
 )
-def test_wrong_device_descriptors(device, why):
-    with pytest.raises(DescriptorError, match=why):
+def test_wrong_device_descriptors(device, reason):
+    with pytest.raises(DescriptorError, match=reason):
         check_descriptors(device, CONFIGURATION, STRINGS)
 
 
 def shorter(data, at):
-    """Without the descriptor at ``at``, and its total mended."""
+    """Return ``data`` without the descriptor at ``at``, and with the total length corrected."""
     out = bytearray(data)
     del out[at : at + out[at]]
     struct.pack_into("<H", out, 2, len(out))
@@ -75,7 +75,7 @@ def shorter(data, at):
 
 
 @pytest.mark.parametrize(
-    "configuration, why",
+    "configuration, reason",
     [
         (b"", "0 bytes"),
         (CONFIGURATION[:-1], "says 67 bytes and has 66"),
@@ -103,28 +103,28 @@ def shorter(data, at):
         (shorter(CONFIGURATION, 44), "1 interfaces"),
     ],
 )
-def test_wrong_configurations(configuration, why):
-    with pytest.raises(DescriptorError, match=why):
+def test_wrong_configurations(configuration, reason):
+    with pytest.raises(DescriptorError, match=reason):
         check_descriptors(DEVICE, configuration, STRINGS)
 
 
-def test_a_string_that_does_not_fit():
+def test_a_string_that_is_too_long_is_refused():
     check_descriptors(DEVICE, CONFIGURATION, ("a", "b", "c" * 126))
     with pytest.raises(DescriptorError, match="too long"):
         check_descriptors(DEVICE, CONFIGURATION, ("a", "b", "c" * 127))
 
 
 @given(st.binary(max_size=40), st.binary(max_size=90), st.lists(st.text(max_size=5)))
-def test_any_bytes_get_an_answer(device, configuration, strings):
-    for one, other in ((device, configuration), (DEVICE, configuration), (device, CONFIGURATION)):
+def test_any_bytes_are_accepted_or_refused_with_a_text(device, configuration, strings):
+    for pair in ((device, configuration), (DEVICE, configuration), (device, CONFIGURATION)):
         try:
-            check_descriptors(one, other, strings)
+            check_descriptors(*pair, strings)
         except DescriptorError as error:
             assert str(error)
 
 
 @given(st.integers(0, 66), st.integers(0, 255))
-def test_any_byte_changed_gets_an_answer(at, value):
+def test_any_changed_byte_is_accepted_or_refused_with_a_text(at, value):
     out = bytearray(CONFIGURATION)
     out[at] = value
     try:

@@ -1,4 +1,4 @@
-"""The faults and events of a modem that is plugged into a virtual board."""
+"""The faults and events of a modem that is attached to a virtual board."""
 
 import pytest
 
@@ -9,9 +9,9 @@ from uros.boards.virtual.models.catalog import find
 
 @pytest.fixture
 def board(tmp_path):
-    made = VirtualBoard(find("spresense_publisher_wifi"), ManualClock(), tmp_path / "tty")
-    yield made
-    made.close()
+    virtual_board = VirtualBoard(find("spresense_publisher_wifi"), ManualClock(), tmp_path / "tty")
+    yield virtual_board
+    virtual_board.close()
 
 
 def output(board, uart=2):

@@ -10,7 +10,7 @@ RED = (200, 40, 40)
 BOX = Box(0.5, -0.2, 0.8, 0.2, 0.3, RED)
 
 
-def test_the_walls_are_where_the_size_says() -> None:
+def test_the_walls_are_at_half_the_size() -> None:
     arena = Arena(size=3.0, boxes=[])
     assert arena.range(0, 0, 0) == pytest.approx(1.5)
     assert arena.range(0.5, 0.2, math.pi / 2) == pytest.approx(1.3)
@@ -54,7 +54,7 @@ def test_a_round_body_needs_room_on_all_sides() -> None:
     assert not arena.is_free(0.36, 0, 0.15)
     assert arena.is_free(0.34, 0, 0.15)
     assert not arena.is_free(0.6, 0, 0.15)
-    # Past the corner, around which the distance is round.
+    # Near the corner, where the limit is a circle around it.
     assert arena.is_free(0.5 - 0.12, 0.2 + 0.12, 0.15)
     assert not arena.is_free(0.5 - 0.1, 0.2 + 0.1, 0.15)
 

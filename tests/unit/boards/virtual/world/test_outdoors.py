@@ -74,20 +74,22 @@ def test_the_compass_points_north_when_it_heads_north():
 
 
 def test_the_dipole_of_known_places():
-    """Berlin: 49.5 µT, dipping by 68 degrees; Singapore: 42 µT, nearly level. A dipole is off by
-    some tenths of that."""
+    """The field of a dipole is right to some tenths.
+
+    Berlin has 49.5 µT with a dip of 68 degrees; Singapore 42 µT, nearly horizontal.
+    """
     for where, total, dip in (((52.5, 13.4), 49.5e-6, 68), ((1.3, 103.8), 42e-6, -13)):
         east, north, up = dipole(*where)
         assert math.hypot(east, north, up) == pytest.approx(total, rel=0.3)
-        found = math.degrees(math.atan2(-up, math.hypot(east, north)))
-        assert found == pytest.approx(dip, abs=10)
+        computed_dip = math.degrees(math.atan2(-up, math.hypot(east, north)))
+        assert computed_dip == pytest.approx(dip, abs=10)
 
 
 def test_day_and_night():
     assert Outdoors(1, 12).light(0) > 50_000
     assert Outdoors(1, 12).light(DAY / 2) < 1
     assert Outdoors(1, 0).light(0) < 1
-    # By the sun there, when the time is given.
+    # With an epoch, the light follows the sun at the place.
     world = Outdoors(1, epoch=EPOCH)
     noon = (12 * 3600 - world.longitude * 240) % DAY
     assert world.sun(noon) == pytest.approx(math.sin(math.pi * 6 / 14))

@@ -39,14 +39,14 @@ def bare(*boxes: Box, ball: bool = False) -> Scene:
     return scene
 
 
-def test_a_box_is_where_a_pinhole_shows_it() -> None:
+def test_a_box_has_the_place_of_the_pinhole_projection() -> None:
     # Its near side is 1 m away, 0.2 m wide, 0.1 m to the left, 0.3 m high.
     scene = bare(Box(1.0, 0.0, 1.2, 0.2, 0.3, RED))
-    seen = reds(scene)
-    columns = [column for column, _ in seen]
-    rows = [row for _, row in seen]
+    pixels = reds(scene)
+    columns = [column for column, _ in pixels]
+    rows = [row for _, row in pixels]
     assert min(columns) == pytest.approx(WIDTH / 2 - 0.2 * FOCAL, abs=2)
-    # Its south side is seen edge on: its right end is in the middle.
+    # Its south side is edge-on: its right end is in the middle of the picture.
     assert max(columns) == pytest.approx(WIDTH / 2, abs=2)
     assert min(rows) == pytest.approx(TALL / 2 - (0.3 - HEIGHT) * FOCAL, abs=2)
     assert max(rows) == pytest.approx(TALL / 2 + HEIGHT * FOCAL, abs=2)
@@ -83,7 +83,7 @@ def test_a_wall_ends_at_its_height() -> None:
     assert sky == (226, 226, 220) != wall
 
 
-def test_the_floor_lies_where_it_should() -> None:
+def test_the_floor_has_the_place_of_the_pinhole_projection() -> None:
     scene = bare()
     assert scene._floor is not None
     # A square of 0.2 m, its middle 0.8 m ahead of the camera and 0.3 m to its right.
@@ -142,10 +142,10 @@ def test_pictures_can_be_drawn_from_anywhere_and_in_any_size() -> None:
 def test_without_pillow_the_error_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
-    def fake(name: str, *rest: object) -> object:
+    def fake(name: str, *arguments: object) -> object:
         if name.startswith("PIL"):
             raise ImportError("no PIL")
-        return real(name, *rest)  # type: ignore[arg-type]
+        return real(name, *arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(builtins, "__import__", fake)
     with pytest.raises(NoPillow, match=r"uros\[board\]"):

@@ -33,7 +33,7 @@ def run(rover: Rover, seconds: float) -> None:
     rover.advance(rover._at + round(seconds * 1e6))
 
 
-def test_equal_motors_drive_it_straight_on() -> None:
+def test_equal_motors_drive_straight_on() -> None:
     rover = make_rover(spread=0.0, tolerance=0.0)
     drive(rover, HALF, HALF, 3.0)
     assert rover.x > 0.8
@@ -45,7 +45,7 @@ def test_equal_motors_drive_it_straight_on() -> None:
     assert rover.x < 0
 
 
-def test_a_faster_right_wheel_turns_it_to_the_left() -> None:
+def test_a_faster_right_wheel_turns_to_the_left() -> None:
     rover = make_rover()
     drive(rover, HALF, HALF // 2, 1.0)
     assert rover.theta > 0.3 and rover.y > 0
@@ -56,7 +56,7 @@ def test_a_faster_right_wheel_turns_it_to_the_left() -> None:
     assert abs(rover.x) < 0.02 and abs(rover.y) < 0.02
 
 
-def test_its_pose_is_that_of_its_wheels() -> None:
+def test_the_pose_follows_from_the_wheel_angles() -> None:
     rover = make_rover(3, tolerance=0.005)
     for right, left in ((HALF, HALF), (HALF, -HALF // 2), (-HALF, HALF), (FULL, HALF)):
         drive(rover, right, left, 1.0)
@@ -65,12 +65,12 @@ def test_its_pose_is_that_of_its_wheels() -> None:
     assert rover.radii != (RADIUS, RADIUS)
 
 
-def test_a_run_is_the_same_in_whatever_rhythm_it_is_advanced() -> None:
+def test_a_run_does_not_depend_on_the_time_steps() -> None:
     def run_by(steps: list[int]) -> tuple[object, ...]:
         rover = make_rover(5, Arena(5))
-        told: list[tuple[int, int, int]] = []
+        edges: list[tuple[int, int, int]] = []
         for side, encoder in enumerate(rover.encoders):
-            encoder.on_edge = lambda t, level, side=side: told.append((t, side, level))
+            encoder.on_edge = lambda t, level, side=side: edges.append((t, side, level))
         rover.fault("right_encoder_noise")
         t = 0
         for duty in (HALF, -HALF, FULL):
@@ -79,8 +79,8 @@ def test_a_run_is_the_same_in_whatever_rhythm_it_is_advanced() -> None:
             while t < end:
                 t = min(t + steps[t % len(steps)], end)
                 rover.advance(t)
-        assert [when for when, _, _ in told] == sorted(when for when, _, _ in told)
-        return rover.x, rover.y, rover.theta, rover.battery, told
+        assert [when for when, _, _ in edges] == sorted(when for when, _, _ in edges)
+        return rover.x, rover.y, rover.theta, rover.battery, edges
 
     once = run_by([900_000])
     assert once == run_by([1000]) == run_by([333, 5000, 17, 20_011])
@@ -88,17 +88,17 @@ def test_a_run_is_the_same_in_whatever_rhythm_it_is_advanced() -> None:
 
 
 def test_inputs_take_effect_at_the_next_whole_millisecond() -> None:
-    rover, other = make_rover(), make_rover()
+    rover, delayed = make_rover(), make_rover()
     rover.advance(1500)
     drive(rover, FULL, FULL)
-    other.advance(1999)
-    drive(other, FULL, FULL)
+    delayed.advance(1999)
+    drive(delayed, FULL, FULL)
     rover.advance(50_000)
-    other.advance(50_000)
-    assert rover.angles == other.angles and rover.angles[0] > 0
+    delayed.advance(50_000)
+    assert rover.angles == delayed.angles and rover.angles[0] > 0
 
 
-def test_without_the_motors_power_it_rolls_to_a_stand() -> None:
+def test_without_motor_power_the_rover_rolls_to_a_stop() -> None:
     rover = make_rover()
     drive(rover, HALF, HALF, 1.0)
     assert rover.v > 0.3
@@ -110,7 +110,7 @@ def test_without_the_motors_power_it_rolls_to_a_stand() -> None:
     assert rover.x == x
 
 
-def test_a_reset_ends_its_duties_and_its_power() -> None:
+def test_a_reset_clears_duties_and_motor_power() -> None:
     rover = make_rover()
     drive(rover, HALF, HALF, 1.0)
     rover.reset()
@@ -118,13 +118,13 @@ def test_a_reset_ends_its_duties_and_its_power() -> None:
     assert rover.v == 0 and not rover.driver.powered
 
 
-def test_a_wall_stops_it() -> None:
+def test_a_wall_stops_the_rover() -> None:
     rover = make_rover(arena=Arena(size=3.0, boxes=[]), spread=0.0, tolerance=0.0)
     drive(rover, FULL, FULL, 5.0)
     assert rover.x == pytest.approx(1.5 - BODY, abs=0.002)
     assert rover.v == 0 and rover.blocked and "wall" in rover.shows()
-    assert rover.speeds[0] == 0, "its wheels stand too"
-    assert rover.current > 1, "and its motors take what stalled ones do"
+    assert rover.speeds[0] == 0, "its wheels stop too"
+    assert rover.current > 1, "and its motors take the current of stalled ones"
     # It can turn there, and leave.
     drive(rover, HALF, -HALF, 0.3)
     assert rover.theta > 0.1
@@ -132,7 +132,7 @@ def test_a_wall_stops_it() -> None:
     assert not rover.blocked and rover.x < 1.3
 
 
-def test_pressed_against_a_wall_it_does_not_turn() -> None:
+def test_a_rover_pressed_against_a_wall_does_not_turn() -> None:
     rover = make_rover(1, arena=Arena(size=3.0, boxes=[]))
     drive(rover, HALF, HALF, 5.0)
     assert rover.blocked
@@ -142,7 +142,7 @@ def test_pressed_against_a_wall_it_does_not_turn() -> None:
 
 
 def test_driving_one_wheel_hardly_moves_the_other() -> None:
-    # The body's mass is between them: a push at one side is one on the other side's wheel.
+    # The wheels are coupled by the body's mass.
     rover = make_rover(spread=0.0, tolerance=0.0)
     rover.driver.faults.add("dead_b")
     drive(rover, FULL, 0, 0.1)
@@ -151,22 +151,22 @@ def test_driving_one_wheel_hardly_moves_the_other() -> None:
     assert abs(rover.angles[1]) < 0.2 * rover.angles[0]
 
 
-def test_a_box_stops_it_too() -> None:
+def test_a_box_stops_the_rover() -> None:
     box = Box(0.6, -0.3, 0.8, 0.3, 0.3, (0, 0, 0))
     rover = make_rover(arena=Arena(size=3.0, boxes=[box]), spread=0.0, tolerance=0.0)
     drive(rover, HALF, HALF, 5.0)
     assert rover.x == pytest.approx(0.6 - BODY, abs=0.002)
 
 
-def test_its_battery_sags_and_runs_down() -> None:
+def test_the_battery_voltage_drops_under_load_and_the_charge_decreases() -> None:
     rover = make_rover(battery=0.5)
-    rest = open_volts(0.5)
+    rest_volts = open_volts(0.5)
     drive(rover, FULL, FULL, 0.05)
-    assert rover.volts < rest - 0.1
+    assert rover.volts < rest_volts - 0.1
     rover.fault("left_stuck")
     rover.fault("right_stuck")
     drive(rover, FULL, FULL, 10.0)
-    assert rover.volts < rest - 0.2
+    assert rover.volts < rest_volts - 0.2
     assert 0.49 < rover.battery < 0.5
     full, empty = make_rover(battery=1.0), make_rover(battery=1.0)
     empty.fault("low_battery")
@@ -182,7 +182,7 @@ def test_the_voltage_rises_with_the_charge() -> None:
     assert open_volts(0.5) == pytest.approx(7.4)
 
 
-def test_it_turns_around_a_stuck_wheel() -> None:
+def test_the_rover_turns_around_a_stuck_wheel() -> None:
     rover = make_rover()
     rover.fault("left_stuck")
     drive(rover, HALF, HALF, 1.0)
@@ -204,21 +204,21 @@ def test_slip_loses_distance_that_the_encoders_do_not_measure() -> None:
 
 
 @pytest.mark.parametrize("fault", sorted(Rover.FAULTS))
-def test_each_fault_makes_a_difference_and_is_healed(fault: str) -> None:
-    def seen(rover: Rover) -> tuple[object, ...]:
-        told: list[tuple[int, int]] = []
+def test_each_fault_changes_a_run_and_can_be_cleared(fault: str) -> None:
+    def outcome(rover: Rover) -> tuple[object, ...]:
+        edges: list[tuple[int, int]] = []
         for encoder in rover.encoders:
-            encoder.on_edge = lambda t, level: told.append((t, level))
+            encoder.on_edge = lambda t, level: edges.append((t, level))
         drive(rover, HALF, HALF, 1.0)
-        return rover.x, rover.angles[0], rover.angles[1], told
+        return rover.x, rover.angles[0], rover.angles[1], edges
 
     rover = make_rover(seed=2)
     rover.fault(fault)
-    assert seen(rover) != seen(make_rover(seed=2))
+    assert outcome(rover) != outcome(make_rover(seed=2))
     rover = make_rover(seed=2)
     rover.fault(fault)
     rover.heal()
-    assert seen(rover) == seen(make_rover(seed=2))
+    assert outcome(rover) == outcome(make_rover(seed=2))
 
 
 def test_an_unknown_fault_is_refused() -> None:
@@ -226,7 +226,7 @@ def test_an_unknown_fault_is_refused() -> None:
         make_rover().fault("rust")
 
 
-def test_acts() -> None:
+def test_actions_of_the_user() -> None:
     rover = make_rover(arena=Arena(size=3.0, boxes=[]))
     rover.act("place", "0.5, -0.25, 90")
     assert (rover.x, rover.y) == (0.5, -0.25)
@@ -247,7 +247,7 @@ def test_acts() -> None:
 
 
 @given(st.sampled_from(sorted(Rover.ACTS)), st.text(max_size=20))
-def test_any_value_of_an_act_is_taken_or_refused_with_a_text(kind: str, value: str) -> None:
+def test_any_value_of_an_action_is_accepted_or_refused_with_a_text(kind: str, value: str) -> None:
     rover = make_rover(arena=Arena(size=3.0, boxes=[]))
     try:
         rover.act(kind, value)
@@ -257,7 +257,7 @@ def test_any_value_of_an_act_is_taken_or_refused_with_a_text(kind: str, value: s
     assert 0 <= rover.battery <= 1
 
 
-def test_it_is_twenty_times_faster_than_the_world() -> None:
+def test_the_simulation_is_twenty_times_faster_than_real_time() -> None:
     rover = make_rover(arena=Arena(1))
     best = math.inf
     for _ in range(5):
