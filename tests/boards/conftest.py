@@ -1,4 +1,4 @@
-"""A domain of the module's own, and a peer in it: as in the group interop."""
+"""A domain for each module, and a peer in it: the fixtures of the group interop."""
 
 from interop.conftest import agent, domain, peer
 

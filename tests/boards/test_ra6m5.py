@@ -1,4 +1,4 @@
-"""The virtual RA6M5 board, through our agent, to a real rclpy node."""
+"""The virtual RA6M5 board, through the agent, to a real rclpy node."""
 
 import pytest
 from support.agent import running_agent
@@ -19,7 +19,7 @@ FRAMES = {
     "/sensors/thermocouple_hot": "mcp9600",
     "/sensors/thermocouple_cold": "mcp9600",
 }
-# What is plausible in a room, in the units of the messages: °C, a fraction, counts.
+# Plausible values in a room, in the units of the messages: °C, a fraction, counts.
 PLAUSIBLE = {
     "/sensors/room_temp": (5.0, 45.0),
     "/sensors/humidity": (0.05, 0.95),
@@ -43,7 +43,7 @@ def board(request, tmp_path, peer):
     for topic in TYPES:
         forget(peer, topic)
     link = tmp_path / "ttyACM0"
-    # As text on one, as bytecode on the other.
+    # Text on CPython, bytecode on MicroPython.
     form = "mpy" if request.param == "micropython" else "py"
     with RunningBoard(NODE, engine=request.param, form=form, link=link) as running:
         yield running
@@ -60,13 +60,13 @@ def read(topic, cdr):
 
 
 def forget(peer, topic):
-    """What has come of a topic so far."""
+    """Discard the messages of a topic so far."""
     peer.messages[topic].clear()
     peer.times[topic].clear()
 
 
 def diagnostics(peer, text):
-    """Diagnostic lines up to one with this text."""
+    """Wait for a diagnostic line that contains ``text``; return all lines up to it."""
     lines = []
     while not lines or text not in lines[-1]:
         lines.append(read(DIAGNOSTIC, peer.message(DIAGNOSTIC, 30)).data)
@@ -74,11 +74,11 @@ def diagnostics(peer, text):
 
 
 def test_all_seven_topics_arrive_with_types_frames_units_and_stamps(agent, board, peer):
-    seen = peer.do("node", namespace="/", name=NODE, publishers=TYPES)
-    assert seen["publishers"] == {topic: [name] for topic, name in TYPES.items()}
+    node = peer.do("node", namespace="/", name=NODE, publishers=TYPES)
+    assert node["publishers"] == {topic: [name] for topic, name in TYPES.items()}
     assert diagnostics(peer, "initialized") == [f"{NODE} initialized"]
     for topic in PLAUSIBLE:
-        late = []
+        delays = []
         for _ in range(3):
             cdr, now = peer.timed_message(topic)
             message = read(topic, cdr)
@@ -86,18 +86,18 @@ def test_all_seven_topics_arrive_with_types_frames_units_and_stamps(agent, board
             if topic in FRAMES:
                 assert message.header.frame_id == FRAMES[topic]
                 stamp = message.header.stamp
-                late.append(now - stamp.sec * 10**9 - stamp.nanosec)
+                delays.append(now - stamp.sec * 10**9 - stamp.nanosec)
                 assert message.variance == 0.0
                 name = "relative_humidity" if "humidity" in topic else "temperature"
                 value = getattr(message, name)
             else:
                 value = message.data
             assert low <= value <= high, (topic, value)
-        # On a busy machine a message may be late; the clock and the stamp are not.
-        assert topic not in FRAMES or -STAMP_NS < min(late) < STAMP_NS, (topic, late)
+        # A busy machine delays some messages, but neither the clock nor the stamps.
+        assert topic not in FRAMES or -STAMP_NS < min(delays) < STAMP_NS, (topic, delays)
 
 
-def test_a_sensor_fails_and_comes_back_and_the_others_go_on(agent, board, peer):
+def test_a_sensor_fails_and_recovers_while_the_others_continue(agent, board, peer):
     diagnostics(peer, "initialized")
     board.happen("sht3x:nack")
     assert "SHT3x read failed" in diagnostics(peer, "SHT3x")[-1]
@@ -111,7 +111,7 @@ def test_a_sensor_fails_and_comes_back_and_the_others_go_on(agent, board, peer):
     peer.message("/sensors/room_temp")
 
 
-def test_the_line_unplugged_and_plugged_again(agent, board, peer):
+def test_the_usb_cable_is_unplugged_and_plugged_in_again(agent, board, peer):
     diagnostics(peer, "initialized")
     board.happen("usb:unplug")
     board.wait_usb("detached")
@@ -122,7 +122,7 @@ def test_the_line_unplugged_and_plugged_again(agent, board, peer):
         peer.message(topic)
 
 
-def test_an_agent_that_is_started_again_is_told_everything_again(board, peer, domain):
+def test_a_restarted_agent_gets_all_entities_again(board, peer, domain):
     for _ in range(2):
         with running_agent("serial", "dds", domain, device=board.path):
             diagnostics(peer, "initialized")

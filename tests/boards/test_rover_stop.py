@@ -1,6 +1,7 @@
-"""SprTurtleBot stops a second after its last command, whatever its main core does meanwhile.
+"""SprTurtleBot stops a second after its last command, also while its main core is blocked.
 
-No agent and no network: the program's own callbacks are called, and then its main loop is blocked.
+There is neither an agent nor a network: the test program calls the firmware's callbacks, and then
+blocks the main loop.
 """
 
 import queue
@@ -15,8 +16,8 @@ pytestmark = pytest.mark.timeout(120)
 
 NAME = "sprturtlebot"
 V = 0.25
-# A second at that speed, what a loaded host takes longer, and the way to stop.
-FARTHEST = 0.40
+# Metres: one second at that speed, the delay of a loaded host, and the stopping distance.
+MAX_DISTANCE = 0.40
 
 DRIVE = '''
 import time
@@ -33,7 +34,7 @@ def spin():
 
 
 def step():
-    """Drive, and block the main loop in the next moment."""
+    """Drive, and then block the main loop."""
     if core is None:
         start()
     core.on_motor_power(Bool(data=True))
@@ -65,7 +66,7 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("engine", ["cpython", "micropython"])
 @pytest.mark.parametrize("block", BLOCKS)
-def test_it_stops_a_second_after_the_last_command_while_the_main_core_hangs(
+def test_the_rover_stops_a_second_after_the_last_command_while_the_main_core_hangs(
     tmp_path, engine, block
 ):
     program = tmp_path / "program"
@@ -78,17 +79,17 @@ def test_it_stops_a_second_after_the_last_command_while_the_main_core_hangs(
     with RunningBoard(program, NAME, engine, happen=happen, on_event=events.put):
         while events.get(timeout=30).get("line") != "commanded":
             pass
-        way = standing(events)
-    assert 0.1 < way < FARTHEST
+        distance = stopping_distance(events)
+    assert 0.1 < distance < MAX_DISTANCE
 
 
-def standing(events):
-    """How far it has driven to the east when it stands again, in metres."""
-    way = 0.0
+def stopping_distance(events):
+    """Wait until the rover stands again; return the distance to the east in metres."""
+    distance = 0.0
     while True:
         try:
-            event = events.get(timeout=2.0 if way > 0.05 else 30.0)
+            event = events.get(timeout=2.0 if distance > 0.05 else 30.0)
         except queue.Empty:
-            return way
+            return distance
         if event["event"] == "part" and event["name"] == "rover":
-            way = float(event["shows"].split(" m")[0])
+            distance = float(event["shows"].split(" m")[0])

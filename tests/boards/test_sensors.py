@@ -1,4 +1,4 @@
-"""firmware/spresense_sensors on its virtual board, through our agent, to a real rclpy node."""
+"""firmware/spresense_sensors on its virtual board, through the agent, to a real rclpy node."""
 
 import math
 
@@ -44,7 +44,7 @@ def peer(peer):
 def board(request, tmp_path, peer):
     for topic in TYPES:
         forget(peer, topic)
-    # As text on one, as bytecode on the other.
+    # Text on CPython, bytecode on MicroPython.
     form = "mpy" if request.param == "micropython" else "py"
     with RunningBoard(
         "spresense_sensors", engine=request.param, form=form, link=tmp_path / "ttyUSB0"
@@ -59,7 +59,7 @@ def agent(board, domain):
 
 
 def forget(peer, topic):
-    """What has come of a topic so far."""
+    """Discard the messages of a topic so far."""
     peer.messages[topic].clear()
     peer.times[topic].clear()
 
@@ -69,8 +69,8 @@ def read(peer, topic):
     return from_cdr(load_type(TYPES[topic]), cdr), now
 
 
-def said(peer, text):
-    """The first line of the log with this text."""
+def log_line(peer, text):
+    """Wait for a line on /rosout that contains ``text``, and return it."""
     while True:
         line = from_cdr(load_type(TYPES["/rosout"]), peer.message("/rosout", 30))
         if text in line.msg:
@@ -78,16 +78,16 @@ def said(peer, text):
 
 
 def fresh(peer, topic):
-    """One that was sent after now."""
+    """Return a message that arrives after this call."""
     forget(peer, topic)
     return read(peer, topic)[0]
 
 
-def test_all_ten_kinds(agent, board, peer):
+def test_all_ten_message_types(agent, board, peer):
     wanted = {topic: kind for topic, kind in TYPES.items() if topic != "/rosout"}
-    seen = peer.do("node", namespace="/", name=NODE, publishers=wanted)
+    node = peer.do("node", namespace="/", name=NODE, publishers=wanted)
     for topic, kind in wanted.items():
-        assert seen["publishers"][topic] == [kind]
+        assert node["publishers"][topic] == [kind]
     for topic, frame in FRAMES.items():
         message, now = read(peer, topic)
         assert message.header.frame_id == frame
@@ -116,7 +116,7 @@ def test_all_ten_kinds(agent, board, peer):
     info = fresh(peer, "/camera_info")
     assert (info.width, info.height, info.k[0], info.roi.do_rectify) == (320, 240, 0.0, False)
 
-    # It finds itself after some 27 s, and says until then that it does not know.
+    # The receiver has a fix after some 27 s; until then it reports none.
     fix = fresh(peer, "/fix")
     while fix.status.status < 0:
         assert math.isnan(fix.latitude) and fix.position_covariance_type == 0
@@ -128,13 +128,13 @@ def test_all_ten_kinds(agent, board, peer):
     assert fix.position_covariance[0] == fix.position_covariance[4] > 1
     assert fix.position_covariance_type == fix.COVARIANCE_TYPE_APPROXIMATED
     reference = fresh(peer, "/time_reference")
-    ours = reference.header.stamp.sec + reference.header.stamp.nanosec / 1e9
+    board_time = reference.header.stamp.sec + reference.header.stamp.nanosec / 1e9
     assert reference.source == "GNSS"
-    # The receiver's line, and up to one poll.
-    assert -0.05 < ours - reference.time_ref.sec < 0.3
+    # The latency of the receiver's line, and up to one poll.
+    assert -0.05 < board_time - reference.time_ref.sec < 0.3
 
 
-def test_one_that_fails_is_told_once_and_the_others_go_on(agent, board, peer):
+def test_a_failed_sensor_is_reported_once_and_the_others_continue(agent, board, peer):
     read(peer, "/temperature")
     for spec, text in (
         ("mpu6050:absent", "MPU-6050: no answer"),
@@ -144,7 +144,7 @@ def test_one_that_fails_is_told_once_and_the_others_go_on(agent, board, peer):
         ("sht3x:crc", "SHT3x: wrong CRC of the temperature"),
     ):
         board.happen(spec)
-        line = said(peer, text)
+        line = log_line(peer, text)
         assert line.level == 40 and line.name == NODE
     for topic in ("/illuminance", "/imu/mag", "/camera_info"):
         fresh(peer, topic)
@@ -154,9 +154,9 @@ def test_one_that_fails_is_told_once_and_the_others_go_on(agent, board, peer):
         fresh(peer, "/illuminance")
     for topic in ("/imu/data_raw", "/battery", "/temperature", "/humidity"):
         assert not peer.messages[topic]
-    assert not peer.messages["/rosout"]  # it was told, once
+    assert not peer.messages["/rosout"]  # each fault was reported once
     board.happen("all:off")
-    back = {said(peer, "it is back").msg.split(":")[0] for _ in range(5)}
-    assert back == {"MPU-6050", "TF-Luna", "MAX17048", "GNSS", "SHT3x"}
+    recovered = {log_line(peer, "it is back").msg.split(":")[0] for _ in range(5)}
+    assert recovered == {"MPU-6050", "TF-Luna", "MAX17048", "GNSS", "SHT3x"}
     for topic in ("/imu/data_raw", "/battery", "/temperature", "/fix"):
         fresh(peer, topic)
