@@ -1,5 +1,5 @@
-"""The programs for the Spresense on their virtual boards, on both engines, through our agent to a
-real rclpy node, which checks what the document says to check."""
+"""The programs for the Spresense on their virtual boards, on both engines, through the agent to a
+real rclpy node; the checks are those of the tutorial."""
 
 import io
 import os
@@ -30,7 +30,7 @@ TRIGGER = "std_srvs/srv/Trigger"
 NUMBERS = "/my_publisher_serial"
 PICTURES = "/image/compressed"
 SECONDS = 20.0
-# The line is open, and nobody has been asked for half a second.
+# Printed when the line has been open for half a second.
 LOOKING = "looking for the agent"
 CONNECTED = "connected to the agent"
 
@@ -49,14 +49,14 @@ def peer(ros_python, domain):
 
 
 def running_board(name, engine, program=None, **options):
-    # Bytecode takes its time to make: it is tried with the largest of them.
+    # Compiling to bytecode takes time: only the largest program is tested as bytecode.
     form = "mpy" if (name, engine) == ("spresense_camera", "micropython") else "py"
     return RunningBoard(program or name, name, engine, form=form, **options)
 
 
 @contextmanager
 def served(name, engine, domain):
-    """A board that its own agent serves."""
+    """A board that is connected to an agent of its own."""
     with running_board(name, engine) as board:
         with running_agent("serial", "dds", domain, device=board.path):
             board.wait(CONNECTED)
@@ -72,18 +72,19 @@ def number(peer):
 
 
 def forget(peer, topic):
+    """Discard the messages of a topic so far."""
     peer.messages[topic].clear()
     peer.times[topic].clear()
 
 
 def listed(peer, publishers):
-    """The node, as ``ros2 node info`` shows it; what it publishes, and nothing else."""
-    seen = peer.do("node", namespace="/", name=NODE, publishers=publishers)
-    assert seen["publishers"] == {topic: [kind] for topic, kind in publishers.items()}
+    """Wait for the node in the ROS graph, and check that it has these publishers and no others."""
+    node = peer.do("node", namespace="/", name=NODE, publishers=publishers)
+    assert node["publishers"] == {topic: [kind] for topic, kind in publishers.items()}
 
 
 def blinking(board):
-    """LED0 is toggled, as from now."""
+    """Wait until LED0 has blinked, from now on."""
     before = len(board.shown("led0"))
     while len(board.shown("led0")) < before + 2:
         board.wait_shows("led0", "on", SECONDS)
@@ -93,7 +94,7 @@ def blinking(board):
 # --- publisher ------------------------------------------------------------------------
 
 
-def test_the_publisher_counts_ten_a_second_and_on_with_another_agent(engine, peer, domain):
+def test_the_publisher_counts_ten_a_second_and_continues_with_a_new_agent(engine, peer, domain):
     forget(peer, NUMBERS)
     with running_board("spresense_publisher", engine) as board:
         board.wait(LOOKING)
@@ -101,27 +102,30 @@ def test_the_publisher_counts_ten_a_second_and_on_with_another_agent(engine, pee
         with running_agent("serial", "dds", domain, device=board.path):
             board.wait(CONNECTED)
             listed(peer, {NUMBERS: INT32})
-            first, start = peer.timed_message(NUMBERS)
-            heard = [peer.timed_message(NUMBERS) for _ in range(10)]
+            messages = [peer.timed_message(NUMBERS) for _ in range(11)]
+            # A busy machine delays some messages: ten periods in a row must be in time.
+            while not 0.85 < (messages[-1][1] - messages[-11][1]) / 1e9 < 1.15:
+                assert len(messages) < 100, [now for _, now in messages]
+                messages.append(peer.timed_message(NUMBERS))
             assert board.shows("led0") == "on"
-        first = read(INT32, first).data
-        assert [read(INT32, cdr).data for cdr, _ in heard] == list(range(first + 1, first + 11))
-        assert 0.85 < (heard[-1][1] - start) / 1e9 < 1.15
+        numbers = [read(INT32, cdr).data for cdr, _ in messages]
+        first, last = numbers[0], numbers[-1]
+        assert numbers == list(range(first, last + 1))
         if engine == "cpython":
-            return  # once is enough of what takes so long
+            return  # the rest takes long, and is tested on one engine
         board.wait("no agent: ")
         blinking(board)
         forget(peer, NUMBERS)
         with running_agent("serial", "dds", domain, device=board.path):
             board.wait(CONNECTED)
-            assert number(peer) > first + 10
+            assert number(peer) > last
 
 
 # --- publisher by Wi-Fi -----------------------------------------------------------------
 
 
 def by_wifi(tmp_path, **changes):
-    """The program with another config.py."""
+    """Return a copy of the program with other values in config.py."""
     folder = tmp_path / "program"
     shutil.copytree(ROOT / "firmware" / "spresense_publisher_wifi", folder)
     config = folder / "config.py"
@@ -133,20 +137,20 @@ def by_wifi(tmp_path, **changes):
 
 
 @pytest.mark.parametrize(
-    ("modem", "engine", "fault", "said"),
+    ("modem", "engine", "fault", "message"),
     [
-        # tests/mpy/test_plugs.py has more of what can happen.
+        # tests/mpy/test_plugs.py has the other faults.
         ("gs2200", "micropython", "lost", "cannot join robots"),
         ("esp8266", "cpython", "closed", "has closed the link"),
     ],
 )
-def test_the_same_by_either_modem_and_what_happens_to_it(
-    modem, engine, fault, said, peer, domain, tmp_path
+def test_the_publisher_over_each_modem_and_its_faults(
+    modem, engine, fault, message, peer, domain, tmp_path
 ):
     forget(peer, NUMBERS)
     program = by_wifi(tmp_path, MODEM=modem)
     with running_agent("udp", "dds", domain) as agent:
-        # The address that config.py has is this one here.
+        # The agent's address in config.py is mapped to this one.
         with running_board(
             "spresense_publisher_wifi", engine, program, agent=("127.0.0.1", agent.transport.port)
         ) as board:
@@ -158,7 +162,7 @@ def test_the_same_by_either_modem_and_what_happens_to_it(
             assert [number(peer) for _ in range(10)] == list(range(first + 1, first + 11))
             assert board.shows("led0") == "on"
             board.happen(f"{modem}:{fault}")
-            board.wait(said)
+            board.wait(message)
             blinking(board)
             board.happen(f"{modem}:off")
             board.wait(CONNECTED)
@@ -168,7 +172,7 @@ def test_the_same_by_either_modem_and_what_happens_to_it(
 
 
 @pytest.mark.parametrize("modem", ["gs2200", "esp8266"])
-def test_a_wrong_password_is_told(modem, tmp_path):
+def test_a_wrong_password_is_reported(modem, tmp_path):
     program = by_wifi(tmp_path, MODEM=modem, PASSWORD="wrong-one")
     with running_board("spresense_publisher_wifi", "cpython", program) as board:
         assert "password" in board.wait("cannot join robots")
@@ -176,10 +180,10 @@ def test_a_wrong_password_is_told(modem, tmp_path):
         assert not board.ended
 
 
-def test_what_keeps_the_program_from_starting_is_told_again_and_again(tmp_path):
+def test_a_configuration_error_is_reported_at_each_retry(tmp_path):
     program = by_wifi(tmp_path, MODEM="esp32")
     with running_board("spresense_publisher_wifi", "cpython", program) as board:
-        for _ in range(2):  # it goes on trying
+        for _ in range(2):  # the program retries
             board.wait("MODEM in config.py is 'esp32': make it gs2200 or esp8266")
             blinking(board)
 
@@ -198,8 +202,8 @@ def test_the_subscriber_switches_led1(engine, peer, domain):
         (info,) = peer.do("topic", topic=topic, of="subscriptions")["infos"]
         assert info["type"] == INT32
         assert board.shows("led1") == "off"
-        # As `ros2 topic pub` without --once, which tells it again and again: the reader finds the
-        # writer a moment later than it is found.
+        # Publish repeatedly, as `ros2 topic pub` without --once: the reader matches the writer a
+        # moment later than the writer matches the reader.
         while board.shows("led1") == "off":
             send(peer, topic, 1)
             peer.do("node", namespace="/none", name="none", publishers={}, seconds=0.1)
@@ -222,18 +226,18 @@ def picture(peer, after):
     assert after < stamp < now
     assert len(message.data) <= 20_000
     with Image.open(io.BytesIO(bytes(message.data))) as image:
-        image.load()  # all of it
+        image.load()  # decodes the whole picture
         assert (image.format, image.size) == ("JPEG", (320, 240))
     return stamp
 
 
-def test_the_camera_publishes_a_picture_a_second_and_tells_what_fails(engine, peer, domain):
+def test_the_camera_publishes_a_picture_a_second_and_reports_faults(engine, peer, domain):
     forget(peer, PICTURES)
     stamp = time.time_ns()
     with served("spresense_camera", engine, domain) as board:
         listed(peer, {PICTURES: IMAGE})
         periods = []
-        for _ in range(20):  # a busy machine takes some pictures late
+        for _ in range(20):  # a busy machine delays some pictures
             stamp, before = picture(peer, stamp), stamp
             periods.append(stamp - before)
             if abs(periods[-1] - 10**9) < 3e8 and len(periods) > 1:
@@ -258,15 +262,15 @@ def test_the_camera_publishes_a_picture_a_second_and_tells_what_fails(engine, pe
 
 @contextmanager
 def agent_with_rclpy(python, domain, link):
-    """One in a process of its own, on this line: services need rclpy."""
+    """An agent in a process of its own on this line, with rclpy, which services need."""
     process = subprocess.Popen(
         [str(python), "-m", "uros", "agent", "serial", "--dev", str(link), "-m", "auto",
          "--domain", str(domain), "--stop-at-eof"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env=dict(os.environ, PYTHONPATH=str(ROOT / "src")),
     )  # fmt: skip
-    said = []
-    thread = threading.Thread(target=lambda: said.extend(process.stdout), daemon=True)
+    lines = []
+    thread = threading.Thread(target=lambda: lines.extend(process.stdout), daemon=True)
     thread.start()
     try:
         yield
@@ -278,28 +282,28 @@ def agent_with_rclpy(python, domain, link):
             process.kill()
             thread.join()
             process.stdout.close()
-    assert process.returncode == 0 and "internal error" not in "".join(said), said
+    assert process.returncode == 0 and "internal error" not in "".join(lines), lines
 
 
 @pytest.fixture(scope="class")
 def link(ros_python, domain, tmp_path_factory):
-    """A line that an agent waits for. One board after the other is at its end."""
+    """The path of a serial line that an agent waits for; each board of the class has it in turn."""
     path = tmp_path_factory.mktemp("line") / "ttyUSB0"
     with agent_with_rclpy(ros_python, domain, path):
         yield path
 
 
 class TestServiceServer:
-    def test_it_answers_by_turns_and_led1_follows(self, engine, peer, link):
+    def test_answers_alternate_and_led1_follows(self, engine, peer, link):
         name = "/srv_trigger_serial"
         with running_board("spresense_service_server", engine, link=link) as board:
             board.wait(CONNECTED)
             offered = {name: [TRIGGER]}
-            seen = peer.do("services", namespace="/", name=NODE, services=offered, clients={})
-            assert seen["found"] == [offered, {}]
+            graph = peer.do("services", namespace="/", name=NODE, services=offered, clients={})
+            assert graph["found"] == [offered, {}]
             success, text = called(peer, name)
             board.wait(f"answered {success} {text}")
-            first = int(text.removeprefix("Response[").rstrip("]"))  # it may have been asked twice
+            first = int(text.removeprefix("Response[").rstrip("]"))  # it may have been called twice
             assert success == (first % 2 == 0)
             for n in range(first + 1, first + 5):
                 assert called(peer, name) == (n % 2 == 0, f"Response[{n}]")
@@ -315,14 +319,14 @@ def called(peer, name):
 
 
 class TestServiceClient:
-    def test_it_asks_every_two_seconds_and_led1_toggles(self, engine, peer, link):
+    def test_the_service_is_called_every_two_seconds_and_led1_toggles(self, engine, peer, link):
         name = "/srv_trigger_py"
-        # Its time goes twice as fast as ours: tests are short, and two seconds are one.
+        # The board runs twice as fast as real time, so its two seconds are one.
         with running_board("spresense_service_client", engine, link=link, speed=2.0) as board:
             board.wait(CONNECTED)
             used = {name: [TRIGGER]}
-            seen = peer.do("services", namespace="/", name=NODE, services={}, clients=used)
-            assert seen["found"] == [{}, used]
+            graph = peer.do("services", namespace="/", name=NODE, services={}, clients=used)
+            assert graph["found"] == [{}, used]
             if engine == "cpython":
                 board.wait("no answer: does a node serve /srv_trigger_py?")
             peer.do("serve", name=name, type=TRIGGER, text="Response[{}]", first=0)
@@ -337,7 +341,7 @@ class TestServiceClient:
 
 
 def answer(board):
-    """When the next one came, and the line that tells of it."""
+    """Wait for the next answer; return its time in seconds, and its line of the console."""
     line = ""
     while not line.startswith("answer "):
         line = board.wait("answer ")
