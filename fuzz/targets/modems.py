@@ -209,7 +209,7 @@ class Play:
     def check(self) -> None:
         one = self.transport
         must(len(one._answers) <= 8, "answers are kept")
-        must(one._length <= len(one._line) == 96 and len(one._said) <= 96, "a line grows")
+        must(one._length <= len(one._line) == 96 and len(one._info) <= 96, "a line grows")
         must(len(one._messages) < 200, "messages are kept")
         must(0 <= one._left <= 9999, "a length that cannot be")
         must(0 <= one._to <= len(one._out) == 300, "the queue grows")
