@@ -1,4 +1,4 @@
-"""Token buckets: what they let through, compared with a plain model and with their limits."""
+"""Token buckets compared with a plain model and with their limits."""
 
 import pytest
 from hypothesis import given
@@ -43,7 +43,7 @@ def test_the_level_stays_between_debt_and_burst(burst, rate, steps):
 
 
 @given(st.lists(st.tuples(st.floats(0, 0.5), st.floats(0, 10)), max_size=40))
-def test_no_more_is_spent_than_came_in_and_a_debt_has_an_end(steps):
+def test_no_more_is_spent_than_the_rate_allows_and_a_debt_is_bounded(steps):
     bucket, now, spent, start = TokenBucket(0.5, 0.25), 0.0, 0.0, True
     for wait, cost in steps:
         now += wait
@@ -52,7 +52,7 @@ def test_no_more_is_spent_than_came_in_and_a_debt_has_an_end(steps):
             bucket.spend(cost)
             spent += min(cost, 1.0)
         start = False
-    assert bucket.available(now + 2.1) > 0  # whatever the debt was
+    assert bucket.available(now + 2.1) > 0  # for any debt
 
 
 def test_a_token_that_is_put_back_can_be_taken_again():
@@ -91,10 +91,10 @@ def test_forgetting_full_buckets_changes_nothing(requests):
     """Compared with a bucket for each key that is never forgotten."""
     buckets, now = KeyedTokenBuckets((2, 0.5), (8, 4.0)), 0.0
     buckets._forget_at = 2
-    known, shared = {}, TokenBucket(8, 4.0)
+    own_buckets, shared = {}, TokenBucket(8, 4.0)
     for pause, number in requests:
         now += pause / 8
-        own = known.setdefault(number, TokenBucket(2, 0.5))
+        own = own_buckets.setdefault(number, TokenBucket(2, 0.5))
         expected = own.available(now) >= 1 and shared.take(now)
         if expected:
             own.spend(1)
@@ -106,7 +106,7 @@ def test_a_request_that_one_limit_refuses_costs_nothing_at_the_other():
     assert buckets.take("a", 5.0)
     assert not any(buckets.take("a", 5.0) for _ in range(10))
     assert buckets.take("b", 5.0) and not buckets.take("c", 5.0)
-    assert buckets.take("c", 6.0)  # its own bucket was not emptied in vain
+    assert buckets.take("c", 6.0)  # its own bucket was not charged by the refusal
 
 
 def test_a_flood_of_new_keys_takes_bounded_memory():

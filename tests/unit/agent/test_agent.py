@@ -1,4 +1,4 @@
-"""All clients of an agent: who may come in, whose a datagram is, who is forgotten."""
+"""Clients of an agent: admission, to which client a datagram belongs, deletion."""
 
 import pytest
 from unit.agent import helpers
@@ -30,7 +30,7 @@ OK, INVALID = ids.STATUS_OK, ids.STATUS_ERR_INVALID_DATA
 
 
 def answer(desk, datagram, peer=1):
-    """(head, kind, payload) of the one message that comes back."""
+    """Return (head, kind, payload) of the single answer."""
     ((to, sent),) = desk.hear(datagram, peer)
     assert to == peer
     head, ((kind, _, payload),) = parse(sent)
@@ -38,14 +38,14 @@ def answer(desk, datagram, peer=1):
 
 
 def admitted(desk, *args, peer=1, **more):
-    """The status of CREATE_CLIENT."""
+    """Return the status of CREATE_CLIENT."""
     head, kind, payload = answer(desk, create_client(*args, **more), peer)
     assert kind == ids.STATUS_AGENT
     return payload[0]
 
 
 def still_works(desk):
-    """Another client comes, publishes and subscribes, and all its answers come."""
+    """Test that another client connects, publishes, subscribes and gets all its answers."""
     board = Board(desk, peer=99, key=0x99)
     entities = publisher_entities("rt/other")
     assert board.ask(*entities, *subscriber_entities("rt/other")[2:]) == [OK] * 6
@@ -56,10 +56,10 @@ def still_works(desk):
     assert "internal error" not in desk.log()
 
 
-# --- who may come in ---------------------------------------------------------------------
+# --- admission ---------------------------------------------------------------------------
 
 
-def test_a_client_comes_and_goes(desk):
+def test_a_client_connects_and_closes_its_session(desk):
     assert admitted(desk) == OK
     assert list(desk.agent.clients) == [helpers.KEY]
     head, kind, payload = answer(desk, message([delete(ids.OBJECT_CLIENT, 0x0506)], 0))
@@ -78,7 +78,7 @@ def test_a_client_comes_and_goes(desk):
 
 
 @pytest.mark.parametrize(
-    ("more", "status", "said"),
+    ("more", "status", "message_text"),
     [
         ({"key": 0}, INVALID, "invalid client key"),
         ({"cookie": b"XRCF"}, INVALID, "invalid cookie"),
@@ -99,15 +99,15 @@ def test_a_client_comes_and_goes(desk):
         ({"properties": []}, OK, None),
     ],
 )
-def test_who_may_come_in(desk, more, status, said):
+def test_admission_of_a_create_client(desk, more, status, message_text):
     assert admitted(desk, **more) == status
     assert bool(desk.agent.clients) == (status == OK)
-    if said:
-        assert said in desk.log()
+    if message_text:
+        assert message_text in desk.log()
     still_works(desk)
 
 
-def test_the_optional_flag_that_is_no_boolean(desk):
+def test_an_optional_flag_that_is_no_boolean(desk):
     datagram = bytearray(create_client())
     at = datagram.index(b"\x81\0\0\x02", 8) + 1
     for value in (2, 0x7F, 0xFF):
@@ -125,7 +125,7 @@ def test_a_truncated_create_client(desk, cut):
     still_works(desk)
 
 
-def test_properties_without_end(desk):
+def test_more_properties_than_the_limit(desk):
     datagram = create_client(properties=[("a", "b")] * 33)
     assert desk.hear(datagram) == []
     assert "over the limit" in desk.log()
@@ -208,7 +208,7 @@ def test_with_a_key_in_the_header_the_key_decides_wherever_it_comes_from(desk):
     desk.boards[7] = board
     assert board.ask(topic()) == []
     desk.wait(510)
-    board.sequence[ids.STREAM_RELIABLE] = 1  # as heartbeats would make it
+    board.sequence[ids.STREAM_RELIABLE] = 1  # as heartbeats would advance it
     assert board.ask(topic()) == [OK]
     assert "address: peer 7" in desk.log()
     assert desk.place.sessions == {}
@@ -245,13 +245,13 @@ def test_many_clients_of_both_kinds(desk):
      sub(99)],
 )  # fmt: skip
 @pytest.mark.parametrize("session_id", [0x05, 0x81])
-def test_unknown_sessions_stay_unanswered(desk, submessage, session_id):
+def test_messages_of_unknown_sessions_get_no_answer(desk, submessage, session_id):
     for stream in (0, 1, 0x80):
         assert desk.hear(message([submessage], stream, 0, session_id)) == []
     still_works(desk)
 
 
-def test_an_unknown_session_is_told_of_once_in_a_while(desk):
+def test_unknown_sessions_are_logged_at_a_limited_rate(desk):
     for number in range(5):
         desk.hear(message([write_data(helpers.WRITER, b"x")], 1, number))
     assert desk.said.getvalue().count("unknown session") == 1
@@ -268,10 +268,10 @@ def test_delete_of_an_unknown_client_is_confirmed(desk, session_id):
 
 
 @pytest.mark.parametrize(
-    ("head", "key", "known"),
+    ("head", "key", "info_mask"),
     [(0x80, 0, 1), (0x00, helpers.KEY, 1), (0x00, 0x1234, 0)],
 )
-def test_pings_tell_whether_the_asker_is_known(desk, head, key, known):
+def test_ping_answers_depend_on_whether_the_client_is_known(desk, head, key, info_mask):
     _, kind, payload = answer(desk, message([get_info()], 0, 0, 0x80, 0))
     assert kind == ids.INFO and payload[5] == 0
     Board(desk)
@@ -280,7 +280,7 @@ def test_pings_tell_whether_the_asker_is_known(desk, head, key, known):
         Reader(payload, 0, len(payload))
     )
     assert (request, object_id, status) == (0x1122, ids.OBJECT_AGENT, OK)
-    assert implementation == known
+    assert implementation == info_mask
 
 
 @pytest.mark.parametrize("size", range(13))
@@ -292,13 +292,13 @@ def test_too_short_for_a_message(desk, first, size):
     assert board.ask(participant()) == [OK]
 
 
-def test_a_flood_of_nonsense_is_a_few_lines(desk):
+def test_a_flood_of_invalid_datagrams_writes_few_log_lines(desk):
     for i in range(5000):
         desk.hear(bytes([0x81, 0, 0, 0, i & 0xFF]), peer=i)
     assert desk.log().count("not an XRCE message") <= 2 * 50
 
 
-def test_a_closed_connection_takes_its_clients_along(desk):
+def test_a_closed_connection_deletes_its_clients(desk):
     Board(desk, 1, 0x11).ask(participant())
     Board(desk, 2, 0x22).ask(participant())
     desk.agent.gone(desk.place, 1)
@@ -310,12 +310,14 @@ def test_a_closed_connection_takes_its_clients_along(desk):
 # --- more than there may be ---------------------------------------------------------------------
 
 
-def test_clients_that_made_nothing_leave_for_new_ones(desk):
+def test_clients_without_objects_are_evicted_for_new_ones(desk):
     desk.agent.admission.max_clients = 32
     assert Board(desk, 100, key=100).ask(participant()) == [OK]
     for key in range(1, 32):
         desk.clock += 10
-        assert admitted(desk, key, 1, peer=1) == OK  # by its key, so all from one address
+        assert (
+            admitted(desk, key, 1, peer=1) == OK
+        )  # the key is in the header, so one address serves for all
     desk.clock += 10
     assert admitted(desk, 32, 1, peer=1) == OK
     assert set(desk.agent.clients) == {100, *range(3, 33)}
@@ -324,19 +326,19 @@ def test_clients_that_made_nothing_leave_for_new_ones(desk):
         assert len(desk.agent.clients) <= 32 and 100 in desk.agent.clients
 
 
-def test_clients_that_made_something_stay_and_new_ones_are_refused(desk):
+def test_clients_with_objects_stay_and_new_ones_are_refused(desk):
     desk.agent.admission.max_clients = 2
     for key in (1, 2):
         assert Board(desk, key, key=key).ask(participant()) == [OK]
     assert admitted(desk, 3, peer=3) == ids.STATUS_ERR_RESOURCES
     assert "over 2 clients" in desk.log() and "see --max-clients" in desk.log()
-    assert admitted(desk, 2, peer=2) == OK  # it is one of them
+    assert admitted(desk, 2, peer=2) == OK  # the key is in use already
     for key in range(3, 103):
         admitted(desk, key, peer=3)
     assert desk.log().count("over 2 clients") == 1
 
 
-def test_clients_that_leave_in_one_turn_all_hear_of_it(desk):
+def test_clients_that_close_their_sessions_in_one_turn_all_get_an_answer(desk):
     boards = [Board(desk, 1 + item, KEY + item) for item in range(5)]
     for number, board in enumerate(boards):
         stream = ids.STREAM_RELIABLE if number & 1 else ids.STREAM_NONE
@@ -350,11 +352,11 @@ def test_clients_that_leave_in_one_turn_all_hear_of_it(desk):
     assert "unknown session" not in desk.log()
 
 
-def test_what_a_session_still_says_goes_to_its_own_place_and_not_to_the_next_ones(desk):
+def test_last_messages_of_a_session_go_to_its_own_address(desk):
     first = Board(desk, 1)
     buf = bytearray(message([delete(ids.OBJECT_CLIENT)], 0))
     desk.place.deliver(desk, 1, buf, memoryview(buf), len(buf), desk.clock)
-    buf = bytearray(create_client())  # another board with its key, in the same turn
+    buf = bytearray(create_client())  # another board with the same key, in the same turn
     desk.place.deliver(desk, 2, buf, memoryview(buf), len(buf), desk.clock)
     sent = desk.settle()
     assert sorted((peer, kind) for peer, datagram in sent for kind, _, _ in parse(datagram)[1]) == [
@@ -364,7 +366,7 @@ def test_what_a_session_still_says_goes_to_its_own_place_and_not_to_the_next_one
     assert desk.agent.place(first.key) == (desk.place, 2)
 
 
-def test_clients_that_are_sent_away_leave_nothing_in_the_agent(desk):
+def test_deleted_clients_leave_nothing_in_the_agent(desk):
     for number in range(3):
         Board(desk, 1 + number, KEY + number)
         desk.agent.delete_client(KEY + number)

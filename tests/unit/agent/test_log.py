@@ -1,4 +1,4 @@
-"""Log lines in the columns of the C++ agent, and the brake on floods of them."""
+"""Log lines in the columns of the C++ agent, and their rate limit."""
 
 import errno
 import io
@@ -29,13 +29,13 @@ def lines(level, *calls):
 def test_the_columns():
     about = "client_key: 0x4B0CBE99, topic_id: 0x000(2), participant_id: 0x000(1)"
     (line,) = lines(4, (4, "ProxyClient", "create_topic", "topic created", about))
-    # as the C++ agent prints it, but for the time
+    # as the C++ agent prints it, except the time
     assert line[line.index("]") :] == (
         "] info     | ProxyClient        | create_topic             | topic created          "
         "        | client_key: 0x4B0CBE99, topic_id: 0x000(2), participant_id: 0x000(1)"
     )
-    found = LINE.fullmatch(line)
-    assert found and found[6] == about
+    match = LINE.fullmatch(line)
+    assert match and match[6] == about
 
 
 def test_the_time_is_in_seconds_since_1970(monkeypatch):
@@ -46,8 +46,8 @@ def test_the_time_is_in_seconds_since_1970(monkeypatch):
 @pytest.mark.parametrize("level", range(7))
 def test_levels(level):
     names = ["critical", "error", "warning", "info", "debug", "trace"]
-    got = lines(level, *[(number + 1, "p", "f", "w", "about") for number in range(6)])
-    assert [LINE.fullmatch(line)[2].strip() for line in got] == names[:level]
+    level_lines = lines(level, *[(number + 1, "p", "f", "w", "about") for number in range(6)])
+    assert [LINE.fullmatch(line)[2].strip() for line in level_lines] == names[:level]
 
 
 def test_shortcuts():
@@ -55,16 +55,16 @@ def test_shortcuts():
     log = Log(6, out)
     for name in ("info", "warning", "error", "debug"):
         getattr(log, name)("p", "f", name, "about")
-    found = [LINE.fullmatch(line) for line in out.getvalue().splitlines()]
-    assert [item[2].strip() for item in found] == [item[5].strip() for item in found]
+    matches = [LINE.fullmatch(line) for line in out.getvalue().splitlines()]
+    assert [item[2].strip() for item in matches] == [item[5].strip() for item in matches]
 
 
-def test_a_clients_words_stay_on_their_line_and_are_plain():
+def test_text_of_clients_is_escaped_and_stays_on_its_line():
     (line,) = lines(4, (4, "p", "f", "w", "rt/\x1b[31m\nfake [1.0] error \u202e\u00e9\udc80"))
     assert line.endswith(r"rt/\x1b[31m\nfake [1.0] error \u202e\xe9\udc80")
 
 
-def test_nobody_reads():
+def test_a_broken_pipe_turns_the_log_off():
     class Closed(io.StringIO):
         def write(self, text):
             raise BrokenPipeError
@@ -75,8 +75,8 @@ def test_nobody_reads():
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
-def test_a_full_disk_costs_lines_and_not_the_log(number, tmp_path, monkeypatch):
-    """The disk takes half of a line, then nothing, then all again."""
+def test_a_full_disk_loses_lines_and_logging_goes_on(number, tmp_path, monkeypatch):
+    """The disk takes half of a line, then nothing, then everything again."""
     room, real = [1000], os.write
 
     def write(fd, data):
@@ -103,10 +103,10 @@ def test_a_full_disk_costs_lines_and_not_the_log(number, tmp_path, monkeypatch):
             log.info("p", "f", "w", f"then {i}")
         log.close()
         assert log._untaken == 0
-    *first, torn, said, a, b, c = path.read_text().splitlines()
+    *first, torn, notice, a, b, c = path.read_text().splitlines()
     assert [LINE.fullmatch(item)[6] for item in first] == [f"first {i}" for i in range(40 - lost)]
     assert not LINE.fullmatch(torn)
-    assert said == f"({lost} lines of the log were lost: {os.strerror(number)})"
+    assert notice == f"({lost} lines of the log were lost: {os.strerror(number)})"
     assert [LINE.fullmatch(item)[6] for item in (a, b, c)] == ["then 0", "then 1", "then 2"]
 
 
@@ -127,8 +127,8 @@ def test_a_stream_that_does_not_block_has_all_lines():
         log = Log(4, stream)
         for i in range(3000):  # more than a pipe holds
             log.info("p", "f", "w", str(i))
-        found = [LINE.fullmatch(reader.readline().rstrip("\n"))[6] for _ in range(3000)]
-        assert found == [str(i) for i in range(3000)]
+        texts = [LINE.fullmatch(reader.readline().rstrip("\n"))[6] for _ in range(3000)]
+        assert texts == [str(i) for i in range(3000)]
         log.close()
 
 
@@ -151,7 +151,7 @@ def clock(monkeypatch):
     return Clock
 
 
-def test_rate_limit_counts_what_it_held_back(clock):
+def test_rate_limit_counts_suppressed_lines(clock):
     limit = RateLimit(1.0)
     assert limit.admit("a") == 1
     assert [limit.admit("a") for _ in range(7)] == [0] * 7
@@ -166,13 +166,13 @@ def test_rate_limit_with_a_burst_logs_a_repeated_fault_each_minute_and_after_a_p
     clock,
 ):
     limit = RateLimit(60.0, 4)
-    said = []
+    logged = []
     for at in range(1, 1001):
         clock.now += 1.0
         if count := limit.admit("fault"):
-            said.append((at, count))
-    assert said[:4] == [(1, 1), (2, 1), (3, 1), (4, 1)]
-    assert len(said) < 25 and sum(count for _, count in said) > 940
+            logged.append((at, count))
+    assert logged[:4] == [(1, 1), (2, 1), (3, 1), (4, 1)]
+    assert len(logged) < 25 and sum(count for _, count in logged) > 940
     clock.now += 1e6
     assert limit.admit("fault") and limit.admit("fault") == 1
 
@@ -183,7 +183,7 @@ def test_rate_limit_keeps_kinds_apart(clock):
     assert limit.admit("other") == 1
 
 
-def test_rate_limit_counts_what_all_kinds_together_held_back_of_a_known_kind(clock):
+def test_rate_limit_of_all_kinds_counts_suppressed_lines_of_a_known_kind(clock):
     limit = RateLimit(1.0, 2)
     assert limit.admit("known") == 1
     for number in range(module.MAX_LINES):
@@ -217,41 +217,41 @@ def test_a_file_has_all_lines_once_the_log_is_closed(tmp_path):
             log.info("p", "f", "w", str(i))
         log.close()
         log.info("p", "f", "w", "after the end")
-    found = [LINE.fullmatch(line)[6] for line in path.read_text().splitlines()]
-    assert found == [str(i) for i in range(1000)]
+    texts = [LINE.fullmatch(line)[6] for line in path.read_text().splitlines()]
+    assert texts == [str(i) for i in range(1000)]
 
 
-def test_a_pipe_that_nobody_reads_holds_up_nobody_and_its_losses_are_counted(monkeypatch):
+def test_a_pipe_without_reader_blocks_no_caller_and_lost_lines_are_counted(monkeypatch):
     monkeypatch.setattr(module, "_MAX_WAITING", 100)
     reading, writing = os.pipe()
     with open(writing, "w") as stream, open(reading) as reader:
         log = Log(4, stream)
         for i in range(5000):  # far more than a pipe holds
             log.info("p", "f", "w", f"{i} " + "x" * 500)
-        found = []
+        numbers = []
         while "lines of the log were lost" not in (line := reader.readline()):
-            found.append(int(LINE.fullmatch(line.rstrip("\n"))[6].split()[0]))
-        assert found == sorted(set(found)) and found[0] == 0
-        assert int(re.search(r"(\d+) lines", line)[1]) == 5000 - len(found)
+            numbers.append(int(LINE.fullmatch(line.rstrip("\n"))[6].split()[0]))
+        assert numbers == sorted(set(numbers)) and numbers[0] == 0
+        assert int(re.search(r"(\d+) lines", line)[1]) == 5000 - len(numbers)
         log.close()
 
 
-def test_a_name_without_end_does_not_fill_the_log():
+def test_a_long_name_is_shortened_in_the_log():
     (line,) = lines(4, (4, "a", "b", "c", "x" * 60_000))
     assert len(line) < 2200 and line.endswith("x... (60000 characters)")
-    (line,) = lines(6, (5, "a", "b", "c", "x" * 60_000))  # a message as it is
+    (line,) = lines(6, (5, "a", "b", "c", "x" * 60_000))  # messages are not shortened
     assert len(line) > 60_000
 
 
-def test_what_waits_for_a_stopped_terminal_has_an_end_in_characters_too(monkeypatch):
+def test_lines_waiting_for_a_stopped_terminal_are_limited_in_characters_too(monkeypatch):
     monkeypatch.setattr(module, "_MAX_CHARACTERS", 100_000)
     reader, writer = os.pipe()
-    with open(reader, "rb", buffering=0) as theirs, open(writer, "w") as ours:
-        log = Log(6, ours)
+    with open(reader, "rb", buffering=0) as terminal, open(writer, "w") as log_stream:
+        log = Log(6, log_stream)
         for _ in range(100):
             log(5, "a", "b", "c", "x" * 30_000)
         assert sum(map(len, tuple(log._waiting.queue))) < 200_000 and log._lost > 80
-        got = b""
-        while b"lines of the log were lost" not in got:
-            got += theirs.read(65536)
+        output = b""
+        while b"lines of the log were lost" not in output:
+            output += terminal.read(65536)
         log.close()

@@ -1,4 +1,4 @@
-"""Memory that clients have left."""
+"""Memory of deleted clients is returned to the system."""
 
 import subprocess
 import sys
@@ -34,13 +34,13 @@ print(held, resident() - before)
 """
 
 
-def test_what_lies_between_used_pages_is_given_back():
+def test_free_memory_between_used_pages_is_returned():
     done = subprocess.run([sys.executable, "-c", HOLES], check=True, capture_output=True, text=True)
-    held, kept = map(int, done.stdout.split())
-    assert held > 40_000_000 and kept < 10_000_000, done.stdout
+    held_bytes, remaining_bytes = map(int, done.stdout.split())
+    assert held_bytes > 40_000_000 and remaining_bytes < 10_000_000, done.stdout
 
 
-def test_it_is_done_some_time_after_clients_left_and_not_without():
+def test_the_heap_is_trimmed_a_pause_after_clients_left_and_not_without():
     heap, done = Heap(), []
     heap._trim = done.append
     for second in range(100):
@@ -50,7 +50,7 @@ def test_it_is_done_some_time_after_clients_left_and_not_without():
     for second in range(100, 100 + 3 * int(PAUSE)):
         heap.check(float(second))
     assert len(done) == 1
-    for second in range(200, 200 + 4 * int(PAUSE)):  # one after the other
+    for second in range(200, 200 + 4 * int(PAUSE)):  # clients keep leaving
         heap.clients_left = True
         heap.check(float(second))
     assert 3 <= len(done) <= 5
@@ -63,7 +63,7 @@ def test_without_glibc_nothing_happens(monkeypatch):
     Heap().trim()
 
 
-def test_a_client_that_leaves_is_told_to_the_heap(desk, board):
+def test_deleting_a_client_is_reported_to_the_heap(desk, board):
     assert not desk.agent.heap.clients_left
     desk.agent.delete_client(board.key)
     assert desk.agent.heap.clients_left

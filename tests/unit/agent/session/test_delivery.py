@@ -1,4 +1,4 @@
-"""READ_DATA at work, with a clock of our own."""
+"""Deliveries of READ_DATA, with a clock that the test sets."""
 
 import pytest
 from unit.agent.helpers import KEY, SESSION, acknack, message, parse
@@ -17,8 +17,8 @@ class Source:
 
     def take(self, limit):
         self.takes.append(limit)
-        taken, self.samples = self.samples[:limit], self.samples[limit:]
-        return [(1, sample) for sample in taken]
+        samples, self.samples = self.samples[:limit], self.samples[limit:]
+        return [(1, sample) for sample in samples]
 
 
 class Talk:
@@ -36,7 +36,7 @@ class Talk:
         pass
 
     def pump(self):
-        """Samples that went out."""
+        """Pump the delivery; return the samples that were sent."""
         self.delivery.pump(self.now)
         return self.sent()
 
@@ -58,7 +58,7 @@ class Talk:
         self.session.receive(buf, memoryview(buf), len(buf), self.now)
 
     def wait(self, milliseconds):
-        """(after how many ms, sample) of what goes out by timers alone."""
+        """Advance the clock; return (ms since the start, sample) of what timers send."""
         out = []
         start, end = self.now, self.now + milliseconds
         while True:
@@ -80,14 +80,14 @@ def stream(request):
     return request.param
 
 
-def test_without_control_one_sample(stream):
+def test_without_delivery_control_one_sample_is_sent(stream):
     talk = Talk(numbered(5), None, stream)
     assert talk.pump() == numbered(1)
     assert talk.delivery.finished(talk.now)
     assert len(talk.source.samples) == 4
 
 
-def test_most_samples(stream):
+def test_max_samples_limits_a_delivery(stream):
     talk = Talk(numbered(2), (3, 0, 0, 0), stream)
     assert talk.pump() == numbered(2)
     assert not talk.delivery.finished(talk.now)
@@ -119,21 +119,21 @@ def test_max_elapsed_time_ends_a_delivery(stream):
     assert talk.pump() == [] and len(talk.source.samples) == 1
 
 
-def test_pace(stream):
+def test_min_pace_period_delays_samples(stream):
     talk = Talk(numbered(4), (ids.MAX_SAMPLES_UNLIMITED, 0, 0, 250), stream)
     assert talk.pump() == numbered(1)
     assert talk.pump() == []
     assert [at for at, _ in talk.wait(1000)] == [250, 500, 750]
-    assert talk.delivery.next_deadline() is None  # nothing more to wait for
+    assert talk.delivery.next_deadline() is None  # nothing is left to send
 
 
-def test_bytes_a_second(stream):
+def test_max_bytes_per_second_delays_samples(stream):
     talk = Talk(numbered(11), (ids.MAX_SAMPLES_UNLIMITED, 0, 400, 0), stream)
     assert len(talk.pump()) == 1
     assert [at for at, _ in talk.wait(2000)] == list(range(250, 2001, 250))
 
 
-def test_the_slower_of_pace_and_rate_counts(stream):
+def test_the_slower_of_pace_and_rate_applies(stream):
     talk = Talk(numbered(3), (ids.MAX_SAMPLES_UNLIMITED, 0, 400, 1000), stream)
     talk.pump()
     assert [at for at, _ in talk.wait(2000)] == [1000, 2000]
@@ -142,7 +142,7 @@ def test_the_slower_of_pace_and_rate_counts(stream):
     assert [at for at, _ in talk.wait(4000)] == [2000, 4000]
 
 
-def test_pace_and_most_samples_and_seconds(stream):
+def test_pace_with_max_samples_and_max_elapsed_time(stream):
     talk = Talk(numbered(9), (3, 0, 0, 100), stream)
     talk.pump()
     assert [at for at, _ in talk.wait(1000)] == [100, 200]
@@ -199,7 +199,7 @@ def test_times_wrap():
 
 
 @pytest.mark.parametrize("stream", STREAMS)
-def test_without_limits_one_sample_is_waited_for_without_end(stream):
+def test_without_delivery_control_one_sample_is_awaited_for_ever(stream):
     talk = Talk([], None, stream)
     assert talk.pump() == []
     talk.now += 3_600_000

@@ -1,9 +1,8 @@
 """Submessages around and over 64 kB, in fragments as C clients make them, both ways.
 
-Their 16-bit length cannot say how long they are. A C client writes its low 16 bits, and pads
-the submessage to 4 bytes (uxr_prepare_stream_to_write_submessage), or 0 and no padding
-(uxr_prepare_output_stream_fragmented). Either way the sample must come out as it went in,
-to the byte.
+Their length does not fit the 16-bit field. A C client writes its low 16 bits and pads the
+submessage to 4 bytes (uxr_prepare_stream_to_write_submessage), or writes 0 without padding
+(uxr_prepare_output_stream_fragmented). Either way the sample must arrive unchanged, to the byte.
 """
 
 import pytest
@@ -31,7 +30,7 @@ from uros.qos import QoSProfile
 from uros.wire import ids
 
 OK = ids.STATUS_OK
-# Of a submessage, without its header.
+# Sizes of a submessage without its header.
 SIZES = [*range(65_531, 65_541), 70_000, 131_071, 131_072, 131_073, 131_076, 1 << 20]
 
 
@@ -40,11 +39,11 @@ def pattern(size):
 
 
 def as_c_clients(submessage, continuous=False):
-    """The bytes of a submessage as a C client puts them into fragments."""
+    """Return the bytes of a submessage as a C client puts them into fragments."""
     kind, flags, payload = submessage
-    said = 0 if continuous and len(payload) > 0xFFFF else len(payload) & 0xFFFF
+    length_field = 0 if continuous and len(payload) > 0xFFFF else len(payload) & 0xFFFF
     padding = b"" if continuous else b"\xee" * (-len(payload) % 4)
-    return bytes((kind, flags)) + said.to_bytes(2, "little") + payload + padding
+    return bytes((kind, flags)) + length_field.to_bytes(2, "little") + payload + padding
 
 
 def send(board, raw, size=1000):
@@ -63,9 +62,9 @@ def test_samples_in_and_out_to_the_byte(size, continuous):
     sample = pattern(size - 4)
     send(first, as_c_clients(write_data(WRITER, sample), continuous))
     second.settle()
-    (got,) = second.samples()
-    assert len(got) == len(sample)
-    assert got == sample
+    (received,) = second.samples()
+    assert len(received) == len(sample)
+    assert received == sample
     assert "error" not in desk.log()
     desk.close()
 
@@ -93,7 +92,7 @@ def test_requests_and_replies_to_the_byte(size):
 
 
 @pytest.mark.parametrize("size", range(65_531, 65_541))
-def test_what_follows_a_large_submessage_in_the_next_message_is_its_own(size):
+def test_a_submessage_behind_the_last_fragment_is_handled_on_its_own(size):
     """The last fragment of a C client may share its message with the next submessage."""
     desk = Desk()
     board = Board(desk)
@@ -107,14 +106,14 @@ def test_what_follows_a_large_submessage_in_the_next_message_is_its_own(size):
     for part in parts[:-1]:
         board.send(fragment(part))
     board.send(fragment(parts[-1], last=True), write_data(WRITER, b"behind"))
-    taken = [item[4:] for item in reader.take(10)]
-    assert taken == [pattern(size - 4), b"behind"]
+    samples = [item[4:] for item in reader.take(10)]
+    assert samples == [pattern(size - 4), b"behind"]
     desk.close()
 
 
 @pytest.mark.parametrize("size", [65_531, 65_535, 65_536, 65_540])
 def test_creations_of_64_kilobytes(size):
-    """XML of up to 65,535 characters goes in; the length field of its CREATE says nothing."""
+    """XML of up to 65,535 characters is accepted; the length field of its CREATE is ignored."""
     desk = Desk()
     board = Board(desk)
     board.ask(participant())
@@ -127,16 +126,16 @@ def test_creations_of_64_kilobytes(size):
     desk.close()
 
 
-@pytest.mark.parametrize("said", [4464, 5000, 65_535])
-def test_a_length_that_is_neither_is_of_two_messages(said):
-    """No C client writes it: these are fragments of a message that it gave up, and of another."""
+@pytest.mark.parametrize("length_field", [4464, 5000, 65_535])
+def test_a_length_that_fits_no_c_client_is_dropped_as_two_messages(length_field):
+    """No C client writes such a length: the fragments belong to two messages."""
     desk = Desk()
     first, second = Board(desk, 1, 0x11), Board(desk, 2, 0x22)
     first.ask(*publisher_entities())
     second.ask(*subscriber_entities())
     second.send(read_data(READER))
     kind, flags, payload = write_data(WRITER, pattern(70_010))
-    send(first, bytes((kind, flags)) + said.to_bytes(2, "little") + payload)
+    send(first, bytes((kind, flags)) + length_field.to_bytes(2, "little") + payload)
     second.settle()
     assert second.samples() == [] and "message given up" in desk.log()
     desk.close()
@@ -146,20 +145,20 @@ def test_a_length_that_is_neither_is_of_two_messages(said):
 @pytest.mark.parametrize("mtu", [512, 60_000])
 def test_large_samples_over_real_transports(transport, mtu):
     with running() as server:
-        one = server.client(1, transport, mtu=mtu)
-        writer, reader = one.writer("a", "rt/a", TYPE), one.reader("a", "rt/a", TYPE)
-        one.read(reader)
+        client = server.client(1, transport, mtu=mtu)
+        writer, reader = client.writer("a", "rt/a", TYPE), client.reader("a", "rt/a", TYPE)
+        client.read(reader)
         sizes = [65_531, 65_535, 65_536, 65_540, 131_072, 1 << 20]
         for size in sizes:
             sample = pattern(size)
-            one.write(writer, sample)
-            assert one.sample(reader) == sample
+            client.write(writer, sample)
+            assert client.sample(reader) == sample
         assert "error" not in server.said.getvalue()
 
 
 @pytest.mark.parametrize("size", [1000, 65_516, 65_520])
 def test_fragments_carry_one_submessage(size):
-    """The last fragment of a C client 2.0 ends in what its buffer held before."""
+    """The last fragment of a C client 2.0 is filled up with earlier content of its buffer."""
     desk = Desk()
     board = Board(desk)
     board.ask(*publisher_entities())

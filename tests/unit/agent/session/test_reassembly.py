@@ -1,8 +1,8 @@
-"""A C client gives a long message up half-way and goes straight on with the next one.
+"""A C client abandons a long message half-way and goes on with the next one.
 
-``C`` writes fragments as the C client's library does, by its sources (``write_access.c``,
+``CClient`` writes fragments as the C client's library does, by its sources (``write_access.c``,
 ``output_reliable_stream.c``), and shares no code with ``uros``. ``replay/test_loss.py`` has a
-conversation of the real one.
+conversation of the real library.
 """
 
 import struct
@@ -20,8 +20,8 @@ OFFSET = 4  # of the message header
 HEAD = 4
 
 
-class C:
-    """Fragments of a reliable stream. ``capacity``: octets of each message of its history."""
+class CClient:
+    """Sends fragments on a reliable stream; ``capacity``: octets of each message of its history."""
 
     def __init__(self, talk, capacity=512, request=10):
         self.talk = talk
@@ -39,7 +39,7 @@ class C:
         self.talk.raw(datagram)
 
     def fragments(self, whole, at_most=None, full=False):
-        """``at_most``: it gives up after so many."""
+        """Send a message in fragments; abandon it after ``at_most`` of them."""
         parts = [whole[at : at + self.block] for at in range(0, len(whole), self.block)]
         if full:
             parts[-1] = parts[-1].ljust(self.block, b"\xee")
@@ -47,28 +47,28 @@ class C:
             self.send(LAST if index == len(parts) - 1 else 0, part)
 
     def buffered(self, sample, writer=WRITER):
-        """uxr_prepare_output_stream, which never gives up."""
+        """Send as uxr_prepare_output_stream does, which never abandons a message."""
         size = 4 + len(sample)
         self.fragments(self.head(size, writer) + sample + b"\xee" * (-size % 4))
 
     def continuous(self, sample, writer=WRITER, at_most=None):
-        """uxr_prepare_output_stream_fragmented, from 2.1 on."""
+        """Send as uxr_prepare_output_stream_fragmented does since 2.1."""
         size = 4 + len(sample)
         self.fragments(self.head(size if size <= 0xFFFF else 0, writer) + sample, at_most)
 
     def continuous_2_0(self, sample, writer=WRITER, at_most=None):
-        """The same in 2.0: no length 0, and the last fragment is a whole one."""
+        """Send as in 2.0: no length 0, and the last fragment is filled up."""
         self.fragments(self.head(4 + len(sample), writer) + sample, at_most, full=True)
 
     def small(self, sample, writer=WRITER):
-        """The same with a sample that fits one message: a single fragment, and a whole one."""
+        """Send a sample that fits one message as in 2.0: a single fragment, filled up."""
         whole = self.head(4 + len(sample), writer) + sample
         assert len(whole) <= self.block
         self.send(LAST, whole.ljust(self.block, b"\xee"))
 
 
 def picture(size, seed=1):
-    """Octets in which no header of a WRITE_DATA stands."""
+    """Return octets that contain no header of a WRITE_DATA."""
     return bytes((number * 7 + seed) % 251 | 8 for number in range(size))
 
 
@@ -84,16 +84,16 @@ SIZES = [505, 1000, 1001, 1002, 1003, 5000, 20_000, 65_529, 65_530, 65_531, 65_5
 @pytest.mark.parametrize("form", ["buffered", "continuous", "continuous_2_0"])
 @pytest.mark.parametrize("capacity", [128, 300, 510, 512, 2048])
 def test_every_good_message_of_a_c_client_is_taken(talk, form, capacity):
-    client = C(talk, capacity)
+    client = CClient(talk, capacity)
     for size in SIZES:
         talk.written.clear()
         sample = picture(size)
         getattr(client, form)(sample)
-        (got,) = talk.samples()
-        assert got[:size] == sample
+        (received,) = talk.samples()
+        assert received[:size] == sample
         if (4 + size) & 0xFFFF:
-            assert got == sample
-        # Else its length is 0, and what fills its last fragment cannot be told from the sample.
+            assert received == sample
+        # Otherwise its length is 0, so the filler of its last fragment looks like the sample's end.
     assert not talk.handler.faults and talk.session.given_up == 0
 
 
@@ -104,41 +104,43 @@ def test_every_good_message_of_a_c_client_is_taken(talk, form, capacity):
     st.integers(0, 140_000),
     st.binary(min_size=1, max_size=40),
 )
-def test_no_good_message_is_taken_for_two(form, capacity, size, pattern):
+def test_no_complete_message_is_split_into_two(form, capacity, size, pattern):
     talk = Talk()
-    client = C(talk, capacity)
+    client = CClient(talk, capacity)
     if form == "small":
         size = 1 + size % (client.block - 8)
     else:
         size = max(size, client.block)
     sample = (pattern * (size // len(pattern) + 1))[:size]
     getattr(client, form)(sample)
-    (got,) = talk.samples()
-    assert got[:size] == sample and talk.session.given_up == 0
+    (received,) = talk.samples()
+    assert received[:size] == sample and talk.session.given_up == 0
 
 
 @pytest.mark.parametrize("second", ["buffered", "continuous"])
-@pytest.mark.parametrize("kept", [1, 2, 5])
+@pytest.mark.parametrize("sent_count", [1, 2, 5])
 @pytest.mark.parametrize(
     ("a", "b"),
     [(20_000, 20_000), (20_000, 900), (3000, 60_000), (50_000, 40_000), (100_000, 100_000),
      (100_000, 3000), (3000, 100_000), (65_600, 65_536), (20_000, 20_001)],
 )  # fmt: skip
-def test_a_message_given_up_straight_before_the_next_is_dropped_alone(talk, a, b, kept, second):
-    client = C(talk)
+def test_a_message_abandoned_directly_before_the_next_is_dropped_alone(
+    talk, a, b, sent_count, second
+):
+    client = CClient(talk)
     client.buffered(b"before" * 200)
-    client.continuous(picture(a, 1), at_most=kept)
+    client.continuous(picture(a, 1), at_most=sent_count)
     getattr(client, second)(picture(b, 2))
     client.buffered(b"after" * 200)
-    before, got, after = talk.samples()
-    assert got[:b] == picture(b, 2) and len(got) - b < 4
+    before, received, after = talk.samples()
+    assert received[:b] == picture(b, 2) and len(received) - b < 4
     assert (before, after) == (b"before" * 200, b"after" * 200)
-    assert [what for what, _ in talk.handler.faults] == ["message given up"]
+    assert [text for text, _ in talk.handler.faults] == ["message given up"]
     assert talk.session.given_up == 1
 
 
-def test_two_given_up_one_after_the_other(talk):
-    client = C(talk)
+def test_two_abandoned_messages_one_after_the_other(talk):
+    client = CClient(talk)
     client.continuous(picture(20_000, 1), at_most=3)
     client.continuous(picture(100_000, 2), at_most=4)
     client.continuous(picture(20_000, 3))
@@ -146,12 +148,12 @@ def test_two_given_up_one_after_the_other(talk):
 
 
 @pytest.mark.parametrize("request_id", [0xFE, 0x7FFE, 0xFFFE])
-def test_the_numbers_of_requests_carry_and_come_round(talk, request_id):
-    client = C(talk, request=request_id)
+def test_request_numbers_carry_and_wrap(talk, request_id):
+    client = CClient(talk, request=request_id)
     client.continuous(picture(20_000, 1), at_most=3)
     client.request &= 0xFFFF
     if request_id == 0xFFFE:
-        client.request = 9  # as the library, which keeps 0 to 9 for itself
+        client.request = 9  # as the library, which reserves 0 to 9
     client.continuous(picture(20_000, 2))
     assert talk.samples() == [picture(20_000, 2)]
 
@@ -159,7 +161,7 @@ def test_the_numbers_of_requests_carry_and_come_round(talk, request_id):
 @pytest.mark.parametrize("more", range(1, 9))
 @pytest.mark.parametrize("size", [20_000, 100_000])
 def test_the_beginning_of_a_header_at_the_very_end(talk, size, more):
-    client = C(talk)
+    client = CClient(talk)
     whole = 8 + size + (-(8 + size)) % client.block + more
     sample = bytearray(picture(whole - 8))
     head = struct.pack("<BBH", 7, 1, 0) + struct.pack(">HH", 12, WRITER)
@@ -173,45 +175,45 @@ def test_the_beginning_of_a_header_at_the_very_end(talk, size, more):
 
 def test_the_next_message_is_another_writers(talk):
     talk.session.writers[OTHER] = talk.write
-    client = C(talk)
+    client = CClient(talk)
     client.continuous(picture(20_000, 1), at_most=3)
     client.continuous(picture(5000, 2), OTHER)
     assert talk.samples() == [picture(5000, 2)]
 
 
-@pytest.mark.parametrize("thing", [0x0017, 0x0018])
-def test_the_next_message_is_a_services(talk, thing):
-    client = C(talk)
+@pytest.mark.parametrize("object_id", [0x0017, 0x0018])
+def test_the_next_message_is_a_services(talk, object_id):
+    client = CClient(talk)
     client.continuous(picture(20_000, 1), at_most=3)
-    client.buffered(picture(5000, 2), thing)
-    ((kind, _, _, payload),) = talk.handler.seen
-    assert kind == 7 and payload[2:] == struct.pack(">H", thing) + picture(5000, 2)
+    client.buffered(picture(5000, 2), object_id)
+    ((kind, _, _, payload),) = talk.handler.submessages
+    assert kind == 7 and payload[2:] == struct.pack(">H", object_id) + picture(5000, 2)
 
 
-def test_a_client_of_2_0_that_gives_up(talk):
-    client = C(talk)
+def test_a_client_of_2_0_that_abandons_a_message(talk):
+    client = CClient(talk)
     client.continuous_2_0(picture(20_000, 1), at_most=3)
     client.continuous_2_0(picture(20_000, 2))
     assert talk.samples() == [picture(20_000, 2)]
     assert talk.session.given_up == 1
 
 
-def test_what_cannot_be_found_is_dropped_and_never_passed_on_as_one(talk):
-    """The next one is no WRITE_DATA: both are lost, and the one behind them is not."""
-    client = C(talk)
+def test_messages_whose_border_is_not_found_are_dropped_and_never_delivered_as_one(talk):
+    """The next message is no WRITE_DATA: both are lost, and the message behind them is not."""
+    client = CClient(talk)
     client.continuous(picture(20_000, 1), at_most=3)
     create = struct.pack("<BBH", 1, 1, 3000) + bytes(3000)
     client.fragments(create)
-    assert not talk.written and not talk.handler.seen
-    assert [what for what, _ in talk.handler.faults] == ["message given up"]
+    assert not talk.written and not talk.handler.submessages
+    assert [text for text, _ in talk.handler.faults] == ["message given up"]
     client.continuous(picture(20_000, 2))
     assert talk.samples() == [picture(20_000, 2)]
     assert talk.session.given_up == 1
 
 
-def test_octets_that_look_like_a_header_do_not_cut_a_picture(talk):
-    """Where a fragment begins, a WRITE_DATA of an earlier request, of no writer, of no length."""
-    client = C(talk)
+def test_octets_that_look_like_a_header_do_not_split_a_message(talk):
+    """A fragment begins with a WRITE_DATA of an earlier request, unknown writer or wrong length."""
+    client = CClient(talk)
     sample = bytearray(picture(100_000))
     for index, head in enumerate(
         (
@@ -229,9 +231,9 @@ def test_octets_that_look_like_a_header_do_not_cut_a_picture(talk):
 
 
 @pytest.mark.parametrize("size", [20_000, 65_532 + 20_000])
-def test_a_message_that_is_as_long_as_it_says_is_never_cut(talk, size):
-    """Whatever stands in it, such as the fragments of another capture."""
-    client = C(talk)
+def test_a_message_of_its_announced_length_is_never_split(talk, size):
+    """A sample may contain anything, such as fragments of another capture."""
+    client = CClient(talk)
     sample = bytearray(picture(size))
     at = 3 * client.block - 8
     rest = struct.pack("<BBH", 7, 1, (size - at - 4) & 0xFFFF) + struct.pack(">HH", 12, WRITER)
@@ -241,21 +243,21 @@ def test_a_message_that_is_as_long_as_it_says_is_never_cut(talk, size):
     assert talk.session.given_up == 0
 
 
-def test_a_message_of_headers_alone_costs_a_bounded_look(talk, monkeypatch):
+def test_the_search_in_a_message_of_headers_alone_is_bounded(talk, monkeypatch):
     looked = []
     after = reassembly.sequence_after
     monkeypatch.setattr(
         reassembly, "sequence_after", lambda a, b: looked.append(a) is None and after(a, b)
     )
     head = struct.pack("<BBH", 7, 1, 0) + struct.pack(">HH", 9, WRITER)
-    client = C(talk, OFFSET + HEAD + len(head))
+    client = CClient(talk, OFFSET + HEAD + len(head))
     client.fragments(head * 20_000)
     assert len(talk.written) == 1 and 0 < len(looked) <= reassembly._LOOKS
 
 
-def test_a_message_that_was_given_up_at_another_agent(talk):
-    """As long as the first fragment was are those that come now, but for the last."""
-    client = C(talk)
+def test_a_message_that_was_abandoned_before_the_agent_restarted(talk):
+    """The fragments that follow are as long as the first one was, but for the last."""
+    client = CClient(talk)
     client.continuous(picture(20_000, 1), at_most=2)
     talk.session._in[0x80].first_fragment = 0
     client.continuous(picture(20_000, 2))
@@ -263,9 +265,9 @@ def test_a_message_that_was_given_up_at_another_agent(talk):
     assert talk.session.given_up == 1
 
 
-def test_a_message_whose_beginning_another_agent_had(talk):
+def test_a_message_whose_beginning_was_restored(talk):
     """The length of its first fragment is not known after a restart of the agent."""
-    client = C(talk)
+    client = CClient(talk)
     client.continuous(picture(20_000), at_most=2)
     talk.session._in[0x80].first_fragment = 0
     whole = client.head(4 + 20_000, WRITER) + picture(20_000)
@@ -286,8 +288,8 @@ def test_a_message_whose_beginning_another_agent_had(talk):
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("size", [2000, 70_000])
-def test_what_may_stand_behind_a_message_of_a_c_client(size, extra, first, last, good):
-    """Padding, and behind a last fragment as long as the first what fills it."""
+def test_octets_that_a_c_client_may_append_to_a_message(size, extra, first, last, good):
+    """Test padding, and the filler of a last fragment that is as long as the first."""
     if extra < 0 and size > 0xFFFF:
         extra &= 0xFFFF
     whole = bytearray(struct.pack("<BBH", 7, 1, (size - extra) & 0xFFFF) + bytes(size))

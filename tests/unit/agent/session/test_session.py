@@ -31,10 +31,10 @@ OTHER = 0x0025
 
 
 class Handler:
-    """Keeps what it is told. ``full`` counts down the submessages it has no room for."""
+    """Records the calls of a session; the next ``full`` submessages find no room."""
 
     def __init__(self):
-        self.seen = []
+        self.submessages = []
         self.rooms = []
         self.faults = []
         self.full = 0
@@ -43,7 +43,7 @@ class Handler:
         if self.full:
             self.full -= 1
             return False
-        self.seen.append((kind, flags, stream, bytes(payload)))
+        self.submessages.append((kind, flags, stream, bytes(payload)))
         return True
 
     def room(self, stream):
@@ -52,12 +52,12 @@ class Handler:
     def many_fragments(self, size, count):
         pass
 
-    def fault(self, what, about):
-        self.faults.append((what, about))
+    def fault(self, text, about):
+        self.faults.append((text, about))
 
 
 class Talk:
-    """A session with a handler and a writer; both ends of the talk by hand."""
+    """A session with a handler and a writer; the test plays the client."""
 
     def __init__(self, mtu=512, session_id=SESSION):
         self.handler = Handler()
@@ -90,13 +90,13 @@ class Talk:
         return self.raw(message(submessages, stream, sequence, self.session.session_id))
 
     def out(self):
-        """What the session sends, after it was asked to finish."""
+        """Finish the turn; return what the session sends."""
         self.session.finish()
         sent, self.session.outgoing[:] = list(self.session.outgoing), []
         return [parse(item) for item in sent]
 
     def wait(self, milliseconds):
-        """Time passes; the session is polled when it asks for it."""
+        """Advance the clock; poll the session at its deadlines."""
         out = []
         end = self.now + milliseconds
         while True:
@@ -112,7 +112,7 @@ class Talk:
 
 
 def acks(out):
-    """(first unacknowledged, missing, stream) of each ACKNACK."""
+    """Return (first unacknowledged, missing, stream) of each ACKNACK."""
     return [
         pull_acknack(Reader(payload, 0, len(payload)))
         for _, submessages in out
@@ -142,18 +142,18 @@ def test_a_written_sample_gets_an_encapsulation_header_of_its_byte_order(talk):
     talk.hear(write_data(WRITER, b"little"))
     talk.hear(write_data(WRITER, b"BIG END", flags=0))
     assert talk.written == [b"\0\1\0\0little", b"\0\0\0\0BIG END"]
-    assert not talk.handler.seen
+    assert not talk.handler.submessages
 
 
 def test_the_writer_gets_a_view_of_the_receive_buffer_and_no_copy(talk):
-    seen = []
-    talk.session.writers[WRITER] = lambda cdr: seen.append(cdr.obj) or True
+    samples = []
+    talk.session.writers[WRITER] = lambda cdr: samples.append(cdr.obj) or True
     buf = bytearray(message([write_data(WRITER, b"sample")]))
     talk.session.receive(buf, memoryview(buf), len(buf), 0)
-    assert seen[0] is buf
+    assert samples[0] is buf
 
 
-def test_a_datagram_in_a_longer_buffer_ends_where_it_ends(talk):
+def test_only_the_datagrams_length_of_a_buffer_is_read(talk):
     datagram = message([write_data(WRITER, b"sample")])
     buf = bytearray(datagram) + write_data(WRITER, b"old")[2] * 3
     talk.session.receive(buf, memoryview(buf), len(datagram), 0)
@@ -171,7 +171,7 @@ def test_several_samples_in_one_message(talk):
 def test_other_formats_do_not_reach_the_writer(talk, flags):
     talk.hear(write_data(WRITER, b"sample", flags=1 | flags))
     assert not talk.written
-    assert len(talk.handler.seen) == 1
+    assert len(talk.handler.submessages) == 1
 
 
 @pytest.mark.parametrize("size", range(5))
@@ -179,7 +179,7 @@ def test_write_data_too_short_for_a_sample_does_not_reach_the_writer(talk, size)
     payload = b"\0\0\0\x15"[:size]
     talk.hear(sub(ids.WRITE_DATA, payload), write_data(WRITER, b"next"))
     assert talk.samples() == [b"next"]
-    assert [item[3] for item in talk.handler.seen] == [payload]
+    assert [item[3] for item in talk.handler.submessages] == [payload]
 
 
 def test_a_writer_that_fails_is_a_fault_and_the_rest_is_written(talk):
@@ -196,14 +196,14 @@ def test_a_writer_that_fails_is_a_fault_and_the_rest_is_written(talk):
 # --- streams in ------------------------------------------------------------------------
 
 
-def test_best_effort_drops_what_is_old_or_doubled(talk):
+def test_best_effort_drops_old_and_duplicate_messages(talk):
     for sequence in (0, 1, 1, 0, 3, 2, 4, 0xFFFF):
         talk.hear(write_data(WRITER, bytes([sequence & 0xFF])), stream=1, sequence=sequence)
     assert talk.samples() == [b"\0", b"\1", b"\3", b"\4"]
     assert talk.out() == []
 
 
-def test_best_effort_streams_count_apart(talk):
+def test_best_effort_streams_have_their_own_numbers(talk):
     for stream in (1, 2, 3):
         talk.hear(write_data(WRITER, bytes([stream])), stream=stream, sequence=0)
     assert talk.samples() == [b"\1", b"\2", b"\3"]
@@ -230,7 +230,7 @@ def test_reliable_order_and_gaps(talk):
     assert talk.samples() == [bytes([n]) for n in range(6)]
 
 
-def test_reliable_doubles_are_acknowledged_and_not_handled_again(talk):
+def test_reliable_duplicates_are_acknowledged_and_not_handled_again(talk):
     talk.hear(write_data(WRITER, b"a"), sequence=0)
     talk.out()
     talk.hear(write_data(WRITER, b"a"), sequence=0)
@@ -238,7 +238,7 @@ def test_reliable_doubles_are_acknowledged_and_not_handled_again(talk):
     assert acks(talk.out()) == [(1, 0, ids.STREAM_RELIABLE)]
 
 
-def test_what_is_far_ahead_is_not_kept(talk):
+def test_messages_far_ahead_are_not_kept(talk):
     talk.hear(write_data(WRITER, b"far"), sequence=16)
     talk.hear(write_data(WRITER, b"0"), sequence=0)
     for number in range(1, 16):
@@ -262,7 +262,7 @@ def test_a_heartbeat_is_answered_and_asks_for_what_is_missing(talk):
 
 
 def out_of_step(talk, first, last):
-    """Heartbeats that contradict the stream, until they are believed."""
+    """Send heartbeats that contradict the stream until the session accepts them."""
     for _ in range(10):
         talk.hear(heartbeat(first, last), stream=0)
         talk.now += 200
@@ -275,13 +275,13 @@ def out_of_step(talk, first, last):
 
 @pytest.mark.parametrize("ends", [(500, 503), (2, 2), (40000, 40000), (30000, 30015)])
 def test_a_late_heartbeat_of_an_earlier_session_changes_nothing(talk, ends):
-    # A board that was reset has the same key and session id, and begins with number 0.
+    # A board that was reset has the same key and session id, and starts with number 0.
     for _ in range(50):
         talk.hear(heartbeat(*ends), stream=0)
     for number in (0, 2, 3):
         talk.hear(write_data(WRITER, b"%d" % number), sequence=number)
         talk.hear(heartbeat(*ends), stream=0)
-        # C clients believe any acknack: one of 500 would end their stream.
+        # C clients accept any ACKNACK: one of 500 would end their stream.
         assert [ack[0] for ack in acks(talk.out())] == [1]
         talk.now += 5000
     talk.hear(write_data(WRITER, b"1"), sequence=1)
@@ -289,7 +289,7 @@ def test_a_late_heartbeat_of_an_earlier_session_changes_nothing(talk, ends):
     assert acks(talk.out()) == [(4, 0, ids.STREAM_RELIABLE)] and not talk.handler.faults
 
 
-def test_messages_that_a_client_has_given_up_are_not_waited_for_for_ever(talk):
+def test_messages_that_a_client_abandoned_are_skipped(talk):
     talk.hear(write_data(WRITER, b"2"), sequence=2)
     out_of_step(talk, 2, 2)
     assert acks(talk.out()) == [(2, 1, ids.STREAM_RELIABLE)]
@@ -298,7 +298,7 @@ def test_messages_that_a_client_has_given_up_are_not_waited_for_for_ever(talk):
     assert acks(talk.out()) == [(3, 0, ids.STREAM_RELIABLE)]
 
 
-def test_a_client_whose_numbers_stay_behind_is_heard_again(talk):
+def test_a_reliable_stream_goes_on_after_its_numbers_fell_back(talk):
     for number in range(20):
         talk.hear(write_data(WRITER, b"x"), sequence=number)
     talk.out()
@@ -309,7 +309,7 @@ def test_a_client_whose_numbers_stay_behind_is_heard_again(talk):
     assert talk.samples()[20:] == [b"0", b"1", b"2"]
 
 
-def test_a_best_effort_stream_is_heard_again_after_a_jump(talk):
+def test_a_best_effort_stream_goes_on_after_a_jump(talk):
     for number in (0, 1, *range(40002, 40032)):
         talk.hear(write_data(WRITER, b"%d" % number), stream=1, sequence=number)
         talk.hear(write_data(WRITER, b"doubled"), stream=1, sequence=number)
@@ -370,7 +370,7 @@ def test_more_submessages_behind_the_last_fragment(talk):
     assert talk.samples() == [bytes(250), b"small"]
 
 
-def test_a_fragment_that_never_ends_is_forgotten_at_the_limit(talk):
+def test_an_endless_fragmented_message_is_dropped_at_the_limit(talk):
     part = fragment(bytes(60_000))
     for _ in range(MAX_MESSAGE // 60_000 + 2):
         talk.hear(part)
@@ -382,7 +382,7 @@ def test_a_fragment_that_never_ends_is_forgotten_at_the_limit(talk):
     assert talk.samples() == [b"after"]
 
 
-def test_all_streams_together_keep_no_more_than_one_message(talk):
+def test_fragments_of_all_streams_together_are_limited_to_one_message(talk):
     part = fragment(bytes(60_000))
     for _ in range(MAX_MESSAGE // 60_000 // 4):
         for stream in range(0x80, 0x88):
@@ -402,18 +402,18 @@ def test_fragments_in_fragments_are_a_fault_and_no_recursion(talk):
         nest = whole(fragment(nest, True))
     talk.hear(fragment(nest, True))
     talk.hear(write_data(WRITER, b"after"))
-    assert [what for what, _ in talk.handler.faults] == ["deserialization error"]
+    assert [text for text, _ in talk.handler.faults] == ["deserialization error"]
     assert talk.samples() == [b"after"]
 
 
-def test_fragments_hold_one_submessage(talk):
+def test_a_fragmented_message_has_one_submessage(talk):
     two = whole(write_data(WRITER, b"four")) + whole(write_data(WRITER, b"more"))
     talk.hear(fragment(two, True))
     assert talk.samples() == [b"four"]
 
 
 @pytest.mark.parametrize("raw", [b"", b"\7", b"\7\1\0"])
-def test_fragments_of_nothing(talk, raw):
+def test_empty_fragments(talk, raw):
     talk.hear(fragment(raw, True), write_data(WRITER, b"lost with it"))
     talk.hear(write_data(WRITER, b"after"))
     assert talk.handler.faults and talk.samples() == [b"after"]
@@ -424,7 +424,7 @@ def test_a_fragment_on_a_best_effort_stream_is_a_fault(talk):
     assert talk.handler.faults and not talk.written
 
 
-def test_lost_fragments_take_their_message_along_and_no_other(talk):
+def test_lost_fragments_drop_their_message_alone(talk):
     first = parts_of(write_data(WRITER, b"A" * 350))
     talk.hear(first[0], sequence=0)
     talk.hear(first[3], sequence=3)
@@ -450,12 +450,12 @@ def test_a_message_whose_end_is_lost_is_not_mixed_with_the_next(talk):
         for part in parts_of(write_data(WRITER, letter * 350)):
             talk.hear(part, sequence=number)
             number += 1
-    # whether the first one behind the gap was the rest of A or B, nobody can tell
+    # the first one behind the gap may be the rest of A or of B
     assert talk.samples() == [b"C" * 350]
     assert not talk.handler.faults
 
 
-def test_a_message_that_the_client_gives_up_is_not_mixed_with_the_next(talk):
+def test_a_message_that_the_client_abandons_is_not_mixed_with_the_next(talk):
     """A C client whose publish() runs out of time (on_full_output_buffer_fragmented)."""
     for part in parts_of(write_data(WRITER, b"A" * 350))[:3]:
         talk.hear(part)
@@ -463,19 +463,19 @@ def test_a_message_that_the_client_gives_up_is_not_mixed_with_the_next(talk):
     for part in parts_of(write_data(WRITER, b"B" * 350)):
         talk.hear(part)
     assert talk.samples() == [b"other", b"B" * 350]
-    assert [what for what, _ in talk.handler.faults] == ["message given up"]
+    assert [text for text, _ in talk.handler.faults] == ["message given up"]
 
 
-def test_fragments_that_make_nonsense_take_nothing_else_along(talk):
+def test_invalid_fragments_are_dropped_alone(talk):
     short = whole(write_data(WRITER, b"A" * 350))[:-13]
     talk.hear(fragment(short[:200]))
     talk.hear(fragment(short[200:], True), write_data(WRITER, b"other"))
     assert talk.samples() == [b"other"]
-    assert [what for what, _ in talk.handler.faults] == ["message given up"]
+    assert [text for text, _ in talk.handler.faults] == ["message given up"]
 
 
-def test_room_is_told_when_a_full_window_opens_and_at_no_other_acknack(talk):
-    """The samples that waited for it would wait for the next one, which need not come."""
+def test_room_is_reported_when_a_full_window_opens_and_at_no_other_acknack(talk):
+    """Samples that wait for room would otherwise wait for another ACKNACK, which need not come."""
     for _ in range(15):
         talk.session.send(ids.DATA, 1, 0x80, b"\0\x0e\0\x16", talk.now)
     talk.hear(acknack(1), stream=0)
@@ -489,8 +489,8 @@ def test_room_is_told_when_a_full_window_opens_and_at_no_other_acknack(talk):
     assert talk.handler.rooms == [0x80]
 
 
-def test_what_is_held_is_the_bytes_and_what_each_message_takes_besides(talk):
-    """Else empty messages would cost nothing in the account of memory."""
+def test_the_size_of_held_messages_includes_their_overhead(talk):
+    """Otherwise empty messages would cost nothing in the memory budget."""
     assert talk.session.held() == 0
     for _ in range(3):
         talk.session.send(ids.DATA, 1, 0x80, b"\0\x0e\0\x16", talk.now)
@@ -524,7 +524,7 @@ def test_reset_in_the_middle_of_a_fragmented_message(talk):
     assert acks(talk.out()) == [(4, 0, 0x80)]
 
 
-def test_reset_outside_of_streams_forgets_what_waits_both_ways(talk):
+def test_reset_outside_of_streams_clears_both_directions(talk):
     talk.hear(write_data(WRITER, b"early"), sequence=1)
     talk.session.send(ids.DATA, 1, 0x80, b"first", talk.now)
     talk.hear(sub(ids.RESET), stream=0)
@@ -536,7 +536,7 @@ def test_reset_outside_of_streams_forgets_what_waits_both_ways(talk):
     assert [head for head, _ in talk.out()] == [(SESSION, 0x80, 0), (SESSION, 0, 0)]
 
 
-def test_reset_makes_room_and_says_so(talk):
+def test_reset_frees_room_and_reports_it(talk):
     for _ in range(20):
         talk.session.send(ids.DATA, 1, 0x80, b"x", talk.now)
     assert talk.session.room(0x80) == 0
@@ -552,7 +552,7 @@ def test_a_stalled_stream_acknowledges_late_and_loses_nothing(talk):
     talk.hear(write_data(WRITER, b"0"), write_data(WRITER, b"1"))
     for number in (1, 2, 3):
         talk.hear(write_data(WRITER, bytes([0x31 + number])), sequence=number)
-    talk.hear(write_data(WRITER, b"0"), sequence=0)  # comes again, being unacknowledged
+    talk.hear(write_data(WRITER, b"0"), sequence=0)  # sent again, as it is unacknowledged
     talk.hear(heartbeat(0, 3), stream=0)
     assert talk.samples() == [] and talk.out() == []
     # It is tried again after 5, 10 and 20 ms.
@@ -563,29 +563,29 @@ def test_a_stalled_stream_acknowledges_late_and_loses_nothing(talk):
     assert talk.session.next_deadline() is None
 
 
-def test_a_stall_in_the_middle_of_a_message_goes_on_there(talk):
+def test_a_stalled_message_resumes_at_the_stalled_submessage(talk):
     talk.written.append(b"")
-    seen = []
+    samples = []
 
     def write(cdr):
-        seen.append(bytes(cdr[4:]))
-        return seen.count(b"b") != 1 or cdr[4:] != b"b"
+        samples.append(bytes(cdr[4:]))
+        return samples.count(b"b") != 1 or cdr[4:] != b"b"
 
     talk.session.writers[WRITER] = write
     talk.hear(*[write_data(WRITER, item) for item in (b"a", b"b", b"c")])
-    assert seen == [b"a", b"b"]
+    assert samples == [b"a", b"b"]
     talk.wait(module.STALL_RETRY_MS)
-    assert seen == [b"a", b"b", b"b", b"c"]
+    assert samples == [b"a", b"b", b"b", b"c"]
 
 
-def test_the_ids_of_a_stalled_sample_are_given_back(talk):
+def test_the_ids_of_a_stalled_sample_are_handled_again(talk):
     talk.full = 2
     talk.hear(write_data(WRITER, b"sample"))
     talk.wait(3 * module.STALL_RETRY_MS)
     assert talk.written == [b"\0\1\0\0sample"]
 
 
-def test_a_stall_within_a_reassembled_message_keeps_what_comes_behind_it(talk):
+def test_a_stall_within_a_reassembled_message_keeps_the_messages_behind_it(talk):
     *first, last = parts_of(write_data(WRITER, b"F" * 250))
     for part in first:
         talk.hear(part)
@@ -630,7 +630,7 @@ def test_the_handler_can_stall_a_stream_too(talk):
     talk.hear(sub(ids.READ_DATA, b"abcd"), write_data(WRITER, b"x"))
     assert talk.out() == []
     talk.wait(module.STALL_RETRY_MS)
-    assert talk.handler.seen == [(ids.READ_DATA, 1, 0x80, b"abcd")]
+    assert talk.handler.submessages == [(ids.READ_DATA, 1, 0x80, b"abcd")]
     assert talk.samples() == [b"x"]
 
 
@@ -727,7 +727,7 @@ def test_fragments_out_fit_the_mtu_and_make_the_message(mtu, size, session_id):
         assert size // mtu > 1000
         assert talk.session.dropped == 1 and talk.out() == []
         return
-    got = bytearray()
+    message_bytes = bytearray()
     alone = []
     number = 0
     while True:
@@ -742,14 +742,14 @@ def test_fragments_out_fit_the_mtu_and_make_the_message(mtu, size, session_id):
             number += 1
             if kind == ids.FRAGMENT:
                 assert flags & 2 or len(part) % 4 == 0
-                got += part
+                message_bytes += part
             else:
                 alone.append((kind, flags, part))
         talk.hear(acknack(number & 0xFFFF), stream=0)
-    if got:
-        assert got[:2] == bytes([ids.DATA, 1])
-        assert got[2] | got[3] << 8 == size & 0xFFFF
-        alone.append((ids.DATA, 1, bytes(got[4:])))
+    if message_bytes:
+        assert message_bytes[:2] == bytes([ids.DATA, 1])
+        assert message_bytes[2] | message_bytes[3] << 8 == size & 0xFFFF
+        alone.append((ids.DATA, 1, bytes(message_bytes[4:])))
     assert alone == [(ids.DATA, 1, payload)]
 
 
@@ -763,21 +763,21 @@ def test_half_a_message_is_never_sent(talk):
     assert parse(last.export()[3][(last.next - 1) & 0xFFFF])[1] == [(ids.DATA, 1, b"small")]
 
 
-def test_too_large_for_best_effort_is_dropped_counted_and_said(talk):
+def test_a_message_too_large_for_best_effort_is_dropped_counted_and_logged(talk):
     assert not talk.session.send(ids.DATA, 1, 1, bytes(600), talk.now)
     assert talk.session.dropped == 1
     assert "600 bytes" in talk.handler.faults[0][1]
     assert talk.session.send(ids.DATA, 1, 1, bytes(504), talk.now)
 
 
-def test_a_client_that_never_acknowledges_meets_a_limit(talk):
+def test_messages_for_a_client_that_never_acknowledges_are_limited(talk):
     with pytest.raises(LimitError):
         for _ in range(module.MAX_HELD + 1):
             talk.session.send(ids.STATUS, 1, 0x80, b"status", talk.now)
     assert len(talk.out()) == 16
 
 
-def test_streams_out_meet_a_limit(talk):
+def test_the_number_of_output_streams_is_limited(talk):
     with pytest.raises(LimitError):
         for stream in range(0x80, 0x100):
             talk.session.send(ids.DATA, 1, stream, b"x", talk.now)
@@ -802,7 +802,7 @@ def test_heartbeats_go_out_until_all_is_acknowledged(talk):
     assert talk.wait(5000) == []
 
 
-def test_a_silent_client_gets_no_heartbeats_after_thirty_seconds_until_heard(talk):
+def test_heartbeats_to_a_silent_client_pause_after_thirty_seconds(talk):
     talk.session.send(ids.DATA, 1, 0x80, b"x", talk.now)
     talk.out()
     early = heartbeats(talk.wait(module.SILENT_MS))
@@ -815,7 +815,7 @@ def test_a_silent_client_gets_no_heartbeats_after_thirty_seconds_until_heard(tal
     assert talk.wait(5000) == []
 
 
-def test_a_subscriber_with_nothing_to_say_gets_heartbeats_after_hours(talk):
+def test_a_subscriber_that_only_acknowledges_gets_heartbeats_after_hours(talk):
     talk.session.send(ids.DATA, 1, 0x80, b"0", talk.now)
     talk.out()
     talk.wait(200)
@@ -826,7 +826,7 @@ def test_a_subscriber_with_nothing_to_say_gets_heartbeats_after_hours(talk):
     assert heartbeats(talk.wait(1000)) == [(1, 1, 0x80)] * 5
 
 
-def test_what_is_heard_in_the_millisecond_of_a_heartbeat_counts(talk):
+def test_a_message_in_the_millisecond_of_a_heartbeat_counts(talk):
     talk.session.send(ids.DATA, 1, 0x80, b"0", talk.now)
     talk.now += 200
     talk.hear(acknack(0), stream=0)
@@ -838,8 +838,8 @@ def test_what_is_heard_in_the_millisecond_of_a_heartbeat_counts(talk):
     assert heartbeats(talk.wait(200)) == [(1, 1, 0x80)]
 
 
-def test_the_time_when_nothing_was_asked_is_no_silence(talk):
-    """A client is polled for other reasons too, such as the pace of a delivery."""
+def test_time_without_heartbeats_is_no_silence(talk):
+    """A client is polled for other reasons as well, such as the pace of a delivery."""
     talk.hear(write_data(WRITER, b"x"), stream=1)
     for _ in range(4):
         talk.now += 20_000
@@ -853,21 +853,21 @@ def test_time_wraps(talk):
     talk.now = TIME_MASK - 300
     talk.session.send(ids.DATA, 1, 0x80, b"x", talk.now)
     talk.out()
-    seen = []
+    heartbeats_sent = []
     for _ in range(4):
         at = talk.session.next_deadline()
         assert (at - talk.now) & TIME_MASK == 200
         talk.now = at
         talk.session.poll(talk.now)
-        seen += heartbeats(talk.out())
-    assert seen == [(0, 0, 0x80)] * 4
+        heartbeats_sent += heartbeats(talk.out())
+    assert heartbeats_sent == [(0, 0, 0x80)] * 4
     assert talk.now < 1000
 
 
 # --- bad bytes --------------------------------------------------------------------------------
 
 
-def test_a_submessage_that_is_not_all_there_is_a_fault_and_what_came_before_counts(talk):
+def test_a_truncated_submessage_is_a_fault_and_the_submessages_before_it_are_handled(talk):
     datagram = message([write_data(WRITER, b"good"), write_data(WRITER, b"cut off")])
     talk.raw(datagram[:-2])
     assert talk.samples() == [b"good"]
@@ -875,7 +875,7 @@ def test_a_submessage_that_is_not_all_there_is_a_fault_and_what_came_before_coun
     assert acks(talk.out()) == [(1, 0, 0x80)]
 
 
-def test_what_the_handler_cannot_decode_is_a_fault(talk):
+def test_a_decode_error_of_the_handler_is_a_fault(talk):
     def broken(*_):
         raise DecodeError("no such thing")
 
@@ -893,7 +893,7 @@ def test_truncated_acknack_and_heartbeat(talk, kind, size):
     assert talk.handler.faults[0][0] == "deserialization error"
 
 
-def test_heartbeat_of_a_best_effort_stream_is_passed_over(talk):
+def test_a_heartbeat_of_a_best_effort_stream_is_ignored(talk):
     talk.hear(heartbeat(0, 5, 1), stream=0)
     assert talk.out() == []
 
