@@ -1,6 +1,6 @@
 """The auto middleware where rclpy cannot be imported: services by dds, and one notice.
 
-Where it can, tests/interop tests it.
+With rclpy, tests/interop tests it.
 """
 
 import select
@@ -24,73 +24,71 @@ def middleware(monkeypatch):
     for name in [name for name in sys.modules if name.split(".")[0] == "rclpy"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    one = open_middleware("auto")
-    yield one
-    one.close()
+    auto_middleware = open_middleware("auto")
+    yield auto_middleware
+    auto_middleware.close()
 
 
 def serve_and_call(node, middleware):
-    """A request from one end to the other, by dds."""
-    asked = []
-    replier = node.create_replier(SERVICE, QoSProfile(), lambda: asked.extend(replier.take(9)))
+    """Send a request from one endpoint to the other over DDS."""
+    requests = []
+    replier = node.create_replier(SERVICE, QoSProfile(), lambda: requests.extend(replier.take(9)))
     requester = node.create_requester(SERVICE, QoSProfile(), lambda: None)
     assert requester.request(b"\0\1\0\0\5\0\0\0") == 1
     deadline = time.monotonic() + 10
-    while not asked:
+    while not requests:
         middleware.dispatch_local()
-        left = deadline - time.monotonic()
-        assert left > 0, "no request comes"
-        if not asked and select.select([middleware.fileno()], [], [], min(left, 1))[0]:
+        seconds_left = deadline - time.monotonic()
+        assert seconds_left > 0, "no request comes"
+        if not requests and select.select([middleware.fileno()], [], [], min(seconds_left, 1))[0]:
             middleware.dispatch()
-    return asked[0][2]
+    return requests[0][2]
 
 
-def test_services_go_over_dds_and_the_user_hears_of_it_once(middleware, own_domain_id):
-    told = []
-    middleware.on_notice = told.append
+def test_services_go_over_dds_with_one_notice(middleware, own_domain_id):
+    notices = []
+    middleware.on_notice = notices.append
     node = middleware.create_node(own_domain_id, "/", "node")
     node.create_writer("rt/chatter", "std_msgs::msg::dds_::String_", QoSProfile())
-    assert told == []  # who has no services needs no rclpy
+    assert notices == []  # a node without services needs no rclpy
     assert serve_and_call(node, middleware) == b"\0\1\0\0\5\0\0\0"
-    (notice,) = told
+    (notice,) = notices
     assert "get no answers" in notice and "rclpy" in notice
     assert "source /opt/ros/<distro>/setup.bash" in notice and "pip install" in notice
 
 
-def test_rmw_cyclonedds_is_spoken_by_dds_and_that_is_no_news(
-    middleware, own_domain_id, monkeypatch
-):
+def test_rmw_cyclonedds_is_served_by_dds_without_a_notice(middleware, own_domain_id, monkeypatch):
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    told = []
-    middleware.on_notice = told.append
+    notices = []
+    middleware.on_notice = notices.append
     node = middleware.create_node(own_domain_id, "/", "node")
     assert serve_and_call(node, middleware) == b"\0\1\0\0\5\0\0\0"
-    assert told == []
+    assert notices == []
 
 
-def test_nobody_need_listen_to_notices(middleware, own_domain_id):
+def test_notices_need_no_listener(middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "node")
     assert serve_and_call(node, middleware)
 
 
-def test_the_same_is_told_once_and_not_without_end(middleware, monkeypatch):
+def test_equal_notices_are_sent_once_and_their_number_is_limited(middleware, monkeypatch):
     monkeypatch.setattr(base, "_MAX_NOTICES", 3)
-    told = []
-    middleware.on_notice = told.append
+    notices = []
+    middleware.on_notice = notices.append
     for text in "aabcbdea":
         middleware.notice(text)
-    assert told == ["a", "b", "c"]
+    assert notices == ["a", "b", "c"]
 
 
-def test_what_is_set_before_the_first_node_is_for_dds_too(middleware, own_domain_id):
+def test_settings_made_before_the_first_node_apply_to_dds(middleware, own_domain_id):
     conflicts = []
     middleware.on_type_conflict = lambda *about: conflicts.append(about)
     middleware.batching = True
     node = middleware.create_node(own_domain_id, "/", "node")
     node.create_writer("rt/chatter", "std_msgs::msg::dds_::String_", QoSProfile())
-    other = DdsMiddleware()
-    there = other.create_node(own_domain_id, "/", "there")
-    there.create_writer("rt/chatter", "std_msgs::msg::dds_::Int32_", QoSProfile())
+    other_middleware = DdsMiddleware()
+    other_node = other_middleware.create_node(own_domain_id, "/", "there")
+    other_node.create_writer("rt/chatter", "std_msgs::msg::dds_::Int32_", QoSProfile())
     deadline = time.monotonic() + 10
     while not conflicts:
         assert time.monotonic() < deadline, "the conflict is not told"
@@ -99,10 +97,10 @@ def test_what_is_set_before_the_first_node_is_for_dds_too(middleware, own_domain
         middleware.tick()
     assert conflicts[0][0] == "rt/chatter"
     assert middleware.dds.batching
-    other.close()
+    other_middleware.close()
 
 
-def test_a_failing_dds_does_not_keep_ros2_from_its_turn(middleware, monkeypatch):
+def test_ros2_is_served_although_dds_fails(middleware, monkeypatch):
     class Ros2:
         turns = 0
 

@@ -1,4 +1,4 @@
-"""What is memory's own; the rest is in the contract that all middlewares keep."""
+"""Behaviour of the memory middleware alone; the contract tests cover the rest."""
 
 import pytest
 
@@ -11,50 +11,50 @@ INT32, STRING = "std_msgs::msg::dds_::Int32_", "std_msgs::msg::dds_::String_"
 
 
 @pytest.fixture
-def made():
+def middlewares():
     bus = Bus()
-    ones = [MemoryMiddleware(bus) for _ in range(2)]
-    yield ones
-    for one in ones:
-        one.close()
+    pair = [MemoryMiddleware(bus) for _ in range(2)]
+    yield pair
+    for middleware in pair:
+        middleware.close()
 
 
-def test_what_this_process_wrote_is_there_right_after_the_burst(made):
-    """A turn later it would be lost with an agent that is killed, and is acknowledged by then."""
-    one = made[0].create_node(0, "/", "n")
-    got = []
-    reader = one.create_reader("rt/a", INT32, QoSProfile(), lambda: got.extend(reader.take(9)))
-    made[0].dispatch_local()
-    one.create_writer("rt/a", INT32, QoSProfile()).write(b"sample")
-    made[0].dispatch_local()
-    assert got == [b"sample"]
+def test_local_samples_are_delivered_at_the_end_of_the_burst(middlewares):
+    """One turn later, a killed agent would lose the sample, which is acknowledged by then."""
+    node = middlewares[0].create_node(0, "/", "n")
+    samples = []
+    reader = node.create_reader("rt/a", INT32, QoSProfile(), lambda: samples.extend(reader.take(9)))
+    middlewares[0].dispatch_local()
+    node.create_writer("rt/a", INT32, QoSProfile()).write(b"sample")
+    middlewares[0].dispatch_local()
+    assert samples == [b"sample"]
 
 
 def watched(middleware):
-    seen = []
-    middleware.on_type_conflict = lambda *words: seen.append(words)
-    return seen
+    conflicts = []
+    middleware.on_type_conflict = lambda *words: conflicts.append(words)
+    return conflicts
 
 
-def test_a_type_that_differs_is_reported_to_who_comes_second(made):
-    first, second = map(watched, made)
-    one, two = [item.create_node(0, "/", "n") for item in made]
-    one.create_writer("rt/a", INT32, QoSProfile())
-    two.create_reader("rt/a", STRING, QoSProfile(), print)
-    two.create_reader("rt/b", STRING, QoSProfile(), print)
+def test_a_type_that_differs_is_reported_to_the_second_endpoint(middlewares):
+    first, second = map(watched, middlewares)
+    first_node, second_node = [item.create_node(0, "/", "n") for item in middlewares]
+    first_node.create_writer("rt/a", INT32, QoSProfile())
+    second_node.create_reader("rt/a", STRING, QoSProfile(), print)
+    second_node.create_reader("rt/b", STRING, QoSProfile(), print)
     assert (first, second) == ([], [("rt/a", STRING, INT32)])
 
 
-def test_services_are_compared_too(made):
-    _, second = map(watched, made)
-    one, two = [item.create_node(0, "/", "n") for item in made]
-    one.create_replier(Service("rq/a", "A", "rr/a", "B"), QoSProfile(), print)
-    two.create_requester(Service("rq/a", "A", "rr/a", "C"), QoSProfile(), print)
+def test_services_are_compared_too(middlewares):
+    _, second = map(watched, middlewares)
+    first_node, second_node = [item.create_node(0, "/", "n") for item in middlewares]
+    first_node.create_replier(Service("rq/a", "A", "rr/a", "B"), QoSProfile(), print)
+    second_node.create_requester(Service("rq/a", "A", "rr/a", "C"), QoSProfile(), print)
     assert second == [("rr/a", "C", "B")]
 
 
-def test_others_replies_do_not_hide_ones_own(made):
-    node = made[0].create_node(0, "/", "n")
+def test_replies_to_others_do_not_hide_an_own_reply(middlewares):
+    node = middlewares[0].create_node(0, "/", "n")
     service = Service("rq/a", "A", "rr/a", "B")
     replier = node.create_replier(service, QoSProfile(100), print)
     requesters = [node.create_requester(service, QoSProfile(100), print) for _ in range(2)]
@@ -68,9 +68,9 @@ def test_others_replies_do_not_hide_ones_own(made):
     assert len(requesters[0].take(100)) == 5
 
 
-def test_a_writer_that_keeps_all_for_late_readers_keeps_an_end_of_it(made, monkeypatch):
+def test_the_samples_kept_for_late_readers_are_limited(middlewares, monkeypatch):
     monkeypatch.setattr(memory, "MAX_PAST", 10)
-    node = made[0].create_node(0, "/", "node")
+    node = middlewares[0].create_node(0, "/", "node")
     qos = QoSProfile(history=HistoryPolicy.KEEP_ALL, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     writer = node.create_writer("rt/a", INT32, qos)
     for number in range(100):

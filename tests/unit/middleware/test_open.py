@@ -16,9 +16,9 @@ def test_every_name_opens_a_middleware_that_knows_its_name(name):
     middleware.close()
 
 
-def test_an_unknown_name_is_refused_with_those_there_are():
-    there = "no middleware 'dss'; there are: auto, ced, dds, memory, ros2"
-    with pytest.raises(ValueError, match=there):
+def test_an_unknown_name_is_refused_with_the_list_of_names():
+    message = "no middleware 'dss'; there are: auto, ced, dds, memory, ros2"
+    with pytest.raises(ValueError, match=message):
         open_middleware("dss")
 
 

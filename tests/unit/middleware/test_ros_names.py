@@ -1,4 +1,4 @@
-"""DDS names as ROS names: every text is a name or a MiddlewareError, and none gets further."""
+"""DDS names as ROS names: every text is a name or raises MiddlewareError."""
 
 import pytest
 from hypothesis import given
@@ -30,33 +30,33 @@ def test_topics(topic, name):
     ["", "rt", "rt/", "chatter", "/chatter", "rq/chatter", "rt//x", "rt/1x", "rt/x/", "rt/a-b",
      "rt/~", "rt/{node}", "rt/x\n", "rt/é", "rt/" + "x" * 300],
 )  # fmt: skip
-def test_what_is_no_topic_of_ros(topic):
+def test_names_that_are_no_topic_of_ros(topic):
     with pytest.raises(MiddlewareError, match="is no ROS topic .rt/….*-m dds") as error:
         ros_names.topic_name(topic)
     assert len(str(error.value)) < 500
 
 
 def test_services():
-    one = service("rq/arm/homeRequest", reply="rr/arm/homeReply")
-    assert names.service_name(one) == "/arm/home"
-    assert names.service_type(one) == TypeName("std_srvs", "srv", "Trigger")
-    assert str(names.service_type(one)) == "std_srvs/srv/Trigger"
+    service_names = service("rq/arm/homeRequest", reply="rr/arm/homeReply")
+    assert names.service_name(service_names) == "/arm/home"
+    assert names.service_type(service_names) == TypeName("std_srvs", "srv", "Trigger")
+    assert str(names.service_type(service_names)) == "std_srvs/srv/Trigger"
 
 
 @pytest.mark.parametrize(
-    "one",
+    "service_topics",
     [
         service(request="rq/x"), service(request="rqRequest"), service(request="rt/xRequest"),
         service(reply="rr/yReply"), service(reply="rr/xRequest"), service(request="rq/Request"),
     ],
 )  # fmt: skip
-def test_topics_that_are_of_no_service(one):
+def test_topics_that_are_of_no_service(service_topics):
     with pytest.raises(MiddlewareError, match="is no ROS topic|are not of one service"):
-        names.service_name(one)
+        names.service_name(service_topics)
 
 
 @pytest.mark.parametrize(
-    "one",
+    "service_types",
     [
         service(request_type=BASE), service(reply_type=BASE),
         service(reply_type=BASE + "Request_"),
@@ -65,20 +65,20 @@ def test_topics_that_are_of_no_service(one):
                 reply_type="std_srvs::msg::dds_::Trigger_Response_"),
     ],
 )  # fmt: skip
-def test_types_that_are_of_no_service(one):
+def test_types_that_are_of_no_service(service_types):
     with pytest.raises(MiddlewareError, match="are not of one ROS service"):
-        names.service_type(one)
+        names.service_type(service_types)
 
 
 @pytest.mark.parametrize(
-    ("type_name", "found"),
+    ("type_name", "expected"),
     [
         ("std_msgs::msg::dds_::String_", ("std_msgs", "msg", "String")),
         ("a1::action::dds_::Go_FeedbackMessage_", ("a1", "action", "Go_FeedbackMessage")),
     ],
 )
-def test_types(type_name, found):
-    assert ros_names.message_type(type_name) == found
+def test_types(type_name, expected):
+    assert ros_names.message_type(type_name) == expected
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_types(type_name, found):
      "os.path::msg::dds_::X_", "../x::msg::dds_::X_", "std_msgs::idl::dds_::X_",
      "x::msg::dds_::__class___", "a::msg::dds_::" + "X" * 300 + "_"],
 )  # fmt: skip
-def test_what_is_no_type_of_ros(type_name):
+def test_names_that_are_no_type_of_ros(type_name):
     with pytest.raises(MiddlewareError, match="is no ROS type") as error:
         ros_names.message_type(type_name)
     assert len(str(error.value)) < 500
@@ -110,8 +110,8 @@ def test_any_text_is_a_topic_or_refused(text, prefix, suffix):
 )
 def test_any_text_is_a_type_or_refused(text, suffix):
     try:
-        found = ros_names.message_type(text + suffix)
+        type_name = ros_names.message_type(text + suffix)
     except MiddlewareError:
         return
-    assert f"{found.package}::{found.kind}::dds_::{found.name}_" == text + suffix
-    assert all(part.isidentifier() and part.isascii() for part in found)
+    assert f"{type_name.package}::{type_name.kind}::dds_::{type_name.name}_" == text + suffix
+    assert all(part.isidentifier() and part.isascii() for part in type_name)

@@ -1,4 +1,4 @@
-"""SROS 2 asked for, where there is none: nothing goes out unprotected without a word."""
+"""SROS 2 is requested but not available: nothing is sent unprotected without a warning."""
 
 import logging
 import os
@@ -28,19 +28,19 @@ def test_enforce_is_refused(monkeypatch, name, enable):
     demand(monkeypatch, enable, "Enforce")
     with pytest.raises(MiddlewareError) as caught:
         open_middleware(name)
-    said = str(caught.value)
-    assert "ROS_SECURITY_STRATEGY is Enforce, but uros has no DDS Security (SROS 2)" in said
-    assert "docs/security.md" in said and "unset ROS_SECURITY_ENABLE" in said
+    message = str(caught.value)
+    assert "ROS_SECURITY_STRATEGY is Enforce, but uros has no DDS Security (SROS 2)" in message
+    assert "docs/security.md" in message and "unset ROS_SECURITY_ENABLE" in message
 
 
-def test_what_stays_inside_needs_no_security(monkeypatch, caplog):
+def test_a_middleware_within_the_process_needs_no_security(monkeypatch, caplog):
     demand(monkeypatch, "true", "Enforce")
     open_middleware("memory").close()
     assert caplog.text == ""
 
 
 @pytest.mark.parametrize("strategy", [None, "", "Permissive"])
-def test_permissive_is_warned_of(monkeypatch, caplog, strategy):
+def test_permissive_causes_a_warning(monkeypatch, caplog, strategy):
     demand(monkeypatch, "true", strategy)
     with caplog.at_level(logging.WARNING, "uros"):
         open_middleware("dds").close()
@@ -50,7 +50,7 @@ def test_permissive_is_warned_of(monkeypatch, caplog, strategy):
 @pytest.mark.parametrize(
     ("enable", "strategy"), [(None, "Enforce"), ("", "Enforce"), ("false", "Enforce"), ("0", None)]
 )
-def test_who_asks_for_none_hears_nothing(monkeypatch, caplog, enable, strategy):
+def test_without_a_request_there_is_no_warning(monkeypatch, caplog, enable, strategy):
     demand(monkeypatch, enable, strategy)
     open_middleware("dds").close()
     assert caplog.text == ""

@@ -13,9 +13,9 @@ def wake(request, monkeypatch):
         monkeypatch.delattr(os, "eventfd", raising=False)
     elif not hasattr(os, "eventfd"):
         pytest.skip("not on this platform: eventfd")
-    one = WakeupFd()
-    yield one
-    one.close()
+    wakeup_fd = WakeupFd()
+    yield wakeup_fd
+    wakeup_fd.close()
 
 
 def readable(wake):
@@ -30,7 +30,7 @@ def test_set_makes_it_readable_and_clear_unreadable(wake):
     assert not readable(wake)
 
 
-def test_many_sets_are_one_and_clearing_nothing_is_nothing(wake):
+def test_repeated_set_and_clear_are_idempotent(wake):
     for _ in range(100_000):  # more than a socket buffer takes
         wake.set()
     while readable(wake):
@@ -39,14 +39,14 @@ def test_many_sets_are_one_and_clearing_nothing_is_nothing(wake):
     assert not readable(wake)
 
 
-def test_another_thread_wakes(wake):
+def test_another_thread_sets_the_descriptor(wake):
     thread = threading.Thread(target=wake.set)
     thread.start()
     assert select.select([wake.fileno()], [], [], 10)[0]
     thread.join()
 
 
-def test_after_the_end_setting_is_nothing(wake):
+def test_set_after_close_does_nothing(wake):
     wake.close()
     wake.close()
     wake.set()

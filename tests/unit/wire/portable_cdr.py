@@ -78,7 +78,7 @@ def test_alignment_counts_from_the_start_of_the_payload() -> None:
         assert read_all(r) == VALUES
 
 
-def test_writes_what_is_read() -> None:
+def test_write_gives_the_bytes_that_read_takes() -> None:
     for shift in range(9):
         w = Writer(bytearray(b"\xee" * 60), shift)
         write_all(w)
@@ -141,7 +141,7 @@ def test_a_boolean_is_0_or_1() -> None:
         assert "boolean" in refused(DecodeError, Reader(bytes((octet,)), 0, 1).boolean)
 
 
-def test_a_length_beyond_the_limit_is_refused_before_the_bytes_are_looked_for() -> None:
+def test_a_length_over_the_limit_is_refused_before_the_bytes_are_read() -> None:
     data = b"\xff\xff\xff\xff"
     refused(LimitError, Reader(data, 0, 4).string)
     refused(LimitError, Reader(data, 0, 4).sequence)
@@ -154,9 +154,9 @@ def test_a_length_beyond_the_limit_is_refused_before_the_bytes_are_looked_for() 
 
 def test_strings_as_peers_send_them() -> None:
     for data, text in (
-        (b"\x00\x00\x00\x00", ""),  # with not even a NUL
+        (b"\x00\x00\x00\x00", ""),  # without any NUL
         (b"\x01\x00\x00\x00\x00", ""),
-        (b"\x02\x00\x00\x00ab", "ab"),  # NUL forgotten
+        (b"\x02\x00\x00\x00ab", "ab"),  # length without the NUL
         (b"\x04\x00\x00\x00a\x00bc", "a"),
         (b"\x03\x00\x00\x00\xc3\xa9\x00", "\xe9"),
     ):

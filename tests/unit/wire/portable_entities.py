@@ -120,7 +120,7 @@ def test_create_takes_the_kind_from_its_own_octet() -> None:
     assert entities.pull_create(reader(octets))[1:3] == (0x13, 3)
 
 
-def test_create_that_means_nothing() -> None:
+def test_an_invalid_create_is_refused() -> None:
     for form in (0, 4, 255):
         octets = bytes((0, 1, 0, 0x11, 1, form, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0))
         assert "format %d" % form in refused(DecodeError, entities.pull_create, reader(octets))
@@ -224,7 +224,7 @@ def test_binary_group_with_data_and_no_partitions() -> None:
     assert r.remaining() == 0
 
 
-def test_binary_group_with_partitions_without_end() -> None:
+def test_binary_group_with_too_many_partitions() -> None:
     for count in ("41000000", "ffffffff"):
         octets = bytes.fromhex("00 01 01 00" + count)
         refused(LimitError, entities.pull_binary_group, reader(octets))
@@ -256,7 +256,7 @@ def test_binary_writer_and_reader() -> None:
     writer_and_reader("0012 01 00 0b00 00 00 00 00 00", 0x12, 11, None, None, None, None)
     # recorded: rclc_image and rclc_int32_subscriber: reliable, keep last 10
     writer_and_reader("0002 01 00 0300 01 00 0a00 00 00 00 00", 2, 3, 10, None, None, None)
-    # by hand: everything that push can say
+    # by hand: every field that push writes
     writer_and_reader(
         "0012 01 00 0000 01 00 0500 01 00 64000000 01 000000 e8030000 01 00000002000000 abcd 00",
         0x12,
@@ -273,7 +273,7 @@ def test_binary_endpoint_without_qos() -> None:
     assert pull_reader(reader(b"\x00\x12\x00")) == (0x12, None)
 
 
-def test_binary_endpoint_with_what_no_client_sends() -> None:
+def test_binary_endpoint_with_fields_that_no_client_sends() -> None:
     # by hand, with the agent's 32 bits for the strength and for the separation
     head = "0012 01 00 0100 00 00 00 00 01 00 2a000000"
     r = reader(bytes.fromhex(head))

@@ -82,7 +82,7 @@ def test_worst_case_size() -> None:
     assert len(framed(payload, 0x7E, 0x7D)) <= frame_size(payload)
 
 
-def test_what_does_not_fit_a_frame() -> None:
+def test_payloads_that_do_not_fit_a_frame() -> None:
     out = bytearray(200000)
     refused(EncodeError, frame, bytes(0x10000), 0, 0, out)
     for source, destination in ((256, 0), (-1, 0), (0, 256), (0, -1)):
@@ -104,7 +104,7 @@ def test_text_with_flags_and_escapes_in_it() -> None:
     assert counters(agent) == (len(text), 0, 0)
 
 
-def test_frames_cut_off_anywhere() -> None:
+def test_frames_truncated_anywhere() -> None:
     for size in range(len(PONG)):
         client = Deframer(1)
         assert client.feed(PONG[:size]) == []
@@ -123,19 +123,19 @@ def test_a_frame_with_a_wrong_crc() -> None:
     assert counters(agent) == (len(PING), 1, 0)
 
 
-def test_a_frame_for_somebody_else() -> None:
+def test_a_frame_for_another_address() -> None:
     agent = Deframer(0)
     assert agent.feed(framed(b"hello", 2, 3) + PING) == [PING_PAYLOAD]
     assert counters(agent) == (0, 0, 1)
     assert agent.source == 1
 
 
-def test_a_frame_that_lost_a_byte_costs_no_other() -> None:
+def test_a_frame_that_lost_a_byte_loses_no_other_frame() -> None:
     for at in range(1, len(PING)):
         agent = Deframer(0)
         out = agent.feed(PING[:at] + PING[at + 1 :] + PING + PING)
         assert out == [PING_PAYLOAD] * 2, at
-        # where the destination is lost, the frame may look like one for somebody else
+        # without its destination, the frame may look like one for another address
         assert agent.skipped == len(PING) - 1
 
 
@@ -158,7 +158,7 @@ def test_escapes_and_flags_alone() -> None:
     assert agent.skipped == 4000
 
 
-def test_what_a_frame_holds_is_handed_over() -> None:
+def test_payloads_of_frames_are_handed_over() -> None:
     agent = Deframer(0)
     first, second = agent.feed(PING + framed(b"other"))
     assert (first, second) == (PING_PAYLOAD, b"other")

@@ -77,7 +77,7 @@ def test_subheader_announces_too_much() -> None:
         assert "truncated" in refused(DecodeError, pull_subheader, data, 0, end)
 
 
-def test_beyond_64_kb_the_length_says_nothing() -> None:
+def test_over_64_kb_the_length_field_is_ignored() -> None:
     # 65536 + 5 bytes as a C client sends them, reassembled from fragments.
     whole = bytearray(4 + 65541)
     push_subheader(whole, 0, ids.WRITE_DATA, 1, 65541)

@@ -1,4 +1,4 @@
-"""Bytes that mean harm, on whatever Python this is: DecodeError or nothing.
+"""Hostile bytes on CPython and MicroPython: DecodeError at most.
 
 MicroPython differs from CPython just here: in how struct, slices and text fail. The bytes are
 of a simple generator, so every run has the same; test_hostile.py looks further.
@@ -13,7 +13,7 @@ from uros.wire.streams import Fragments, ReliableIn, ReliableOut
 
 
 class Generator:
-    """Numbers that look random: a linear congruential generator."""
+    """Pseudo-random numbers of a linear congruential generator."""
 
     def __init__(self, seed):
         self.state = seed
@@ -23,7 +23,7 @@ class Generator:
         return (self.state >> 8) % limit
 
     def octets(self):
-        """Up to 60 octets, half of them small, so that lengths and flags are believed."""
+        """Return up to 60 octets, half of them small, so that lengths and flags are plausible."""
         return bytes(
             [self.below(3) if self.below(2) else self.below(256) for _ in range(self.below(60))]
         )

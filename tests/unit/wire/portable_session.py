@@ -41,7 +41,7 @@ def test_create_client_with_too_many_properties() -> None:
     head = bytes.fromhex("58524345 0100 010f aaaabbbb 81 01 0000")
     for count in (b"\x21\x00\x00\x00", b"\xff\xff\xff\xff"):
         refused(LimitError, session.pull_create_client, reader(head + count))
-    # 32 may be there, so it is the bytes that lack.
+    # 32 properties are allowed, so the bytes are missing.
     refused(DecodeError, session.pull_create_client, reader(head + b"\x20\x00\x00\x00"))
 
 
@@ -177,10 +177,10 @@ def test_info_without_anything() -> None:
     )
 
 
-def test_info_that_means_nothing() -> None:
+def test_invalid_info_is_refused() -> None:
     head = "0001 fffd 00 00 "
-    other = reader(bytes.fromhex(head + "01 0e"))
-    assert "not the agent" in refused(DecodeError, session.pull_info, other)
+    invalid_info = reader(bytes.fromhex(head + "01 0e"))
+    assert "not the agent" in refused(DecodeError, session.pull_info, invalid_info)
     form = reader(bytes.fromhex(head + "00 01 0d 00 0100 01000000 04"))
     assert "format 4" in refused(DecodeError, session.pull_info, form)
     many = reader(bytes.fromhex(head + "00 01 0d 00 0100 41000000"))
@@ -208,7 +208,7 @@ def test_acknack_message() -> None:
     # recorded: rclc_int32_publisher
     recorded = bytes.fromhex("810000000a0105000100000080")
     assert session.acknack_message(0x81, 0x4B0CBE99, 1, 0, 0x80) == recorded
-    # by hand: a session id that lets the key travel along, numbers with both octets
+    # by hand: a session id with the key in the header, numbers that use both octets
     by_hand = bytes.fromhex("010000004b0cbe99 0a010500 fffe 8001 ff")
     assert session.acknack_message(0x01, 0x4B0CBE99, 0xFEFF, 0x8001, 0xFF) == by_hand
 

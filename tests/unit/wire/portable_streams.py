@@ -20,12 +20,12 @@ from uros.wire.streams import (
     split,
 )
 
-# The first number of a stream, here and there just before the wrap.
+# The first number of a stream: also just before the wrap.
 STARTS = (0, 1, 65520, 65530, 65535)
 
 
 def incoming(first):
-    """A ReliableIn that expects `first`, as after that many messages."""
+    """Return a ReliableIn that expects `first`, as after that many messages."""
     stream = ReliableIn()
     stream.next = first
     stream.announced = number(first - 1)
@@ -33,7 +33,7 @@ def incoming(first):
 
 
 def outgoing(first):
-    """A ReliableOut whose next message is `first`, all before it being acknowledged."""
+    """Return a ReliableOut whose next message is `first`; all before are acknowledged."""
     stream = ReliableOut()
     stream.next = stream.sent = stream.acked = first
     return stream
@@ -69,7 +69,7 @@ def test_numbers_wrap() -> None:
     assert sequence_after(0x7FFF, 0) and not sequence_after(0x8000, 0)
 
 
-def test_best_effort_takes_what_is_news() -> None:
+def test_best_effort_takes_new_messages() -> None:
     stream = BestEffortIn()
     assert stream.accept(0, 0)
     assert not stream.accept(0, 0)
@@ -88,7 +88,7 @@ def test_best_effort_may_begin_late() -> None:
 
 
 def accepted(stream, numbers, now, every_ms):
-    """Which of these are news, where one comes every so many milliseconds."""
+    """Return which of the numbers are new, where one arrives every so many milliseconds."""
     out = []
     for n in numbers:
         if stream.accept(number(n), now):
@@ -108,21 +108,21 @@ def test_best_effort_goes_on_after_a_jump_of_more_than_half_of_all_numbers() -> 
                 assert took == list(numbers)[lost:], (last, jump, every_ms)
 
 
-def test_best_effort_is_not_moved_by_what_is_late_or_doubled() -> None:
+def test_late_and_duplicate_messages_do_not_move_a_best_effort_stream() -> None:
     for last in STARTS:
         stream = BestEffortIn()
         stream.last = last
         # Behind the last by less than a window, for hours.
         for n in range(WINDOW):
             assert accepted(stream, [last - n] * 20, 0, 60000) == []
-        # Many of an earlier session at once; few of them for long; and with news between.
+        # Many of an earlier session at once; few of them for long; and with new ones between.
         assert accepted(stream, range(last - 500, last - 100), 5, 1) == []
         assert accepted(stream, [last + 1], 0, 0) == [last + 1]
         assert accepted(stream, range(last - 500, last - 501 + DOUBTS), 5, 10000) == []
         assert accepted(stream, [last + 2], 0, 0) == [last + 2]
         for n in range(100):
-            late = range(last - 500, last - 501 + DOUBTS)
-            assert accepted(stream, late, n * 10000, 1000) == []
+            late_numbers = range(last - 500, last - 501 + DOUBTS)
+            assert accepted(stream, late_numbers, n * 10000, 1000) == []
             assert stream.accept(number(last + 3 + n), n * 10000)
 
 
@@ -162,7 +162,7 @@ def test_messages_out_of_order_wait() -> None:
         assert list(stream.waiting) == [number(first + 15)]
 
 
-def test_what_waits_is_a_copy() -> None:
+def test_waiting_messages_are_copies() -> None:
     stream = ReliableIn()
     buf = bytearray(b"abc")
     stream.receive(1, memoryview(buf))
@@ -171,7 +171,7 @@ def test_what_waits_is_a_copy() -> None:
     assert stream.pop() == b"abc"
 
 
-def test_doubled_messages_are_dropped() -> None:
+def test_duplicate_messages_are_dropped() -> None:
     for first in STARTS:
         stream = incoming(first)
         assert not stream.receive(number(first + 1), b"first")
@@ -192,7 +192,7 @@ def test_messages_too_far_ahead_are_dropped() -> None:
         assert stream.waiting == {} and stream.acknack() == (first, 0)
 
 
-def test_a_heartbeat_tells_what_is_missing() -> None:
+def test_a_heartbeat_announces_missing_messages() -> None:
     for first in STARTS:
         stream = incoming(first)
         assert not stream.heartbeat(first, number(first + 2), 0)
@@ -214,7 +214,7 @@ def test_a_heartbeat_that_all_is_acknowledged() -> None:
 
 
 def test_heartbeats_that_contradict_change_nothing_until_there_are_many() -> None:
-    # Of messages that would have been given up, and of fewer than have come.
+    # Of messages that would have been abandoned, and of fewer than have arrived.
     for ends in ((3, 4), (1, 1), (30000, 30001), (-3, -2), (-30000, -29000), (-1, -2)):
         for first in STARTS:
             stream = incoming(first)
@@ -230,20 +230,20 @@ def test_heartbeats_that_contradict_change_nothing_until_there_are_many() -> Non
             for n in range(DOUBTS - 1):
                 assert not stream.heartbeat(false[0], false[1], ticks_add(now, n * DOUBT_MS))
             assert stream.acknack() == before
-            # A message that was due says that the stream is where it was.
+            # An expected message proves that the stream has not moved.
             assert stream.receive(first, b"")
             for n in range(DOUBTS - 1):
                 assert not stream.heartbeat(false[0], false[1], ticks_add(now, n * DOUBT_MS))
             assert not stream.heartbeat(number(first + 1), number(first + 2), now)
             stream = incoming(first)
-            told = [
+            accepted = [
                 stream.heartbeat(false[0], false[1], ticks_add(now, n * HEARTBEAT_MS))
                 for n in range(11)
             ]
-            assert told == [False] * 10 + [True], (first, ends, told)
+            assert accepted == [False] * 10 + [True], (first, ends, accepted)
 
 
-def test_a_stream_that_is_begun_anew_elsewhere() -> None:
+def test_a_stream_that_the_peer_has_reset() -> None:
     for first in STARTS:
         stream = incoming(first)
         stream.receive(number(first + 1), b"given up")
@@ -259,7 +259,7 @@ def test_a_heartbeat_that_cannot_be_true_is_ignored() -> None:
     for first in STARTS:
         stream = incoming(first)
         for ends in (
-            (first + 9, first + 3),  # ends before it begins
+            (first + 9, first + 3),  # the last number is before the first
             (first + 0x7FFF, first + 0x7FFF),  # before or after?
             (first + 0x8000, first + 0x8000),
             (first, first + 0x8000),
@@ -309,7 +309,7 @@ def test_heartbeats_while_something_is_not_acknowledged() -> None:
             assert stream.heartbeat(ticks_add(now, 10000)) is None
 
 
-def test_what_is_missing_is_sent_again() -> None:
+def test_missing_messages_are_sent_again() -> None:
     for first in STARTS:
         stream = outgoing(first)
         put(stream, 4)
@@ -319,7 +319,7 @@ def test_what_is_missing_is_sent_again() -> None:
         assert len(stream) == 3
 
 
-def test_a_resend_is_held_back() -> None:
+def test_a_message_is_not_resent_too_soon() -> None:
     last = (1 << 30) - 1
     for start in (0, last - 3):
         stream = outgoing(65535)
@@ -334,7 +334,7 @@ def test_a_resend_is_held_back() -> None:
         assert stream.acknack(0, 0b1, ticks_add(now, RESEND_HOLD_MS)) == [content(0)]
 
 
-def test_lost_messages_go_before_new_ones() -> None:
+def test_lost_messages_are_sent_before_new_ones() -> None:
     stream = outgoing(65530)
     put(stream, 20)
     stream.take(0)
@@ -349,7 +349,7 @@ def test_acknacks_without_news_do_not_put_the_heartbeat_off() -> None:
     for now in range(1, HEARTBEAT_MS, 20):
         assert stream.acknack(0, 0, now) == []
     assert stream.heartbeat(HEARTBEAT_MS) == (0, 0)
-    # An owner may silence a stream; an acknack wakes it up.
+    # The session may pause the heartbeats of a stream; an ACKNACK resumes them.
     stream.deadline = None
     stream.acknack(0, 0, 500)
     assert stream.heartbeat(500 + HEARTBEAT_MS) == (0, 0)
@@ -378,7 +378,7 @@ def test_the_number_of_messages_held_is_limited() -> None:
     put(stream, 1)
 
 
-def test_never_more_messages_than_numbers_can_tell_apart() -> None:
+def test_messages_never_exceed_half_of_the_sequence_numbers() -> None:
     stream = ReliableOut()
     message = b""
     for _ in range(MAX_HELD):
@@ -392,22 +392,24 @@ def test_export_and_restore_of_a_reliable_output_stream() -> None:
         put(stream, WINDOW + 3)
         stream.take(1000)
         stream.acknack(number(first + 2), 0, 1000)
-        acked, sent, after, held = stream.export()
+        acked, sent, after, messages = stream.export()
         assert (acked, sent, after) == (
             number(first + 2),
             number(first + WINDOW + 2),
             number(first + WINDOW + 3),
         )
-        assert held == {number(first + i): content(number(first + i)) for i in range(2, 19)}
+        assert messages == {number(first + i): content(number(first + i)) for i in range(2, 19)}
         last = number(after - 1)
         assert stream.export(last)[3] == {last: content(last)}
         assert stream.export(after)[3] == {}
-        assert sorted(stream.export(first)[3]) == sorted(held)  # what is acknowledged is not there
+        assert sorted(stream.export(first)[3]) == sorted(
+            messages
+        )  # acknowledged messages are not exported
         restored = ReliableOut()
-        restored.restore(acked, sent, after, held, 5000)
+        restored.restore(acked, sent, after, messages, 5000)
         assert restored.export() == stream.export()
         assert restored.size == stream.size and len(restored) == len(stream)
-        # A heartbeat at once; what the peer misses is sent again, then what had waited.
+        # A heartbeat at once; missing messages are sent again, then the waiting ones.
         assert restored.heartbeat(5000) == (acked, number(sent - 1))
         assert restored.acknack(number(acked + 1), 1, 5000) == [
             content(number(acked + 1)),
@@ -474,7 +476,7 @@ def test_fragments_without_end() -> None:
         fragments.add(bytes(400), False)
         refused(LimitError, fragments.add, b"!", last)
         assert fragments.pending == 0
-        # What still comes of that submessage is no submessage of its own.
+        # The remaining fragments of that submessage are no submessage of their own.
         if not last:
             assert fragments.add(bytes(999), False) is None
             assert fragments.add(b"tail", True) is None
@@ -515,7 +517,7 @@ def test_splitting() -> None:
         refused(LimitError, split, 10, room)
 
 
-def test_what_is_split_comes_together_again() -> None:
+def test_a_split_submessage_is_reassembled() -> None:
     whole = bytes([i & 0xFF for i in range(1000)])
     for room in (4, 7, 96, 996, 1000, 1004):
         fragments = Fragments()

@@ -1,4 +1,4 @@
-"""Recorded conversations (tests/captures): every octet of them through our codecs."""
+"""Recorded conversations (tests/captures): the codecs decode and encode every octet."""
 
 import json
 from collections import Counter
@@ -18,7 +18,7 @@ FILES = sorted(CAPTURES.glob("*.jsonl"))
 
 
 class TcpMessages:
-    """LengthDeframer, and the octets that it must have been given."""
+    """A LengthDeframer and the octets that it was fed."""
 
     def __init__(self) -> None:
         self.feed = LengthDeframer().feed
@@ -28,7 +28,7 @@ class TcpMessages:
 
 
 class SerialMessages:
-    """Deframer, and the octets that it must have been given."""
+    """A Deframer and the octets that it was fed."""
 
     def __init__(self, sender: int) -> None:
         self.deframer = Deframer(1 - sender)
@@ -45,7 +45,7 @@ class SerialMessages:
 
 
 def conversation(file: Path) -> list[tuple[str, int, bytes]]:
-    """(from, client, message) for each message; what framed it is checked on the way."""
+    """Yield (sender, client, message) for each message; check the framing."""
     lines = [json.loads(line) for line in file.read_text().splitlines()]
     if not file.stem.startswith(("serial_", "tcp_")):
         return [(line["from"], line["client"], bytes.fromhex(line["hex"])) for line in lines]
@@ -79,12 +79,12 @@ def test_every_message_is_decoded_and_encoded_again(file: Path) -> None:
         check(message)
 
 
-def test_every_kind_of_submessage_was_among_them() -> None:
-    seen = Counter()
+def test_captures_contain_every_kind_of_submessage() -> None:
+    kinds = Counter()
     for file in FILES:
         for sender, _, message in conversation(file):
-            seen.update((sender, kind) for kind, _, _ in check(message)[1])
-    assert seen.keys() == {
+            kinds.update((sender, kind) for kind, _, _ in check(message)[1])
+    assert kinds.keys() == {
         ("client", ids.CREATE_CLIENT),
         ("agent", ids.STATUS_AGENT),
         ("client", ids.CREATE),
@@ -106,8 +106,8 @@ def test_every_kind_of_submessage_was_among_them() -> None:
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_streams_hand_on_what_the_real_ends_acknowledged(file: Path) -> None:
-    """Each stream into ours: all is news or a repetition, and ours ends where theirs did."""
+def test_streams_deliver_what_the_real_peers_acknowledged(file: Path) -> None:
+    """Each recorded stream is fed into ours: messages are new or repeated, and the ends agree."""
     streams: dict[tuple[str, int, int], ReliableIn] = {}
     best_effort: dict[tuple[str, int, int], BestEffortIn] = {}
     acknowledged: dict[tuple[str, int, int], int] = {}
@@ -121,10 +121,10 @@ def test_streams_hand_on_what_the_real_ends_acknowledged(file: Path) -> None:
         elif stream_id:
             assert best_effort.setdefault(key, BestEffortIn()).accept(sequence, 0)
         for kind, _, values in submessages:
-            other = ("agent" if sender == "client" else "client", client)
+            receiver = ("agent" if sender == "client" else "client", client)
             if kind == ids.ACKNACK:
                 first, missing, acked_stream = values
-                acknowledged[(*other, acked_stream)] = first
+                acknowledged[(*receiver, acked_stream)] = first
                 assert missing == 0
             elif kind == ids.HEARTBEAT and (sender, client, values[2]) in streams:
                 assert not streams[(sender, client, values[2])].heartbeat(*values[:2], 0)
@@ -154,7 +154,7 @@ def test_the_fragments_of_an_image() -> None:
             # header.stamp, frame_id, format, then the image to the end
             assert b"jpeg\x00" in sample[:40]
             assert len(sample) > 15_000
-            # Ours would have been cut at the same places.
+            # Our fragments would be cut at the same places.
             cuts = split(len(whole), len(parts[0]))
             assert [bytes(whole[a:b]) for a, b, _ in cuts] == parts
             assert [flags for _, _, flags in cuts] == [1] * (len(parts) - 1) + [3]

@@ -1,4 +1,4 @@
-"""Frames in noise, in any pieces: what is sound is found, and every byte is accounted for."""
+"""Frames in noise, in any chunks: intact frames are found, and every byte is accounted for."""
 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -24,7 +24,7 @@ def framed(payload: bytes, source: int = 1, destination: int = 0) -> bytes:
 
 
 def feed(deframer: Deframer | LengthDeframer, stream: bytes, chunks: list[int]) -> list[bytes]:
-    """The stream in pieces of these sizes, over and over."""
+    """Feed the stream in pieces of these sizes, repeatedly."""
     out = []
     at = turn = 0
     while at < len(stream):
@@ -36,7 +36,7 @@ def feed(deframer: Deframer | LengthDeframer, stream: bytes, chunks: list[int]) 
 
 
 def slow_crc(data: bytes) -> int:
-    """CRC-16/ARC as its definition says, bit by bit."""
+    """Compute CRC-16/ARC by its definition, bit by bit."""
     crc = 0
     for octet in data:
         for bit in range(8):
@@ -94,15 +94,15 @@ def test_text_without_flags_costs_nothing(
 )
 @example([(b"\x7e\x01\x00\xff\xff", b"", 0)], b"x", [1])
 @example([(b"\x7e\x7d", b"", 0)], b"x", [1])
-def test_the_next_sound_frame_is_found_after_anything(
+def test_the_next_intact_frame_is_found_after_any_noise(
     noise: list[tuple[bytes, bytes, int]], payload: bytes, chunks: list[int]
 ) -> None:
     """Noise here is garbage with flags in it, and frames that were cut off."""
     deframer = Deframer(0)
     garbage = b"".join(octets + framed(whole)[:cut] for octets, whole, cut in noise)
     feed(deframer, garbage, chunks)
-    found = feed(deframer, framed(payload), chunks)
-    assert found == [payload]
+    payloads = feed(deframer, framed(payload), chunks)
+    assert payloads == [payload]
     assert deframer._size == 0
 
 
@@ -128,7 +128,7 @@ def test_every_byte_is_accounted_for(pieces: list[bytes], chunks: list[int]) -> 
 
 
 @given(payload=st.binary(min_size=1, max_size=50), at=st.integers(0), flip=st.integers(1, 255))
-def test_a_damaged_frame_is_not_taken_for_a_sound_one(payload: bytes, at: int, flip: int) -> None:
+def test_a_damaged_frame_is_dropped(payload: bytes, at: int, flip: int) -> None:
     """One octet of the payload or of its CRC; a CRC of 16 bits finds every burst up to 16."""
     stream = bytearray(framed(payload))
     stream[len(stream) - 1 - at % (len(payload) + 2)] ^= flip
@@ -146,7 +146,7 @@ def test_tcp_messages_through_any_chunking(payloads: list[bytes], chunks: list[i
 
 
 @given(stream=st.binary(max_size=500), chunks=CHUNKS)
-def test_tcp_garbage_is_some_messages_and_a_rest(stream: bytes, chunks: list[int]) -> None:
+def test_tcp_garbage_is_split_into_messages_and_a_rest(stream: bytes, chunks: list[int]) -> None:
     deframer = LengthDeframer()
     out = feed(deframer, stream, chunks)
     assert LengthDeframer().feed(stream) == out

@@ -1,4 +1,4 @@
-"""Bytes that mean harm: every decoder, with anything at all, raises DecodeError or nothing."""
+"""Hostile bytes: every decoder raises DecodeError at most, for any input."""
 
 import json
 import tracemalloc
@@ -15,7 +15,7 @@ from uros.wire import data, entities, header, ids, session, streams
 from uros.wire.cdr import MAX_STRING, Reader
 from uros.wire.errors import DecodeError, LimitError
 
-# Small numbers make lengths and flags that are believed.
+# Small numbers make plausible lengths and flags.
 OCTETS = st.lists(st.one_of(st.integers(0, 3), st.integers(0, 255)), max_size=120).map(bytes)
 
 CAPTURES = Path(__file__).resolve().parents[2] / "captures"
@@ -30,15 +30,15 @@ DATAGRAMS = sorted(
 )
 
 
-def test_no_decoder_is_left_out() -> None:
-    there = {
+def test_every_decoder_is_tested() -> None:
+    decoders = {
         name.removeprefix("pull_")
         for module in (session, entities, data)
         for name in vars(module)
         if name.startswith("pull_")
     }
-    there |= {"binary_writer", "binary_reader"}
-    assert there - {"binary_endpoint"} == PULLS.keys()
+    decoders |= {"binary_writer", "binary_reader"}
+    assert decoders - {"binary_endpoint"} == PULLS.keys()
 
 
 @pytest.mark.parametrize("name", PULLS)
@@ -54,7 +54,7 @@ def test_any_bytes(name: str, octets: bytes, start: int, little: bool) -> None:
 
 
 def take_apart(message: bytes) -> None:
-    """All that can be decoded of a message, down to the binary representations."""
+    """Decode everything in a message, down to the binary representations."""
     _, submessages = unpack(message)
     for kind, flags, payload in submessages:
         if kind > ids.TIMESTAMP_REPLY:
@@ -87,7 +87,7 @@ def test_recorded_messages_truncated_everywhere() -> None:
 
 
 def test_recorded_payloads_truncated_everywhere() -> None:
-    """Short of a byte there is never another meaning: it is refused."""
+    """A payload that lacks its last byte is refused and has no other meaning."""
     refused = 0
     for text in DATAGRAMS:
         for kind, flags, payload in unpack(bytes.fromhex(text))[1]:
@@ -160,7 +160,7 @@ def test_nothing_is_allocated_for_a_length_that_is_only_announced(name: str, len
     assert length == MAX_STRING or caught.type is LimitError
 
 
-def test_a_stream_of_fragments_weighs_no_more_than_its_bytes() -> None:
+def test_fragments_take_no_more_memory_than_their_bytes() -> None:
     fragments = streams.Fragments()
     tracemalloc.start()
     try:
@@ -173,7 +173,7 @@ def test_a_stream_of_fragments_weighs_no_more_than_its_bytes() -> None:
         tracemalloc.stop()
 
 
-def test_fragments_end_at_the_limit() -> None:
+def test_fragments_are_dropped_at_the_limit() -> None:
     fragments = streams.Fragments()
     part = bytes(60_000)
     with pytest.raises(LimitError):
@@ -183,7 +183,7 @@ def test_fragments_end_at_the_limit() -> None:
     assert fragments.pending == 0
 
 
-def test_early_messages_weigh_no_more_than_a_window() -> None:
+def test_early_messages_take_no_more_memory_than_a_window() -> None:
     stream = streams.ReliableIn()
     for number in range(1, 65536):
         stream.receive(number, b"x" * 100)

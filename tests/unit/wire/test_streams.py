@@ -1,4 +1,4 @@
-"""Two ends of a reliable stream and a bad wire between them, on fake time; and a hostile peer."""
+"""Both ends of a reliable stream over a lossy wire, on simulated time; and a hostile peer."""
 
 import heapq
 import random
@@ -23,7 +23,7 @@ TIMES = st.one_of(st.sampled_from([0, TIME_MASK, TIME_MASK - 300]), st.integers(
 
 
 def check_in(stream: ReliableIn) -> None:
-    """What must hold of a receiving end whatever a peer sends."""
+    """Check the invariants of a receiving end, whatever the peer sends."""
     assert all(0 <= (n - stream.next) & 0xFFFF < stream.depth for n in stream.waiting)
     assert 0 <= (stream.announced + 1 - stream.next) & 0xFFFF <= MAX_HELD
     first, missing = stream.acknack()
@@ -31,15 +31,15 @@ def check_in(stream: ReliableIn) -> None:
 
 
 def check_out(stream: ReliableOut) -> None:
-    """What must hold of a sending end whatever a peer sends."""
-    held = (stream.next - stream.acked) & 0xFFFF
+    """Check the invariants of a sending end, whatever the peer sends."""
+    held_count = (stream.next - stream.acked) & 0xFFFF
     in_flight = (stream.sent - stream.acked) & 0xFFFF
-    assert len(stream) == held <= stream.limit
-    assert in_flight <= min(held, stream.window)
-    assert {(stream.acked + i) & 0xFFFF for i in range(held)} == set(stream._held)
+    assert len(stream) == held_count <= stream.limit
+    assert in_flight <= min(held_count, stream.window)
+    assert {(stream.acked + i) & 0xFFFF for i in range(held_count)} == set(stream._held)
     assert {(stream.acked + i) & 0xFFFF for i in range(in_flight)} == set(stream._sent_at)
     assert (stream.deadline is None) == (in_flight == 0)
-    assert stream.available() == max(0, stream.window - held)
+    assert stream.available() == max(0, stream.window - held_count)
 
 
 class Wire:
@@ -64,7 +64,7 @@ class Wire:
         heapq.heappush(self._travelling, (when, self._count, call))
 
     def run(self) -> int:
-        """Until nothing travels any more; when that was."""
+        """Run until no message is in transit; return the time."""
         now = 0
         while self._travelling:
             now, _, call = heapq.heappop(self._travelling)
@@ -89,7 +89,7 @@ class Link:
         self._timer = False
 
     def put(self, body: bytes, now: int) -> None:
-        # Ours carry their number in front: what a header would hold.
+        # Messages begin with their number, in place of a header.
         self.out.put(self.out.next.to_bytes(2, "little") + body)
         self._send(self.out.take(self._ticks(now)), now)
 
@@ -113,7 +113,7 @@ class Link:
             wait = (self.out.deadline - self._ticks(now)) & TIME_MASK
             assert 0 < wait <= HEARTBEAT_MS
             self._timer = True
-            # Acknacks move the deadline, so look again soon.
+            # ACKNACKs move the deadline, so check it again soon.
             self.wire.at(now + min(wait, 10), self._tick)
 
     def _receive(self, message: bytes, now: int) -> None:
@@ -166,7 +166,7 @@ def test_everything_arrives_once_and_in_order(
     room=st.integers(4, 600),
     sizes=st.lists(st.integers(0, 3000), max_size=3),
 )
-def test_fragments_arrive_whole_over_a_bad_wire(
+def test_fragmented_messages_arrive_whole_over_a_lossy_wire(
     seed: int, first: int, room: int, sizes: list[int]
 ) -> None:
     wire = Wire(seed, 0.2, 0.2, 10)
@@ -177,8 +177,8 @@ def test_fragments_arrive_whole_over_a_bad_wire(
             link.put(bytes([flags]) + whole[start:stop], 0)
     wire.run()
     fragments = Fragments()
-    got = [fragments.add(memoryview(body)[1:], bool(body[0] & 2)) for body in link.arrived]
-    assert [whole for whole in got if whole is not None] == sent
+    submessages = [fragments.add(memoryview(body)[1:], bool(body[0] & 2)) for body in link.arrived]
+    assert [whole for whole in submessages if whole is not None] == sent
     assert fragments.pending == 0
 
 
@@ -222,14 +222,14 @@ def test_a_hostile_sender(first: int, calls: list[tuple[str, int, int]]) -> None
             now += 300
             ends = (stream.next + a) & 0xFFFF, (stream.next + b) & 0xFFFF
             if stream.heartbeat(*ends, now):
-                assert a > 0 or b < -1  # no heartbeat that may be true
+                assert a > 0 or b < -1  # no plausible heartbeat
                 stream.restart(*ends)
             else:
                 assert stream.next == before
         check_in(stream)
         while stream.pop() is not None:
             check_in(stream)
-    # and it still works
+    # the stream still works
     if stream.next not in stream.waiting:
         assert stream.receive(stream.next, b"x")
 

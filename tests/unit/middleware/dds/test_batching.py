@@ -1,4 +1,4 @@
-"""Samples that a writer holds back until a flush, seen from another process."""
+"""Samples that a writer holds back until a flush, observed from another process."""
 
 import queue
 import subprocess
@@ -15,7 +15,7 @@ from uros.qos import QoSProfile, ReliabilityPolicy
 TYPE = "std_msgs::msg::dds_::UInt8_"
 SECONDS = 20.0
 
-# Tells the topic and the number of each sample it gets.
+# Prints the topic and the number of each sample that it receives.
 LISTENER = """
 import select, sys
 from uros.middleware.dds.middleware import DdsMiddleware
@@ -54,7 +54,7 @@ class Listener:
             self._lines.put(line.strip())
 
     def line(self, seconds=SECONDS):
-        """The next line; None where none comes in that time."""
+        """Return the next line, or None if none arrives in that time."""
         try:
             return self._lines.get(timeout=seconds)
         except queue.Empty:
@@ -69,17 +69,17 @@ class Listener:
 
 @pytest.fixture
 def listener(own_domain_id):
-    one = Listener(own_domain_id)
-    yield one
-    one.close()
+    process = Listener(own_domain_id)
+    yield process
+    process.close()
 
 
 @pytest.fixture
 def middleware():
-    one = DdsMiddleware()
-    one.batching = True
-    yield one
-    one.close()
+    dds = DdsMiddleware()
+    dds.batching = True
+    yield dds
+    dds.close()
 
 
 def sample(number):
@@ -99,41 +99,41 @@ def greet(middleware, writer, listener, topic):
         pass
 
 
-def test_what_is_written_waits_for_flush_and_leaves_whole_and_in_order(
+def test_samples_wait_for_flush_and_are_sent_whole_and_in_order(
     middleware, listener, own_domain_id
 ):
     node = middleware.create_node(own_domain_id, "/", "writer")
-    held = node.create_writer("rt/held", TYPE, QoSProfile(100, ReliabilityPolicy.BEST_EFFORT))
-    greet(middleware, held, listener, "rt/held")
+    batched = node.create_writer("rt/held", TYPE, QoSProfile(100, ReliabilityPolicy.BEST_EFFORT))
+    greet(middleware, batched, listener, "rt/held")
     middleware.batching = False
     marker = node.create_writer("rt/marker", TYPE, QoSProfile())
     greet(middleware, marker, listener, "rt/marker")
     for number in range(10):
-        assert held.write(sample(number))
+        assert batched.write(sample(number))
     marker.write(sample(7))
-    assert listener.line() == "rt/marker 7"  # overtook them
+    assert listener.line() == "rt/marker 7"  # overtook the samples that are held back
     middleware.flush()
     assert [listener.line() for _ in range(10)] == [f"rt/held {n}" for n in range(10)]
 
 
-def test_a_writer_that_closes_says_first_what_it_held(middleware, listener, own_domain_id):
+def test_closing_a_writer_sends_the_samples_that_it_held_back(middleware, listener, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "writer")
-    held = node.create_writer("rt/held", TYPE, QoSProfile(100, ReliabilityPolicy.BEST_EFFORT))
-    greet(middleware, held, listener, "rt/held")
-    held.write(sample(1))
-    held.close()
+    batched = node.create_writer("rt/held", TYPE, QoSProfile(100, ReliabilityPolicy.BEST_EFFORT))
+    greet(middleware, batched, listener, "rt/held")
+    batched.write(sample(1))
+    batched.close()
     assert listener.line() == "rt/held 1"
-    middleware.flush()  # of a writer that is gone
+    middleware.flush()  # of a writer that is closed
 
 
-def test_writers_hold_nothing_where_nobody_promised_to_flush(monkeypatch, own_domain_id):
+def test_writers_hold_nothing_back_without_batching(monkeypatch, own_domain_id):
     flushed = []
     monkeypatch.setattr(cyclone, "flush", flushed.append)
-    one = DdsMiddleware()
-    node = one.create_node(own_domain_id, "/", "writer")
+    dds = DdsMiddleware()
+    node = dds.create_node(own_domain_id, "/", "writer")
     writer = node.create_writer("rt/held", TYPE, QoSProfile())
     writer.write(sample(1))
-    assert one.context.unsent == set()
+    assert dds.context.unsent == set()
     writer.close()
-    one.close()
+    dds.close()
     assert flushed == []

@@ -1,4 +1,4 @@
-"""What the ROS 2 environment variables make of Cyclone's configuration."""
+"""Cyclone's configuration from the environment variables of ROS 2."""
 
 import xml.etree.ElementTree as ET
 
@@ -12,7 +12,7 @@ PID = 4711
 
 
 def parts(environment):
-    """``(<General>, <Discovery>, what follows ours)``."""
+    """Return ``(<General>, <Discovery>, the user's part behind ours)``."""
     ours, _, rest = config.config_xml(environment, PID).partition("</CycloneDDS>")
     root = ET.fromstring(ours + "</CycloneDDS>")
     return root.find("Domain/General"), root.find("Domain/Discovery"), rest
@@ -39,12 +39,12 @@ def test_range(environment, reach):
 
 
 @pytest.mark.parametrize("value", ["LOCAL", "1", "SUBNET ", "NOT_SET"])
-def test_a_range_that_does_not_exist_is_refused_with_those_that_do(value):
+def test_an_unknown_range_is_refused_with_the_list_of_ranges(value):
     with pytest.raises(MiddlewareError) as failed:
         config.config_xml({"ROS_AUTOMATIC_DISCOVERY_RANGE": value}, PID)
-    said = str(failed.value)
-    assert repr(value) in said
-    assert all(name in said for name in ("OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT"))
+    message = str(failed.value)
+    assert repr(value) in message
+    assert all(name in message for name in ("OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT"))
 
 
 def test_subnet_leaves_the_network_as_cyclone_has_it():
@@ -68,13 +68,13 @@ def test_disposals_carry_the_key_as_fast_dds_reads_it(reach):
 
 
 @pytest.mark.parametrize("reach", RANGES)
-def test_what_fast_dds_says_of_its_types_is_left_alone(reach):
+def test_type_information_of_fast_dds_is_ignored(reach):
     ours = config.config_xml({"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}, PID)
     ignored = ET.fromstring(ours).findtext("Domain/Compatibility/IgnoreTypeInformation")
     assert ignored == "1.15"
 
 
-def test_off_meets_nobody():
+def test_range_off_matches_no_participant():
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": "10.0.0.1"}
     general, discovery, _ = parts(environment)
     assert general.findtext("AllowMulticast") == "false"
@@ -94,7 +94,7 @@ def test_a_peer_cannot_break_out_of_its_attribute():
     assert peers({"ROS_STATIC_PEERS": 'a"/><Peer Address="b<&'}) == ['a"/><Peer Address="b<&']
 
 
-def test_system_default_leaves_all_to_the_user():
+def test_system_default_leaves_the_configuration_to_the_user():
     environment = {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
         "ROS_STATIC_PEERS": "10.0.0.1",
@@ -107,7 +107,7 @@ def test_the_users_own_configuration_comes_last():
     own = "<General><AllowMulticast>spdp</AllowMulticast></General>"
     general, _, rest = parts({"CYCLONEDDS_URI": own, "ROS_LOCALHOST_ONLY": "1"})
     assert rest == "," + own
-    # A configuration of other things opens nothing to the network.
+    # A configuration without interfaces opens nothing to the network.
     assert general.find("Interfaces/NetworkInterface").get("address") == "127.0.0.1"
 
 
@@ -132,14 +132,14 @@ def test_interfaces_that_the_user_chooses(uri, loopback, tmp_path):
     file.write_text(uri)
     for own in (uri, f"file://{file}", str(file)):
         environment = {"CYCLONEDDS_URI": own, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        # Interfaces add up: with ours, the user could choose no other.
+        # Interfaces add up: with ours in the configuration, the user could not choose another.
         assert "127.0.0.1" not in config.config_xml(environment, PID).partition(",")[0].replace(
             '<Peer Address="127.0.0.1"/>', ""
         )
         assert config.stays_on_loopback(environment) is loopback
 
 
-def test_what_stays_on_loopback():
+def test_configurations_that_stay_on_loopback():
     for reach in ("", "SUBNET", "OFF", "SYSTEM_DEFAULT"):
         assert not config.stays_on_loopback({"ROS_AUTOMATIC_DISCOVERY_RANGE": reach})
     tracing = "<Tracing><Verbosity>info</Verbosity></Tracing>"

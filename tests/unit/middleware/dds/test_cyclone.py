@@ -1,4 +1,4 @@
-"""Below the binding's public names: topics without type information, and its checks."""
+"""Below the binding's public names: topics without type information, and checks of the binding."""
 
 import ctypes
 
@@ -41,7 +41,7 @@ def test_a_topic_announces_no_type(participant):
         assert [i for i, entry in enumerate(ops) if entry is None] == [1, 8, 9, 10, 12, 13]
 
 
-def test_all_topics_of_a_type_share_what_describes_it(participant):
+def test_all_topics_of_a_type_share_its_descriptor(participant):
     topics = [cyclone.create_topic(participant, f"rt/{i}", "pkg::msg::dds_::X_") for i in range(5)]
     sertypes = set()
     for topic in topics:
@@ -51,8 +51,8 @@ def test_all_topics_of_a_type_share_what_describes_it(participant):
     assert len(sertypes) == 1
 
 
-def test_where_the_table_is_not_exported_it_is_known_by_its_shape(monkeypatch):
-    """As on macOS and Windows."""
+def test_a_table_that_is_not_exported_is_recognised_by_its_shape(monkeypatch):
+    """macOS and Windows do not export the table."""
     binding = ctypes.CDLL(cyclone._clayer.__file__)
     try:
         real = (ctypes.c_void_p * 14).in_dll(binding, "ddspy_sertype_ops")
@@ -65,13 +65,13 @@ def test_where_the_table_is_not_exported_it_is_known_by_its_shape(monkeypatch):
     monkeypatch.setattr(cyclone.ctypes, "CDLL", no_library)
     assert cyclone._is_ops_table(ctypes.addressof(real))
     for index in range(14):
-        other = (ctypes.c_void_p * 14)(*real)
-        other[index] = None if other[index] else 1
-        assert not cyclone._is_ops_table(ctypes.addressof(other)), index
+        table = (ctypes.c_void_p * 14)(*real)
+        table[index] = None if table[index] else 1
+        assert not cyclone._is_ops_table(ctypes.addressof(table)), index
 
 
-def test_a_binding_that_is_laid_out_otherwise_is_refused(participant, monkeypatch):
-    """A table that is as good as the known one, but another: nothing must be patched."""
+def test_a_binding_of_another_layout_is_refused(participant, monkeypatch):
+    """A table other than the known one must not be patched, even if it would work."""
     create = cyclone._clayer.ddspy_topic_create
     copies = []
 
@@ -91,11 +91,11 @@ def test_a_binding_that_is_laid_out_otherwise_is_refused(participant, monkeypatc
         __file__ = cyclone._clayer.__file__
 
     monkeypatch.setattr(cyclone, "_clayer", Binding)
-    for known in ({}, dict(cyclone._patched_ops)):
-        monkeypatch.setattr(cyclone, "_patched_ops", known)
+    for patched_ops in ({}, dict(cyclone._patched_ops)):
+        monkeypatch.setattr(cyclone, "_patched_ops", patched_ops)
         with pytest.raises(MiddlewareError, match="install the version uros is tested with"):
             cyclone.create_topic(participant, "rt/strange", "pkg::msg::dds_::Strange_")
-        assert cyclone._patched_ops == known
+        assert cyclone._patched_ops == patched_ops
 
 
 @pytest.mark.parametrize(
@@ -110,9 +110,9 @@ def test_a_name_is_taken_or_refused_with_an_error(participant, name):
         cyclone.delete(topic)
 
 
-def test_qos_is_announced_as_it_was_asked(participant):
-    """What peers read of an endpoint, by the builtin topic."""
-    asked = QoSProfile(
+def test_qos_is_announced_as_requested(participant):
+    """Peers read the QoS of an endpoint from the builtin topic."""
+    requested = QoSProfile(
         depth=7,
         reliability=ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -125,23 +125,28 @@ def test_qos_is_announced_as_it_was_asked(participant):
     )
     topic = cyclone.create_topic(participant, "rt/qos", "pkg::msg::dds_::X_")
     writer = cyclone.create_writer(
-        cyclone.create_group("publisher", participant, asked.partitions), topic, asked, b"ours;"
+        cyclone.create_group("publisher", participant, requested.partitions),
+        topic,
+        requested,
+        b"ours;",
     )
     everyone = builtin.create_reader(participant, builtin.TOPIC_PUBLICATION)
-    found = dict(builtin.take_endpoints(everyone, 100))
-    owner, name, type_name, qos = found[cyclone.guid(writer)]
+    endpoints = dict(builtin.take_endpoints(everyone, 100))
+    owner, name, type_name, qos = endpoints[cyclone.guid(writer)]
     assert (owner, name, type_name) == (
         cyclone.guid(participant), "rt/qos", "pkg::msg::dds_::X_",
     )  # fmt: skip
-    expected = asked
+    expected = requested
     expected.user_data = b"mine;ours;"
     assert qos == expected
 
 
 def test_keep_all(participant):
     topic = cyclone.create_topic(participant, "rt/qos", "pkg::msg::dds_::X_")
-    asked = QoSProfile(history=HistoryPolicy.KEEP_ALL)
-    reader = cyclone.create_reader(cyclone.create_group("subscriber", participant), topic, asked)
+    requested = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    reader = cyclone.create_reader(
+        cyclone.create_group("subscriber", participant), topic, requested
+    )
     everyone = builtin.create_reader(participant, builtin.TOPIC_SUBSCRIPTION)
     qos = dict(builtin.take_endpoints(everyone, 100))[cyclone.guid(reader)][3]
     assert qos.history == HistoryPolicy.KEEP_ALL
@@ -157,13 +162,13 @@ def test_errors_name_what_cannot_be_done(own_domain_id):
     cyclone.delete(1)
 
 
-def test_types_without_end_are_refused(participant, monkeypatch):
+def test_types_over_the_limit_are_refused(participant, monkeypatch):
     monkeypatch.setattr(cyclone, "MAX_TYPES", len(cyclone._sertypes) + 1)
-    kept = cyclone.create_topic(participant, "rt/a", "a::msg::dds_::First_")
+    topic = cyclone.create_topic(participant, "rt/a", "a::msg::dds_::First_")
     with pytest.raises(MiddlewareError, match="'a::msg::dds_::Second_' is refused"):
         cyclone.create_topic(participant, "rt/b", "a::msg::dds_::Second_")
-    # Boards of every day are served whatever somebody else has made.
-    known = "std_msgs::msg::dds_::Int64MultiArray_"
-    cyclone.delete(cyclone.create_topic(participant, "rt/d", known))
+    # Ordinary boards are served whatever types others have created.
+    type_name = "std_msgs::msg::dds_::Int64MultiArray_"
+    cyclone.delete(cyclone.create_topic(participant, "rt/d", type_name))
     cyclone.delete(cyclone.create_topic(participant, "rt/c", "a::msg::dds_::First_"))
-    cyclone.delete(kept)
+    cyclone.delete(topic)

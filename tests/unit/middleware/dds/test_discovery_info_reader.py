@@ -23,7 +23,7 @@ GID = bytes(range(16))
 
 
 class OtherParticipant:
-    """A participant that is not ours and may write any sample."""
+    """A participant of another process that may write any sample."""
 
     def __init__(self, domain):
         self.entity = cyclone.create_participant(domain, b"enclave=/;")
@@ -60,25 +60,25 @@ class Ours:
         while not done():
             assert time.monotonic() < end, "it does not come"
             due = self.middleware.next_deadline()
-            left = 0.1 if due is None else min(0.1, max(0.0, due - time.monotonic()))
-            if select.select([self.middleware.fileno()], [], [], left)[0]:
+            timeout = 0.1 if due is None else min(0.1, max(0.0, due - time.monotonic()))
+            if select.select([self.middleware.fileno()], [], [], timeout)[0]:
                 self.middleware.dispatch()
             self.middleware.dispatch_local()
             self.middleware.tick()
 
-    def names(self, other):
-        return [item.name for item in self.reader.intake.nodes.get(other.guid, ())]
+    def names(self, participant):
+        return [item.name for item in self.reader.intake.nodes.get(participant.guid, ())]
 
 
 @pytest.fixture
 def ours(own_domain_id):
-    one = Ours(own_domain_id)
-    yield one
-    one.middleware.close()
+    own = Ours(own_domain_id)
+    yield own
+    own.middleware.close()
 
 
 @pytest.fixture
-def other(ours, own_domain_id):
+def peer(ours, own_domain_id):
     return OtherParticipant(own_domain_id)
 
 
@@ -86,13 +86,13 @@ def node(name, readers=0, writers=0):
     return codec.NodeEntities("/", name, [GID] * readers, [GID] * writers)
 
 
-def test_a_participant_announces_its_own_nodes_alone(ours, other, own_domain_id):
+def test_a_participant_announces_its_own_nodes_alone(ours, peer, own_domain_id):
     honest = OtherParticipant(own_domain_id)
     honest.announce(node("honest"))
     ours.until(lambda: ours.names(honest) == ["honest"])
-    other.announce(node("forged"), guid=honest.guid)
-    other.announce(node("own"))
-    ours.until(lambda: ours.names(other) == ["own"])
+    peer.announce(node("forged"), guid=honest.guid)
+    peer.announce(node("own"))
+    ours.until(lambda: ours.names(peer) == ["own"])
     assert ours.names(honest) == ["honest"]
 
 
@@ -106,39 +106,41 @@ def test_a_participant_announces_its_own_nodes_alone(ours, other, own_domain_id)
     ],
     ids=["nodes", "readers", "writers", "name"],
 )
-def test_a_message_beyond_a_limit_is_ignored(ours, other, own_domain_id, sample):
-    assert decode(sample(other.guid)) is None
-    other.write(sample(other.guid))
+def test_a_message_beyond_a_limit_is_ignored(ours, peer, own_domain_id, sample):
+    assert decode(sample(peer.guid)) is None
+    peer.write(sample(peer.guid))
     honest = OtherParticipant(own_domain_id)
     honest.announce(node("honest"))
     ours.until(lambda: ours.names(honest))
-    assert not ours.names(other)
+    assert not ours.names(peer)
 
 
-def test_a_message_within_the_limits_is_kept(ours, other):
-    other.announce(*[node(f"n{i}", 20, 20) for i in range(100)])
-    ours.until(lambda: len(ours.names(other)) == 100)
-    other.announce(node("n", codec.MAX_ENDPOINTS, codec.MAX_ENDPOINTS))
-    ours.until(lambda: ours.names(other) == ["n"])
+def test_a_message_within_the_limits_is_kept(ours, peer):
+    peer.announce(*[node(f"n{i}", 20, 20) for i in range(100)])
+    ours.until(lambda: len(ours.names(peer)) == 100)
+    peer.announce(node("n", codec.MAX_ENDPOINTS, codec.MAX_ENDPOINTS))
+    ours.until(lambda: ours.names(peer) == ["n"])
 
 
-def test_a_sample_of_megabytes_is_not_parsed_and_causes_one_notice(ours, other, own_domain_id):
+def test_a_sample_of_several_megabytes_is_not_parsed_and_causes_one_notice(
+    ours, peer, own_domain_id
+):
     honest = OtherParticipant(own_domain_id)
     honest.announce(node("honest"))
     ours.until(lambda: ours.names(honest))
     before = ours.reader.intake.parsed
     for number in range(3):
-        other.announce(node("n", 7_000_000 // 16 + number))
+        peer.announce(node("n", 7_000_000 // 16 + number))
         ours.until(lambda: ours.notices)
         ours.until(lambda: ours.reader.due is None)
     assert ours.reader.intake.parsed - before < intake.MAX_SAMPLE
-    assert ours.names(honest) == ["honest"] and not ours.names(other)
+    assert ours.names(honest) == ["honest"] and not ours.names(peer)
     (notice,) = ours.notices
     assert "a participant writes more to ros_discovery_info than is kept" in notice
 
 
-def test_a_flood_empties_the_token_bucket_and_others_are_still_read(ours, other, own_domain_id):
-    """Octets parsed and not seconds: so many at first, and no more than the time allows."""
+def test_a_flood_empties_the_token_bucket_and_others_are_still_read(ours, peer, own_domain_id):
+    """The limit counts octets, not seconds: a burst at first, then no more than the rate allows."""
     honest = OtherParticipant(own_domain_id)
     started = time.monotonic()
     number = 0
@@ -146,7 +148,7 @@ def test_a_flood_empties_the_token_bucket_and_others_are_still_read(ours, other,
     def write():
         nonlocal number
         number += 1
-        other.announce(*[node(f"{number}_{i}") for i in range(900)])
+        peer.announce(*[node(f"{number}_{i}") for i in range(900)])
 
     def paused():
         write()
@@ -155,44 +157,44 @@ def test_a_flood_empties_the_token_bucket_and_others_are_still_read(ours, other,
     ours.until(paused, 60)
     honest.announce(node("honest"))
 
-    def heard():
+    def honest_names():
         write()
         return ours.names(honest)
 
-    ours.until(heard, 60)
+    ours.until(honest_names, 60)
     most = intake.BURST + (time.monotonic() - started) * intake.RATE
     assert ours.reader.intake.parsed < most + 2 * intake.TURN + intake.MAX_SAMPLE
 
 
-def test_one_turn_parses_so_much_and_no_more(ours, own_domain_id):
+def test_one_turn_parses_a_limited_number_of_octets(ours, own_domain_id):
     for number in range(40):
         OtherParticipant(own_domain_id).announce(*[node(f"{number}_{i}") for i in range(100)])
     ours.until(lambda: len(ours.reader.intake.nodes) >= 40)
     turns = [after - before for before, after in itertools.pairwise(ours.parsed)]
-    assert 0 < max(turns) <= intake.TURN + 4000  # the last one may be as long as it is
+    assert 0 < max(turns) <= intake.TURN + 4000  # the last sample of a turn may be long
 
 
-def test_what_is_kept_of_all_is_limited(ours, own_domain_id, monkeypatch):
+def test_the_stored_nodes_of_all_participants_are_limited(ours, own_domain_id, monkeypatch):
     monkeypatch.setattr(intake, "MAX_KEPT", 3000)
     participants = [OtherParticipant(own_domain_id) for _ in range(6)]
-    for one in participants:
-        one.announce(*[node(f"n{i}") for i in range(30)])
+    for participant in participants:
+        participant.announce(*[node(f"n{i}") for i in range(30)])
     ours.until(lambda: ours.notices)
     assert ours.reader.intake._size <= 3000
-    assert 1 <= sum(bool(ours.names(one)) for one in participants) < 6
-    for one in participants:
-        ours.reader.intake.forget(one.guid)
+    assert 1 <= sum(bool(ours.names(participant)) for participant in participants) < 6
+    for participant in participants:
+        ours.reader.intake.forget(participant.guid)
     assert ours.reader.intake._size == 0 and not ours.reader.intake.nodes
 
 
-def test_an_unchanged_sample_is_not_parsed_again(ours, other):
-    other.announce(*[node(f"n{i}") for i in range(500)])
+def test_an_unchanged_sample_is_not_parsed_again(ours, peer):
+    peer.announce(*[node(f"n{i}") for i in range(500)])
     own = ours.node.participant.guid
-    ours.until(lambda: ours.names(other) and own in ours.reader.intake.nodes)
+    ours.until(lambda: ours.names(peer) and own in ours.reader.intake.nodes)
     parsed, news = ours.reader.intake.parsed, ours.news
     ours.reader.recreate()
     ours.until(lambda: ours.news > news)
-    assert ours.reader.intake.parsed == parsed and len(ours.names(other)) == 500
+    assert ours.reader.intake.parsed == parsed and len(ours.names(peer)) == 500
 
 
 BUILTIN = ["DCPSParticipant", "DCPSTopic", "DCPSPublication", "DCPSSubscription"]
@@ -223,7 +225,7 @@ def test_a_boards_datawriter_there_is_refused(own_domain_id):
 
 @given(st.binary(max_size=400), st.sampled_from([b"\0\1\0\0", b"\0\0\0\0"]))
 def test_any_octets_are_a_message_or_none(body, header):
-    got = decode(header + body)
-    if got is not None:
-        _, nodes, size = got
+    decoded = decode(header + body)
+    if decoded is not None:
+        _, nodes, size = decoded
         assert size in (16, 24) and len(nodes) <= codec.MAX_NODES

@@ -32,16 +32,16 @@ REQUEST_BIG = bytes.fromhex(
 )  # fmt: skip
 REPLY = bytes.fromhex("00010000" "1122334455667788" "0500000000000000" "01020304")  # fmt: skip
 CLIENT = bytes.fromhex("1122334455667788")
-# What rmw_cyclonedds announces with a client's endpoints, and with a server's.
+# The user data that rmw_cyclonedds announces with a client's endpoints, and with a server's.
 A_CLIENT = QoSProfile(user_data=b"clientid=1.10.c3.db.e8.19.d2.40.b9.0.6b.2c.0.0.0.1;")
 A_SERVER = QoSProfile(user_data=b"serviceid=1.10.c3.db.e8.19.d2.40.b9.0.6b.2c.0.0.0.2;")
 
 
 @pytest.fixture
 def middleware(own_domain_id):
-    one = DdsMiddleware()
-    yield one
-    one.close()
+    dds = DdsMiddleware()
+    yield dds
+    dds.close()
 
 
 @pytest.fixture
@@ -54,12 +54,12 @@ def take(middleware, endpoint, seconds=10):
     deadline = time.monotonic() + seconds
     while True:
         middleware.dispatch_local()
-        got = endpoint.take(1)
-        if got:
-            return got[0]
-        left = deadline - time.monotonic()
-        assert left > 0, "nothing comes"
-        if select.select([middleware.fileno()], [], [], min(left, 0.1))[0]:
+        samples = endpoint.take(1)
+        if samples:
+            return samples[0]
+        seconds_left = deadline - time.monotonic()
+        assert seconds_left > 0, "nothing comes"
+        if select.select([middleware.fileno()], [], [], min(seconds_left, 0.1))[0]:
             middleware.dispatch()
 
 
@@ -108,7 +108,7 @@ def test_a_request_of_ours_is_as_defined_and_its_reply_understood(middleware, no
             )
         )
     foreign = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, A_SERVER)
-    foreign.write(REPLY)  # to another
+    foreign.write(REPLY)  # addressed to another client
     foreign.write(second[:4] + client + second[12:20] + bytes.fromhex("01020304"))
     assert take(middleware, requester) == (2, bytes.fromhex("0001000001020304"))
 
@@ -120,17 +120,17 @@ def test_big_endian_service_bodies_are_refused(node):
 
 
 def test_both_endpoints_of_a_client_and_of_a_server_announce_one_id(node, monkeypatch):
-    seen = []
+    announcements = []
     endpoint = cyclone._endpoint
 
     def spy(kind, group, topic, qos, user_data, batching=False):
-        seen.append((kind, user_data.decode()))
+        announcements.append((kind, user_data.decode()))
         return endpoint(kind, group, topic, qos, user_data, batching)
 
     monkeypatch.setattr(cyclone, "_endpoint", spy)
     node.create_requester(SERVICE, QoSProfile(), nothing)
     node.create_replier(SERVICE, QoSProfile(), nothing)
-    client, server = seen[:2], seen[2:]
+    client, server = announcements[:2], announcements[2:]
     for ends, word in ((client, "clientid="), (server, "serviceid=")):
         assert {kind for kind, _ in ends} == {"reader", "writer"}
         ids = {text.partition(";")[0] for _, text in ends}
@@ -143,8 +143,10 @@ def test_both_endpoints_of_a_client_and_of_a_server_announce_one_id(node, monkey
 
 
 def test_user_data_has_the_hash_of_known_types_only():
-    known = known_hash("sensor_msgs/msg/Temperature")
-    assert type_hash("sensor_msgs::msg::dds_::Temperature_") == f"typehash={known};".encode()
+    expected_hash = known_hash("sensor_msgs/msg/Temperature")
+    assert (
+        type_hash("sensor_msgs::msg::dds_::Temperature_") == f"typehash={expected_hash};".encode()
+    )
     for name in ("HelloWorld", "pkg::msg::dds_::Unknown_", "a::b", "", "::msg::dds_::X_"):
         assert type_hash(name) == b""
 
@@ -167,7 +169,7 @@ def test_a_big_endian_sample_of_an_unknown_type_is_refused_by_name(node):
 
 @pytest.mark.parametrize("size", range(1, 9))
 def test_samples_are_padded_with_zeros_and_nothing_else(middleware, node, size, monkeypatch):
-    """Their length on the wire is a multiple of 4; no memory of this process may be sent."""
+    """Length on the wire is a multiple of 4; padding must not contain memory of this process."""
     sent = []
     write = cyclone._ddspy_write
     monkeypatch.setattr(
@@ -207,28 +209,28 @@ sys.stdin.read()
 """
 
 
-def test_deleting_a_writer_does_not_wait_long_for_a_reader_that_stands_still(node, own_domain_id):
-    """Its other boards wait as long: a second for each writer, by Cyclone's default."""
+def test_deleting_a_writer_does_not_wait_long_for_a_stopped_reader(node, own_domain_id):
+    """Other boards would wait as well: a second for each writer, by Cyclone's default."""
     sample = bytes((0, 1, 0, 0)) + bytes(4000)
     seconds = []
     with subprocess.Popen(
         [sys.executable, "-c", READER, str(own_domain_id)],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    ) as other:  # fmt: skip
+    ) as process:  # fmt: skip
         try:
             deadline = time.monotonic() + 60
             while not seconds or seconds[-1] > 0.5:  # a busy machine may add to one of them
                 assert len(seconds) < 10, seconds
                 writer = node.create_writer("rt/a", "T", QoSProfile(history=HistoryPolicy.KEEP_ALL))
-                while not select.select([other.stdout], [], [], 0.05)[0] or not writer.matched():
+                while not select.select([process.stdout], [], [], 0.05)[0] or not writer.matched():
                     writer.write(sample)
                     assert time.monotonic() < deadline, "the reader hears nothing"
-                os.kill(other.pid, signal.SIGSTOP)
+                os.kill(process.pid, signal.SIGSTOP)
                 while writer.write(sample):
                     assert time.monotonic() < deadline, "the writer always has room"
                 before = time.monotonic()
                 writer.close()
                 seconds.append(time.monotonic() - before)
-                os.kill(other.pid, signal.SIGCONT)
+                os.kill(process.pid, signal.SIGCONT)
         finally:
-            other.kill()
+            process.kill()

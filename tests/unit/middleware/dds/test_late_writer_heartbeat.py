@@ -1,7 +1,6 @@
 """Probe readers for Fast DDS writers: when they exist, for how long, how many.
 
-Cyclone's own writers stand for those of Fast DDS here; tests/interop/test_late_match.py has real
-ones.
+Writers of Cyclone stand for those of Fast DDS; tests/interop/test_late_match.py has real ones.
 """
 
 import ctypes
@@ -39,27 +38,27 @@ class World:
             monkeypatch.setattr(where, "time", self)
         monkeypatch.setattr(late_writer_heartbeat, "FAST_DDS", b"\x01\x10")
         self.probes = {}  # entity: (topic, type, QoS)
-        self.made = 0
+        self.probe_count = 0
         self._count_readers(monkeypatch)
-        self.middleware, self.other = DdsMiddleware(), DdsMiddleware()
+        self.middleware, self.writing_middleware = DdsMiddleware(), DdsMiddleware()
         self.node = self.middleware.create_node(domain, "/", "reading")
-        self.theirs = self.other.create_node(domain, "/", "writing")
+        self.writing_node = self.writing_middleware.create_node(domain, "/", "writing")
 
     def _count_readers(self, monkeypatch):
         create = participant.SharedParticipant.create_reader
         delete = participant.SharedParticipant.delete_reader
 
-        def created(one, topic, type_name, qos, data):
-            entity = create(one, topic, type_name, qos, data)
+        def created(shared_participant, topic, type_name, qos, data):
+            entity = create(shared_participant, topic, type_name, qos, data)
             if data == PROBE_READER:
                 self.probes[entity] = topic, type_name, qos
-                self.made += 1
+                self.probe_count += 1
             return entity
 
-        def deleted(one, entity, *about):
+        def deleted(shared_participant, entity, *about):
             if entity in self.probes:
                 assert self.probes.pop(entity) == about
-            delete(one, entity, *about)
+            delete(shared_participant, entity, *about)
 
         monkeypatch.setattr(participant.SharedParticipant, "create_reader", created)
         monkeypatch.setattr(participant.SharedParticipant, "delete_reader", deleted)
@@ -71,13 +70,13 @@ class World:
         return self.node.create_reader(topic, type_name, qos or QoSProfile(), lambda: None)
 
     def writer(self, topic="rt/x", qos=None, type_name=TYPE):
-        """A writer of theirs, heard of at once."""
-        one = self.theirs.create_writer(topic, type_name, qos or QoSProfile())
+        """Create a writer of the other middleware and discover it at once."""
+        new_writer = self.writing_node.create_writer(topic, type_name, qos or QoSProfile())
         self.hear()
-        return one
+        return new_writer
 
     def hear(self):
-        """What :meth:`dispatch` does when the waiting thread has noticed; see the first test."""
+        """Do what :meth:`dispatch` does after the waiting thread woke (see the first test)."""
         for domain in self.middleware._domains.values():
             if domain._late_writers is not None:
                 domain._late_writers._on_ready()
@@ -86,7 +85,7 @@ class World:
         return self.middleware.next_deadline()
 
     def go_on(self, seconds):
-        """Let time pass, and do what is due meanwhile."""
+        """Advance the clock, and do what is due meanwhile."""
         end = self.now + seconds
         while (due := self.due()) is not None and due <= end:
             self.now = max(self.now, due)
@@ -94,7 +93,7 @@ class World:
         self.now = end
 
     def settled(self):
-        """Until nothing is due any more."""
+        """Advance the clock until nothing is due any more."""
         for _ in range(1000):
             due = self.due()
             if due is None:
@@ -105,20 +104,20 @@ class World:
 
     def close(self):
         self.middleware.close()
-        self.other.close()
+        self.writing_middleware.close()
 
 
 @pytest.fixture
 def world(own_domain_id, monkeypatch):
-    one = World(own_domain_id, monkeypatch)
-    yield one
-    one.close()
+    new_world = World(own_domain_id, monkeypatch)
+    yield new_world
+    new_world.close()
 
 
 def test_a_late_writer_matches_a_probe_reader_for_a_moment(world):
     world.reader()
     world.settled()
-    world.theirs.create_writer("rt/x", TYPE, QoSProfile())
+    world.writing_node.create_writer("rt/x", TYPE, QoSProfile())
     deadline = time.monotonic() + SECONDS
     while world.due() is None:
         assert time.monotonic() < deadline, "nobody heard of the writer"
@@ -137,26 +136,26 @@ def test_a_late_writer_matches_a_probe_reader_for_a_moment(world):
 def test_no_node_lists_the_probe_reader(world):
     world.reader()
     world.settled()
-    told = []
-    world.node.participant.changed = lambda: told.append(1)
+    changes = []
+    world.node.participant.changed = lambda: changes.append(1)
     world.writer()
     world.settled()
-    assert world.made == 1 and told == []
+    assert world.probe_count == 1 and changes == []
     del world.node.participant.changed
 
 
-def test_what_needs_no_heartbeat_gets_no_probe_reader(world):
+def test_writers_that_need_no_heartbeat_get_no_probe_reader(world):
     world.reader("rt/lossy", LOSSY)
     world.reader("rt/met")
     for topic in ("rt/lossy", "rt/unread"):
         world.writer(topic)
     world.settled()
-    assert world.made == 0
-    # Who was there before a reader is met by it.
+    assert world.probe_count == 0
+    # A writer that existed before a reader is matched by the reader itself.
     world.writer("rt/earlier")
     world.reader("rt/earlier")
     world.settled()
-    assert world.made == 0
+    assert world.probe_count == 0
 
 
 def test_a_writer_before_the_first_reader_gets_no_probe_reader(world):
@@ -166,7 +165,7 @@ def test_a_writer_before_the_first_reader_gets_no_probe_reader(world):
     domains = world.middleware._domains.values()
     assert [domain._late_writers is not None for domain in domains] == [True]
     world.settled()
-    assert world.made == 0
+    assert world.probe_count == 0
 
 
 def test_a_reader_that_needs_no_heartbeat_does_not_count_beside_one_that_does(world):
@@ -174,7 +173,7 @@ def test_a_reader_that_needs_no_heartbeat_does_not_count_beside_one_that_does(wo
     world.reader()
     world.writer(qos=LOSSY)
     world.settled()
-    assert world.made == 0
+    assert world.probe_count == 0
 
 
 def test_any_number_of_writers_may_be_discovered_at_once(world, monkeypatch):
@@ -182,10 +181,10 @@ def test_any_number_of_writers_may_be_discovered_at_once(world, monkeypatch):
     for i in range(5):
         world.reader(f"rt/x{i}")
     for i in range(5):
-        world.theirs.create_writer(f"rt/x{i}", TYPE, QoSProfile())
+        world.writing_node.create_writer(f"rt/x{i}", TYPE, QoSProfile())
     world.hear()
     world.settled()
-    assert world.made == 5
+    assert world.probe_count == 5
 
 
 def test_writers_of_others_than_fast_dds_get_none(world, monkeypatch):
@@ -193,7 +192,7 @@ def test_writers_of_others_than_fast_dds_get_none(world, monkeypatch):
     world.reader()
     world.writer()
     world.settled()
-    assert world.made == 0
+    assert world.probe_count == 0
 
 
 @pytest.mark.parametrize(
@@ -205,20 +204,20 @@ def test_writers_of_others_than_fast_dds_get_none(world, monkeypatch):
     ],
     ids=["durability", "reliability", "partition"],
 )
-def test_a_writer_that_matches_no_reader_is_checked_twice_and_forgotten(world, reader, writer):
+def test_a_writer_that_matches_no_reader_is_checked_twice_and_then_dropped(world, reader, writer):
     world.reader(qos=reader)
     world.settled()
     before = world.now
     world.writer(qos=writer)
     world.settled()
-    assert world.made == 0 and world.now - before == pytest.approx(0.32)
+    assert world.probe_count == 0 and world.now - before == pytest.approx(0.32)
 
 
 def test_a_writer_of_another_type_gets_none(world):
     world.reader()
     world.writer(type_name=OTHER_TYPE)
     world.settled()
-    assert world.made == 0
+    assert world.probe_count == 0
 
 
 def test_a_writer_that_matches_at_the_second_check_gets_one(world, monkeypatch):
@@ -236,7 +235,7 @@ def test_a_writer_that_matches_at_the_second_check_gets_one(world, monkeypatch):
     assert len(world.probes) == 1
 
 
-def test_a_writer_that_leaves_before_its_check_is_forgotten(world):
+def test_a_writer_that_leaves_before_its_check_is_dropped(world):
     world.reader()
     world.settled()
     world.writer().close()
@@ -245,21 +244,21 @@ def test_a_writer_that_leaves_before_its_check_is_forgotten(world):
 
 
 def test_the_probe_reader_is_transient_local_where_one_of_ours_is(world):
-    """Else the heartbeat for it would begin behind them, and ours would give them up."""
+    """Otherwise the heartbeat would begin behind the kept samples; our reader would skip them."""
     world.reader()
     world.reader(qos=KEPT)
     world.reader()
     world.writer(qos=KEPT)
     world.go_on(0.1)
     assert [qos.transient_local for _, _, qos in world.probes.values()] == [True]
-    # Where the one that wants them is not connected, it does not count.
+    # A transient local reader that is not connected does not count.
     world.settled()
     world.writer()
     world.go_on(0.1)
     assert [qos.transient_local for _, _, qos in world.probes.values()] == [False]
 
 
-def test_it_matches_the_writers_that_ours_matches(world):
+def test_the_probe_reader_matches_the_writers_of_our_reader(world):
     qos = QoSProfile(
         depth=100, deadline_ms=5000, ownership_exclusive=True, partitions=("a",), user_data=b"x"
     )
@@ -273,17 +272,17 @@ def test_it_matches_the_writers_that_ours_matches(world):
     assert len(cyclone.peek_matched_writers(entity)) == 1
 
 
-def test_a_thousand_readers_and_many_writers_at_once_make_one(world):
+def test_a_thousand_readers_and_many_writers_at_once_share_one_probe_reader(world):
     for _ in range(1000):
         world.reader()
     for _ in range(40):
         world.writer()
         world.now += 0.0004
     world.settled()
-    assert world.made == 1
+    assert world.probe_count == 1
 
 
-def test_a_writer_that_comes_while_one_is_there_gets_a_new_one_but_not_too_soon(world):
+def test_a_writer_that_appears_during_a_probe_gets_a_new_probe_reader_after_a_pause(world):
     world.reader()
     world.writer()
     world.go_on(0.03)
@@ -293,20 +292,20 @@ def test_a_writer_that_comes_while_one_is_there_gets_a_new_one_but_not_too_soon(
     assert set(world.probes) == first
     world.go_on(0.1)
     assert len(world.probes) == 1 and not first & set(world.probes)
-    assert world.made == 2
+    assert world.probe_count == 2
 
 
-def test_writers_that_come_and_go_without_end_make_three_a_second_at_most(world):
+def test_writers_that_appear_and_leave_for_ever_cause_at_most_three_probe_readers_a_second(world):
     world.reader()
     for _ in range(300):  # three seconds
         world.writer().close()
         world.writer()
         world.go_on(0.01)
         assert len(world.probes) <= 1
-    assert 9 <= world.made <= 10
+    assert 9 <= world.probe_count <= 10
 
 
-def test_so_many_topics_have_one_at_once_and_the_others_wait(world, monkeypatch):
+def test_the_number_of_topics_with_a_probe_reader_is_limited(world, monkeypatch):
     monkeypatch.setattr(late_writer_heartbeat, "MAX_READERS", 3)
     for i in range(10):
         world.reader(f"rt/x{i}")
@@ -319,20 +318,20 @@ def test_so_many_topics_have_one_at_once_and_the_others_wait(world, monkeypatch)
         world.middleware.tick()
         assert len(before - set(world.probes)) <= 1  # one deletion, a millisecond, a tick
         most = max(most, len(world.probes))
-    assert most == 3 and world.made == 10
+    assert most == 3 and world.probe_count == 10
 
 
-def test_of_too_many_writers_the_last_have_to_wait_for_their_heartbeat(world, monkeypatch):
+def test_writers_over_the_limit_wait_for_their_heartbeat(world, monkeypatch):
     monkeypatch.setattr(late_writer_heartbeat, "MAX_WRITERS", 5)
     for i in range(8):
         world.reader(f"rt/x{i}")
     for i in range(8):
         world.writer(f"rt/x{i}")
     world.settled()
-    assert world.made == 5
+    assert world.probe_count == 5
     world.writer("rt/x7")
     world.settled()
-    assert world.made == 6
+    assert world.probe_count == 6
 
 
 def test_a_probe_reader_that_cannot_be_created_is_left_out(world, monkeypatch):
@@ -352,10 +351,10 @@ def test_a_probe_reader_that_cannot_be_created_is_left_out(world, monkeypatch):
     assert len(refused) == 1
     world.writer()
     world.settled()
-    assert world.made == 1
+    assert world.probe_count == 1
 
 
-def test_it_outlives_the_reader_that_it_was_created_for(world):
+def test_the_probe_reader_outlives_the_reader_that_it_was_created_for(world):
     reader = world.reader()
     world.writer()
     world.go_on(0.1)
@@ -365,7 +364,7 @@ def test_it_outlives_the_reader_that_it_was_created_for(world):
     assert not world.probes
 
 
-def test_our_readers_take_every_sample_once_while_it_is_there(world):
+def test_our_readers_take_every_sample_once_during_a_probe(world):
     reader = world.reader()
     writer = world.writer()
     world.go_on(0.1)
@@ -376,33 +375,33 @@ def test_our_readers_take_every_sample_once_while_it_is_there(world):
 
 
 def test_a_check_does_not_reset_the_status_that_wakes_the_waiting_thread(world):
-    """See ``watch_local``: who resets it must look for others' samples."""
+    """See ``watch_local``: code that resets it must check for samples of others."""
     reader = world.reader()
-    world.theirs.create_writer("rt/x", TYPE, QoSProfile())
+    world.writing_node.create_writer("rt/x", TYPE, QoSProfile())
     status = ctypes.c_uint32()
     for _ in range(2):
         assert len(cyclone.peek_matched_writers(reader.entity)) == 1
     cyclone._take_status(reader.entity, ctypes.byref(status), cyclone.STATUS_SUBSCRIPTION_MATCHED)
     assert status.value == cyclone.STATUS_SUBSCRIPTION_MATCHED
-    # This is what resets it.
-    world.theirs.create_writer("rt/x", TYPE, QoSProfile())
+    # This call resets it.
+    world.writing_node.create_writer("rt/x", TYPE, QoSProfile())
     assert len(cyclone.matched_writers(reader.entity)) == 2
     cyclone._take_status(reader.entity, ctypes.byref(status), cyclone.STATUS_SUBSCRIPTION_MATCHED)
     assert status.value == 0
 
 
-def test_discovery_does_not_list_them(own_domain_id):
-    one = DdsMiddleware()
-    node = one.create_node(own_domain_id, "/", "looking")
+def test_discovery_does_not_list_probe_readers(own_domain_id):
+    dds = DdsMiddleware()
+    node = dds.create_node(own_domain_id, "/", "looking")
     for data in (PROBE_READER, b""):
         node.participant.create_reader("rt/b", TYPE, QoSProfile(), data)
-    seen = discovery.GraphDiscovery(one.context, node.participant, lambda: None)
+    graph = discovery.GraphDiscovery(dds.context, node.participant, lambda: None)
     deadline = time.monotonic() + SECONDS
-    while not [end for end in seen.endpoints.values() if end.topic == "rt/b"]:
+    while not [end for end in graph.endpoints.values() if end.topic == "rt/b"]:
         assert time.monotonic() < deadline
-        if select.select([one.fileno()], [], [], 0.1)[0]:
-            one.dispatch()
-    found = [end.qos.user_data for end in seen.endpoints.values() if end.topic == "rt/b"]
-    assert found == [b""]
-    seen.close()
-    one.close()
+        if select.select([dds.fileno()], [], [], 0.1)[0]:
+            dds.dispatch()
+    user_data = [end.qos.user_data for end in graph.endpoints.values() if end.topic == "rt/b"]
+    assert user_data == [b""]
+    graph.close()
+    dds.close()

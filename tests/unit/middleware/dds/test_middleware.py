@@ -16,13 +16,13 @@ TYPE = "std_msgs::msg::dds_::String_"
 
 @pytest.fixture
 def middleware():
-    one = DdsMiddleware()
-    yield one
-    one.close()
+    dds = DdsMiddleware()
+    yield dds
+    dds.close()
 
 
 class Clock:
-    """Time as the middleware sees it."""
+    """The clock of the middleware, set by the test."""
 
     def __init__(self, monkeypatch):
         self.now = 1000.0
@@ -50,18 +50,18 @@ def test_fifty_nodes_share_a_participant_and_the_next_gets_another(middleware, o
     nodes = [middleware.create_node(own_domain_id, "/", f"node{i}") for i in range(51)]
     guids = [node.participant.guid for node in nodes]
     assert len(set(guids)) == 2 and len(set(guids[:50])) == 1
-    # A place that becomes free is taken again.
+    # A place that becomes free is used again.
     nodes[7].close()
     assert middleware.create_node(own_domain_id, "/", "late").participant.guid == guids[0]
 
 
 def test_domains_do_not_share(middleware, own_domain_id, domain_id):
-    one = middleware.create_node(own_domain_id, "/", "one")
-    other = middleware.create_node(domain_id, "/", "other")
-    assert one.participant.guid != other.participant.guid
+    first = middleware.create_node(own_domain_id, "/", "one")
+    second = middleware.create_node(domain_id, "/", "other")
+    assert first.participant.guid != second.participant.guid
 
 
-def test_so_many_domains_and_no_more(middleware, own_domain_id, domain_id, monkeypatch):
+def test_the_number_of_domains_is_limited(middleware, own_domain_id, domain_id, monkeypatch):
     monkeypatch.setattr(module, "MAX_DOMAINS", 1)
     middleware.create_node(own_domain_id, "/", "one")
     with pytest.raises(MiddlewareError, match="one more than the 1 that this agent may join"):
@@ -94,7 +94,7 @@ def test_changes_are_announced_at_most_ten_times_a_second_and_the_last_one_too(
     assert [item.writers for item in busy] == [[writer.guid for writer in writers]]
     clock.now += 3600
     middleware.tick()
-    assert listener.take() == []  # nothing new, nothing said
+    assert listener.take() == []  # no change, no announcement
 
 
 def test_a_boards_entities_go_into_one_announcement(middleware, own_domain_id, monkeypatch):
@@ -115,7 +115,7 @@ def test_a_boards_entities_go_into_one_announcement(middleware, own_domain_id, m
     assert middleware.next_deadline() is None
 
 
-def test_an_announcement_without_room_is_made_again(middleware, own_domain_id, monkeypatch):
+def test_an_announcement_without_room_is_repeated(middleware, own_domain_id, monkeypatch):
     clock = Clock(monkeypatch)
     middleware.create_node(own_domain_id, "/", "node")
     write = cyclone.write
@@ -129,7 +129,7 @@ def test_an_announcement_without_room_is_made_again(middleware, own_domain_id, m
     assert middleware.next_deadline() is None
 
 
-def test_a_node_that_leaves_is_announced_no_more(middleware, own_domain_id, monkeypatch):
+def test_a_node_that_leaves_is_no_longer_announced(middleware, own_domain_id, monkeypatch):
     clock = Clock(monkeypatch)
     listener = Listener(middleware, own_domain_id)
     node = middleware.create_node(own_domain_id, "/ns", "board")
@@ -165,7 +165,7 @@ def test_a_localhost_profile_is_refused_where_the_domain_is_open(own_domain_id, 
     try:
         with pytest.raises(MiddlewareError, match="ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"):
             middleware.create_node(own_domain_id, "/", "px4", localhost_only=True)
-        assert middleware._domains == {}  # nothing was opened to find out
+        assert middleware._domains == {}  # the check opened nothing
     finally:
         middleware.close()
 
@@ -174,7 +174,7 @@ def test_a_localhost_profile_is_honoured_where_nothing_leaves(middleware, own_do
     middleware.create_node(own_domain_id, "/", "px4", localhost_only=True)
 
 
-def test_partitions_keep_apart(middleware, own_domain_id):
+def test_partitions_separate_topics(middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "node")
     inboxes = {
         name: node.create_reader("rt/x", TYPE, QoSProfile(partitions=name), lambda: None)
@@ -182,8 +182,8 @@ def test_partitions_keep_apart(middleware, own_domain_id):
     }
     writer = node.create_writer("rt/x", TYPE, QoSProfile(partitions=("left",)))
     writer.write(b"\0\1\0\0\0\0\0\0")
-    heard = {name for name, inbox in inboxes.items() if inbox.take(1)}
-    assert heard == {("left",), ("left", "right")}
+    receivers = {name for name, inbox in inboxes.items() if inbox.take(1)}
+    assert receivers == {("left",), ("left", "right")}
 
 
 def test_writing_with_nobody_to_dispatch_does_not_grow(middleware, own_domain_id):
@@ -206,7 +206,7 @@ def test_a_broken_configuration_is_named(monkeypatch, own_domain_id):
         middleware.close()
 
 
-def test_a_range_that_does_not_exist_is_told_at_once(monkeypatch):
+def test_an_unknown_range_is_reported_at_once(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "blah")
     with pytest.raises(MiddlewareError, match="'BLAH' does not exist"):
         open_middleware("dds")

@@ -17,13 +17,13 @@ TYPE = "std_msgs::msg::dds_::String_"
 
 @pytest.fixture
 def middleware():
-    one = DdsMiddleware()
-    yield one
-    one.close()
+    dds = DdsMiddleware()
+    yield dds
+    dds.close()
 
 
 def serve(middleware, done, wait=10.0):
-    """Until ``done()``, which is asked again after ``wait`` seconds without an event."""
+    """Serve until ``done()``, which is called again after ``wait`` seconds without an event."""
     end = time.monotonic() + 10
     while not done():
         now = time.monotonic()
@@ -35,28 +35,28 @@ def serve(middleware, done, wait=10.0):
         middleware.tick()
 
 
-def test_nodes_come_and_go(middleware, own_domain_id):
+def test_nodes_appear_and_leave(middleware, own_domain_id):
     changes = []
     graph = middleware.graph(own_domain_id, lambda: changes.append(1))
     assert changes == [] and living_nodes(graph) == []
-    other = DdsMiddleware()
+    other_middleware = DdsMiddleware()
     try:
-        node = other.create_node(own_domain_id, "/garden", "weather")
+        node = other_middleware.create_node(own_domain_id, "/garden", "weather")
         writer = node.create_writer("rt/x", TYPE, QoSProfile())
 
-        def seen():
-            other.tick()
+        def node_is_listed():
+            other_middleware.tick()
             return changes and [
                 (node.namespace, node.name, node.writers) for node in living_nodes(graph)
             ] == [("/garden", "weather", [writer.guid])]
 
-        serve(middleware, seen, wait=0.02)
+        serve(middleware, node_is_listed, wait=0.02)
         serve(middleware, lambda: writer.guid in graph.endpoints)
         assert graph.endpoints[writer.guid].topic == "rt/x"
         changes.clear()
         node.close()
     finally:
-        other.close()
+        other_middleware.close()
     serve(middleware, lambda: changes and not living_nodes(graph))
     graph.close()
     graph.close()
@@ -84,7 +84,9 @@ def test_all_changes_of_a_second_cause_one_call(middleware, own_domain_id, monke
     assert [round(b - a, 1) for a, b in zip(calls, calls[1:], strict=False)] == [1.0, 1.0]
 
 
-def test_two_watch_one_domain_and_each_its_own(middleware, own_domain_id, domain_id):
+def test_two_graphs_of_one_domain_and_one_of_another_are_independent(
+    middleware, own_domain_id, domain_id
+):
     calls = []
     graphs = [
         middleware.graph(domain, lambda domain=domain: calls.append(domain))
@@ -104,7 +106,7 @@ def test_a_domain_that_does_not_exist(middleware):
         middleware.graph(233, lambda: None)
 
 
-def test_others_have_none():
+def test_other_middlewares_have_no_graph():
     middleware = MemoryMiddleware()
     assert middleware.graph(0, lambda: None) is None
     middleware.close()

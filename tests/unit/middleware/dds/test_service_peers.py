@@ -25,11 +25,11 @@ DISPOSED = 32  # DDS_NOT_ALIVE_DISPOSED_INSTANCE_STATE
 
 @pytest.fixture
 def middleware(own_domain_id):
-    one = DdsMiddleware()
-    one.notices = []
-    one.on_notice = one.notices.append
-    yield one
-    one.close()
+    dds = DdsMiddleware()
+    dds.notices = []
+    dds.on_notice = dds.notices.append
+    yield dds
+    dds.close()
 
 
 @pytest.fixture
@@ -44,22 +44,22 @@ def nothing():
 def until(middleware, done, seconds=10):
     deadline = time.monotonic() + seconds
     while not done():
-        left = deadline - time.monotonic()
-        assert left > 0, "it does not come"
-        if select.select([middleware.fileno()], [], [], min(left, 0.1))[0]:
+        seconds_left = deadline - time.monotonic()
+        assert seconds_left > 0, "it does not come"
+        if select.select([middleware.fileno()], [], [], min(seconds_left, 0.1))[0]:
             middleware.dispatch()
         middleware.dispatch_local()
 
 
 def collect(middleware, endpoint, count):
-    got = []
+    samples = []
 
     def enough():
-        got.extend(endpoint.take(10))
-        return len(got) >= count
+        samples.extend(endpoint.take(10))
+        return len(samples) >= count
 
     until(middleware, enough)
-    return got
+    return samples
 
 
 @pytest.mark.parametrize(
@@ -83,13 +83,13 @@ def test_which_endpoints_use_the_header(guid, user_data, role, expected):
     assert uses_request_header(guid, user_data, role) is expected
 
 
-def test_a_request_is_not_written_where_a_server_has_no_known_form(node, middleware):
+def test_a_request_is_not_written_if_a_server_has_no_known_form(node, middleware):
     requester = node.create_requester(SERVICE, services_profile(), nothing)
     foreign = node.create_reader(SERVICE.request_topic, SERVICE.request_type, QoSProfile(), nothing)
     assert requester.refusal().startswith("/add is not called")
     with pytest.raises(MiddlewareError, match="another form of services"):
         requester.request(BODY)
-    # Nor where another one is there that would understand.
+    # Nor if another server exists that would understand the request.
     replier = node.create_replier(SERVICE, services_profile(), nothing)
     with pytest.raises(MiddlewareError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
         requester.request(BODY)
@@ -107,14 +107,14 @@ def test_a_probe_reader_is_no_server(node):
     assert requester.refusal() == ""
 
 
-def test_a_client_that_waits_hears_of_a_foreign_server_that_comes(node, middleware):
-    heard = []
+def test_a_waiting_client_is_notified_of_a_foreign_server(node, middleware):
+    refusals = []
     requester = node.create_requester(
-        SERVICE, services_profile(), lambda: heard.append(requester.refusal())
+        SERVICE, services_profile(), lambda: refusals.append(requester.refusal())
     )
-    assert requester.request(BODY) == 1  # nobody is there
+    assert requester.request(BODY) == 1  # no server exists
     node.create_reader(SERVICE.request_topic, SERVICE.request_type, QoSProfile(), nothing)
-    until(middleware, lambda: any(heard))
+    until(middleware, lambda: any(refusals))
     requester.close()
     assert requester.refusal() == ""
 
@@ -144,18 +144,20 @@ def test_a_reply_of_a_server_with_no_known_form_is_not_taken(node, middleware):
     assert collect(middleware, requester, 1) == [(1, BODY[:4] + b"good")]
 
 
-def test_both_ways_are_written_as_disposed_data_which_only_cyclone_reads(node, middleware):
-    """What keeps Fast DDS from a request whatever discovery knows of it; with the real one:
+def test_requests_and_replies_are_written_as_disposed_data_that_only_cyclone_reads(
+    node, middleware
+):
+    """Fast DDS does not take such requests, whatever it has discovered; with the real Fast DDS:
     tests/interop/test_service_forms.py."""
     requester = node.create_requester(SERVICE, services_profile(), nothing)
     replier = node.create_replier(SERVICE, services_profile(), nothing)
     requests = node.create_reader(SERVICE.request_topic, SERVICE.request_type, SERVER, nothing)
     replies = node.create_reader(SERVICE.reply_topic, SERVICE.reply_type, CLIENT, nothing)
-    for number in range(1, 6):  # many at once are many
+    for number in range(1, 6):  # several requests in one burst stay several
         assert requester.request(BODY) == number
-    taken = collect(middleware, replier, 5)
-    assert [item[1] for item in taken] == [1, 2, 3, 4, 5]
-    for guid, sequence, body in taken:
+    requests_taken = collect(middleware, replier, 5)
+    assert [item[1] for item in requests_taken] == [1, 2, 3, 4, 5]
+    for guid, sequence, body in requests_taken:
         replier.reply(guid, sequence, body)
     assert [item[0] for item in collect(middleware, requester, 5)] == [1, 2, 3, 4, 5]
     for spy in (requests, replies):
@@ -163,32 +165,32 @@ def test_both_ways_are_written_as_disposed_data_which_only_cyclone_reads(node, m
         assert states == [DISPOSED] * 5
 
 
-def test_replies_to_others_take_no_more_than_their_turn(node, middleware, monkeypatch):
-    """Attack: replies that are not ours, as fast as they can be sent."""
+def test_replies_to_other_requesters_take_a_limited_part_of_a_turn(node, middleware, monkeypatch):
+    """Attack: replies to other requesters, as fast as they can be sent."""
     requester = node.create_requester(SERVICE, services_profile(), nothing)
-    others = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, SERVER)
+    reply_writer = node.create_writer(SERVICE.reply_topic, SERVICE.reply_type, SERVER)
     sample = BODY[:4] + bytes(16) + b"none"
-    asked = 0
+    take_count = 0
     take = cyclone.take
 
     def endless(entity, limit):
-        nonlocal asked
-        asked += 1
-        others.write(sample)
+        nonlocal take_count
+        take_count += 1
+        reply_writer.write(sample)
         return take(entity, limit)
 
     monkeypatch.setattr(cyclone, "take", endless)
     assert requester.take(10) == []
-    assert asked <= 8
+    assert take_count <= 8
 
 
-def test_what_was_not_taken_for_its_turn_is_announced_again(node, middleware):
-    heard = []
-    requester = node.create_requester(SERVICE, services_profile(), lambda: heard.append(1))
+def test_samples_left_for_the_next_turn_are_announced_again(node, middleware):
+    calls = []
+    requester = node.create_requester(SERVICE, services_profile(), lambda: calls.append(1))
     middleware.dispatch_local()
     requester.take(1)
-    heard.clear()
+    calls.clear()
     requester.again()
-    assert not heard
+    assert not calls
     middleware.dispatch_local()
-    assert heard == [1]
+    assert calls == [1]

@@ -17,7 +17,7 @@ ENDPOINT = OTHER[:12] + b"\0\0\4\4"
 
 
 class Peer:
-    """What a ROS node knows of participants: the last message about each, whoever wrote it."""
+    """What a ROS node knows of participants: the last message about each, by any writer."""
 
     def __init__(self, domain):
         participant = cyclone.create_participant(domain, b"enclave=/;")
@@ -38,9 +38,9 @@ class Peer:
 
 @pytest.fixture
 def middleware(own_domain_id):
-    one = DdsMiddleware()
-    yield one
-    one.close()
+    dds = DdsMiddleware()
+    yield dds
+    dds.close()
 
 
 def serve(middleware, done, seconds=20):
@@ -48,8 +48,8 @@ def serve(middleware, done, seconds=20):
     while not done():
         assert time.monotonic() < end, "it does not come"
         due = middleware.next_deadline()
-        left = 0.1 if due is None else min(0.1, max(0.0, due - time.monotonic()))
-        if select.select([middleware.fileno()], [], [], left)[0]:
+        timeout = 0.1 if due is None else min(0.1, max(0.0, due - time.monotonic()))
+        if select.select([middleware.fileno()], [], [], timeout)[0]:
             middleware.dispatch()
         middleware.dispatch_local()
         middleware.tick()
@@ -67,18 +67,18 @@ def test_empty_discovery_info_is_repeated_and_then_stops(middleware, own_domain_
     serve(middleware, quiet)
     assert peer.nodes[OTHER] == []
     assert peer.nodes[node.participant.guid] == ["board"]
-    # Its nodes have changed: it has announced them itself, so ours must be the last message.
+    # The participant has announced its changed nodes itself, so ours must be the last message.
     count = peer.count
     node.disown([ENDPOINT], [])
     serve(middleware, lambda: peer.look() or peer.count > count)
-    # A later reader gets it after the other's message.
+    # A late reader gets it after the participant's own message.
     serve(middleware, quiet)
-    later = Peer(own_domain_id)
-    serve(middleware, lambda: later.look() or later.count >= len(suppressed_nodes._DELAYS))
-    assert later.nodes[OTHER] == []
+    late_peer = Peer(own_domain_id)
+    serve(middleware, lambda: late_peer.look() or late_peer.count >= len(suppressed_nodes._DELAYS))
+    assert late_peer.nodes[OTHER] == []
 
 
-def test_a_node_that_adopts_nothing_writes_nothing_of_others(middleware, own_domain_id):
+def test_a_node_that_adopts_nothing_writes_no_discovery_info_of_others(middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "board")
     node.adopt([], [])  # an RMW that is not on DDS
     assert middleware._domains[own_domain_id]._suppressed is None

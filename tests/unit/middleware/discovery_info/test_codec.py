@@ -83,17 +83,17 @@ def test_both_sizes_are_decoded(vector):
     ]
 
 
-def test_it_is_the_message_of_the_interface_definitions():
+def test_encode_gives_the_message_of_the_interface_definitions():
     message = from_cdr(
         load("rmw_dds_common/msg/ParticipantEntitiesInfo"), codec.encode(PARTICIPANT, NODES, 16)
     )
     assert bytes(message.gid.data) == PARTICIPANT
-    weather, other = message.node_entities_info_seq
+    weather, second_node = message.node_entities_info_seq
     assert (weather.node_namespace, weather.node_name) == ("/garden", "weather")
     assert [bytes(gid.data) for gid in weather.writer_gid_seq] == WRITERS
     assert list(weather.reader_gid_seq) == []
-    assert (other.node_namespace, other.node_name) == ("/", "a_node")
-    assert [bytes(gid.data) for gid in other.reader_gid_seq] == [READER]
+    assert (second_node.node_namespace, second_node.node_name) == ("/", "a_node")
+    assert [bytes(gid.data) for gid in second_node.reader_gid_seq] == [READER]
 
 
 # rmw_dds_common: Gid.msg up to Humble, and from Iron on.
@@ -109,10 +109,10 @@ GIDS = {24: "char[24] data\n", 16: "char[16] data\n"}
 def oracle(request):
     """A rosbags type store with the definitions of one size, and the size."""
     store = get_typestore(Stores.EMPTY)
-    found = {}
+    definitions = {}
     for name, text in (*DEFINITIONS.items(), ("Gid", GIDS[request.param])):
-        found |= get_types_from_msg(text, f"rmw_dds_common/msg/{name}")
-    store.register(found)
+        definitions |= get_types_from_msg(text, f"rmw_dds_common/msg/{name}")
+    store.register(definitions)
     return store, request.param
 
 
@@ -130,16 +130,26 @@ def test_rosbags_decodes_what_we_encode_and_the_reverse(oracle, guid, nodes):
     read = store.deserialize_cdr(sample, name)
     pad = bytes(size - 16)
 
-    def seen(gids):
+    def gid_bytes(gids):
         return [bytes(gid.data) for gid in gids]
 
     assert bytes(read.gid.data) == guid + pad
     assert [
-        (item.node_namespace, item.node_name, seen(item.reader_gid_seq), seen(item.writer_gid_seq))
+        (
+            item.node_namespace,
+            item.node_name,
+            gid_bytes(item.reader_gid_seq),
+            gid_bytes(item.writer_gid_seq),
+        )
         for item in read.node_entities_info_seq
     ] == [
-        (one.namespace, one.name, [g + pad for g in one.readers], [g + pad for g in one.writers])
-        for one in nodes
+        (
+            node_info.namespace,
+            node_info.name,
+            [g + pad for g in node_info.readers],
+            [g + pad for g in node_info.writers],
+        )
+        for node_info in nodes
     ]
 
     def gid(raw):
@@ -149,12 +159,12 @@ def test_rosbags_decodes_what_we_encode_and_the_reverse(oracle, guid, nodes):
         gid(guid),
         [
             types["rmw_dds_common/msg/NodeEntitiesInfo"](
-                one.namespace,
-                one.name,
-                [gid(g) for g in one.readers],
-                [gid(g) for g in one.writers],
+                node_info.namespace,
+                node_info.name,
+                [gid(g) for g in node_info.readers],
+                [gid(g) for g in node_info.writers],
             )
-            for one in nodes
+            for node_info in nodes
         ],
     )
     back = decode(bytes(store.serialize_cdr(message, name)))

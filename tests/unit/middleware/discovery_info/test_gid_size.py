@@ -19,7 +19,7 @@ NODE = codec.NodeEntities("/", "peer", [], [bytes(range(16))])
 
 
 class OtherParticipant:
-    """A ROS participant that is not ours; it announces a node with Gids of ``size`` bytes."""
+    """A ROS participant of another process that announces a node with Gids of ``size`` bytes."""
 
     def __init__(self, domain, size, user_data=b"enclave=/;"):
         self.entity = cyclone.create_participant(domain, user_data)
@@ -46,7 +46,7 @@ class Ours:
         self.node = self.middleware.create_node(domain, "/garden", "weather")
         qos = codec.qos()
         qos.history = HistoryPolicy.KEEP_ALL
-        # Reads what goes out, as another would.
+        # Reads the announcements, as another participant would.
         self._participant = cyclone.create_participant(domain, b"")
         topic = cyclone.create_topic(self._participant, codec.TOPIC, codec.TYPE)
         subscriber = cyclone.create_group("subscriber", self._participant)
@@ -54,7 +54,7 @@ class Ours:
         self.announced = None  # the size in the last announcement
 
     def turn(self, seconds):
-        """Serve the middleware until something happened, or nothing did for so long."""
+        """Serve the middleware once, for at most so many seconds."""
         due = self.middleware.next_deadline()
         if due is not None:
             seconds = min(seconds, max(0.0, due - time.monotonic()))
@@ -75,17 +75,19 @@ class Ours:
     def announces(self, size):
         self.until(lambda: self.announced == size)
 
-    def settle(self, other):
+    def settle(self, participant):
         """Wait until the other's message has been read."""
         peers = self.middleware._domains[self.node.participant.domain]._peers
-        self.until(lambda: other.guid in peers.gid_sizes and other.guid in peers.participants)
+        self.until(
+            lambda: participant.guid in peers.gid_sizes and participant.guid in peers.participants
+        )
 
 
 @pytest.fixture
 def ours(own_domain_id):
-    one = Ours(own_domain_id)
-    yield one
-    one.middleware.close()
+    own = Ours(own_domain_id)
+    yield own
+    own.middleware.close()
 
 
 @pytest.fixture
@@ -93,29 +95,29 @@ def distro(monkeypatch):
     return lambda name: monkeypatch.setenv("ROS_DISTRO", name)
 
 
-def test_sixteen_bytes_as_long_as_nobody_says_otherwise(ours, own_domain_id):
+def test_gids_have_sixteen_bytes_by_default(ours, own_domain_id):
     ours.announces(16)
     ours.settle(OtherParticipant(own_domain_id, 16))
     assert ours.announced == 16 and ours.notices == []
 
 
-def test_where_peers_use_twenty_four_so_do_we_and_say_so_once(ours, own_domain_id):
+def test_gids_of_twenty_four_bytes_follow_the_peers_with_one_notice(ours, own_domain_id):
     ours.announces(16)
-    others = [OtherParticipant(own_domain_id, 24) for _ in range(2)]
+    participants = [OtherParticipant(own_domain_id, 24) for _ in range(2)]
     ours.announces(24)
-    for other in others:
-        ours.settle(other)
+    for participant in participants:
+        ours.settle(participant)
     (line,) = ours.notices
     assert line.startswith(f"domain {own_domain_id}: ") and "24-byte" in line
     assert "ROS_DISTRO" in line
-    # A participant that is made later begins so.
+    # A participant that is created later starts with this size.
     for number in range(50):
         ours.middleware.create_node(own_domain_id, "/", f"node{number}")
     shared = ours.middleware._domains[own_domain_id].participants
-    assert [one.gid_size for one in shared] == [24, 24]
+    assert [shared_participant.gid_size for shared_participant in shared] == [24, 24]
 
 
-def test_when_the_old_ones_left_and_new_ones_came_we_are_new_again(ours, own_domain_id):
+def test_the_size_returns_to_sixteen_after_old_peers_left_and_new_ones_joined(ours, own_domain_id):
     old = OtherParticipant(own_domain_id, 24)
     ours.announces(24)
     old.leave()
@@ -125,10 +127,10 @@ def test_when_the_old_ones_left_and_new_ones_came_we_are_new_again(ours, own_dom
     assert len(ours.notices) == 2 and "16-byte" in ours.notices[1]
 
 
-def test_in_a_mixed_domain_the_many_decide_and_the_user_is_told(ours, own_domain_id):
+def test_in_a_mixed_domain_the_majority_decides_with_a_notice(ours, own_domain_id):
     many = [OtherParticipant(own_domain_id, 16) for _ in range(2)]
-    for other in many:
-        ours.settle(other)
+    for participant in many:
+        ours.settle(participant)
     few = OtherParticipant(own_domain_id, 24)
     ours.settle(few)
     ours.announces(16)
@@ -142,40 +144,40 @@ def test_in_a_mixed_domain_the_many_decide_and_the_user_is_told(ours, own_domain
 @pytest.mark.parametrize(
     "user_data", [user_data.PARTICIPANT, b""], ids=["another agent of ours", "no ROS"]
 )
-def test_who_proves_nothing_changes_nothing(ours, own_domain_id, user_data):
-    other = OtherParticipant(own_domain_id, 24, user_data)
-    ours.settle(other)
+def test_participants_without_a_proof_of_their_size_change_nothing(ours, own_domain_id, user_data):
+    participant = OtherParticipant(own_domain_id, 24, user_data)
+    ours.settle(participant)
     ours.announces(16)
     assert ours.notices == []
 
 
-def test_two_agents_follow_the_others_and_not_each_other(ours, own_domain_id):
-    """Else the first to have changed would hold the second, and be held by it."""
+def test_two_agents_follow_other_participants_and_not_each_other(ours, own_domain_id):
+    """Otherwise two agents would make each other keep a size that no other participant uses."""
     second = Ours(own_domain_id)
     try:
         old = OtherParticipant(own_domain_id, 24)
-        both = ours, second
-        for one in both:
-            one.announces(24)
+        agents = ours, second
+        for agent in agents:
+            agent.announces(24)
         old.leave()
         OtherParticipant(own_domain_id, 16)
-        for one in both:
-            one.announces(16)
+        for agent in agents:
+            agent.announces(16)
     finally:
         second.middleware.close()
 
 
-@pytest.mark.parametrize(("name", "size", "other"), [("humble", 24, 16), ("jazzy", 16, 24)])
-def test_a_distro_that_is_told_decides(distro, own_domain_id, name, size, other):
+@pytest.mark.parametrize(("name", "size", "other_size"), [("humble", 24, 16), ("jazzy", 16, 24)])
+def test_ros_distro_decides(distro, own_domain_id, name, size, other_size):
     distro(name)
     ours = Ours(own_domain_id)
     try:
         ours.announces(size)
         for _ in range(2):
-            ours.settle(OtherParticipant(own_domain_id, other))
+            ours.settle(OtherParticipant(own_domain_id, other_size))
         assert ours.announced == size
         (line,) = ours.notices
-        assert f"{other}: they do not see" in line and "set ROS_DISTRO" in line
+        assert f"{other_size}: they do not see" in line and "set ROS_DISTRO" in line
     finally:
         ours.middleware.close()
 
@@ -196,24 +198,26 @@ def test_an_unknown_distro_decides_nothing(distro, own_domain_id):
 
 def test_announcements_do_not_displace_each_other_before_they_are_taken(ours, own_domain_id):
     """The topic has no key: a reader that keeps one sample would keep that of one participant."""
-    heard = ParticipantDiscovery(ours.middleware.context, ours.node.participant, lambda: None)
-    others = [OtherParticipant(own_domain_id, 16) for _ in range(5)]
-    ours.until(lambda: {other.guid for other in others} <= heard.announced.keys())
-    heard.close()
+    discovery = ParticipantDiscovery(ours.middleware.context, ours.node.participant, lambda: None)
+    participants = [OtherParticipant(own_domain_id, 16) for _ in range(5)]
+    ours.until(
+        lambda: {participant.guid for participant in participants} <= discovery.announced.keys()
+    )
+    discovery.close()
 
 
-def test_nonsense_is_passed_over(ours, own_domain_id):
-    heard = ParticipantDiscovery(ours.middleware.context, ours.node.participant, lambda: None)
-    other = OtherParticipant(own_domain_id, 16)
-    for bad in (b"\xff", b"\xff" * 40, other.guid + b"\1\0\0\0"):
-        other.write(b"\0\1\0\0" + bad)
+def test_invalid_samples_are_ignored(ours, own_domain_id):
+    discovery = ParticipantDiscovery(ours.middleware.context, ours.node.participant, lambda: None)
+    participant = OtherParticipant(own_domain_id, 16)
+    for bad in (b"\xff", b"\xff" * 40, participant.guid + b"\1\0\0\0"):
+        participant.write(b"\0\1\0\0" + bad)
     last = OtherParticipant(own_domain_id, 16)
-    ours.until(lambda: last.guid in heard.announced)
-    heard.close()
+    ours.until(lambda: last.guid in discovery.announced)
+    discovery.close()
 
 
-def test_nobody_speaks_for_others(ours, own_domain_id):
-    """Attack: a writer says of others that their Gids have 24 bytes."""
+def test_a_participant_cannot_announce_for_others(ours, own_domain_id):
+    """Attack: a writer announces Gids of 24 bytes for other participants."""
     honest = OtherParticipant(own_domain_id, 16)
     ours.settle(honest)
     plain = OtherParticipant(own_domain_id, 16, b"")  # no ROS
@@ -227,8 +231,8 @@ def test_nobody_speaks_for_others(ours, own_domain_id):
     assert ours.node.participant.gid_size == 16 and ours.notices == []
 
 
-def test_one_voice_against_one_is_for_sixteen(ours, own_domain_id):
-    """Attack: one participant of a ROS of before Iron, in whose time nobody else is there."""
+def test_a_tie_is_decided_for_sixteen(ours, own_domain_id):
+    """Attack: one participant of a ROS before Iron that meets no other participant."""
     OtherParticipant(own_domain_id, 24)
     ours.announces(24)
     OtherParticipant(own_domain_id, 16)

@@ -1,4 +1,4 @@
-"""What of a QoS profile ROS 2 does not have; the rest is tested where rclpy is."""
+"""QoS policies that ROS 2 does not have; the others are tested where rclpy is installed."""
 
 import pytest
 
@@ -17,7 +17,7 @@ from uros.qos import DurabilityPolicy, QoSProfile, sensor_data_profile
         (QoSProfile(durability=DurabilityPolicy.PERSISTENT), "a durability beyond transient local"),
     ],
 )
-def test_what_is_missing_is_named(qos, missing):
+def test_policies_that_ros_does_not_have_are_named(qos, missing):
     assert profiles.lacking(qos) == missing
 
 
@@ -28,5 +28,5 @@ def test_what_is_missing_is_named(qos, missing):
         QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline_ms=1, lifespan_ms=1),
     ],
 )  # fmt: skip
-def test_what_ros_has_is_not_missed(qos):
+def test_policies_of_ros_are_accepted(qos):
     assert profiles.lacking(qos) == ""

@@ -16,12 +16,12 @@ ADD, SUB, MUL = (TypeName("pkg", "srv", name) for name in ("Add", "Sub", "Mul"))
 SECONDS = 10.0
 
 
-class Stand:
+class LoaderBench:
     def __init__(self):
         self.wakeup = WakeupFd()
         self.loader = type_loader.TypeLoader(self.wakeup)
         self.go, self.begun = threading.Event(), threading.Event()
-        self.prepared, self.found, self.missing = [], [], set()
+        self.prepared, self.looked_up, self.missing = [], [], set()
 
     def prepare(self, *name):
         self.prepared.append(name)
@@ -29,7 +29,7 @@ class Stand:
         assert self.go.wait(SECONDS)
 
     def find(self, name):
-        self.found.append(name)
+        self.looked_up.append(name)
         if name in self.missing:
             raise types.UnknownType("none such")
 
@@ -41,13 +41,13 @@ class Stand:
 
 @pytest.fixture
 def stand(monkeypatch):
-    one = Stand()
-    monkeypatch.setattr(rcl, "prepare", one.prepare)
-    monkeypatch.setattr(types, "find_service", one.find)
-    yield one
-    one.go.set()
-    one.loader.close()
-    one.wakeup.close()
+    bench = LoaderBench()
+    monkeypatch.setattr(rcl, "prepare", bench.prepare)
+    monkeypatch.setattr(types, "find_service", bench.find)
+    yield bench
+    bench.go.set()
+    bench.loader.close()
+    bench.wakeup.close()
 
 
 def test_each_type_is_loaded_once_in_order_and_rclpy_once(stand):
@@ -56,22 +56,22 @@ def test_each_type_is_loaded_once_in_order_and_rclpy_once(stand):
     assert stand.begun.wait(SECONDS)
     assert not stand.loader.has_results() and not stand.loader.is_loaded(ADD)
     stand.go.set()
-    told = {}
-    while len(told) < 2:
-        told.update(stand.results())
-    assert list(told.items()) == [(ADD, None), (SUB, None)]
+    results = {}
+    while len(results) < 2:
+        results.update(stand.results())
+    assert list(results.items()) == [(ADD, None), (SUB, None)]
     assert [stand.loader.is_loaded(name) for name in (ADD, SUB, MUL)] == [True, True, False]
-    stand.loader.request(MUL)  # the thread has ended; it begins again
+    stand.loader.request(MUL)  # the thread has ended and starts again
     assert stand.results() == {MUL: None}
-    assert stand.prepared == [tuple(ADD)] and stand.found == [ADD, SUB, MUL]
+    assert stand.prepared == [tuple(ADD)] and stand.looked_up == [ADD, SUB, MUL]
 
 
-def test_a_type_that_is_not_there_is_no_failure_of_rclpy(stand):
+def test_a_missing_type_is_no_failure_of_rclpy(stand):
     stand.missing.add(ADD)
     stand.go.set()
     stand.loader.request(ADD)
-    told = stand.results()
-    assert isinstance(told[ADD], types.UnknownType) and stand.loader.failure is None
+    results = stand.results()
+    assert isinstance(results[ADD], types.UnknownType) and stand.loader.failure is None
     assert not stand.loader.is_loaded(ADD)
     stand.missing.clear()  # it has been installed meanwhile
     stand.loader.request(ADD)
@@ -88,7 +88,7 @@ def test_a_cancelled_request_is_not_loaded(stand):
     stand.go.set()
     stand.results()
     stand.loader._thread.join(SECONDS)
-    assert stand.found == [ADD]
+    assert stand.looked_up == [ADD]
 
 
 def test_nothing_is_loaded_after_closing(stand):
@@ -101,8 +101,8 @@ def test_nothing_is_loaded_after_closing(stand):
 # --- the process that goes ahead ------------------------------------------------------
 
 
-def test_an_import_that_crashes_does_so_elsewhere():
-    rcl._elsewhere("raise ImportError")  # will be raised here
+def test_an_import_that_crashes_ends_another_process():
+    rcl._elsewhere("raise ImportError")  # the import raises it in this process
     with pytest.raises(MiddlewareError, match=r"ends by signal 6\): install that RMW"):
         rcl._elsewhere("import os; os.abort()")
 

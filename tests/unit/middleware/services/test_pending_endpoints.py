@@ -31,12 +31,12 @@ def service(name, kind="Add"):
 
 
 class Endpoint:
-    """An endpoint on rclpy: keeps what is written to it, and returns what it was given."""
+    """An endpoint on rclpy: records what is written, and returns ``samples``."""
 
-    def __init__(self, network, what):
+    def __init__(self, network, topic):
         self.readers, self.writers, self.on_close = [], [], None
-        self.written, self.given, self.closed = [], [], False
-        network.made.append((what, self))
+        self.written, self.samples, self.closed = [], [], False
+        network.created.append((topic, self))
 
     def request(self, cdr):
         self.written.append(bytes(cdr))
@@ -47,19 +47,19 @@ class Endpoint:
         return True
 
     def take(self, limit):
-        given, self.given = self.given[:limit], self.given[limit:]
-        return given
+        samples, self.samples = self.samples[:limit], self.samples[limit:]
+        return samples
 
     def close(self):
         self.closed = True
 
 
 class Network:
-    """rclpy: imported when ``go`` is set. ``asked`` are the types that were looked for."""
+    """Stands for rclpy: the import ends when ``go`` is set; ``looked_up`` are requested types."""
 
     def __init__(self):
         self.go, self.begun = threading.Event(), threading.Event()
-        self.asked, self.made, self.nodes = [], [], []
+        self.looked_up, self.created, self.nodes = [], [], []
         self.failure = None
         self.missing = set()
 
@@ -70,13 +70,13 @@ class Network:
             raise self.failure
 
     def find_service(self, name):
-        self.asked.append(name.name)
+        self.looked_up.append(name.name)
         if name.name in self.missing:
             raise types.UnknownType(f"{name}: package pkg has no such type")
 
     # --- Ros2Middleware and its nodes
 
-    def create_node(self, domain, namespace, name, here):
+    def create_node(self, domain, namespace, name, localhost_only):
         self.nodes.append(name)
         return self
 
@@ -111,13 +111,13 @@ def rclpy(monkeypatch):
 
 @pytest.fixture
 def middleware(rclpy):
-    one = open_middleware("auto")
-    one.batching = True
-    one.notices = []
-    one.on_notice = one.notices.append
-    yield one
+    auto_middleware = open_middleware("auto")
+    auto_middleware.batching = True
+    auto_middleware.notices = []
+    auto_middleware.on_notice = auto_middleware.notices.append
+    yield auto_middleware
     rclpy.go.set()
-    one.close()
+    auto_middleware.close()
 
 
 def until(middleware, done):
@@ -145,41 +145,43 @@ def test_other_boards_are_served_while_rclpy_is_imported(rclpy):
         for number in range(50):
             beside.write(writer, number.to_bytes(4, "little"))
             assert beside.sample(reader)[:4] == number.to_bytes(4, "little")
-        assert waiting.is_alive() and rclpy.made == []  # all that while
+        assert waiting.is_alive() and rclpy.created == []  # as long as the import takes
         rclpy.go.set()
         waiting.join(SECONDS)
         assert not waiting.is_alive()
-        assert [what for what, _ in rclpy.made] == ["rq/addRequest", "rr/serveReply"]
-        assert rclpy.made[0][1].written == [b"\0\1\0\0" + bytes(4)]
+        assert [topic for topic, _ in rclpy.created] == ["rq/addRequest", "rr/serveReply"]
+        assert rclpy.created[0][1].written == [b"\0\1\0\0" + bytes(4)]
         for client in (asking, beside):
             client.close()
-        assert all(end.closed for _, end in rclpy.made)
+        assert all(end.closed for _, end in rclpy.created)
 
 
-def test_endpoints_have_no_room_until_they_are_created_one_a_turn(rclpy, middleware, own_domain_id):
+def test_pending_endpoints_have_no_room_and_are_created_one_per_turn(
+    rclpy, middleware, own_domain_id
+):
     node = middleware.create_node(own_domain_id, "/", "node")
     callers = [node.create_requester(service(f"add{i}"), QOS, lambda: None) for i in range(3)]
     server = node.create_replier(service("serve"), QOS, lambda: None)
     assert [caller.request(REQUEST) for caller in callers] == [None] * 3
     assert callers[0].take(9) == server.take(9) == []
-    assert server.reply(bytes(16), 1, REQUEST)  # to nobody: nobody has asked
+    assert server.reply(bytes(16), 1, REQUEST)  # no client has sent a request
     rclpy.go.set()
-    made = []
-    while len(made) < 4:
+    topics = []
+    while len(topics) < 4:
         assert select.select([middleware.fileno()], [], [], SECONDS)[0]
         middleware.dispatch()
-        assert len(rclpy.made) <= len(made) + 1
-        made = [what for what, _ in rclpy.made]
-    assert made == ["rq/add0Request", "rq/add1Request", "rq/add2Request", "rr/serveReply"]
-    assert rclpy.nodes == ["_node"] and rclpy.asked == ["Add"]
+        assert len(rclpy.created) <= len(topics) + 1
+        topics = [topic for topic, _ in rclpy.created]
+    assert topics == ["rq/add0Request", "rq/add1Request", "rq/add2Request", "rr/serveReply"]
+    assert rclpy.nodes == ["_node"] and rclpy.looked_up == ["Add"]
     assert [caller.request(REQUEST) for caller in callers] == [1, 1, 1]
-    rclpy.made[0][1].given = [(1, REQUEST)]
-    rclpy.made[3][1].given = [(bytes(16), 1, REQUEST)]
+    rclpy.created[0][1].samples = [(1, REQUEST)]
+    rclpy.created[3][1].samples = [(bytes(16), 1, REQUEST)]
     assert callers[0].take(9) == [(1, REQUEST)]
     assert server.take(9) == [(bytes(16), 1, REQUEST)]
     assert server.reply(bytes(16), 1, REQUEST)
-    assert rclpy.made[3][1].written == [(bytes(16), 1, REQUEST)]
-    # Others of that type need not wait.
+    assert rclpy.created[3][1].written == [(bytes(16), 1, REQUEST)]
+    # Other endpoints of that type need not wait.
     assert isinstance(node.create_requester(service("more"), QOS, lambda: None), Endpoint)
     assert middleware.notices == []
     node.close()
@@ -188,7 +190,7 @@ def test_endpoints_have_no_room_until_they_are_created_one_a_turn(rclpy, middlew
 def test_loaded_types_set_the_descriptor_that_dds_clears(
     rclpy, middleware, own_domain_id, monkeypatch
 ):
-    """Its dispatch_local makes the descriptor unreadable, after what this process wrote."""
+    """dispatch_local of DDS clears the descriptor after samples of this process."""
     monkeypatch.setattr(middleware.dds, "dispatch_local", middleware.dds.wakeup.clear)
     node = middleware.create_node(own_domain_id, "/", "node")
     node.create_requester(service("add"), QOS, lambda: None)
@@ -198,65 +200,63 @@ def test_loaded_types_set_the_descriptor_that_dds_clears(
         middleware.dispatch_local()
         assert select.select([middleware.fileno()], [], [], 0)[0]
     middleware.dispatch()
-    assert len(rclpy.made) == 1
+    assert len(rclpy.created) == 1
 
 
 def test_a_pending_endpoint_that_is_closed_is_never_created(rclpy, middleware, own_domain_id):
     leaving, staying = (
         middleware.create_node(own_domain_id, "/", name) for name in ("leaving", "staying")
     )
-    left = leaving.create_requester(service("left", "Sub"), QOS, lambda: None)
+    closed_requester = leaving.create_requester(service("left", "Sub"), QOS, lambda: None)
     closed = staying.create_requester(service("closed", "Mul"), QOS, lambda: None)
-    kept = staying.create_requester(service("kept"), QOS, lambda: None)
+    open_requester = staying.create_requester(service("kept"), QOS, lambda: None)
     assert rclpy.begun.wait(SECONDS)
     leaving.close()
     closed.close()
     closed.close()
     rclpy.go.set()
-    until(middleware, lambda: rclpy.made)
-    assert [what for what, _ in rclpy.made] == ["rq/keptRequest"]
-    assert "Mul" not in rclpy.asked  # nobody waited for it any more
-    assert left.request(REQUEST) is closed.request(REQUEST) is None
-    kept.close()
-    kept.close()
-    assert rclpy.made[0][1].closed
+    until(middleware, lambda: rclpy.created)
+    assert [topic for topic, _ in rclpy.created] == ["rq/keptRequest"]
+    assert "Mul" not in rclpy.looked_up  # no endpoint waited for the type any more
+    assert closed_requester.request(REQUEST) is closed.request(REQUEST) is None
+    open_requester.close()
+    open_requester.close()
+    assert rclpy.created[0][1].closed
     until(middleware, lambda: not middleware._loaded)
     assert not middleware._held
 
 
-def test_a_board_that_makes_and_deletes_without_end_leaves_nothing(
-    rclpy, middleware, own_domain_id
-):
+def test_creating_and_deleting_pending_endpoints_leaves_nothing(rclpy, middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "node")
     for number in range(500):
         node.create_replier(service("x", f"T{number}"), QOS, lambda: None).close()
     assert len(middleware._type_loader._requested) <= 1
     assert not middleware._held and not node._pending
     rclpy.go.set()
-    late = node.create_replier(service("last"), QOS, lambda: None)
-    until(middleware, lambda: rclpy.made)
-    assert [what for what, _ in rclpy.made] == ["rr/lastReply"]
-    assert len(rclpy.asked) <= 2
-    late.close()
+    last_replier = node.create_replier(service("last"), QOS, lambda: None)
+    until(middleware, lambda: rclpy.created)
+    assert [topic for topic, _ in rclpy.created] == ["rr/lastReply"]
+    assert len(rclpy.looked_up) <= 2
+    last_replier.close()
 
 
 def talk(middleware, node, name="add"):
-    """Whether a request gets through on dds."""
+    """Return whether a request is answered over DDS."""
     caller = node.create_requester(service(name), QOS, lambda: None)
-    got = []
-    server = node.create_replier(service(name), QOS, lambda: got.extend(server.take(9)))
-    # What is asked before the server is there is lost, as with any.
-    until(middleware, lambda: caller.request(REQUEST) and got)
+    samples = []
+    server = node.create_replier(service(name), QOS, lambda: samples.extend(server.take(9)))
+    # A request before the server exists is lost, as with any middleware.
+    until(middleware, lambda: caller.request(REQUEST) and samples)
     caller.close()
     server.close()
-    return got[0][2] == REQUEST
+    return samples[0][2] == REQUEST
 
 
 @pytest.mark.parametrize(
     "failure",
     [ImportError("no librcl.so"), MiddlewareError("no such RMW"), RuntimeError("odd"), OSError()],
 )
-def test_an_rclpy_that_does_not_start_leaves_it_to_dds_and_is_told_once(
+def test_an_rclpy_that_does_not_start_leaves_services_to_dds_with_one_notice(
     rclpy, middleware, own_domain_id, failure
 ):
     rclpy.failure = failure
@@ -268,7 +268,7 @@ def test_an_rclpy_that_does_not_start_leaves_it_to_dds_and_is_told_once(
     assert not isinstance(node.create_replier(service("late"), QOS, lambda: None), PendingReplier)
     (notice,) = middleware.notices
     assert "rclpy cannot be used" in notice and str(failure) in notice
-    assert rclpy.asked == []
+    assert rclpy.looked_up == []
 
 
 def test_a_type_that_its_package_does_not_have_goes_over_dds(rclpy, middleware, own_domain_id):
@@ -279,12 +279,12 @@ def test_a_type_that_its_package_does_not_have_goes_over_dds(rclpy, middleware, 
         assert talk(middleware, node)
     (notice,) = middleware.notices
     assert "rq/addRequest is there for rmw_cyclonedds only: pkg/srv/Add" in notice
-    other = node.create_requester(service("other", "Sub"), QOS, lambda: None)
-    until(middleware, lambda: other.request(REQUEST))
-    assert [what for what, _ in rclpy.made] == ["rq/otherRequest"]
+    second_requester = node.create_requester(service("other", "Sub"), QOS, lambda: None)
+    until(middleware, lambda: second_requester.request(REQUEST))
+    assert [topic for topic, _ in rclpy.created] == ["rq/otherRequest"]
 
 
-def test_what_dds_refuses_too_is_told_to_whoever_writes(
+def test_a_refusal_of_dds_is_an_error_of_the_next_write(
     rclpy, middleware, own_domain_id, monkeypatch
 ):
     rclpy.missing.add("Add")
@@ -308,22 +308,20 @@ def test_what_dds_refuses_too_is_told_to_whoever_writes(
     server.close()
 
 
-def test_a_refusal_of_dds_is_not_taken_for_one_of_ros2(
-    rclpy, middleware, own_domain_id, monkeypatch
-):
+def test_a_refusal_of_dds_is_no_refusal_of_ros2(rclpy, middleware, own_domain_id, monkeypatch):
     monkeypatch.setattr(auto, "find_spec", lambda name: None)
     monkeypatch.setattr(ros2, "Ros2Middleware", lambda wakeup: exec("import rclpy.none"))
     node = middleware.create_node(own_domain_id, "/", "node")
-    asked = []
+    requests = []
 
     def refuse(*_):
-        asked.append(1)
+        requests.append(1)
         raise MiddlewareError("no room in the domain")
 
     monkeypatch.setattr(node._dds, "create_requester", refuse)
     with pytest.raises(MiddlewareError, match="no room in the domain"):
         node.create_requester(service("add"), QOS, lambda: None)
-    assert len(asked) == len(middleware.notices) == 1
+    assert len(requests) == len(middleware.notices) == 1
 
 
 @pytest.mark.parametrize(
@@ -334,7 +332,7 @@ def test_a_refusal_of_dds_is_not_taken_for_one_of_ros2(
         Service("rq/aRequest", "plain", "rr/aReply", TYPES[1]),
     ],
 )
-def test_what_ros2_cannot_carry_does_not_wait(rclpy, middleware, own_domain_id, wrong):
+def test_types_that_ros2_cannot_carry_do_not_wait(rclpy, middleware, own_domain_id, wrong):
     node = middleware.create_node(own_domain_id, "/", "node")
     end = node.create_requester(wrong, QOS, lambda: None)
     assert not isinstance(end, PendingRequester) and end.request(REQUEST) == 1
@@ -349,9 +347,9 @@ def test_a_host_program_waits(rclpy, middleware, own_domain_id):
     assert not rclpy.begun.is_set()
 
 
-def test_closing_waits_for_the_thread_and_makes_nothing(rclpy, middleware, own_domain_id):
+def test_closing_waits_for_the_thread_and_creates_nothing(rclpy, middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "node")
-    late = node.create_requester(service("add"), QOS, lambda: None)
+    requester = node.create_requester(service("add"), QOS, lambda: None)
     node.create_requester(service("sub", "Sub"), QOS, lambda: None)
     assert rclpy.begun.wait(SECONDS)
     closing = threading.Thread(target=middleware.close)
@@ -361,6 +359,6 @@ def test_closing_waits_for_the_thread_and_makes_nothing(rclpy, middleware, own_d
     rclpy.go.set()
     closing.join(SECONDS)
     assert not closing.is_alive() and not middleware._type_loader._thread.is_alive()
-    assert rclpy.made == [] and "Sub" not in rclpy.asked
-    late.close()
+    assert rclpy.created == [] and "Sub" not in rclpy.looked_up
+    requester.close()
     node.close()
