@@ -160,22 +160,22 @@ class Agent:
 
     def failed(self, error: Exception) -> None:
         """Log an unexpected error; the other boards are served further."""
-        kept = self.faults.admit(f"internal {type(error).__name__}")
-        if kept:
+        count = self.faults.admit(f"internal {type(error).__name__}")
+        if count:
             frame = error.__traceback__
             while frame is not None and frame.tb_next is not None:
                 frame = frame.tb_next
             where = f"{frame.tb_frame.f_code.co_filename}:{frame.tb_lineno}" if frame else "?"
             self.log.error("Server", "run", "internal error", unexpected(error, f" at {where}"))
 
-    def _type_conflict(self, topic: str, here: str, there: str) -> None:
+    def _type_conflict(self, topic: str, type_name: str, other_type: str) -> None:
         """Warn once that samples of a topic do not reach the endpoints of its other type."""
-        conflict = topic, here, there
+        conflict = topic, type_name, other_type
         if conflict not in self._conflicts and len(self._conflicts) < MAX_CONFLICTS:
             self._conflicts.add(conflict)
             self.log.warning(
                 "Middleware", "create_endpoint", "type differs",
-                f"topic: {topic}, type: {here}, elsewhere on the network: {there}"
+                f"topic: {topic}, type: {type_name}, elsewhere on the network: {other_type}"
                 " (samples of one do not reach the other)",
             )  # fmt: skip
 
@@ -240,25 +240,25 @@ class Agent:
     def _create_client(self, transport: ServerTransport, peer: Any, r: Reader) -> None:
         cookie, version, _, key, session_id, properties, mtu = messages.pull_create_client(r)
         status = ids.STATUS_OK
-        what = remedy = ""
+        reason = remedy = ""
         if key == 0 or cookie != ids.COOKIE:
             status = ids.STATUS_ERR_INVALID_DATA
-            what = "invalid client key" if key == 0 else "invalid cookie"
+            reason = "invalid client key" if key == 0 else "invalid cookie"
         elif session_id in (ids.SESSION_NONE_WITH_KEY, ids.SESSION_NONE_WITHOUT_KEY):
-            status, what = ids.STATUS_ERR_INVALID_DATA, "invalid session id"
+            status, reason = ids.STATUS_ERR_INVALID_DATA, "invalid session id"
         elif version[0] != ids.VERSION_MAJOR:
-            status, what = ids.STATUS_ERR_INCOMPATIBLE, "incompatible version"
+            status, reason = ids.STATUS_ERR_INCOMPATIBLE, "incompatible version"
         elif mtu < MIN_MTU:
-            status, what = ids.STATUS_ERR_INVALID_DATA, f"MTU of {mtu} is under {MIN_MTU}"
+            status, reason = ids.STATUS_ERR_INVALID_DATA, f"MTU of {mtu} is under {MIN_MTU}"
         elif not self.admission.admits_key(key):
-            status, what = ids.STATUS_ERR_DENIED, KEY_NOT_ALLOWED
+            status, reason = ids.STATUS_ERR_DENIED, KEY_NOT_ALLOWED
             remedy = f" (to let it in: --allow-key {key_label(key)})"
         elif not self._has_room(key, transport, peer):
             over = self.admission.max_clients
-            status, what = ids.STATUS_ERR_RESOURCES, f"over {over} clients"
+            status, reason = ids.STATUS_ERR_RESOURCES, f"over {over} clients"
             remedy = f" (see --max-clients, which can be {MAX_CLIENTS})" * (over < MAX_CLIENTS)
         elif key not in self.clients and not self.budget.admit(CLIENT_BYTES, True):
-            status, what = ids.STATUS_ERR_RESOURCES, "memory for clients used up"
+            status, reason = ids.STATUS_ERR_RESOURCES, "memory for clients used up"
             remedy = " (see --max-memory)"
         if status == ids.STATUS_OK:
             request = CreateClientRequest(session_id, min(mtu, MAX_MTU, transport.mtu), properties)
@@ -268,10 +268,10 @@ class Agent:
             else:
                 self.take_over(key, transport, peer, request)
             return
-        self.refusals.note(key, what, transport.address(peer), self.clock.monotonic())
-        if (times := self.faults.times(f"create_client {what}")) is not None:
+        self.refusals.note(key, reason, transport.address(peer), self.clock.monotonic())
+        if (times := self.faults.times(f"create_client {reason}")) is not None:
             self.log.warning(
-                "Root", "create_client", what,
+                "Root", "create_client", reason,
                 f"client_key: {key_label(key)}, address: {transport.address(peer)}{remedy}{times}",
             )  # fmt: skip
         self._answer_create(key, transport, peer, session_id, status)
@@ -319,12 +319,12 @@ class Agent:
             return False
         count = self.unmatched_faults.admit(f"outside {host}")
         if count:
-            address, what = transport.address(peer), ADDRESS_NOT_ALLOWED
+            address, reason = transport.address(peer), ADDRESS_NOT_ALLOWED
             key = requested_key(message)
             if key is not None:
-                self.refusals.note(key, what, address, self.clock.monotonic(), count)
+                self.refusals.note(key, reason, address, self.clock.monotonic(), count)
             self.log.warning(
-                transport.name, "receive", what,
+                transport.name, "receive", reason,
                 f"address: {address}, it is in no network of --allow-net"
                 + (f", client_key: {key_label(key)}" if key is not None else "")
                 + (f" ({count} messages)" if count > 1 else ""),
@@ -388,12 +388,14 @@ class Agent:
         They were created under the rules of its present address, so the new one must have the same
         transport, certificate and rules.
         """
-        known, at = self._places[client.key]
-        return known is transport and (
-            at == peer
+        old_transport, old_peer = self._places[client.key]
+        return old_transport is transport and (
+            old_peer == peer
             or (
                 client.certificate == transport.certificate_of(peer)
-                and self.rules.same_rules(client.key, known.address(at), transport.address(peer))
+                and self.rules.same_rules(
+                    client.key, old_transport.address(old_peer), transport.address(peer)
+                )
             )
         )
 
@@ -507,13 +509,13 @@ class Agent:
             )  # fmt: skip
         return True
 
-    def _dismiss(self, key: int, held: int) -> None:
+    def _dismiss(self, key: int, held_bytes: int) -> None:
         """Delete a client because the memory for all clients is used up."""
         times = self.faults.times("memory")
         if times is not None:
             self.log.warning(
                 "Root", "budget", "memory used up",
-                f"client_key: {key_label(key)} held {held} bytes and is forgotten"
+                f"client_key: {key_label(key)} held {held_bytes} bytes and is forgotten"
                 f" (all clients together may hold {self.limits.memory}: raise --max-memory, or find"
                 f" out what it does){times}",
             )  # fmt: skip

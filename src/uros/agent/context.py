@@ -68,13 +68,13 @@ class Persistence(Protocol):
     def forget(self, key: int) -> None:
         """A client was deleted."""
 
-    def created(self, client: ClientState, obj: XrceObject, what: Representation) -> None:
+    def created(self, client: ClientState, obj: XrceObject, representation: Representation) -> None:
         """An object was created."""
 
     def deleted(self, client: ClientState, object_id: int) -> None:
         """An object was deleted."""
 
-    def reading(self, client: ClientState, object_id: int, what: Reading | None) -> None:
+    def reading(self, client: ClientState, object_id: int, reading: Reading | None) -> None:
         """A READ_DATA of an object began; None: it ended."""
 
     def keep(self, sessions: Iterable[Session]) -> None:

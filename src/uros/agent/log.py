@@ -92,14 +92,14 @@ class Log:
         self._thread = threading.Thread(target=self._drain, name="uros-log", daemon=True)
         self._thread.start()
 
-    def __call__(self, level: int, part: str, function: str, what: str, about: str = "") -> None:
+    def __call__(self, level: int, part: str, function: str, event: str, about: str = "") -> None:
         """Write a line if its level is enabled.
 
         Args:
             level: The level of the line.
             part: The class or module, as in the C++ agent.
             function: What it was doing.
-            what: The event.
+            event: The event, as in the C++ agent.
             about: What it concerns.
         """
         if level > self.level:
@@ -118,7 +118,7 @@ class Log:
             name = f"{_COLOURS[level]}{name}\033[0m"
         line = (
             f"[{now // 1_000_000}.{now % 1_000_000:06d}] {name} | {part:<18} | {function:<24} |"
-            f" {printable_ascii(what):<30} | {printable_ascii(about)}".rstrip()
+            f" {printable_ascii(event):<30} | {printable_ascii(about)}".rstrip()
             + "\n"
         )
         if self._thread is None:
@@ -190,21 +190,21 @@ class Log:
                 return
             self._thread.join(1.0)
 
-    def info(self, part: str, function: str, what: str, about: str = "") -> None:
+    def info(self, part: str, function: str, event: str, about: str = "") -> None:
         """Log a line of the level info."""
-        self(INFO, part, function, what, about)
+        self(INFO, part, function, event, about)
 
-    def warning(self, part: str, function: str, what: str, about: str = "") -> None:
+    def warning(self, part: str, function: str, event: str, about: str = "") -> None:
         """Log a line of the level warning."""
-        self(WARNING, part, function, what, about)
+        self(WARNING, part, function, event, about)
 
-    def error(self, part: str, function: str, what: str, about: str = "") -> None:
+    def error(self, part: str, function: str, event: str, about: str = "") -> None:
         """Log a line of the level error."""
-        self(ERROR, part, function, what, about)
+        self(ERROR, part, function, event, about)
 
-    def debug(self, part: str, function: str, what: str, about: str = "") -> None:
+    def debug(self, part: str, function: str, event: str, about: str = "") -> None:
         """Log a line of the level debug."""
-        self(DEBUG, part, function, what, about)
+        self(DEBUG, part, function, event, about)
 
 
 def unexpected(error: Exception, where: str = "") -> str:

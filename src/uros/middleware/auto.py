@@ -59,11 +59,16 @@ class AutoNode(Node):
     """A node on dds, and on ros2 as soon as it has a service there."""
 
     def __init__(
-        self, middleware: AutoMiddleware, domain: int, namespace: str, name: str, here: bool
+        self,
+        middleware: AutoMiddleware,
+        domain: int,
+        namespace: str,
+        name: str,
+        localhost_only: bool,
     ) -> None:
         self._middleware = middleware
-        self._ros_arguments = domain, namespace, "_" + name, here
-        self._dds = middleware.dds.create_node(domain, namespace, name, here)
+        self._ros_arguments = domain, namespace, "_" + name, localhost_only
+        self._dds = middleware.dds.create_node(domain, namespace, name, localhost_only)
         self._ros: Ros2Node | None = None
         self._pending: dict[PendingEndpoint[Any], None] = {}
 
@@ -235,10 +240,10 @@ class AutoMiddleware(Middleware):
 
     def drop(self, pending: PendingEndpoint[Any]) -> None:
         """Hold an endpoint no more, and cancel the loading of its type if it was the last."""
-        for name, held in list(self._held.items()):
-            if pending in held:
-                del held[pending]
-                if not held and self._type_loader is not None:
+        for name, waiting in list(self._held.items()):
+            if pending in waiting:
+                del waiting[pending]
+                if not waiting and self._type_loader is not None:
                     del self._held[name]
                     self._loaded.pop(name, None)
                     self._type_loader.cancel(name)
@@ -251,10 +256,10 @@ class AutoMiddleware(Middleware):
             self._loaded.update(self._type_loader.take_results())
         while self._loaded:
             name, error = next(iter(self._loaded.items()))
-            held = self._held.get(name)
-            if held:
-                pending = next(iter(held))
-                del held[pending]
+            waiting = self._held.get(name)
+            if waiting:
+                pending = next(iter(waiting))
+                del waiting[pending]
                 try:
                     pending.resolve(error)
                 except MiddlewareError as failure:

@@ -154,19 +154,19 @@ class MemoryReader(Reader):
         """Take samples, oldest first."""
         with self._middleware.bus.lock:
             self.announced = False
-            taken = [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
+            samples = [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
             self._unreported = min(self._unreported, len(self._samples))
-            return taken
+            return samples
 
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of samples that have arrived and were not asked for before."""
         with self._middleware.bus.lock:
             self.announced = False
-            there = len(self._samples)
-            unreported = min(self._unreported, there)
+            count = len(self._samples)
+            unreported = min(self._unreported, count)
             reported = min(unreported, limit)
             self._unreported = unreported - reported
-            first = there - unreported
+            first = count - unreported
             return [len(sample) for sample in islice(self._samples, first, first + reported)]
 
     def again(self) -> None:
@@ -188,10 +188,10 @@ def _leave(
     endpoints: dict[tuple[int, str], list[_Endpoint]], key: tuple[int, str], endpoint: _Endpoint
 ) -> None:
     """Remove an endpoint from its topic, and the topic with its last one."""
-    there = endpoints.get(key, [])
-    if endpoint in there:
-        there.remove(endpoint)
-        if not there:
+    peers = endpoints.get(key, [])
+    if endpoint in peers:
+        peers.remove(endpoint)
+        if not peers:
             del endpoints[key]
 
 
@@ -362,13 +362,17 @@ class MemoryMiddleware(Middleware):
         """Undo :meth:`mark` for a reader that is closed; called with the bus locked."""
         self._ready.pop(reader, None)
 
-    def compare_types(self, one: MemoryWriter | MemoryReader, key: tuple[int, str]) -> None:
-        """Report the types, other than that of ``one``, that its topic ``key`` has."""
+    def compare_types(
+        self, new_endpoint: MemoryWriter | MemoryReader, key: tuple[int, str]
+    ) -> None:
+        """Report the types, other than that of ``new_endpoint``, that its topic ``key`` has."""
         if self.on_type_conflict is not None:
             with self.bus.lock:
-                there = [*self.bus.writers.get(key, ()), *self.bus.readers.get(key, ())]
-            for other in sorted({endpoint.type_name for endpoint in there} - {one.type_name}):
-                self.on_type_conflict(key[1], one.type_name, other)
+                endpoints = [*self.bus.writers.get(key, ()), *self.bus.readers.get(key, ())]
+            for type_name in sorted(
+                {endpoint.type_name for endpoint in endpoints} - {new_endpoint.type_name}
+            ):
+                self.on_type_conflict(key[1], new_endpoint.type_name, type_name)
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when :meth:`dispatch` has work."""

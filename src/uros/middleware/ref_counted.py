@@ -27,8 +27,8 @@ class RefCounted(Generic[Key, Value]):
 
     def acquire(self, key: Key) -> Value:
         """Return the value of a key; each call needs one :meth:`release`."""
-        known = self._values.get(key)
-        value, users = known if known is not None else (self._create(key), 0)
+        entry = self._values.get(key)
+        value, users = entry if entry is not None else (self._create(key), 0)
         self._values[key] = value, users + 1
         return value
 

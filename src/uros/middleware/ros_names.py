@@ -60,10 +60,10 @@ def message_type(type_name: str) -> TypeName:
     Raises:
         MiddlewareError: It is no ROS type.
     """
-    found = _TYPE.fullmatch(type_name) if len(type_name) <= _MAX_LENGTH else None
-    if found is None:
+    match = _TYPE.fullmatch(type_name) if len(type_name) <= _MAX_LENGTH else None
+    if match is None:
         raise MiddlewareError(
             f"{type_name[:_MAX_LENGTH]!r} is no ROS type (package::msg::dds_::Name_), and the ros2"
             " middleware carries nothing else: start the agent with -m dds"
         )
-    return TypeName(*found.groups())
+    return TypeName(*match.groups())

@@ -24,8 +24,8 @@ class TypeConflicts:
             return
         self._endpoints[guid] = topic, type_name, is_ours
         guids = self._topics.setdefault(topic, set())
-        for other in guids:
-            _, other_type, other_is_ours = self._endpoints[other]
+        for other_guid in guids:
+            _, other_type, other_is_ours = self._endpoints[other_guid]
             if other_type != type_name:
                 if is_ours:
                     self._report(topic, type_name, other_type)
@@ -35,9 +35,9 @@ class TypeConflicts:
 
     def remove(self, guid: bytes) -> None:
         """Forget an endpoint, which has left."""
-        gone = self._endpoints.pop(guid, None)
-        if gone is not None:
-            guids = self._topics[gone[0]]
+        endpoint = self._endpoints.pop(guid, None)
+        if endpoint is not None:
+            guids = self._topics[endpoint[0]]
             guids.discard(guid)
             if not guids:
-                del self._topics[gone[0]]
+                del self._topics[endpoint[0]]

@@ -22,5 +22,5 @@ def type_hash(type_name: str) -> bytes:
     kind, _, name = rest.partition("::dds_::")
     if not name.endswith("_"):
         return b""
-    known = known_hash(f"{package}/{kind}/{name[:-1]}")
-    return f"typehash={known};".encode() if known else b""
+    digest = known_hash(f"{package}/{kind}/{name[:-1]}")
+    return f"typehash={digest};".encode() if digest else b""

@@ -154,9 +154,9 @@ class ReliableIn:
             Whether so many heartbeats in a row contradict this stream that the sender must have
             dropped messages or restarted its numbers; the caller restarts the stream then.
         """
-        held = (last + 1 - first) & SEQUENCE_MASK
-        if held <= MAX_HELD:
-            if (self.next - first) & SEQUENCE_MASK > held:
+        count = (last + 1 - first) & SEQUENCE_MASK
+        if count <= MAX_HELD:
+            if (self.next - first) & SEQUENCE_MASK > count:
                 return _doubted(self, now)
             self.doubts = 0
             if sequence_after(last, self.announced):
@@ -221,15 +221,15 @@ class ReliableOut:
         """
         if first is None:
             first = self.acked
-        held = {}
+        messages = {}
         for i in range((self.next - first) & SEQUENCE_MASK):
             number = (first + i) & SEQUENCE_MASK
             if number in self._held:
-                held[number] = self._held[number]
-        return self.acked, self.sent, self.next, held
+                messages[number] = self._held[number]
+        return self.acked, self.sent, self.next, messages
 
     def restore(
-        self, acked: int, sent: int, after: int, held: "dict[int, bytes]", now: int
+        self, acked: int, sent: int, after: int, messages: "dict[int, bytes]", now: int
     ) -> None:
         """Go on from what `export` returned, in a stream that is new.
 
@@ -240,16 +240,16 @@ class ReliableOut:
             acked: First number not acknowledged.
             sent: Number of the next message to go out.
             after: Number of the next message given.
-            held: The messages from ``acked`` to before ``after`` by their numbers.
+            messages: Those from ``acked`` to before ``after``, by their numbers.
             now: The time in milliseconds modulo 2^30.
         """
         self.acked = acked
         self.sent = sent
         self.next = after
-        self._held = dict(held)
+        self._held = dict(messages)
         self.size = 0
-        for number in held:
-            self.size += len(held[number])
+        for number in messages:
+            self.size += len(messages[number])
         self._sent_at = {}
         for i in range((sent - acked) & SEQUENCE_MASK):
             self._sent_at[(acked + i) & SEQUENCE_MASK] = ticks_add(now, -RESEND_HOLD_MS)

@@ -55,63 +55,69 @@ def items(element: Element) -> tuple[Item, ...]:
     Raises:
         ProfileError: It lists none, too many, or one that cannot be used.
     """
-    found: list[Item] = []
+    entities: list[Item] = []
     for participant in element:
         if participant.tag in ("participant", "domain_participant"):
-            _participant(participant, found)
-    if not found:
+            _participant(participant, entities)
+    if not entities:
         raise ProfileError("there is no <domain_participant> in the application")
-    taken = Counter(item.object_id for item in found if item.object_id is not None)
-    for object_id, times in taken.items():
+    id_counts = Counter(item.object_id for item in entities if item.object_id is not None)
+    for object_id, times in id_counts.items():
         if times > 1:
             raise ProfileError(f"two of its entities have the object_id 0x{object_id:04X}")
-    return tuple(found)
+    return tuple(entities)
 
 
-def _participant(element: Element, found: list[Item]) -> None:
+def _participant(element: Element, entities: list[Item]) -> None:
     domain = element.get("domain_id") or element.findtext("domainId") or str(DOMAIN_FROM_AGENT)
     number = _number(domain.strip(), "domain_id")
-    at = _add(found, element, ids.KIND_PARTICIPANT, number)
+    at = _add(entities, element, ids.KIND_PARTICIPANT, number)
     # Topics first: an endpoint may come before its topic in the document.
     for child in element:
         if child.tag == "topic":
-            _add(found, child, ids.KIND_TOPIC, at)
+            _add(entities, child, ids.KIND_TOPIC, at)
     topics = {
         name: topic.profile.topic_name
         for topic, name in zip(
-            (item for item in found[at:] if item.kind == ids.KIND_TOPIC),
+            (item for item in entities[at:] if item.kind == ids.KIND_TOPIC),
             (child.get("name") for child in element if child.tag == "topic"),
             strict=True,
         )
     }
     for child in element:
         if child.tag in _GROUPS:
-            group = _add(found, child, _GROUPS[child.tag], at)
+            group = _add(entities, child, _GROUPS[child.tag], at)
             for endpoint in child:
                 if endpoint.tag in _ENDPOINTS:
                     kind, of = _ENDPOINTS[endpoint.tag]
                     if of != _GROUPS[child.tag]:
                         raise ProfileError(f"a <{child.tag}> has no <{endpoint.tag}>")
-                    _endpoint(found, endpoint, kind, group, topics)
+                    _endpoint(entities, endpoint, kind, group, topics)
         elif child.tag in _ENDPOINTS:
             kind, of = _ENDPOINTS[child.tag]
-            found.append(Item(of, None, at, Profile()))
-            _endpoint(found, child, kind, len(found) - 1, topics)
+            entities.append(Item(of, None, at, Profile()))
+            _endpoint(entities, child, kind, len(entities) - 1, topics)
         elif child.tag in _SERVICES:
-            _add(found, child, _SERVICES[child.tag], at, needed=True)
+            _add(entities, child, _SERVICES[child.tag], at, needed=True)
 
 
 def _endpoint(
-    found: list[Item], element: Element, kind: int, group: int, topics: dict[str | None, str | None]
+    entities: list[Item],
+    element: Element,
+    kind: int,
+    group: int,
+    topics: dict[str | None, str | None],
 ) -> None:
-    at = _add(found, element, kind, group, needed=True)
-    profile = found[at].profile
+    at = _add(entities, element, kind, group, needed=True)
+    profile = entities[at].profile
     profile.topic_name = topics.get(profile.topic_name) or profile.topic_name
 
 
-def _add(found: list[Item], element: Element, kind: int, parent: int, needed: bool = False) -> int:
+def _add(
+    entities: list[Item], element: Element, kind: int, parent: int, needed: bool = False
+) -> int:
     """Append one entity, and return its index."""
-    if len(found) >= MAX_ITEMS:
+    if len(entities) >= MAX_ITEMS:
         raise ProfileError(f"an application of over {MAX_ITEMS} entities")
     text = element.get("object_id")
     if text is None and needed:
@@ -121,14 +127,14 @@ def _add(found: list[Item], element: Element, kind: int, parent: int, needed: bo
     object_id = None
     if text is not None:
         object_id = (_number(text.strip(), "object_id") & 0xFFF0) | kind
-    found.append(Item(kind, object_id, parent, read_profile(element)))
-    return len(found) - 1
+    entities.append(Item(kind, object_id, parent, read_profile(element)))
+    return len(entities) - 1
 
 
-def _number(text: str, what: str) -> int:
+def _number(text: str, name: str) -> int:
     """Return a number of 16 bits, in decimal or with 0x before it."""
     if re.fullmatch(r"0[xX][0-9A-Fa-f]{1,4}", text):
         return int(text, 16)
     if not re.fullmatch(r"[0-9]{1,5}", text) or int(text) > 0xFFFF:
-        raise ProfileError(f"{what} is {text!r}, not a number of 16 bits")
+        raise ProfileError(f"{name} is {text!r}, not a number of 16 bits")
     return int(text)

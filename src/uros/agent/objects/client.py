@@ -122,11 +122,11 @@ class ProxyClient:
             if obj.delivery is not None and obj.delivery.stream_id == stream:
                 self._pump(obj, now)
 
-    def fault(self, what: str, about: str) -> None:
+    def fault(self, event: str, about: str) -> None:
         """Log that the client broke the protocol, within the rate limit for faults."""
-        times = self._agent.faults.times(f"{self.key:08X} {what}")
+        times = self._agent.faults.times(f"{self.key:08X} {event}")
         if times is not None:
-            self.log(WARNING, "Session", "receive", what, f"{about}{times}")
+            self.log(WARNING, "Session", "receive", event, f"{about}{times}")
 
     def many_fragments(self, size: int, count: int) -> None:
         """Log that the client gets long messages, and what it needs for them."""
@@ -303,8 +303,8 @@ class ProxyClient:
     def _delete(self, r: Reader, stream: int) -> None:
         request_id, object_id = messages.pull_request(r)
         if object_id & 0x0F == ids.KIND_CLIENT:
-            known = self._agent.delete_client(self.key)
-            status = ids.STATUS_OK if known else ids.STATUS_ERR_UNKNOWN_REFERENCE
+            existed = self._agent.delete_client(self.key)
+            status = ids.STATUS_OK if existed else ids.STATUS_ERR_UNKNOWN_REFERENCE
             self.session.answer(
                 ids.STATUS, ids.STREAM_NONE, self._agent.now(),
                 lambda w: messages.push_status(w, request_id, object_id, status),
@@ -374,8 +374,10 @@ class ProxyClient:
             raise DecodeError(f"WRITE_DATA of {len(payload)} bytes")
         object_id = payload[2] << 8 | payload[3]
         if flags & ids.FORMAT_MASK:
-            what = f"data format 0x{flags & ids.FORMAT_MASK:02X} is not supported: send FORMAT_DATA"
-            self.fault("unsupported WRITE_DATA", f"{object_label(object_id)}, {what}")
+            reason = (
+                f"data format 0x{flags & ids.FORMAT_MASK:02X} is not supported: send FORMAT_DATA"
+            )
+            self.fault("unsupported WRITE_DATA", f"{object_label(object_id)}, {reason}")
             request_id = payload[0] << 8 | payload[1]
             self._status(request_id, object_id, ids.STATUS_ERR_INVALID_DATA, stream)
             return True
@@ -510,11 +512,11 @@ class ProxyClient:
             lambda w: messages.push_status(w, request_id, object_id, status),
         )  # fmt: skip
 
-    def log(self, level: int, part: str, function: str, what: str, about: str) -> None:
+    def log(self, level: int, part: str, function: str, event: str, about: str) -> None:
         """Log a line about this client."""
         if level <= self._agent.log.level <= TRACE:
             self._agent.log(
-                level, part, function, what, f"client_key: {key_label(self.key)}, {about}"
+                level, part, function, event, f"client_key: {key_label(self.key)}, {about}"
             )
 
 

@@ -45,7 +45,7 @@ class ObjectOwner(Protocol):
     key: int
     session: Session
 
-    def log(self, level: int, part: str, function: str, what: str, about: str) -> None:
+    def log(self, level: int, part: str, function: str, event: str, about: str) -> None:
         """Log a line about the client."""
 
     def on_ready(self, obj: XrceObject) -> Callable[[], None]:
@@ -71,10 +71,12 @@ class ObjectFactory:
     the factory, and a reference cycle would keep both in memory until the garbage collector runs.
     """
 
-    def __init__(self, agent: AgentContext, objects: dict[int, XrceObject], known: Known) -> None:
+    def __init__(
+        self, agent: AgentContext, objects: dict[int, XrceObject], definitions: Known
+    ) -> None:
         self._agent = agent
         self._objects = objects
-        self._known = known
+        self._known = definitions
         # What the middleware keeps until it is closed: types and domains that the client has used.
         self._types: set[str] = set()
         self._domains: set[int] = set()
@@ -157,13 +159,13 @@ class ObjectFactory:
                     self._unnamed += 1
                 elif object_id in self._objects or object_id == obj.object_id:
                     raise Taken(f"its {object_label(object_id)} exists already")
-                made = obj.parts
-                parent = made[item.parent].object_id if item.kind != ids.KIND_PARTICIPANT else 0
+                parts = obj.parts
+                parent = parts[item.parent].object_id if item.kind != ids.KIND_PARTICIPANT else 0
                 own = representation.from_profile(item.kind, item.profile, item.parent, self._known)
                 part = XrceObject(object_id, parent, own)
                 self.create(client, part)
                 self._objects[object_id] = part
-                made.append(part)
+                parts.append(part)
         except Exception:
             client.close_object(obj)
             raise
@@ -176,14 +178,14 @@ class ObjectFactory:
 
     def _create_node(self, client: ObjectOwner, obj: XrceObject, spec: ParticipantSpec) -> str:
         agent, key = self._agent, client.key
-        given = node_name(spec.name)
+        requested_name = node_name(spec.name)
         settings = agent.rules.settings(
-            key, agent.address(key), names.join(*given), agent.clock.monotonic
+            key, agent.address(key), names.join(*requested_name), agent.clock.monotonic
         )
         settings.any_name = agent.middleware.any_name
         domain = self._domain(spec, settings)
         use(self._domains, domain, agent.limits.domains, "domains")
-        namespace, name = settings.node(*given)
+        namespace, name = settings.node(*requested_name)
         obj.settings = settings
         obj.named = names.join(namespace, name), str(domain)
         obj.node = agent.middleware.create_node(domain, namespace, name, spec.localhost_only)
@@ -192,10 +194,10 @@ class ObjectFactory:
     def _participant_of(self, obj: XrceObject) -> XrceObject:
         participant = obj
         if obj.kind != ids.KIND_PARTICIPANT:
-            found = self._objects.get(obj.parent)
-            if found is None:
+            parent = self._objects.get(obj.parent)
+            if parent is None:
                 raise UnknownReference(f"its participant {object_label(obj.parent)} does not exist")
-            participant = found
+            participant = parent
         return participant
 
     def _create_endpoint(
@@ -244,10 +246,10 @@ class ObjectFactory:
     def _topic(self, spec: EndpointSpec) -> TopicSpec:
         if spec.topic_id is not None:
             topic_id = (spec.topic_id & 0xFFF0) | ids.KIND_TOPIC
-            found = self._objects.get(topic_id)
-            if found is None or not isinstance(found.spec, TopicSpec):
+            topic = self._objects.get(topic_id)
+            if topic is None or not isinstance(topic.spec, TopicSpec):
                 raise UnknownReference(f"its topic {object_label(topic_id)} does not exist")
-            return found.spec
+            return topic.spec
         assert spec.topic is not None
         for obj in self._objects.values():
             if isinstance(obj.spec, TopicSpec) and spec.topic.name in (

@@ -59,8 +59,8 @@ def _info(
         content = obj.representation[1]
         size += len(content) if isinstance(content, bytes) else 4 * len(content)
     w = Writer(bytearray(size))
-    known = itself or obj is not None
-    status = ids.STATUS_OK if known else ids.STATUS_ERR_UNKNOWN_REFERENCE
+    exists = itself or obj is not None
+    status = ids.STATUS_OK if exists else ids.STATUS_ERR_UNKNOWN_REFERENCE
     # 1: the session exists. Clients create theirs again where it is 0.
     messages.push_status(w, request_id, object_id, status, 1)
     config = bool(mask & ids.INFO_CONFIGURATION)

@@ -39,7 +39,7 @@ def check_room(objects: Mapping[int, XrceObject], kinds: list[int], limits: Limi
         raise TooMany(f"over {limits.objects} objects (see --max-objects)")
     new = kinds.count(ids.KIND_PARTICIPANT)
     if new and limits.participants < new + sum(
-        known.kind == ids.KIND_PARTICIPANT for known in objects.values()
+        existing.kind == ids.KIND_PARTICIPANT for existing in objects.values()
     ):
         raise TooMany(f"over {limits.participants} participants")
 
@@ -111,13 +111,13 @@ class Known:
 _BAD_IN_NAME = re.compile(r"[^A-Za-z0-9_]")
 
 
-def node_name(given: str | None) -> tuple[str, str]:
+def node_name(text: str | None) -> tuple[str, str]:
     """Return the namespace and name of the ROS node for a participant's name.
 
     micro-ROS sends ``namespace/name``. Characters that ROS names cannot have
     become underscores; without a name the node is ``xrce_client``.
     """
-    parts = [part for part in (given or "").split("/") if part]
+    parts = [part for part in (text or "").split("/") if part]
     clean = []
     for part in parts or ["xrce_client"]:
         word = _BAD_IN_NAME.sub("_", part)

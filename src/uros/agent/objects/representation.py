@@ -157,8 +157,8 @@ def parse(
         return _from_binary(kind, r, parent, references)
     assert isinstance(content, str)
     if form == ids.BY_REFERENCE:
-        found = references.find(_TAGS.get(kind, ""), content)
-        if found is None:
+        stored_profile = references.find(_TAGS.get(kind, ""), content)
+        if stored_profile is None:
             raise UnknownReference(
                 f"no profile {content!r} of a {_TAGS.get(kind, 'kind')} is known:"
                 " give the agent a file that defines it (--refs FILE)"
@@ -166,8 +166,8 @@ def parse(
         if kind == ids.KIND_TYPE:
             return TypeSpec(frozenset((content,)))
         if kind == ids.KIND_QOS_PROFILE:
-            return QosProfileSpec({content: found})
-        return from_profile(kind, found, parent, references)
+            return QosProfileSpec({content: stored_profile})
+        return from_profile(kind, stored_profile, parent, references)
     if kind == ids.KIND_TYPE:
         return TypeSpec(xml_profiles.parse_types(content))
     if kind == ids.KIND_QOS_PROFILE:

@@ -75,7 +75,7 @@ class GraphNode(NamedTuple):
 def ros_nodes(source: Source) -> list[GraphNode]:
     """Return the nodes by their ROS names, sorted, with their ROS topics and services only."""
     endpoints = source.endpoints
-    found = []
+    nodes = []
     for node in living_nodes(source):
         if not (_fits(node.namespace) and _fits(node.name)):
             continue
@@ -83,17 +83,17 @@ def ros_nodes(source: Source) -> list[GraphNode]:
         for ends, writes in ((node.writers, True), (node.readers, False)):
             for gid in ends:
                 end = endpoints.get(gid)
-                known = None if end is None else _entity(writes, end.topic, end.type_name)
-                if known is not None:
-                    entities.setdefault(known[:2], set()).add(known[2])
-        found.append(
+                entity = None if end is None else _entity(writes, end.topic, end.type_name)
+                if entity is not None:
+                    entities.setdefault(entity[:2], set()).add(entity[2])
+        nodes.append(
             GraphNode(
                 node.namespace,
                 node.name,
                 tuple(Entity(*key, tuple(sorted(entities[key]))) for key in sorted(entities)),
             )
         )
-    return sorted(found, key=lambda one: (one.namespace, one.name))
+    return sorted(nodes, key=lambda ros_node: (ros_node.namespace, ros_node.name))
 
 
 @lru_cache(8192)  # nearly all are the same as a second ago
@@ -258,13 +258,13 @@ class _Domain:
 
     def message(self, room: int) -> tuple[bytes, str]:
         """Return the graph in so many bytes, and what was left out of it."""
-        known = self._messages.get(room)
-        if known is None:
+        encoded = self._messages.get(room)
+        if encoded is None:
             if len(self._messages) >= _MAX_CACHED:
                 self._messages.clear()
             nodes = [] if self.source is None else ros_nodes(self.source)
-            known = self._messages[room] = cut(nodes, room)
-        return known
+            encoded = self._messages[room] = cut(nodes, room)
+        return encoded
 
     def cut(self, key: int, left_out: str) -> None:
         self._log.warning(

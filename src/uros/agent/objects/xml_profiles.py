@@ -106,23 +106,27 @@ class References:
             raise ProfileError(f"{path}: {error}") from error
         try:
             root = _document(text, MAX_REFERENCES_FILE)
-            found = {}
+            profiles = {}
             for element in root.iter():
                 name = element.get("profile_name")
                 if element.tag in _TAGS and name:
-                    found[element.tag, name] = read_profile(element, root)
-            found.update((("qos_profile", name), profile) for name, profile in qos_profiles(root))
-            found.update((("type", name), Profile(type_name=name)) for name in _types(root))
-            found.update((("application", name), profile) for name, profile in _applications(root))
+                    profiles[element.tag, name] = read_profile(element, root)
+            profiles.update(
+                (("qos_profile", name), profile) for name, profile in qos_profiles(root)
+            )
+            profiles.update((("type", name), Profile(type_name=name)) for name in _types(root))
+            profiles.update(
+                (("application", name), profile) for name, profile in _applications(root)
+            )
         except ProfileError as error:
             raise ProfileError(f"{path}: {error}") from error
-        if not found:
+        if not profiles:
             raise ProfileError(
                 f"{path}: no profiles in it (elements with a profile_name,"
                 " <types>, <qos_profile>, <application>)"
             )
-        self._profiles.update(found)
-        return len(found)
+        self._profiles.update(profiles)
+        return len(profiles)
 
     def find(self, tag: str, name: str) -> Profile | None:
         """Return the profile of that kind and name, or None."""
@@ -164,10 +168,10 @@ def parse_qos_profiles(text: str) -> dict[str, Profile]:
     Raises:
         ProfileError: It has none, or cannot be used.
     """
-    found = dict(qos_profiles(_document(text, MAX_XML)))
-    if not found:
+    profiles = dict(qos_profiles(_document(text, MAX_XML)))
+    if not profiles:
         raise ProfileError("there is no <qos_profile> with a name in it")
-    return found
+    return profiles
 
 
 class _Limited(TreeBuilder):
@@ -223,9 +227,9 @@ def _refuse(*_: object) -> None:
 
 def _text(element: Element, *paths: str) -> str | None:
     for path in paths:
-        found = element.find(path)
-        if found is not None and found.text and found.text.strip():
-            return found.text.strip()
+        child = element.find(path)
+        if child is not None and child.text and child.text.strip():
+            return child.text.strip()
     return None
 
 
@@ -338,7 +342,9 @@ def _only_loopback(participant: Element, root: Element | None) -> bool:
     """Whether every interface the profile allows is loopback (PX4's LocalHostOnly)."""
     transports = [used.text.strip() for used in participant.iter("transport_id") if used.text]
     descriptors = [] if root is None else list(root.iter("transport_descriptor"))
-    chosen = [known for known in descriptors if _text(known, "transport_id") in transports]
+    chosen = [
+        descriptor for descriptor in descriptors if _text(descriptor, "transport_id") in transports
+    ]
     allowed = [
         address.text.strip()
         for element in (participant, *chosen)
@@ -399,7 +405,7 @@ def _qos(element: Element, where: tuple[str, ...], out: dict[str, object]) -> No
     Fast DDS has the history not there but in the topic.
     """
 
-    def found(*paths: str) -> Element | None:
+    def child_at(*paths: str) -> Element | None:
         for path in paths:
             for start in where:
                 child = element.find(start + path)
@@ -412,19 +418,19 @@ def _qos(element: Element, where: tuple[str, ...], out: dict[str, object]) -> No
         return None
 
     for key, (paths, values) in _WORDS.items():
-        child = found(*paths)
+        child = child_at(*paths)
         if child is not None and child.text and child.text.strip():
-            given = child.text.strip()
-            word = re.sub("_(RELIABILITY|DURABILITY|HISTORY|LIVELINESS|OWNERSHIP)_QOS$", "", given)
+            text = child.text.strip()
+            word = re.sub("_(RELIABILITY|DURABILITY|HISTORY|LIVELINESS|OWNERSHIP)_QOS$", "", text)
             if word not in values:
-                raise ProfileError(f"<{paths[0]}> is {given!r}, not one of {', '.join(values)}")
+                raise ProfileError(f"<{paths[0]}> is {text!r}, not one of {', '.join(values)}")
             out[key] = values[word]
     for key, paths in _NUMBERS.items():
-        child = found(*paths)
+        child = child_at(*paths)
         if child is not None and child.text and child.text.strip():
             out[key] = _number(child.text.strip(), paths[0].split("/")[1 if key == "depth" else 0])
     for key, paths in _PERIODS.items():
-        period = found(*paths)
+        period = child_at(*paths)
         if period is not None:
             milliseconds = _milliseconds(period)
             if milliseconds:
@@ -440,7 +446,7 @@ def _qos(element: Element, where: tuple[str, ...], out: dict[str, object]) -> No
         raise ProfileError(f"{len(names)} partitions are over the limit of {MAX_PARTITIONS}")
     if names:
         out["partitions"] = tuple(names)
-    data = found("userData/value", "user_data/value")
+    data = child_at("userData/value", "user_data/value")
     if data is not None and data.text and data.text.strip():
         out["user_data"] = _octets(data.text.strip())
 
@@ -454,8 +460,8 @@ def _octets(text: str) -> bytes:
     try:
         return base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError) as error:
-        what = f"<userData> is {text[:40]!r}, neither hex octets (1f.2a) nor base64"
-        raise ProfileError(what) from error
+        reason = f"<userData> is {text[:40]!r}, neither hex octets (1f.2a) nor base64"
+        raise ProfileError(reason) from error
 
 
 def _milliseconds(period: Element) -> int | None:
@@ -466,7 +472,7 @@ def _milliseconds(period: Element) -> int | None:
     return _number(seconds, "sec") * 1000 + _number(nanoseconds, "nanosec") // 1_000_000
 
 
-def _number(text: str, what: str) -> int:
+def _number(text: str, tag: str) -> int:
     if not re.fullmatch(r"[0-9]{1,10}", text) or int(text) > MAX_NUMBER:
-        raise ProfileError(f"<{what}> is {text!r}, not a number")
+        raise ProfileError(f"<{tag}> is {text!r}, not a number")
     return int(text)

@@ -114,10 +114,10 @@ class ParsedMessage(NamedTuple):
     error: str
 
     def __str__(self) -> str:
-        said = [str(part) for part in self.parts]
+        texts = [str(part) for part in self.parts]
         if self.error:
-            said.append(self.error)
-        text = f"{_head(self)} {'; '.join(said)}".strip()
+            texts.append(self.error)
+        text = f"{_head(self)} {'; '.join(texts)}".strip()
         return text if len(text) <= MAX_LINE else f"{text[: MAX_LINE - 3]}..."
 
 
@@ -193,18 +193,18 @@ def _part(kind: int, flags: int, payload: bytes) -> ParsedSubmessage:
         about = f"of {_count(len(payload), 'byte')}: {_octets(payload)}"
         return ParsedSubmessage(f"submessage {kind}", about.rstrip(": "))
     r = Reader(payload, 0, len(payload), bool(flags & ids.FLAG_LITTLE_ENDIAN))
-    said: list[str] = []
+    texts: list[str] = []
     try:
         for text in _TEXTS[kind](r, flags):
-            said.append(text)
+            texts.append(text)
     except DecodeError as error:
-        said.append(f"?? {error}: {_octets(payload)}")
+        texts.append(f"?? {error}: {_octets(payload)}")
     else:
         if r.remaining():
-            said.append(f"?? {_count(r.remaining(), 'byte')} more: {_octets(payload[r.offset :])}")
+            texts.append(f"?? {_count(r.remaining(), 'byte')} more: {_octets(payload[r.offset :])}")
     if not r.little and kind not in (ids.RESET, ids.FRAGMENT):
-        said.append("[big endian]")
-    return ParsedSubmessage(name, " ".join(text for text in said if text))
+        texts.append("[big endian]")
+    return ParsedSubmessage(name, " ".join(text for text in texts if text))
 
 
 def _create_client(r: Reader, flags: int) -> Iterator[str]:
@@ -360,9 +360,9 @@ def _info(r: Reader, flags: int) -> Iterator[str]:
     request, object_id = messages.pull_request(r)
     r.offset = r.start
     if object_id == ids.OBJECT_AGENT:
-        _, _, status, known, locators = messages.pull_info(r)
+        _, _, status, info_mask, locators = messages.pull_info(r)
         yield f"#{request} {object_name(object_id)} {ids.status_name(status)}"
-        yield "session known" if known else "no session"
+        yield "session known" if info_mask else "no session"
         if locators:
             yield f"at {_listed(_locator(*locator) for locator in locators)}"
         return
@@ -496,8 +496,8 @@ def _bytes(r: Reader) -> str:
     return _count(len(rest), "byte") + (f": {_octets(rest)}" if rest else "")
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def escape(text: str) -> str:
@@ -514,6 +514,6 @@ def _quoted(text: str) -> str:
 
 
 def _listed(texts: Iterator[str] | map[str]) -> str:
-    found = list(texts)
-    more = len(found) - _MAX_LISTED
-    return ", ".join(found[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
+    entries = list(texts)
+    more = len(entries) - _MAX_LISTED
+    return ", ".join(entries[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

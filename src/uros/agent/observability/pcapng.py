@@ -91,12 +91,12 @@ class PcapngEncoder:
     def _endpoints(
         self, transport: ServerTransport, address: str, number: int
     ) -> tuple[_Endpoint, _Endpoint]:
-        known = self._known.get((transport, address))
-        if known is None:
+        endpoints = self._known.get((transport, address))
+        if endpoints is None:
             if len(self._known) >= _MAX_ADDRESSES:
                 self._known.clear()
-            known = self._known[transport, address] = self._find(transport, address, number)
-        return known
+            endpoints = self._known[transport, address] = self._find(transport, address, number)
+        return endpoints
 
     def _find(
         self, transport: ServerTransport, address: str, number: int
@@ -104,22 +104,22 @@ class PcapngEncoder:
         port = getattr(transport, "port", None)
         port = port if isinstance(port, int) and 0 < port <= 0xFFFF else DEFAULT_PORT
         # Behind a space, TLS has the name in the client's certificate.
-        host, _, theirs = address.partition(" ")[0].rpartition(":")
+        host, _, client_port = address.partition(" ")[0].rpartition(":")
         try:
             ip = ipaddress.ip_address(host.strip("[]"))
-            client = ip.packed, int(theirs) & 0xFFFF
+            client = ip.packed, int(client_port) & 0xFFFF
         except ValueError:
             board = self._boards[transport] = self._boards.get(transport, 0) + 1
             made_up = bytes((127, (number + 1) & 0xFF, board >> 8 & 0xFF, board & 0xFF))
             return (made_up, port), (b"\x7f\0\0\1", port)
-        ours = getattr(transport, "listens_on", "")
+        listens_on = getattr(transport, "listens_on", "")
         try:
-            mine = ipaddress.ip_address(ours)
-            if mine.version != ip.version or mine.is_unspecified:
-                mine = ipaddress.ip_address(own_address((str(ip), client[1] or 9)) or "")
+            agent_ip = ipaddress.ip_address(listens_on)
+            if agent_ip.version != ip.version or agent_ip.is_unspecified:
+                agent_ip = ipaddress.ip_address(own_address((str(ip), client[1] or 9)) or "")
         except ValueError:
-            mine = ipaddress.ip_address("::1" if ip.version == 6 else "127.0.0.1")
-        return client, (mine.packed, port)
+            agent_ip = ipaddress.ip_address("::1" if ip.version == 6 else "127.0.0.1")
+        return client, (agent_ip.packed, port)
 
 
 def _udp(source: _Endpoint, destination: _Endpoint, payload: bytes) -> bytes:

@@ -123,16 +123,16 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
     info = GaugeMetricFamily(
         "uros_client_info", about, labels=["key", "transport", "address", "node"]
     )
-    heard = GaugeMetricFamily(
+    last_message = GaugeMetricFamily(
         "uros_client_silence_seconds", "Seconds since the board was heard", labels=["key"]
     )
     for client in clients[:MAX_SERIES]:
         node = client["nodes"][0]["name"] if client["nodes"] else ""
         where = [client["transport"], _label(client["address"])]
         info.add_metric([client["key"], *where, _label(node)], 1)
-        heard.add_metric([client["key"]], client["heard_ago"])
+        last_message.add_metric([client["key"]], client["heard_ago"])
     yield info
-    yield heard
+    yield last_message
     for name, about, counter, (part, field) in _CLIENT:
         make = CounterMetricFamily if counter else GaugeMetricFamily
         each = make(f"uros_client_{name}", about, labels=["key"])
@@ -197,15 +197,15 @@ class Metrics:
             text = f"--metrics: there is no host {self.host}: give an address of this machine"
             raise TransportError(error.errno, text) from error
         except OSError as error:
-            said = bind_trouble("TCP", self.port, error, "--metrics")
+            reason = bind_trouble("TCP", self.port, error, "--metrics")
             if error.errno == errno.EADDRNOTAVAIL:
-                said = address_trouble("TCP", self.host, self.port)
+                reason = address_trouble("TCP", self.host, self.port)
             elif error.errno == errno.EADDRINUSE:
-                said = (
+                reason = (
                     f"--metrics: TCP port {self.port} is in use, perhaps by another agent: choose"
                     " another, or 0 for any that is free"
                 )
-            raise TransportError(error.errno, said) from error
+            raise TransportError(error.errno, reason) from error
         self.host, self.port = self._http.host, self._http.port
         self._http.start()
         url = f"http://{text_of((self.host, self.port))}/metrics"
@@ -229,20 +229,20 @@ class _Http(HttpServer):
 
     def snapshot(self) -> dict[str, Any] | None:
         """Request a snapshot, in a thread of HTTP; None where it is not made in time."""
-        made: list[str] = []
+        pieces: list[str] = []
         ready = threading.Event()
-        wanted = True
+        waiting = True
 
         def done(text: str) -> None:
-            made.append(text)
+            pieces.append(text)
             ready.set()
 
         server = self.agent_server
-        server.soon(lambda: gather(server, done, lambda: wanted))
+        server.soon(lambda: gather(server, done, lambda: waiting))
         if not ready.wait(PATIENCE):
-            wanted = False
+            waiting = False
             return None
-        snapshot: dict[str, Any] = json.loads(made[0])
+        snapshot: dict[str, Any] = json.loads(pieces[0])
         return snapshot
 
 

@@ -87,12 +87,12 @@ def seal(slot: bytearray) -> None:
 
 def records_in(data: bytes) -> list[tuple[int, int, bytes]]:
     """Return ``(serial, number, payload)`` of all valid records; bytes between them are skipped."""
-    found: list[tuple[int, int, bytes]] = []
+    records: list[tuple[int, int, bytes]] = []
     at = 0
     while True:
         at = data.find(_RECORD_MAGIC, at)
         if at < 0 or at + RECORD_SIZE > len(data):
-            return found
+            return records
         _, length, serial, number, crc = _RECORD.unpack_from(data, at)
         start = at + RECORD_SIZE
         if _CRC.unpack_from(data, start - 4)[0] != zlib.crc32(data[at : start - 4]):
@@ -104,7 +104,7 @@ def records_in(data: bytes) -> list[tuple[int, int, bytes]]:
             continue
         # A valid head has the position of the next record: each payload is read only once.
         if zlib.crc32(payload) == crc:
-            found.append((serial, number, payload))
+            records.append((serial, number, payload))
         at = start + length
 
 
@@ -129,9 +129,9 @@ def _read_head(head: bytes) -> bool | None:
     try:
         if len(lines) < 3 or int(lines[2], 16) != zlib.crc32(lines[1]):
             return None
-        known: Any = json.loads(lines[1])
+        header: Any = json.loads(lines[1])
         boot = _boot_id()
-        return bool(known["clean"]) or (bool(boot) and known["boot"] == boot)
+        return bool(header["clean"]) or (bool(boot) and header["boot"] == boot)
     except (ValueError, TypeError, KeyError, RecursionError):
         return None
 
@@ -297,8 +297,8 @@ class Journal:
         except FileNotFoundError:
             return
         try:
-            here, there = os.fstat(self._fd), os.fstat(fd)
-            if (here.st_dev, here.st_ino) != (there.st_dev, there.st_ino):
+            own_status, named_status = os.fstat(self._fd), os.fstat(fd)
+            if (own_status.st_dev, own_status.st_ino) != (named_status.st_dev, named_status.st_ino):
                 fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise OSError(errno.EBUSY, "another agent uses it now") from None
@@ -352,20 +352,20 @@ class Journal:
     def missing(self) -> str | None:
         """Return how another program has changed the file; None where it did not."""
         try:
-            here = os.fstat(self._fd)
-            there = os.stat(self.path)
+            own_status = os.fstat(self._fd)
+            named_status = os.stat(self.path)
         except FileNotFoundError:
             return "the file was deleted"
         except OSError as error:
             return error.strerror or str(error)
-        if (here.st_dev, here.st_ino) != (there.st_dev, there.st_ino):
+        if (own_status.st_dev, own_status.st_ino) != (named_status.st_dev, named_status.st_ino):
             return "another file has its name"
         try:
             mark = os.pread(self._fd, len(_MARK), _JOURNAL_AT)
         except OSError as error:
             return error.strerror or str(error)
         # After a truncation, records appended since may have made it long again.
-        if here.st_size < self._end or mark != _MARK:
+        if own_status.st_size < self._end or mark != _MARK:
             return "the file was truncated"
         return None
 
@@ -398,9 +398,12 @@ def open_journal(path: str) -> Journal:
         for _ in range(_TRIES):
             fd = _open_and_lock(path)
             try:
-                there = os.stat(path)
-                here = os.fstat(fd)
-                if (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino):
+                named_status = os.stat(path)
+                own_status = os.fstat(fd)
+                if (own_status.st_dev, own_status.st_ino) == (
+                    named_status.st_dev,
+                    named_status.st_ino,
+                ):
                     return _checked(path, fd)
             except FileNotFoundError:
                 pass
@@ -443,8 +446,8 @@ def _open_and_lock(path: str) -> int:
 
 
 def _not_regular(path: str) -> JournalError:
-    what = "a directory: name a file in it" if os.path.isdir(path) else "no regular file"
-    return JournalError(f"--state {path}: it is {what}")
+    reason = "a directory: name a file in it" if os.path.isdir(path) else "no regular file"
+    return JournalError(f"--state {path}: it is {reason}")
 
 
 def _has_slots(fd: int) -> bool:

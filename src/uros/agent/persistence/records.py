@@ -97,18 +97,18 @@ def _peer(value: Any) -> Any:
     raise DamagedRecords(f"no address: {value!r}")
 
 
-def object_payload(object_id: int, what: Representation) -> bytes:
+def object_payload(object_id: int, representation: Representation) -> bytes:
     """Encode the record ``O``."""
-    form, content, kind, parent, little = what
+    form, content, kind, parent, little = representation
     text = isinstance(content, str)
     head = [object_id, form, kind, parent, little, text]
     raw = content.encode("utf-8", "surrogateescape") if isinstance(content, str) else content
     return b"O" + json.dumps(head).encode() + b"\n" + raw
 
 
-def reading_payload(object_id: int, what: Reading) -> bytes:
+def reading_payload(object_id: int, reading: Reading) -> bytes:
     """Encode the record ``R``."""
-    return b"R" + json.dumps([object_id, *what]).encode()
+    return b"R" + json.dumps([object_id, *reading]).encode()
 
 
 def id_payload(letter: bytes, object_id: int) -> bytes:
@@ -186,23 +186,23 @@ class ClientRecords:
     def parse(cls, slot: bytes, records: dict[int, bytes]) -> ClientRecords:
         """Parse a client's slot and its records by their numbers; raises DamagedRecords."""
         _, _, count, key = SLOT_HEAD.unpack_from(slot)
-        found = cls()
+        parsed = cls()
         for number in range(1, count + 1):
             payload = records.get(number)
             if payload is None:
                 raise DamagedRecords(f"record {number} of {count} is missing")
             try:
-                found._apply(payload)
+                parsed._apply(payload)
             except DamagedRecords:
                 raise
             except (
                 ValueError, TypeError, KeyError, OverflowError, struct.error, RecursionError
             ) as error:  # fmt: skip
                 raise DamagedRecords(f"record {number}: {error}") from error
-        if found.info is None or found.info.key != key:
+        if parsed.info is None or parsed.info.key != key:
             raise DamagedRecords("its first record is missing")
-        found._streams(slot)
-        return found
+        parsed._streams(slot)
+        return parsed
 
     def _apply(self, payload: bytes) -> None:
         letter, body = payload[:1], payload[1:]
@@ -248,8 +248,8 @@ class ClientRecords:
         else:
             raise DamagedRecords(f"a record {letter!r}")
 
-    def _client(self, known: dict[str, Any]) -> None:
-        info = ClientInfo(**known)
+    def _client(self, fields: dict[str, Any]) -> None:
+        info = ClientInfo(**fields)
         info.peer = _peer(info.peer)
         info.properties = [(str(name), str(value)) for name, value in info.properties]
         info.asleep_since = float(info.asleep_since)
@@ -270,8 +270,8 @@ class ClientRecords:
 
     def deleted(self, object_id: int) -> None:
         """Remove an object that was deleted."""
-        for known in (self.objects, self.reads, self.matched, self.latched):
-            known.pop(object_id, None)
+        for records in (self.objects, self.reads, self.matched, self.latched):
+            records.pop(object_id, None)
 
     def _streams(self, slot: bytes) -> None:
         """Apply the slot; raises DamagedRecords where messages are missing."""
@@ -297,8 +297,8 @@ class ClientRecords:
             numbers = [(acked + index) & 0xFFFF for index in range(count)]
             if any(number not in stream.held for number in numbers):
                 raise DamagedRecords("messages to it are missing")
-            held = {number: stream.held[number] for number in numbers}
-            outgoing[stream_id] = Outgoing(acked, sent, stream.next, held)
+            messages = {number: stream.held[number] for number in numbers}
+            outgoing[stream_id] = Outgoing(acked, sent, stream.next, messages)
         self.outgoing = outgoing
 
     # --- writing --------------------------------------------------------------------

@@ -77,14 +77,14 @@ def restore(
     """
     info = records.info
     assert info is not None
-    who = f"client_key: {key_label(info.key)}"
+    client_label = f"client_key: {key_label(info.key)}"
     try:
-        who += f", address: {transport.address(info.peer)}"
+        client_label += f", address: {transport.address(info.peer)}"
         why = _refusal(agent, transport, info)
     except Exception:  # attack: a file with invalid addresses
         why = f"{info.peer!a:.80} is not an address of its transport"
     if why:
-        log.info("State", "open", "session not restored", f"{who}, {why}")
+        log.info("State", "open", "session not restored", f"{client_label}, {why}")
         return None
     info.asleep_since = 0.0
     try:
@@ -100,7 +100,7 @@ def restore(
         return None
     client.session.request_retransmit()
     agent.attend(client.session)
-    log.info("State", "open", "session restored", f"{who}, objects: {len(client.objects)}")
+    log.info("State", "open", "session restored", f"{client_label}, objects: {len(client.objects)}")
     return cursor
 
 
@@ -138,9 +138,9 @@ def _resume(
 def _restore_objects(cursor: WriteCursor, agent: AgentContext, log: Log) -> None:
     """Restore the objects, the last samples of datawriters, and active READ_DATA."""
     client, records = cursor.client, cursor.records
-    for object_id, what in list(records.objects.items()):
+    for object_id, representation in list(records.objects.items()):
         try:
-            client.recreate(object_id, *what)
+            client.recreate(object_id, *representation)
         except Exception as error:
             records.deleted(object_id)
             log.warning(

@@ -178,8 +178,8 @@ class SessionStore:
             self._commit()
             return
         if properties is None:
-            known = cursor.records.info if cursor is not None else None
-            properties = known.properties if known is not None else []
+            info_before = cursor.records.info if cursor is not None else None
+            properties = info_before.properties if info_before is not None else []
         info = ClientInfo(key, session.session_id, session.mtu, _name(transport), peer, properties)
         if cursor is None:
             cursor = self._enter(client, ClientRecords())
@@ -221,13 +221,13 @@ class SessionStore:
             self._fail(lost=True)
         self._free.append(index)
 
-    def created(self, client: ClientState, obj: XrceObject, what: Representation) -> None:
+    def created(self, client: ClientState, obj: XrceObject, representation: Representation) -> None:
         """Record an object that was created by this representation."""
         cursor = self._cursor(client)
         if cursor is not None:
             assert self._server is not None
-            cursor.records.objects[obj.object_id] = what
-            self._add(cursor, object_payload(obj.object_id, what))
+            cursor.records.objects[obj.object_id] = representation
+            self._add(cursor, object_payload(obj.object_id, representation))
             for each in (obj, *obj.parts):
                 cursor.watch_samples(each, self._server.agent.attend)
 
@@ -239,19 +239,19 @@ class SessionStore:
         if cursor is not None:
             cursor.records.deleted(object_id)
 
-    def reading(self, client: ClientState, object_id: int, what: Reading | None) -> None:
+    def reading(self, client: ClientState, object_id: int, reading: Reading | None) -> None:
         """Record a READ_DATA of an object; None: its end."""
         cursor = self._cursor(client)
         if cursor is None:
             return
         cursor.limited.discard(object_id)
-        if what is None:
+        if reading is None:
             if cursor.records.reads.pop(object_id, None) is not None:
                 self._add(cursor, id_payload(b"E", object_id))
             return
-        cursor.records.reads[object_id] = what
-        self._add(cursor, reading_payload(object_id, what))
-        cursor.note_limits(object_id, what)
+        cursor.records.reads[object_id] = reading
+        self._add(cursor, reading_payload(object_id, reading))
+        cursor.note_limits(object_id, reading)
 
     def _cursor(self, client: ClientState) -> WriteCursor | None:
         cursor = self._cursors.get(client.key) if not self._restoring else None
@@ -349,9 +349,9 @@ class SessionStore:
         self, cursor: WriteCursor, stream_id: int, out: ReliableOut, outbound: OutboundCursor
     ) -> None:
         gap = False
-        _, _, after, held = out.export(outbound.next)
+        _, _, after, messages = out.export(outbound.next)
         while outbound.next != after:
-            message = held.get(outbound.next)
+            message = messages.get(outbound.next)
             gap = message is None
             if message is not None:
                 self._add(cursor, number_payload(b"T", stream_id, outbound.next, message))
@@ -378,10 +378,10 @@ class SessionStore:
                 if cursor.records.reads.pop(object_id, None) is not None:
                     self._add(cursor, id_payload(b"E", object_id))
                 continue
-            left = delivery.remaining
+            remaining = delivery.remaining
             request_id, stream_id, control = reading
-            if left is not None and left != (control or (1,))[0]:
-                control = (left, *(control or (1, 0, 0, 0))[1:])
+            if remaining is not None and remaining != (control or (1,))[0]:
+                control = (remaining, *(control or (1, 0, 0, 0))[1:])
                 cursor.records.reads[object_id] = request_id, stream_id, control
                 self._add(cursor, reading_payload(object_id, (request_id, stream_id, control)))
 
@@ -463,12 +463,12 @@ class SessionStore:
 
     def _request_retransmits(self) -> None:
         """Ask restored clients to retransmit again: a request may have been lost."""
-        for key, left in list(self._retransmits.items()):
+        for key, attempts in list(self._retransmits.items()):
             cursor = self._cursors.get(key)
-            if cursor is None or not left or self._server is None:
+            if cursor is None or not attempts or self._server is None:
                 del self._retransmits[key]
                 continue
-            self._retransmits[key] = left - 1
+            self._retransmits[key] = attempts - 1
             cursor.client.session.request_retransmit()
             self._server.agent.attend(cursor.client.session)
 
@@ -494,15 +494,15 @@ class SessionStore:
             self._turns.extend(self._cursors)
         if self._server is None:
             return
-        left, now = _COUNTED, self._server.agent.clock.monotonic()
-        while self._turns and left > 0:
+        budget, now = _COUNTED, self._server.agent.clock.monotonic()
+        while self._turns and budget > 0:
             cursor = self._cursors.get(self._turns.popleft())
             if cursor is None or now < cursor.hold_until:
                 continue
             for object_id, obj in cursor.client.objects.items():
                 if not isinstance(obj.endpoint, WriterEndpoint) or object_id > 0xFFFF:
                     continue
-                left -= 1
+                budget -= 1
                 readers = obj.endpoint.matched()
                 if readers != cursor.records.matched.get(object_id, 0):
                     cursor.records.matched[object_id] = readers

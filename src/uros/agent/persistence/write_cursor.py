@@ -165,5 +165,7 @@ class WriteCursor:
                 outbound.sent = acked
             count = (outbound.next - acked) & 0xFFFF
             numbers = ((acked + index) & 0xFFFF for index in range(count))
-            held = {number: messages[number] for number in numbers}
-            records.outgoing[stream_id] = Outgoing(acked, outbound.sent, outbound.next, held)
+            kept_messages = {number: messages[number] for number in numbers}
+            records.outgoing[stream_id] = Outgoing(
+                acked, outbound.sent, outbound.next, kept_messages
+            )

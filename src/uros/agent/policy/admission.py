@@ -60,13 +60,13 @@ class Admission:
         """
         if not self.networks or host is None:
             return True
-        known = self._hosts.get(host)
-        if known is None:
-            known = self._is_inside(host)
+        admitted = self._hosts.get(host)
+        if admitted is None:
+            admitted = self._is_inside(host)
             if len(self._hosts) >= _MAX_HOSTS:
                 self._hosts.clear()
-            self._hosts[host] = known
-        return known
+            self._hosts[host] = admitted
+        return admitted
 
     def admits(self, key: int, host: str | None) -> bool:
         """Return whether key and address are allowed."""
@@ -99,30 +99,30 @@ def make_admission(
     Raises:
         ConfigError: A value is invalid; the text says where.
     """
-    made = Admission()
+    admission = Admission()
     for name, table in tables:
         try:
-            _add(made, _table(table))
+            _add(admission, _table(table))
         except ConfigError as error:
             raise ConfigError(f"{name}: [admission]: {error}") from error
     if keys:
-        _add(made, {"keys": [typed(key) for key in keys]})
+        _add(admission, {"keys": [typed(key) for key in keys]})
     if networks:
-        _add(made, {"networks": list(networks)})
+        _add(admission, {"networks": list(networks)})
     if max_clients is not None:
-        _add(made, {"max_clients": max_clients})
-    return made
+        _add(admission, {"max_clients": max_clients})
+    return admission
 
 
-def _add(made: Admission, table: Mapping[str, Any]) -> None:
+def _add(admission: Admission, table: Mapping[str, Any]) -> None:
     only(table, ("keys", "networks", "max_clients"), "it")
     for name in ("keys", "networks"):
         if name in table and not listed(table[name]):
             raise ConfigError(f"{name} is empty, which admits nobody: leave it out to admit all")
-    made.keys |= {key_of(key) for key in listed(table.get("keys", []))}
-    made.networks += tuple(_network(network) for network in listed(table.get("networks", [])))
+    admission.keys |= {key_of(key) for key in listed(table.get("keys", []))}
+    admission.networks += tuple(_network(network) for network in listed(table.get("networks", [])))
     if "max_clients" in table:
-        made.max_clients = whole(table["max_clients"], "max_clients", 1, MAX_CLIENTS)
+        admission.max_clients = whole(table["max_clients"], "max_clients", 1, MAX_CLIENTS)
 
 
 def _table(value: Any) -> Mapping[str, Any]:

@@ -12,13 +12,13 @@ class ConfigError(ValueError):
     """A value is invalid; the text has its place, the value, and what is allowed."""
 
 
-def only(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
-    """Raise ConfigError where ``table``, called ``what``, has a key that is not ``known``."""
+def only(table: Mapping[str, Any], names: tuple[str, ...], about: str) -> None:
+    """Raise ConfigError, which names ``about``, if ``table`` has a key that is not in ``names``."""
     for key in table:
-        if key not in known:
-            close = get_close_matches(key, known, 1, 0.6)
-            hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
-            raise ConfigError(f"{what} has no {key!r}{hint}")
+        if key not in names:
+            close = get_close_matches(key, names, 1, 0.6)
+            hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(names)}"
+            raise ConfigError(f"{about} has no {key!r}{hint}")
 
 
 def shown(value: Any) -> str:
@@ -41,10 +41,10 @@ def listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def table_of(value: Any, what: str) -> dict[str, Any]:
+def table_of(value: Any, about: str) -> dict[str, Any]:
     """Return a table; raises ConfigError for another value."""
     if not isinstance(value, dict):
-        raise ConfigError(f"{what} is {shown(value)}, not a table such as {{ … = … }}")
+        raise ConfigError(f"{about} is {shown(value)}, not a table such as {{ … = … }}")
     return value
 
 
@@ -55,13 +55,13 @@ def key_of(value: Any) -> int:
     return whole(value, "key", 0, 0xFFFFFFFF, ' or a text such as "0x4B0CBE99"')
 
 
-def whole(value: Any, what: str, low: int, high: int, also: str = "") -> int:
+def whole(value: Any, about: str, low: int, high: int, also: str = "") -> int:
     """Return a whole number from ``low`` to ``high``; raises ConfigError for another value.
 
     ``also`` names other values that are allowed, for the text of the error.
     """
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise ConfigError(
-            f"{what} is {shown(value)}, not a whole number from {low} to {high}{also}"
+            f"{about} is {shown(value)}, not a whole number from {low} to {high}{also}"
         )
     return value

@@ -109,14 +109,16 @@ class EvictionPolicy:
         until = self._in_vain.get(over)
         if until is not None and 0 < ticks_diff(until, now) <= _PAUSE_MS:
             return [], ""
-        found = self._silent(largest, network, part, most, now)
+        candidates = self._silent(largest, network, part, most, now)
         why = "one address has most of the sessions, and they are silent"
-        if not found:
-            found = self._without_objects([inside] if over else self._networks.values(), now)[:part]
+        if not candidates:
+            candidates = self._without_objects([inside] if over else self._networks.values(), now)[
+                :part
+            ]
             why = "they have no objects"
-        if not found:
+        if not candidates:
             self._in_vain[over] = ticks_add(now, _PAUSE_MS)
-        return found, why
+        return candidates, why
 
     def _silent(
         self, largest: Hashable, network: Hashable, part: int, most: int, now: int
@@ -143,14 +145,14 @@ class EvictionPolicy:
         networks: Iterable[dict[Hashable, dict[ClientState, None]]], now: int
     ) -> list[ClientState]:
         """Return the clients without objects, the longest silent first."""
-        found = [
+        candidates = [
             client
             for sockets in networks
             for clients in sockets.values()
             for client in clients
             if not client.objects
         ]
-        return sorted(found, key=lambda client: ticks_diff(client.session.heard, now))
+        return sorted(candidates, key=lambda client: ticks_diff(client.session.heard, now))
 
 
 def _cheapest(clients: Iterable[ClientState], count: int) -> list[ClientState]:

@@ -41,9 +41,9 @@ class Limits:
     memory: int = 256 * 1024 * 1024
 
 
-def use(used: set[_One], one: _One, most: int, what: str) -> None:
+def use(used: set[_One], value: _One, most: int, noun: str) -> None:
     """Add a value to those that a client uses; raises TooMany where ``most`` are used already."""
-    if one not in used:
+    if value not in used:
         if len(used) >= most:
-            raise TooMany(f"over {most} {what} of one client")
-        used.add(one)
+            raise TooMany(f"over {most} {noun} of one client")
+        used.add(value)

@@ -56,8 +56,8 @@ class LineLossMonitor:
     def watch(self, client: ClientState) -> None:
         """Watch a client, if its line is away."""
         transport, peer = place = self._agent.place(client.key)
-        known = self._missing.get(client)
-        if not transport.is_away(peer) or (known is not None and not self._is_back(client, known)):
+        lost = self._missing.get(client)
+        if not transport.is_away(peer) or (lost is not None and not self._is_back(client, lost)):
             return
         now = self._agent.now()
         if client.session.heard == now:

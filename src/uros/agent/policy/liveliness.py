@@ -105,20 +105,20 @@ class Liveliness:
             elapsed = max(0, ticks_diff(now, self._checked_at))
             self._time += min(elapsed, self._pause + 1000)
         self._checked_at = now
-        left = [MAX_PROBED, MAX_DELETED]
+        quota = [MAX_PROBED, MAX_DELETED]
         if self._hard:
-            self._check_hard(left)
+            self._check_hard(quota)
         if self.dead_ms and self._time >= self._next_check_all:
-            self._check_all(now, left)
+            self._check_all(now, quota)
             self._next_check_all = self._time + CHECK_MS - _REST_MS
         pause = min((period // 2 for period, _ in self._hard.values()), default=CHECK_MS)
-        if min(left) <= 0:
+        if min(quota) <= 0:
             pause = _REST_MS
             self._next_check_all = 0
         self._pause = min(pause, CHECK_MS)
         return self._pause / 1000
 
-    def _check_all(self, now: int, left: list[int]) -> None:
+    def _check_all(self, now: int, quota: list[int]) -> None:
         patience, before = self._patience, self._silent
         self._silent = after = {}
         silent = [
@@ -139,11 +139,11 @@ class Liveliness:
                 and self._time - silence.since >= self.dead_ms
                 and unanswered_for >= min(patience, CHECK_MS)
             ):
-                self._delete(client, silence, left, "set by --dead-time SECONDS, 0: never")
+                self._delete(client, silence, quota, "set by --dead-time SECONDS, 0: never")
             elif not silence.probes or unanswered_for >= patience:
-                self._probe(client, silence, left)
+                self._probe(client, silence, quota)
 
-    def _check_hard(self, left: list[int]) -> None:
+    def _check_hard(self, quota: list[int]) -> None:
         clients = self._agent.clients
         for client, (period, silence) in list(self._hard.items()):
             if clients.get(client.key) is not client:
@@ -153,20 +153,20 @@ class Liveliness:
             elif self._time - max(silence.since, silence.probed_at) < period:
                 continue
             elif silence.probes >= PROBES:
-                self._delete(client, silence, left, f"requested by the client: {HARD}={period}")
+                self._delete(client, silence, quota, f"requested by the client: {HARD}={period}")
             else:
-                self._probe(client, silence, left)
+                self._probe(client, silence, quota)
 
-    def _probe(self, client: ClientState, silence: _Silence, left: list[int]) -> None:
-        if left[0] > 0:
+    def _probe(self, client: ClientState, silence: _Silence, quota: list[int]) -> None:
+        if quota[0] > 0:
             silence.probes += 1
             silence.probed_at = self._time
             client.session.probe()
             self._agent.attend(client.session)
-        left[0] -= 1
+        quota[0] -= 1
 
-    def _delete(self, client: ClientState, silence: _Silence, left: list[int], why: str) -> None:
-        if left[1] > 0:
+    def _delete(self, client: ClientState, silence: _Silence, quota: list[int], why: str) -> None:
+        if quota[1] > 0:
             seconds = (self._time - silence.since) / 1000
             self._agent.log.warning(
                 "Root", "check_liveliness", "client is silent",
@@ -175,4 +175,4 @@ class Liveliness:
                 f" {silence.probes} probes unanswered: deleted ({why})",
             )  # fmt: skip
             self._agent.delete_client(client.key)
-        left[1] -= 1
+        quota[1] -= 1

@@ -93,23 +93,23 @@ class MemoryBudget:
 
     def count(self) -> list[tuple[int, Holder]]:
         """Recount the usage; return ``(bytes, client)`` of all clients."""
-        held = [(holder.held(), holder) for holder in self._holders()]
-        self.total = sum(size for size, _ in held)
+        sizes = [(holder.held(), holder) for holder in self._holders()]
+        self.total = sum(size for size, _ in sizes)
         self.since = 0
         self.room = max(0, self.limit - self.total)
         self.full = self.total > self.limit * 15 // 16
-        return held
+        return sizes
 
     def settle(self, now: int) -> None:
         """Count and evict, if too much was charged. Called once a turn."""
         if self.since <= self.room:
             return
-        wanted = self.since - self.room
-        held = self.count()
-        if self.total + min(wanted, self.limit // 16) <= self.limit:
+        excess = self.since - self.room
+        sizes = self.count()
+        if self.total + min(excess, self.limit // 16) <= self.limit:
             return
-        fair = self.limit // max(1, len(held))
-        worst = [pair for pair in held if pair[0] > fair] or held
+        fair = self.limit // max(1, len(sizes))
+        worst = [pair for pair in sizes if pair[0] > fair] or sizes
         worst.sort(key=lambda pair: pair[0] * (1 + max(0, ticks_diff(now, pair[1].heard()))))
         while worst and self.total > self.limit * _RELIEVED:
             size, client = worst.pop()

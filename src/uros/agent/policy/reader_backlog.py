@@ -81,7 +81,7 @@ class Backlog:
 
     def check(self) -> bool:
         """Count new samples, drop the oldest over the limit; return whether there may be more."""
-        sizes, known = self._sizes, self.octets
+        sizes, octets_before = self._sizes, self.octets
         arrived = self._source.arrived(MAX_LOOKED_AT)
         count = 0
         for size in arrived:
@@ -99,5 +99,5 @@ class Backlog:
                 f"{count} samples that wait for the client are dropped, the oldest first: over"
                 f" {self._most} bytes wait (does it read? give the reader a smaller depth)"
             )
-        self._budget.since += max(0, self.octets - known)
+        self._budget.since += max(0, self.octets - octets_before)
         return len(arrived) >= MAX_LOOKED_AT

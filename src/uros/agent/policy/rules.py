@@ -232,11 +232,11 @@ class Settings:
         Raises NameRefused for what ROS does not allow behind its prefixes, and for what is no name
         of ROS where the board is in a namespace.
         """
-        found = names.split_dds(dds_name)
+        parts = names.split_dds(dds_name)
         free = self.any_name and not self.namespace
-        if free and (found is None or names.fault(found[1])):
+        if free and (parts is None or names.fault(parts[1])):
             return self._remap.get(dds_name, dds_name)
-        if found is None:
+        if parts is None:
             if self.namespace:
                 raise NameRefused(
                     f"topic {_cut(dds_name)!a} is no name of ROS (rt/…), and a rule puts this board"
@@ -249,11 +249,11 @@ class Settings:
                     f" {names.MAX_DDS_NAME}"
                 )
             return dds_name
-        prefix, given, suffix = found
-        why = names.fault(given)
+        prefix, ros_name, suffix = parts
+        why = names.fault(ros_name)
         if why:
             raise NameRefused(f"topic {_cut(dds_name)!a} is refused by the rules of ROS: {why}")
-        name = self.name(given, prefix)
+        name = self.name(ros_name, prefix)
         why = names.fault(name)
         if why:
             raise NameRefused(
@@ -274,8 +274,8 @@ class Settings:
 
     def apply(self, qos: QoSProfile, dds_name: str) -> None:
         """Apply the QoS rules for the topic that the board calls ``dds_name``."""
-        prefix, given, _ = names.split_dds(dds_name) or ("", names.absolute(dds_name), "")
-        called = {given, self.name(given, prefix)}
+        prefix, ros_name, _ = names.split_dds(dds_name) or ("", names.absolute(dds_name), "")
+        called = {ros_name, self.name(ros_name, prefix)}
         for pattern, fields in self._qos:
             if any(fnmatchcase(called_name, pattern) for called_name in called):
                 for key, value in fields.items():
@@ -331,10 +331,10 @@ class Rules:
         rules = [rule for rule in self._rules if rule.matches(key, address, node)]
         return Settings(rules, clock) if rules else NOTHING
 
-    def same_rules(self, key: int, one: str, other: str) -> bool:
+    def same_rules(self, key: int, address: str, other_address: str) -> bool:
         """Return whether a client has the same rules at two addresses, for all node names."""
-        return one == other or all(
-            rule.is_for(key, one) == rule.is_for(key, other) for rule in self._rules
+        return address == other_address or all(
+            rule.is_for(key, address) == rule.is_for(key, other_address) for rule in self._rules
         )
 
 
@@ -406,9 +406,9 @@ def _rate(value: Any) -> float:
     return float(value)
 
 
-def _pattern(value: Any, what: str) -> str:
+def _pattern(value: Any, name: str) -> str:
     if not isinstance(value, str) or not value:
-        raise ConfigError(f"{what} is {shown(value)}, not a text")
+        raise ConfigError(f"{name} is {shown(value)}, not a text")
     return value
 
 
@@ -425,16 +425,16 @@ def _address(value: Any) -> str:
     return pattern
 
 
-def _name(value: Any, what: str) -> str:
+def _name(value: Any, about: str) -> str:
     name = names.absolute(value) if isinstance(value, str) else ""
     if not names.is_valid(name):
         raise ConfigError(
-            f"{what}: {shown(value)} is no ROS name: letters, digits and _ between slashes, no"
+            f"{about}: {shown(value)} is no ROS name: letters, digits and _ between slashes, no"
             " part beginning with a digit"
         )
     if len(name) > names.MAX_NAMESPACE:
         raise ConfigError(
-            f"{what}: {shown(value)} has {len(name)} characters, and {names.MAX_NAMESPACE} are the"
+            f"{about}: {shown(value)} has {len(name)} characters, and {names.MAX_NAMESPACE} are the"
             " most that leave room for a topic"
         )
     return name
@@ -446,13 +446,13 @@ def _namespace(value: Any) -> str:
 
 def _qos(fields: Mapping[str, Any], about: str) -> dict[str, int]:
     only(fields, (*_POLICIES, *_NUMBERS), about)
-    found = {}
+    policies = {}
     for key, value in fields.items():
         if key in _NUMBERS:
-            found[key] = whole(value, f"{about}.{key}", *_NUMBERS[key])
+            policies[key] = whole(value, f"{about}.{key}", *_NUMBERS[key])
         elif isinstance(value, str) and value in _POLICIES[key]:
-            found[key] = _POLICIES[key][value]
+            policies[key] = _POLICIES[key][value]
         else:
-            known = " or ".join(_POLICIES[key])
-            raise ConfigError(f"{about}.{key} is {shown(value)}, not {known}")
-    return found
+            allowed = " or ".join(_POLICIES[key])
+            raise ConfigError(f"{about}.{key} is {shown(value)}, not {allowed}")
+    return policies

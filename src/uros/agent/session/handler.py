@@ -14,7 +14,7 @@ class Handler(Protocol):
     def room(self, stream: int) -> None:
         """Note that a reliable stream can take messages again."""
 
-    def fault(self, what: str, about: str) -> None:
+    def fault(self, event: str, about: str) -> None:
         """Note that the client broke the protocol; the rest of its message is dropped."""
 
     def many_fragments(self, size: int, count: int) -> None:
@@ -30,7 +30,7 @@ class _Gone:
     def room(self, stream: int) -> None:
         pass
 
-    def fault(self, what: str, about: str) -> None:
+    def fault(self, event: str, about: str) -> None:
         pass
 
     def many_fragments(self, size: int, count: int) -> None:

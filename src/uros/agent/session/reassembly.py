@@ -72,8 +72,8 @@ def beginning(whole: bytearray, first: int, last: int, writers: Container[int]) 
         0 if ``whole`` is one message; NONE if it is more than one and the last cannot be found.
     """
     whole_fits = fits(whole, 0, first, last)
-    told = whole[2] or whole[3] or len(whole) - 4 <= 0xFFFF
-    if whole_fits and told:
+    length_is_known = whole[2] or whole[3] or len(whole) - 4 <= 0xFFFF
+    if whole_fits and length_is_known:
         return 0
     otherwise = 0 if whole_fits else NONE
     if len(whole) < _HEAD or (whole_fits and not first):

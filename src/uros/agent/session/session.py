@@ -298,7 +298,7 @@ class Session:
             if kind == ids.WRITE_DATA and not flags & ids.FORMAT_MASK and stop - start > 4:
                 write = self.writers.get(buf[start + 2] << 8 | buf[start + 3])
             if write is not None:
-                kept = buf[start : start + 4]
+                saved = buf[start : start + 4]
                 buf[start] = 0
                 buf[start + 1] = flags & 1
                 buf[start + 2] = 0
@@ -312,7 +312,7 @@ class Session:
                     self._handler.fault("internal error", unexpected(error))
                     done = True
                 if not done:
-                    buf[start : start + 4] = kept
+                    buf[start : start + 4] = saved
             elif kind == ids.ACKNACK:
                 self._acknack(Reader(view, start, stop, bool(flags & 1)), now)
                 done = True
@@ -353,11 +353,11 @@ class Session:
         if not incoming.fragments.pending or not (incoming.first_fragment or last):
             incoming.first_fragment = len(part)
         if len(self._in) > 1:  # all streams together hold no more than one may
-            kept = sum(
-                known.fragments.pending + sum(map(len, known.stalled))
-                for known in self._in.values()
+            total = sum(
+                stream_in.fragments.pending + sum(map(len, stream_in.stalled))
+                for stream_in in self._in.values()
             )
-            incoming.fragments.limit = self._limit - kept + incoming.fragments.pending
+            incoming.fragments.limit = self._limit - total + incoming.fragments.pending
         whole = incoming.fragments.add(part, last)
         if whole is None:
             return True
@@ -426,8 +426,8 @@ class Session:
             body = incoming.stream.pop()
             if body is None:
                 return
-            kept = bytearray(body)
-            if not self._handle(incoming, kept, memoryview(kept), 0, len(kept), stream_id, now):
+            buf = bytearray(body)
+            if not self._handle(incoming, buf, memoryview(buf), 0, len(buf), stream_id, now):
                 return
 
     # --- time ----------------------------------------------------------------
@@ -484,9 +484,9 @@ class Session:
             stream.stream.restart(number, (number - 1) & 0xFFFF)
             stream.fragments.restore(part, skip)
             stream.fragment_at = number
-        for stream_id, (acked, sent, after, held) in outgoing.items():
+        for stream_id, (acked, sent, after, messages) in outgoing.items():
             out = self._out[stream_id] = ReliableOut(limit=MAX_HELD)
-            out.restore(acked, sent, after, held, now)
+            out.restore(acked, sent, after, messages, now)
         self._best_effort_out.update(best_effort)
 
     def request_retransmit(self) -> None:

@@ -26,7 +26,7 @@ def ipv4_by_interface() -> dict[str, str]:
         return {}
     import fcntl
 
-    found = {}
+    by_interface = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         for _, name in socket.if_nameindex():
             request = struct.pack(f"{_IFREQ}s", name.encode()[:_NAME])
@@ -34,8 +34,8 @@ def ipv4_by_interface() -> dict[str, str]:
                 answer = fcntl.ioctl(sock.fileno(), _SIOCGIFADDR, request)
             except OSError:  # it has none, or was removed
                 continue
-            found[name] = socket.inet_ntoa(answer[20:24])
-    return found
+            by_interface[name] = socket.inet_ntoa(answer[20:24])
+    return by_interface
 
 
 def ipv6_of(interface: str | None) -> str | None:

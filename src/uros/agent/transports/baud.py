@@ -56,11 +56,11 @@ def check_baud_rate(rate: int) -> int:
             f"baud rate {rate} does not exist: 1 to {MAX_BAUD}, such as 115200 or 921600",
         )
     if _way() is None:
-        known = ", ".join(str(each) for each in sorted(BAUD_RATES))
+        rates = ", ".join(str(each) for each in sorted(BAUD_RATES))
         raise TransportError(
             errno.EINVAL,
             f"baud rate {rate} cannot be set on this machine ({_PLATFORM},"
-            f" {os.uname().machine}); there are {known}",
+            f" {os.uname().machine}); there are {rates}",
         )
     return rate
 

@@ -187,8 +187,8 @@ class CanServer(ServerTransport):
         if text != self._said:
             self._said = text
             level = INFO if _number(error) in CHANNEL_GONE else ERROR
-            what = "waiting for device" if level == INFO else "open device error"
-            self._host.note(level, self.name, "init", what, f"device: {self._device}, {text}")
+            event = "waiting for device" if level == INFO else "open device error"
+            self._host.note(level, self.name, "init", event, f"device: {self._device}, {text}")
         self._host.wake_at(RETRY, self._try)
 
     def _lost(self, error: BaseException | None) -> None:
@@ -286,11 +286,11 @@ class CanServer(ServerTransport):
         buf = bytearray(data[1 : size + 1])
         self.deliver(host, message.arbitration_id, buf, memoryview(buf), size, host.now())
 
-    def _error_frame(self, what: int) -> None:
+    def _error_frame(self, error_class: int) -> None:
         if self._interface != "socketcan":
             return
         assert self._host is not None
-        if what & _BUS_OFF and not self._off:
+        if error_class & _BUS_OFF and not self._off:
             self._off = True
             self._host.note(
                 WARNING, self.name, "receive", "bus off",
@@ -298,7 +298,7 @@ class CanServer(ServerTransport):
                 f" to come back: sudo ip link set {self._device} type can restart, or have it"
                 " done each time: restart-ms 100",
             )  # fmt: skip
-        elif what & _RESTARTED and self._off:
+        elif error_class & _RESTARTED and self._off:
             self._off = False
             self._host.note(INFO, self.name, "receive", "bus on again", f"device: {self._device}")
 

@@ -44,10 +44,10 @@ class Certificates:
         Raises TransportError, once after each change, where they cannot be used; the former
         context stays in use.
         """
-        seen = self._look()
+        stamps = self._look()
         full = not self._broken and self._context.session_stats()["number"] > MAX_SESSIONS
-        if full or seen != self._seen:
-            self._seen = seen
+        if full or stamps != self._seen:
+            self._seen = stamps
             self._broken = True
             self._context = self._load()
             self._broken = False
@@ -55,14 +55,14 @@ class Certificates:
 
     def _look(self) -> tuple[tuple[int, int, int], ...]:
         """Return time, inode and size of the files, to detect changes."""
-        found = []
+        stamps = []
         for path in (self.cert, self.key, self.ca):
             try:
                 status = os.stat(path or "")
-                found.append((status.st_mtime_ns, status.st_ino, status.st_size))
+                stamps.append((status.st_mtime_ns, status.st_ino, status.st_size))
             except OSError:
-                found.append((0, 0, 0))
-        return tuple(found)
+                stamps.append((0, 0, 0))
+        return tuple(stamps)
 
     def _load(self) -> ssl.SSLContext:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -129,18 +129,19 @@ class Certificates:
 
         It is found by a handshake within this process.
         """
-        theirs = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        theirs.check_hostname = False
+        client_context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        client_context.check_hostname = False
         try:
             # The certificate is its own trust anchor: only its dates are checked.
-            theirs.load_verify_locations(cadata=_read("--tls-cert", self.cert))
-            theirs.verify_flags |= 0x80000  # X509_V_FLAG_PARTIAL_CHAIN
-            ours = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-            self._load_own(ours, _read("--tls-cert", self.cert))
-            there, back = ssl.MemoryBIO(), ssl.MemoryBIO()
+            client_context.load_verify_locations(cadata=_read("--tls-cert", self.cert))
+            client_context.verify_flags |= 0x80000  # X509_V_FLAG_PARTIAL_CHAIN
+            server_context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            self._load_own(server_context, _read("--tls-cert", self.cert))
+            to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
             ends = (
-                theirs.wrap_bio(back, there), ours.wrap_bio(there, back, server_side=True)
-            )  # fmt: skip
+                client_context.wrap_bio(to_client, to_server),
+                server_context.wrap_bio(to_server, to_client, server_side=True),
+            )
             for _ in range(10):
                 for end in ends:
                     try:
@@ -162,8 +163,8 @@ def _words(error: ssl.SSLError) -> str:
     return (error.reason or "of no known form").replace("_", " ").lower()
 
 
-def _trouble(option: str, path: str, what: str) -> TransportError:
-    return TransportError(errno.EINVAL, f"{option} {path} {what}")
+def _trouble(option: str, path: str, reason: str) -> TransportError:
+    return TransportError(errno.EINVAL, f"{option} {path} {reason}")
 
 
 def _no_certificate(path: str) -> str:

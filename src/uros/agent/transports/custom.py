@@ -252,13 +252,13 @@ class _Checked:
 
     def read(self, timeout: float) -> tuple[bytes, Any] | None:
         if self._at >= len(self._data):
-            given = self._line.read(timeout)
-            if given is None:
+            item = self._line.read(timeout)
+            if item is None:
                 return None
-            data, peer = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
+            data, peer = item if isinstance(item, tuple) and len(item) == 2 else (item, None)
             if not isinstance(data, (bytes, bytearray, memoryview)):
                 raise TypeError(
-                    f"read() returned {type(given).__name__}, not bytes, (bytes, peer) or None"
+                    f"read() returned {type(item).__name__}, not bytes, (bytes, peer) or None"
                 )
             _ = hash(peer), peer == peer  # noqa: PLR0124  raises here and not in the agent's thread
             self._data, self._peer, self._at = bytes(data), peer, 0
@@ -269,8 +269,8 @@ class _Checked:
 
 def _pieces(data: bytes) -> Sequence[bytes]:
     """Split before each flag: a frame at a time, because each has a source."""
-    first, *others = data.split(b"\x7e")
-    return [first, *(b"\x7e" + part for part in others)]
+    first, *rest = data.split(b"\x7e")
+    return [first, *(b"\x7e" + part for part in rest)]
 
 
 def _said(error: BaseException) -> str:
@@ -334,12 +334,12 @@ def _module(name: str) -> ModuleType:
     try:
         if name.endswith(".py"):
             path = Path(name)
-            found = importlib.util.spec_from_file_location(path.stem, path)
-            if found is None or found.loader is None:
+            spec = importlib.util.spec_from_file_location(path.stem, path)
+            if spec is None or spec.loader is None:
                 raise ImportError("not a Python file")
-            module = importlib.util.module_from_spec(found)
+            module = importlib.util.module_from_spec(spec)
             sys.modules.setdefault(path.stem, module)
-            found.loader.exec_module(module)
+            spec.loader.exec_module(module)
             return module
         if "" not in sys.path and str(Path.cwd()) not in sys.path:
             sys.path.insert(0, str(Path.cwd()))

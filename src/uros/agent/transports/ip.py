@@ -43,12 +43,12 @@ def listening_socket(protocol: str, host: str, port: int) -> socket.socket:
         if sock is not None:
             sock.close()
         if error.errno == errno.EADDRNOTAVAIL:
-            said = address_trouble(protocol, host, port)
+            reason = address_trouble(protocol, host, port)
         elif error.errno in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
-            said = f"{protocol} port {port} cannot be opened: {_NO_IPV6}"
+            reason = f"{protocol} port {port} cannot be opened: {_NO_IPV6}"
         else:
-            said = bind_trouble(protocol, port, error)
-        raise TransportError(error.errno, said) from error
+            reason = bind_trouble(protocol, port, error)
+        raise TransportError(error.errno, reason) from error
     return sock
 
 

@@ -336,14 +336,14 @@ class LineServer(ServerTransport):
         self.line.open(host, stream)
         host.note(INFO, self.name, "init", "running...", about)
 
-    def _failed(self, level: int, what: str, why: str) -> None:
+    def _failed(self, level: int, event: str, why: str) -> None:
         """Log a new reason once, and try again."""
         host = self._host
         if self._closed or host is None:
             return
         if why != self._said:
             self._said = why
-            host.note(level, self.name, "init", what, f"device: {self.device}, {why}")
+            host.note(level, self.name, "init", event, f"device: {self.device}, {why}")
         host.wake_at(RETRY, self._try)
 
     def _lost(self, why: str) -> None:

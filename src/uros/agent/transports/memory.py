@@ -32,14 +32,14 @@ class MemoryServer(ServerTransport):
 
     def connect(self, mtu: int = 512) -> MemoryTransport:
         """Add a line for a board; call it before the agent runs, or in its thread."""
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        for end in (ours, theirs):
+        agent_end, client_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        for end in (agent_end, client_end):
             end.setblocking(False)
         self._count += 1
-        self._peers[self._count] = ours
+        self._peers[self._count] = agent_end
         if self._host is not None:
             self._watch(self._count)
-        return MemoryTransport(theirs, mtu)
+        return MemoryTransport(client_end, mtu)
 
     def _watch(self, number: int) -> None:
         assert self._host is not None

@@ -26,10 +26,10 @@ def _name_in(path: str) -> str:
         return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
     with open(path, "rb", buffering=0, opener=without_waiting) as file:
-        said = file.read(_MAX_NAME + 1) or b""  # None: a pipe with nothing in it
-    if len(said) > _MAX_NAME:
+        content = file.read(_MAX_NAME + 1) or b""  # None: a pipe with nothing in it
+    if len(content) > _MAX_NAME:
         raise OSError(errno.EINVAL, "too long for a name")
-    return said.decode("utf-8").strip()
+    return content.decode("utf-8").strip()
 
 
 class DeviceServer(LineServer):

@@ -135,13 +135,13 @@ def tcp_line(url: str) -> SocketLineServer:
             " socket://192.168.1.20:3333"
         )  # fmt: skip
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         raise TransportError(
             errno.EINVAL, f"{url}: {host} cannot be resolved ({error}): correct the name, or write"
             " the address"
         ) from error  # fmt: skip
-    family, kind, protocol, _, address = found[0]
+    family, kind, protocol, _, address = addresses[0]
     return SocketLineServer(
         url, lambda: socket.socket(family, kind, protocol), address, socket_trouble
     )

@@ -57,10 +57,10 @@ def set_modem_lines(fd: int, dtr: bool | None, rts: bool | None) -> str:
     device was removed.
     """
     up = down = 0
-    for wanted, bit in ((dtr, termios.TIOCM_DTR), (rts, termios.TIOCM_RTS)):
-        if wanted is not None:
-            up |= bit if wanted else 0
-            down |= 0 if wanted else bit
+    for raised, bit in ((dtr, termios.TIOCM_DTR), (rts, termios.TIOCM_RTS)):
+        if raised is not None:
+            up |= bit if raised else 0
+            down |= 0 if raised else bit
     try:
         # Each in one call: an ESP32's circuit takes one before the other for a reset.
         if up:

@@ -45,7 +45,7 @@ class UdpServer(ServerTransport):
             return
         host, buf, view, sessions = self._host, self._buf, self._view, self.sessions
         recvfrom_into, now = sock.recvfrom_into, host.now()
-        left = MAX_BURST_BYTES
+        budget = MAX_BURST_BYTES
         count = 0
         try:
             for count in range(MAX_BURST):  # noqa: B007  received so far
@@ -61,14 +61,14 @@ class UdpServer(ServerTransport):
                     host.received(self, session, buf, view, length, now)
                 else:
                     host.unmatched(self, peer, buf, view, length)
-                left -= length
-                if left <= 0:
+                budget -= length
+                if budget <= 0:
                     count += 1
                     return
             count = MAX_BURST
         finally:  # counted once a burst
             self.messages += count
-            self.bytes += MAX_BURST_BYTES - left
+            self.bytes += MAX_BURST_BYTES - budget
 
     def send(self, peer: Address, datagram: bytes) -> None:
         """Send one message; it is lost where it cannot be sent."""

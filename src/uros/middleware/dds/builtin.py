@@ -77,10 +77,10 @@ def create_reader(participant: int, topic: int) -> int:
 
 def take_participants(reader: int, limit: int) -> list[tuple[bytes, QoSProfile | None]]:
     """Take (GUID, QoS) of participants that were discovered or changed; QoS None: it left."""
-    got = _clayer.ddspy_take_participant(
+    participants = _clayer.ddspy_take_participant(
         reader, limit, lambda key, qos, info: (key, qos if _alive(info) else None), read_qos
     )
-    return [] if isinstance(got, int) else got
+    return [] if isinstance(participants, int) else participants
 
 
 def take_endpoints(
@@ -112,8 +112,8 @@ def _take_endpoints(
             return key, None
         return key, (participant, topic, type_name, qos)
 
-    got = _clayer.ddspy_take_endpoint(reader, limit, convert, read)
-    return [] if isinstance(got, int) else got
+    endpoints = _clayer.ddspy_take_endpoint(reader, limit, convert, read)
+    return [] if isinstance(endpoints, int) else endpoints
 
 
 def matched_reader(writer: int, handle: int) -> tuple[bytes, bytes] | None:
@@ -127,10 +127,10 @@ def matched_writer(reader: int, handle: int) -> tuple[bytes, bytes] | None:
 
 
 def _matched(get: Any, endpoint: int, handle: int) -> tuple[bytes, bytes] | None:
-    found: tuple[bytes, bytes] | None = get(
+    identity: tuple[bytes, bytes] | None = get(
         endpoint, handle, lambda key, *rest: (key, rest[4]), _user_data
     )
-    return found
+    return identity
 
 
 _ALIVE: Final = 16  # DDS_ALIVE_INSTANCE_STATE
@@ -175,11 +175,11 @@ def read_qos(pointer: int) -> QoSProfile:
 
 def _user_data(pointer: int) -> bytes:
     data, size = _void_p(), _size()
-    found = b""
+    content = b""
     if _qget_userdata(pointer, ctypes.byref(data), ctypes.byref(size)) and data.value:
-        found = ctypes.string_at(data.value, size.value)
+        content = ctypes.string_at(data.value, size.value)
         _free(data)
-    return found
+    return content
 
 
 def _milliseconds(nanoseconds: int) -> int | None:
@@ -190,11 +190,11 @@ def _partitions(pointer: int) -> tuple[str, ...]:
     count, names = ctypes.c_uint32(), ctypes.POINTER(_void_p)()
     if not _qget_partition(pointer, ctypes.byref(count), ctypes.byref(names)) or not count.value:
         return ()
-    found = []
+    partitions = []
     for index in range(count.value):
         address = names[index]
         if address is not None:
-            found.append(ctypes.string_at(address).decode(errors="replace"))
+            partitions.append(ctypes.string_at(address).decode(errors="replace"))
             _free(address)
     _free(names)
-    return tuple(found)
+    return tuple(partitions)

@@ -129,14 +129,14 @@ _strretcode = function("dds_strretcode", ctypes.c_char_p, _int32)
 _ROOT_ENTITY: Final = 0x7FFF0100  # DDS_CYCLONEDDS_HANDLE: parent of what spans domains
 
 
-def check(code: int, what: str) -> int:
+def check(code: int, call: str) -> int:
     """Return a code or entity that is no error.
 
     Raises:
         MiddlewareError: It is an error; the text says that DDS cannot do ``what``.
     """
     if code < 0:
-        raise MiddlewareError(f"DDS cannot {what}: {_strretcode(code).decode()}")
+        raise MiddlewareError(f"DDS cannot {call}: {_strretcode(code).decode()}")
     return code
 
 
@@ -385,15 +385,15 @@ def create_topic(participant: int, name: str, type_name: str) -> int:
     domain = ctypes.c_uint32()
     check(_get_domainid(participant, ctypes.byref(domain)), "get a domain")
     key = domain.value, type_name
-    known = _sertypes.get(key)
+    shared_sertype = _sertypes.get(key)
     topic: int
-    if known is not None:
-        sertype = _void_p(_sertype_ref(known))  # the topic's
+    if shared_sertype is not None:
+        sertype = _void_p(_sertype_ref(shared_sertype))  # the topic's
         topic = _create_topic_sertype(
             participant, name.encode(), ctypes.byref(sertype), None, None, None
         )
         if topic < 0:
-            _sertype_unref(known)
+            _sertype_unref(shared_sertype)
     else:
         if len(_sertypes) >= MAX_TYPES and not _is_known(type_name):
             raise MiddlewareError(
@@ -409,7 +409,7 @@ def create_topic(participant: int, name: str, type_name: str) -> int:
             f"DDS refuses the topic {name!r} with the type {type_name!r}:"
             f" {_strretcode(topic).decode()}"
         )
-    if known is None:
+    if shared_sertype is None:
         try:
             _sertypes[key] = _sertype_ref(_disable_type_information(topic))
         except MiddlewareError:
@@ -509,12 +509,12 @@ flush = function("dds_write_flush", _int32, _int32)
 
 def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:
     """Take at most ``limit`` samples with their SampleInfo, invalid ones left out."""
-    got = _ddspy_take(reader, ANY_STATE, limit)
-    if isinstance(got, int):
+    samples = _ddspy_take(reader, ANY_STATE, limit)
+    if isinstance(samples, int):
         return []
     return [
         item if not item[0][3] & 3 else (_unpadded(item[0]), item[1])
-        for item in got
+        for item in samples
         if item[1].valid_data
     ]
 
@@ -527,10 +527,10 @@ def unread(reader: int, limit: int) -> list[int]:
     sizes: list[int] = []
     while len(sizes) < limit:
         at_once = _READ_LARGE if sizes and sizes[-1] > _LARGE else _READ
-        got = _ddspy_read(reader, NOT_READ, min(at_once, limit - len(sizes)))
-        if isinstance(got, int) or not got:
+        samples = _ddspy_read(reader, NOT_READ, min(at_once, limit - len(sizes)))
+        if isinstance(samples, int) or not samples:
             break
-        sizes += [len(cdr) for cdr, _ in got]
+        sizes += [len(cdr) for cdr, _ in samples]
     return sizes
 
 

@@ -76,10 +76,10 @@ class DiscoveryInfoReader:
         latest: dict[bytes, bytes] = {}  # sample by participant
         octets = 0
         while octets < intake.TURN:
-            taken = cyclone.take(listener.entity, 1)
-            if not taken:
+            samples = cyclone.take(listener.entity, 1)
+            if not samples:
                 break
-            sample, info = taken[0]
+            sample, info = samples[0]
             writer = builtin.matched_writer(listener.entity, info.publication_handle)
             counts, cost = self.intake.cost(writer and writer[0], sample)
             if counts:

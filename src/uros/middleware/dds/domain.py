@@ -66,11 +66,11 @@ class DdsDomain:
         if self._late_writers is None:
             self._late_writers = LateWriterHeartbeats(self._context, participant)
 
-    def suppress_nodes_of(self, others: set[bytes]) -> None:
+    def suppress_nodes_of(self, guids: set[bytes]) -> None:
         """Announce that participants of this process that are not ours have no nodes."""
-        if others and self._suppressed is None:
+        if guids and self._suppressed is None:
             self._suppressed = SuppressedNodes(self._context, self._first_participant())
-        for guid in others:
+        for guid in guids:
             assert self._suppressed is not None
             self._suppressed.add(guid)
 

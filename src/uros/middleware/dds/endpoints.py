@@ -233,14 +233,14 @@ class _ServiceReader(DdsReader):
 
     def take_parsed(self, limit: int) -> tuple[int, list[tuple[bytes, int, bytes]]]:
         """How many samples were taken, and those with the header, as `request_header.remove`."""
-        taken = self._take(limit)
+        samples = self._take(limit)
         out = []
-        for sample, info in taken:
+        for sample, info in samples:
             if not self._writers.is_compatible(info.publication_handle):
                 self.refused += 1
             elif (parsed := request_header.remove(sample)) is not None:
                 out.append(parsed)
-        return len(taken), out
+        return len(samples), out
 
 
 class DdsRequester(Requester):
@@ -312,13 +312,13 @@ class DdsRequester(Requester):
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """Take replies to own requests."""
         for _ in range(_MAX_MISSES):
-            taken, parsed = self._reader.take_parsed(limit)
+            count, parsed = self._reader.take_parsed(limit)
             own = [
                 (sequence, body)
                 for client_id, sequence, body in parsed
                 if client_id == self._client_id
             ]
-            if own or not taken:
+            if own or not count:
                 return own
         self.again()
         return []
@@ -364,7 +364,7 @@ class DdsReplier(Replier):
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
         """Take requests, each with the client's id padded to a GUID."""
         for _ in range(_MAX_MISSES):
-            taken, parsed = self._reader.take_parsed(limit)
+            count, parsed = self._reader.take_parsed(limit)
             if self._reader.refused and not self._noticed:
                 self._noticed = True
                 self._context.notice(
@@ -372,7 +372,7 @@ class DdsReplier(Replier):
                     " than rmw_cyclonedds's, as rmw_fastrtps does; give the agent, or this"
                     " program, a Python with rclpy"
                 )
-            if parsed or not taken:
+            if parsed or not count:
                 return [
                     (client_id + bytes(8), sequence, body) for client_id, sequence, body in parsed
                 ]

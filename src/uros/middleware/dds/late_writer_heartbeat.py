@@ -108,7 +108,7 @@ class LateWriterHeartbeats:
 
     def _take(self) -> list[tuple[bytes, str | None, int]]:
         """(GUID, topic or None where it left, instance handle) of some writers."""
-        got = _clayer.ddspy_take_endpoint(
+        writers = _clayer.ddspy_take_endpoint(
             self._entity,
             _BATCH,
             lambda key, _participant, _handle, topic, _type, _qos, info, _id: (
@@ -118,7 +118,7 @@ class LateWriterHeartbeats:
             ),
             lambda _pointer: None,
         )
-        return [] if isinstance(got, int) else got
+        return [] if isinstance(writers, int) else writers
 
     def _on_ready(self) -> None:
         self._listener.taken = True

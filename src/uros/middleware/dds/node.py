@@ -75,12 +75,12 @@ class DdsNode(Node):
 
     def disown(self, readers: list[bytes], writers: list[bytes]) -> None:
         """Undo :meth:`adopt`."""
-        for ours, theirs in (
+        for listed, guids in (
             (self._entities.readers, readers),
             (self._entities.writers, writers),
         ):
-            for guid in theirs:
-                ours.remove(guid)
+            for guid in guids:
+                listed.remove(guid)
         self.participant.changed()
         self._suppress(readers + writers)
 

@@ -34,10 +34,10 @@ class MatchedServers:
         if handles != self._handles:
             self._incompatible &= handles
             for handle in handles - self._handles:
-                found = builtin.matched_reader(self._writer, handle)
-                if found is None or PROBE_READER in found[1]:
+                reader = builtin.matched_reader(self._writer, handle)
+                if reader is None or PROBE_READER in reader[1]:
                     continue
-                if not uses_request_header(*found, SERVICE_ID):
+                if not uses_request_header(*reader, SERVICE_ID):
                     self._incompatible.add(handle)
             self._handles = handles
         return bool(self._incompatible)
@@ -61,12 +61,12 @@ class MatchedWriters:
 
         False for a writer that has left already and was never seen before.
         """
-        known = self._known.get(handle)
-        if known is None:
-            found = builtin.matched_writer(self._reader, handle)
-            if found is None:
+        compatible = self._known.get(handle)
+        if compatible is None:
+            writer = builtin.matched_writer(self._reader, handle)
+            if writer is None:
                 return False
             if len(self._known) >= MAX_KNOWN:
                 self._known.clear()
-            known = self._known[handle] = uses_request_header(*found, self._role)
-        return known
+            compatible = self._known[handle] = uses_request_header(*writer, self._role)
+        return compatible

@@ -39,9 +39,9 @@ class TypeConflictDetector:
         self._dispatcher = context.dispatcher
         self._owns = owns
 
-        def report(topic: str, ours: str, theirs: str) -> None:
+        def report(topic: str, own_type: str, other_type: str) -> None:
             if context.middleware.on_type_conflict is not None:
-                context.middleware.on_type_conflict(topic, ours, theirs)
+                context.middleware.on_type_conflict(topic, own_type, other_type)
 
         self._conflicts = TypeConflicts(report)
         for topic in (builtin.TOPIC_PUBLICATION, builtin.TOPIC_SUBSCRIPTION):

@@ -66,24 +66,24 @@ class GidSizeSelector:
             user_data = participants.get(guid, UROS)
             if ENCLAVE in user_data and UROS not in user_data:
                 count[size] += 1
-        other = SHORT_GID if self.size == LONG_GID else LONG_GID
-        if count[other] and self._configured is not None:
+        target = SHORT_GID if self.size == LONG_GID else LONG_GID
+        if count[target] and self._configured is not None:
             self._notice_once(
                 f"ROS_DISTRO asks for {self.size}-byte Gids, and ROS nodes in the domain use"
-                f" {other}: they do not see the boards' nodes; set ROS_DISTRO to the peers' ROS,"
+                f" {target}: they do not see the boards' nodes; set ROS_DISTRO to the peers' ROS,"
                 " or unset it"
             )
-        elif count[other] >= count[self.size] + (other == LONG_GID) and count[other]:
+        elif count[target] >= count[self.size] + (target == LONG_GID) and count[target]:
             self._noticed = False
-            self.size = other
-            self._on_change(other)
+            self.size = target
+            self._on_change(target)
             self._notice(
-                f"domain {self._domain}: ros_discovery_info with {other}-byte Gids from now on, as"
+                f"domain {self._domain}: ros_discovery_info with {target}-byte Gids from now on, as"
                 " the ROS nodes in the domain have; set ROS_DISTRO to decide it"
             )
-        elif count[other]:
+        elif count[target]:
             self._notice_once(
-                f"ROS nodes of before Iron and of after are in the domain; those with {other}-byte"
+                f"ROS nodes of before Iron and of after are in the domain; those with {target}-byte"
                 " Gids do not see the boards' nodes; set ROS_DISTRO to choose"
             )
 

@@ -118,5 +118,5 @@ class Intake:
         """
         self._tokens.available(now)
         self._tokens.spend(octets)
-        left = self._tokens.available(now)
-        return max(_PAUSE, -left / RATE) if left < 0 else None
+        available = self._tokens.available(now)
+        return max(_PAUSE, -available / RATE) if available < 0 else None

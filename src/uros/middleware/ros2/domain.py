@@ -124,7 +124,7 @@ class RosDomain:
                 self._turn.wait()
             if self._closed:
                 return False
-            chosen = [one for one in self._listeners.values() if not one.paused]
+            chosen = [listener for listener in self._listeners.values() if not listener.paused]
             self._waiting = True
         ready = self._ready_of(chosen)
         with self._turn:
@@ -138,7 +138,7 @@ class RosDomain:
     def _ready_of(self, chosen: list[EntityListener]) -> list[int]:
         """Sleep until something arrives; return the addresses of the entities that are ready."""
         kinds = ("subscription", "client", "service")
-        counts = [sum(one.kind == kind for one in chosen) for kind in kinds]
+        counts = [sum(entity_listener.kind == kind for entity_listener in chosen) for kind in kinds]
         handle = self.context.handle
         with ExitStack() as used:
             used.enter_context(handle)

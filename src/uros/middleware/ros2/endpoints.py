@@ -123,33 +123,33 @@ class _Taking:
         node.endpoints[self] = None
         node.domain.watch(self._listener)
 
-    def _take(self, one: Callable[[], Any], limit: int, misses: int = 0) -> list[Any]:
-        """Call ``one`` until it returned ``limit`` samples, or None more than ``misses`` times."""
+    def _take(self, take: Callable[[], Any], limit: int, misses: int = 0) -> list[Any]:
+        """Call ``take`` until it returned ``limit`` samples, or None more than ``misses`` times."""
         listener = self._listener
         listener.taken = True
-        taken: list[Any] = []
-        while self._waiting and len(taken) < limit:
-            taken.append(self._waiting.popleft())
-        while self.entity is not None and len(taken) < limit:
+        samples: list[Any] = []
+        while self._waiting and len(samples) < limit:
+            samples.append(self._waiting.popleft())
+        while self.entity is not None and len(samples) < limit:
             try:
-                got = one()
+                sample = take()
             except (RuntimeError, ValueError):  # a sample that is no such message: it is dropped
-                got = None
-            if got is not None:
-                taken.append(got)
+                sample = None
+            if sample is not None:
+                samples.append(sample)
             elif misses:
                 misses -= 1
             else:
                 break
         if listener.paused and self.entity is not None:
             self._node.domain.resume(listener)
-        return taken
+        return samples
 
-    def _sizes(self, one: Callable[[], Any], size: Callable[[Any], int], limit: int) -> list[int]:
-        """Move samples that ``one`` returns to those that wait; return their sizes."""
+    def _sizes(self, take: Callable[[], Any], size: Callable[[Any], int], limit: int) -> list[int]:
+        """Move samples that ``take`` returns to those that wait; return their sizes."""
         waiting, self._waiting = self._waiting, deque()
         try:
-            arrived = self._take(one, limit)
+            arrived = self._take(take, limit)
         finally:
             self._waiting = waiting
         waiting.extend(arrived)
@@ -181,8 +181,8 @@ class Ros2Reader(_Taking, Reader):
         super().__init__(node, entity, "subscription", depth, on_ready)
 
     def _one(self) -> bytes | None:
-        taken = self.entity.take_message(self._kind, True)
-        return None if taken is None else bytes(taken[0])
+        message = self.entity.take_message(self._kind, True)
+        return None if message is None else bytes(message[0])
 
     def take(self, limit: int) -> list[bytes]:
         """Take samples, oldest first."""
@@ -243,11 +243,11 @@ class Ros2Requester(_ServiceEndpoint, Requester):
         Raises:
             MiddlewareError: rclpy cannot read or send it.
         """
-        what = f"a request of {self._name}"
-        message = rcl.read(what, cdr, self._type.Request)
+        about = f"a request of {self._name}"
+        message = rcl.read(about, cdr, self._type.Request)
         if self.entity is None:
             return None
-        with rcl.refused(what):
+        with rcl.refused(about):
             sequence: int = self.entity.send_request(message)
         return sequence
 
@@ -306,18 +306,18 @@ class Ros2Replier(_ServiceEndpoint, Replier):
         Raises:
             MiddlewareError: rclpy cannot read or send it.
         """
-        what = f"a reply of {self._name}"
-        message = rcl.read(what, cdr, self._type.Response)
+        about = f"a reply of {self._name}"
+        message = rcl.read(about, cdr, self._type.Response)
         request_id = self._unanswered.pop((bytes(guid), sequence), None)
         if request_id is not None and self.entity is not None:
-            with rcl.refused(what), warnings.catch_warnings(record=True) as warned:
+            with rcl.refused(about), warnings.catch_warnings(record=True) as warned:
                 warnings.simplefilter("always", RuntimeWarning)
                 self.entity.service_send_response(message, request_id)
             if warned:
                 # Fast DDS has waited a tenth of a second for the client's reader to be discovered.
                 # rclpy holds the GIL over that, so a thread would not help; but it is rare, as
                 # clients announce the reader first: of 48 new ones none made its server wait.
-                raise MiddlewareError(f"{what} is lost: {warned[0].message}")
+                raise MiddlewareError(f"{about} is lost: {warned[0].message}")
         return True
 
     def close(self) -> None:

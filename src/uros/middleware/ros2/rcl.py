@@ -134,14 +134,14 @@ def _elsewhere(code: str) -> None:
 
 
 @contextmanager
-def refused(what: str) -> Iterator[None]:
-    """Turn what rclpy raises in the block into a MiddlewareError about ``what``."""
+def refused(about: str) -> Iterator[None]:
+    """Turn what rclpy raises in the block into a MiddlewareError that begins with ``about``."""
     try:
         yield
     except MiddlewareError:
         raise
     except Exception as error:  # RCLError, RMWError, ValueError and what conversions raise
-        raise MiddlewareError(f"{what}: {_line(error)}") from error
+        raise MiddlewareError(f"{about}: {_line(error)}") from error
 
 
 def _line(error: Exception) -> str:
@@ -177,15 +177,15 @@ def create_node(context: Any, namespace: str, name: str) -> Any:
             return implementation.Node(*options, profiles.to_rclpy(QoSProfile()))
 
 
-def read(what: str, cdr: Bytes, kind: Any) -> Any:
+def read(about: str, cdr: Bytes, kind: Any) -> Any:
     """Return a sample as an object of rclpy's.
 
     Raises:
-        MiddlewareError: It is no such message; the text begins with ``what``.
+        MiddlewareError: It is no such message; the text begins with ``about``.
     """
     from rclpy.serialization import deserialize_message
 
-    with refused(f"{what} does not read as its type"):
+    with refused(f"{about} does not read as its type"):
         return deserialize_message(bytes(cdr), kind)
 
 

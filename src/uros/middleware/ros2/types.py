@@ -54,13 +54,13 @@ def _find(name: TypeName, attributes: tuple[str, ...]) -> Any:
     check_package(name)
     try:
         module = import_module(f"{name.package}.{name.kind}")
-        found = _of_action(module, name.name) if name.kind == "action" else None
-        found = found or getattr(module, name.name)
+        type_class = _of_action(module, name.name) if name.kind == "action" else None
+        type_class = type_class or getattr(module, name.name)
         for attribute in ("__import_type_support__", *attributes):
-            if not hasattr(found, attribute) and not hasattr(type(found), attribute):
+            if not hasattr(type_class, attribute) and not hasattr(type(type_class), attribute):
                 raise AttributeError(attribute)
-        type(found).__import_type_support__()
-        if type(found)._TYPE_SUPPORT is None:
+        type(type_class).__import_type_support__()
+        if type(type_class)._TYPE_SUPPORT is None:
             raise ImportError("its type support does not load")
     except AttributeError:
         raise UnknownType(
@@ -72,7 +72,7 @@ def _find(name: TypeName, attributes: tuple[str, ...]) -> Any:
             f"{name}: package {name.package} cannot be loaded ({error}); is it built for this"
             " ROS distribution and Python?"
         ) from error
-    return found
+    return type_class
 
 
 def _of_action(module: Any, name: str) -> Any:
