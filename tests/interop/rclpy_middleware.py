@@ -1,4 +1,5 @@
-"""The ros2 middleware and its part of auto, where rclpy is: test_ros2_middleware.py runs this."""
+"""Tests of the middlewares ros2 and auto that need rclpy: test_ros2_middleware.py runs this file
+with the interpreter that has rclpy."""
 
 import resource
 import select
@@ -47,30 +48,30 @@ KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 
 @pytest.fixture(params=["ros2", "auto"])
 def either(request):
-    one = open_middleware(request.param)
-    yield one
-    one.close()
+    middleware = open_middleware(request.param)
+    yield middleware
+    middleware.close()
 
 
 @pytest.fixture
 def ros2():
-    one = open_middleware("ros2")
-    yield one
-    one.close()
+    middleware = open_middleware("ros2")
+    yield middleware
+    middleware.close()
 
 
 @pytest.fixture
 def auto():
-    one = open_middleware("auto")
-    yield one
-    one.close()
+    middleware = open_middleware("auto")
+    yield middleware
+    middleware.close()
 
 
 def until(middleware, done, seconds=SECONDS):
     deadline = time.monotonic() + seconds
     while not done():
         left = deadline - time.monotonic()
-        assert left > 0, "it does not come"
+        assert left > 0, "the condition is not reached in time"
         due = middleware.next_deadline()
         if due is not None:
             left = min(left, max(0.0, due - time.monotonic()))
@@ -80,10 +81,10 @@ def until(middleware, done, seconds=SECONDS):
 
 
 class Taker:
-    """An end that takes what comes."""
+    """An endpoint whose listener takes all samples, unless ``take`` is False."""
 
     def __init__(self, make, *arguments, take=True):
-        self.got = []
+        self.taken = []
         self.calls = 0
         self.take = take
         self.end = None
@@ -92,7 +93,7 @@ class Taker:
     def ready(self):
         self.calls += 1
         if self.take and self.end is not None:
-            self.got.extend(self.end.take(100))
+            self.taken.extend(self.end.take(100))
 
 
 # --- types ------------------------------------------------------------------------
@@ -110,7 +111,7 @@ class Taker:
         ("wsgiref::msg::dds_::Serve_", r"wsgiref/msg/Serve: .*no package wsgiref"),
     ],
 )
-def test_a_type_that_is_not_there_is_refused_by_name(ros2, own_domain_id, type_name, text):
+def test_a_missing_type_is_refused_by_name(ros2, own_domain_id, type_name, text):
     node = ros2.create_node(own_domain_id, "/", "node")
     with pytest.raises(MiddlewareError, match=text):
         node.create_writer("rt/chatter", type_name, QoSProfile())
@@ -119,7 +120,7 @@ def test_a_type_that_is_not_there_is_refused_by_name(ros2, own_domain_id, type_n
     assert not {"antigravity", "wsgiref"} & set(sys.modules)
 
 
-def test_a_message_is_no_service():
+def test_a_message_type_is_refused_as_a_service():
     with pytest.raises(types.UnknownType, match="std_msgs/msg/String"):
         types.find_service(names.TypeName("std_msgs", "msg", "String"))
 
@@ -140,12 +141,12 @@ def test_the_services_and_topics_of_an_action(ros2, own_domain_id):
     heard = Taker(node.create_reader, *feedback)
     sample = b"\0\1\0\0" + bytes(range(16)) + b"\1\0\0\0\7\0\0\0"
     node.create_writer(*feedback, QoSProfile()).write(sample)
-    until(ros2, lambda: heard.got)
-    assert heard.got == [sample]
+    until(ros2, lambda: heard.taken)
+    assert heard.taken == [sample]
 
 
 @pytest.mark.parametrize("topic", ["chatter", "rt/", "rt/~/x", "rt/{node}/x", "rt//x", "rq/xReply"])
-def test_a_topic_that_is_not_ross_is_refused(ros2, own_domain_id, topic):
+def test_a_topic_without_a_ros_name_is_refused(ros2, own_domain_id, topic):
     node = ros2.create_node(own_domain_id, "/", "node")
     with pytest.raises(MiddlewareError, match="is no ROS topic .*-m dds"):
         node.create_writer(topic, STRING, QoSProfile())
@@ -164,13 +165,13 @@ def test_a_topic_that_is_not_ross_is_refused(ros2, own_domain_id, topic):
         (QoSProfile(durability=DurabilityPolicy.PERSISTENT), "durability"),
     ],
 )
-def test_a_profile_beyond_ross_is_refused(ros2, own_domain_id, qos, text):
+def test_a_profile_that_ros_lacks_is_refused(ros2, own_domain_id, qos, text):
     node = ros2.create_node(own_domain_id, "/", "node")
     with pytest.raises(MiddlewareError, match=f"ROS 2 has no .*{text}.*-m dds"):
         node.create_writer("rt/chatter", STRING, qos)
 
 
-def test_a_profile_is_offered_as_it_is(ros2, own_domain_id):
+def test_a_profile_is_offered_unchanged(ros2, own_domain_id):
     node = ros2.create_node(own_domain_id, "/", "node")
     qos = QoSProfile(
         depth=7,
@@ -184,32 +185,32 @@ def test_a_profile_is_offered_as_it_is(ros2, own_domain_id):
     node.create_writer("rt/chatter", STRING, qos)
     ask = rcl.load().rclpy_get_publishers_info_by_topic
     (info,) = ask(node.handle, "/chatter", False)
-    seen = info["qos_profile"]
-    assert (seen["reliability"], seen["durability"]) == (2, 1)
-    assert seen["liveliness"] == LivelinessPolicy.MANUAL_BY_TOPIC
+    profile = info["qos_profile"]
+    assert (profile["reliability"], profile["durability"]) == (2, 1)
+    assert profile["liveliness"] == LivelinessPolicy.MANUAL_BY_TOPIC
     assert [
-        seen[name].nanoseconds // 1_000_000
+        profile[name].nanoseconds // 1_000_000
         for name in ("deadline", "lifespan", "liveliness_lease_duration")
     ] == [1500, 2000, 3000]
 
 
-def test_a_node_has_what_the_board_has_and_nothing_else(ros2, own_domain_id):
+def test_a_node_has_the_boards_endpoints_and_nothing_else(ros2, own_domain_id):
     node = ros2.create_node(own_domain_id, "/garden", "gate")
     node.create_writer("rt/state", STRING, QoSProfile())
     implementation = rcl.load()
-    for what, expected in (
+    for kind, expected in (
         ("publisher", [("/state", ["std_msgs/msg/String"])]),
         ("subscriber", []),
     ):
-        ask = getattr(implementation, f"rclpy_get_{what}_names_and_types_by_node")
+        ask = getattr(implementation, f"rclpy_get_{kind}_names_and_types_by_node")
         assert ask(node.handle, False, "gate", "/garden") == expected
-    for what in ("service", "client"):
-        ask = getattr(implementation, f"rclpy_get_{what}_names_and_types_by_node")
+    for kind in ("service", "client"):
+        ask = getattr(implementation, f"rclpy_get_{kind}_names_and_types_by_node")
         assert ask(node.handle, "gate", "/garden") == []
 
 
 @pytest.mark.parametrize(("variable", "value"), [("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")])
-def test_a_client_that_must_stay_here_is_refused_where_the_network_is_open(
+def test_a_client_limited_to_loopback_is_refused_where_the_network_is_open(
     ros2, own_domain_id, monkeypatch, variable, value
 ):
     assert ros2.create_node(own_domain_id, "/", "here", True) is not None
@@ -230,12 +231,12 @@ def test_big_endian_samples_and_requests_pass(ros2, own_domain_id):
         Taker(make, PARAMETERS) for make in (node.create_replier, node.create_requester)
     )
     caller.end.request(b"\0\0\0\0" + bytes(4))
-    until(ros2, lambda: heard.got and server.got)
-    assert heard.got == [big]
-    assert server.got[0][2] == b"\0\1\0\0" + bytes(4)
-    assert server.end.reply(*server.got[0][:2], b"\0\0\0\0\0\0\0\1\1\0\0\0\0\0\0\3ok\0")
-    until(ros2, lambda: caller.got)
-    assert caller.got[0][1][:19] == b"\0\1\0\0\1\0\0\0\1\0\0\0\3\0\0\0ok\0"
+    until(ros2, lambda: heard.taken and server.taken)
+    assert heard.taken == [big]
+    assert server.taken[0][2] == b"\0\1\0\0" + bytes(4)
+    assert server.end.reply(*server.taken[0][:2], b"\0\0\0\0\0\0\0\1\1\0\0\0\0\0\0\3ok\0")
+    until(ros2, lambda: caller.taken)
+    assert caller.taken[0][1][:19] == b"\0\1\0\0\1\0\0\0\1\0\0\0\3\0\0\0ok\0"
 
 
 @pytest.fixture(scope="module")
@@ -243,19 +244,19 @@ def parameter_ends():
     from conftest import leased_domain
 
     with leased_domain() as domain:
-        one = open_middleware("ros2")
-        node = one.create_node(domain, "/", "node")
+        middleware = open_middleware("ros2")
+        node = middleware.create_node(domain, "/", "node")
         server = Taker(node.create_replier, PARAMETERS)
         caller = Taker(node.create_requester, PARAMETERS)
-        yield one, server, caller
-        one.close()
+        yield middleware, server, caller
+        middleware.close()
 
 
 @settings(max_examples=300, deadline=None)
 @given(body=st.binary(max_size=80), head=st.sampled_from([b"\0\0\0\0", b"\0\1\0\0", b"\0\7\0\0"]))
 def test_any_bytes_are_a_request_or_refused(parameter_ends, body, head):
-    one, server, caller = parameter_ends
-    before = len(server.got)
+    middleware, server, caller = parameter_ends
+    before = len(server.taken)
     try:
         sent = caller.end.request(head + body)
         server.end.reply(bytes(16), 1, head + body)
@@ -263,7 +264,7 @@ def test_any_bytes_are_a_request_or_refused(parameter_ends, body, head):
         assert "does not read as its type" in str(error)
         return
     assert sent
-    until(one, lambda: len(server.got) > before)
+    until(middleware, lambda: len(server.taken) > before)
 
 
 def test_a_sample_that_does_not_fit_its_type_is_refused(ros2, own_domain_id):
@@ -274,7 +275,7 @@ def test_a_sample_that_does_not_fit_its_type_is_refused(ros2, own_domain_id):
     assert writer.write(b"\0\1\0\0" + bytes(4))
 
 
-def test_a_writer_that_is_full_says_so_soon(ros2, own_domain_id):
+def test_a_full_writer_refuses_without_waiting(ros2, own_domain_id):
     """Fast DDS keeps 5000 samples at each end."""
     node = ros2.create_node(own_domain_id, "/", "node")
     reader = node.create_reader("rt/chatter", STRING, KEEP_ALL, lambda: None)
@@ -293,24 +294,22 @@ def test_a_writer_that_is_full_says_so_soon(ros2, own_domain_id):
 # --- services ---------------------------------------------------------------------
 
 
-def test_requests_that_nobody_answers_are_forgotten_from_the_oldest_on(
-    ros2, own_domain_id, monkeypatch
-):
+def test_the_oldest_unanswered_requests_are_dropped(ros2, own_domain_id, monkeypatch):
     monkeypatch.setattr(endpoints, "MAX_UNANSWERED", 3)
     node = ros2.create_node(own_domain_id, "/", "node")
     server = Taker(node.create_replier, TRIGGER)
     caller = Taker(node.create_requester, TRIGGER)
     for number in range(5):
         assert caller.end.request(REQUEST) == number + 1
-        until(ros2, lambda number=number: len(server.got) > number)
-    for guid, sequence, _ in server.got:
+        until(ros2, lambda number=number: len(server.taken) > number)
+    for guid, sequence, _ in server.taken:
         assert server.end.reply(guid, sequence, REPLY)
-        assert server.end.reply(guid, sequence, REPLY)  # an answer too many is dropped
-    until(ros2, lambda: len(caller.got) == 3)
-    assert [number for number, _ in caller.got] == [3, 4, 5]
+        assert server.end.reply(guid, sequence, REPLY)  # a second reply is dropped
+    until(ros2, lambda: len(caller.taken) == 3)
+    assert [number for number, _ in caller.taken] == [3, 4, 5]
 
 
-def test_requests_that_nobody_takes_cost_nothing(ros2, own_domain_id):
+def test_requests_that_are_not_taken_use_no_cpu_time(ros2, own_domain_id):
     node = ros2.create_node(own_domain_id, "/", "node")
     server = Taker(node.create_replier, TRIGGER, take=False)
     caller = Taker(node.create_requester, TRIGGER)
@@ -324,7 +323,7 @@ def test_requests_that_nobody_takes_cost_nothing(ros2, own_domain_id):
     server.take = True
     server.ready()
     caller.end.request(REQUEST)
-    until(ros2, lambda: len(server.got) == 2)
+    until(ros2, lambda: len(server.taken) == 2)
 
 
 def test_many_clients_of_a_service_get_their_own_replies(ros2, own_domain_id):
@@ -333,67 +332,70 @@ def test_many_clients_of_a_service_get_their_own_replies(ros2, own_domain_id):
     callers = [Taker(node.create_requester, SET) for _ in range(8)]
     for index, caller in enumerate(callers):
         caller.end.request(b"\0\1\0\0" + bytes((index & 1,)))
-    until(ros2, lambda: len(server.got) == len(callers))
-    for guid, sequence, request in server.got:
+    until(ros2, lambda: len(server.taken) == len(callers))
+    for guid, sequence, request in server.taken:
         server.end.reply(guid, sequence, b"\0\1\0\0" + request[4:5] + bytes(3) + b"\1\0\0\0\0")
-    until(ros2, lambda: all(caller.got for caller in callers))
+    until(ros2, lambda: all(caller.taken for caller in callers))
     for index, caller in enumerate(callers):
-        ((number, reply),) = caller.got
+        ((number, reply),) = caller.taken
         assert (number, reply[4]) == (1, index & 1)
 
 
-def test_replies_to_others_are_passed_over(ros2, own_domain_id):
-    """All clients of a service get all replies, and rcl says of those to others that there is
-    none."""
+def test_replies_to_other_clients_are_skipped(ros2, own_domain_id):
+    """All clients of a service receive all replies; for a reply to another client, rcl's take
+    returns nothing, and the next reply is taken."""
     node = ros2.create_node(own_domain_id, "/", "node")
     server = Taker(node.create_replier, TRIGGER)
     first, second = (Taker(node.create_requester, TRIGGER, take=False) for _ in range(2))
     for _ in range(4):
         second.end.request(REQUEST)
-    until(ros2, lambda: len(server.got) == 4)
+    until(ros2, lambda: len(server.taken) == 4)
     first.end.request(REQUEST)
-    until(ros2, lambda: len(server.got) == 5)
-    for guid, sequence, _ in server.got:
+    until(ros2, lambda: len(server.taken) == 5)
+    for guid, sequence, _ in server.taken:
         server.end.reply(guid, sequence, REPLY)
     assert [number for number, _ in first.end.take(100)] == [1]
     assert [number for number, _ in second.end.take(2)] == [1, 2]
     assert [number for number, _ in second.end.take(100)] == [3, 4]
 
 
-def test_ends_that_are_closed_while_a_thread_waits_for_them(either, own_domain_id):
-    """Each is taken out of the wait set first: what rcl waits for must not be freed."""
+def test_endpoints_that_are_closed_while_a_thread_waits_for_them(either, own_domain_id):
+    """An endpoint is removed from the wait set first: rcl must not wait for freed memory."""
     for round_ in range(100):
         node = either.create_node(own_domain_id, "/", f"node{round_ % 3}")
         server = Taker(node.create_replier, TRIGGER)
         caller = Taker(node.create_requester, TRIGGER)
         caller.end.request(REQUEST)
         if round_ % 2:
-            until(either, lambda server=server: server.got)
-            server.end.reply(*server.got[0][:2], REPLY)
+            until(either, lambda server=server: server.taken)
+            server.end.reply(*server.taken[0][:2], REPLY)
         (server if round_ % 3 else caller).end.close()
         node.close()
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
 def test_boards_whose_nodes_have_the_same_name(either, own_domain_id, order):
-    """Fast DDS's graph finds nodes by their names: the first of that name."""
+    """Services of nodes with one name still work when any of the nodes is closed.
+
+    Fast DDS's graph looks a node up by its name, and finds the first of that name.
+    """
     nodes = [either.create_node(own_domain_id, "/", "same") for _ in range(3)]
     servers = [Taker(node.create_replier, TRIGGER) for node in nodes]
     caller = Taker(either.create_node(own_domain_id, "/", "caller").create_requester, TRIGGER)
     caller.end.request(REQUEST)
-    until(either, lambda: all(server.got for server in servers))
+    until(either, lambda: all(server.taken for server in servers))
     assert len({guid for server in servers for guid in server.end.readers}) == 3
     for closed, index in enumerate(order, 1):
         nodes[index].close()
         caller.end.request(REQUEST)
-        left = [servers[other] for other in order[closed:]]
-        until(either, lambda closed=closed, left=left: all(len(it.got) > closed for it in left))
+        left = [servers[index] for index in order[closed:]]
+        until(either, lambda closed=closed, left=left: all(len(s.taken) > closed for s in left))
 
 
 # --- the process ------------------------------------------------------------------
 
 
-def test_signals_stay_ours(either, own_domain_id):
+def test_rclpy_leaves_signal_handlers_unchanged(either, own_domain_id):
     with default_signals():
         handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         node = either.create_node(own_domain_id, "/", "node")
@@ -404,26 +406,26 @@ def test_signals_stay_ours(either, own_domain_id):
             signal.raise_signal(signal.SIGINT)
 
 
-def test_a_context_that_somebody_shuts_down_is_told(ros2, own_domain_id):
+def test_a_context_that_is_shut_down_is_an_error_with_the_remedy(ros2, own_domain_id):
     node = ros2.create_node(own_domain_id, "/", "node")
     server = Taker(node.create_replier, TRIGGER)
     node.domain.context.shutdown()
-    node.domain.resume(server.end._listener)  # whatever makes the thread look again
+    node.domain.resume(server.end._listener)  # makes the thread wait again
     with pytest.raises(MiddlewareError, match="delivers nothing more .*start the agent again"):
         until(ros2, lambda: False, 2)
 
 
-def test_nothing_is_warned_of_at_the_end(own_domain_id):
-    with warnings.catch_warnings(record=True) as said:
+def test_closing_causes_no_runtime_warning(own_domain_id):
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        one = open_middleware("auto")
-        node = one.create_node(own_domain_id, "/", "node")
+        middleware = open_middleware("auto")
+        node = middleware.create_node(own_domain_id, "/", "node")
         node.create_writer("rt/chatter", STRING, QoSProfile())
         node.create_replier(TRIGGER, QoSProfile(), lambda: None)
         node.create_requester(TRIGGER, QoSProfile(), lambda: None)
-        one.close()
-        one.close()
-    assert [str(it.message) for it in said if issubclass(it.category, RuntimeWarning)] == []
+        middleware.close()
+        middleware.close()
+    assert [str(w.message) for w in caught if issubclass(w.category, RuntimeWarning)] == []
 
 
 # --- auto -------------------------------------------------------------------------
@@ -431,19 +433,19 @@ def test_nothing_is_warned_of_at_the_end(own_domain_id):
 
 def test_the_boards_node_announces_the_services_and_no_more_when_they_go(auto, own_domain_id):
     watching = DdsMiddleware()
-    seen = watching.graph(own_domain_id, lambda: None)
+    graph = watching.graph(own_domain_id, lambda: None)
 
     def listed():
         def topics(gids):
-            known = [seen.endpoints.get(gid) for gid in gids]
-            return sorted("unknown" if end is None else end.topic for end in known)
+            endpoints = [graph.endpoints.get(gid) for gid in gids]
+            return sorted("unknown" if end is None else end.topic for end in endpoints)
 
         return {
             f"{node.namespace.rstrip('/')}/{node.name}": (
                 topics(node.readers),
                 topics(node.writers),
             )
-            for nodes in seen.announced.values()
+            for nodes in graph.announced.values()
             for node in nodes
         }
 
@@ -476,61 +478,63 @@ def test_the_boards_node_announces_the_services_and_no_more_when_they_go(auto, o
     watching.close()
 
 
-def test_both_ends_of_a_node_are_told_apart(auto, own_domain_id):
-    """Two servers of one name in one node: each announces its own endpoints."""
+def test_two_servers_of_one_node_have_their_own_endpoints(auto, own_domain_id):
+    """Two servers of the same name in one node: each announces its own endpoints."""
     node = auto.create_node(own_domain_id, "/", "twice")
     first, second = (node.create_replier(TRIGGER, QoSProfile(), lambda: None) for _ in range(2))
     assert len(first.readers) == len(second.readers) == len(first.writers) == 1
     assert first.readers != second.readers and first.writers != second.writers
 
 
-# --- auto where it serves boards: rclpy is imported meanwhile ---------------------------
+# --- auto as the agent uses it: rclpy is imported while the agent serves boards ---------
 
 
 @pytest.fixture
 def serving():
-    one = open_middleware("auto")
-    one.batching = True
-    yield one
-    one.close()
+    middleware = open_middleware("auto")
+    middleware.batching = True
+    yield middleware
+    middleware.close()
 
 
-def test_ends_that_come_late_carry_requests_and_replies(serving, own_domain_id):
+def test_pending_endpoints_carry_requests_and_replies(serving, own_domain_id):
+    """Endpoints that wait for rclpy or for their type carry requests and replies once it loads."""
     node = serving.create_node(own_domain_id, "/", "node")
     server = Taker(node.create_replier, TRIGGER)
     caller = Taker(node.create_requester, TRIGGER)
     assert isinstance(server.end, PendingEndpoint) and caller.end.request(REQUEST) is None
     until(serving, lambda: caller.end.request(REQUEST))
-    until(serving, lambda: server.got)
-    for guid, sequence, _ in server.got:
+    until(serving, lambda: server.taken)
+    for guid, sequence, _ in server.taken:
         assert server.end.reply(guid, sequence, REPLY)
-    until(serving, lambda: caller.got)
-    ((number, answer),) = caller.got
-    assert (number, answer[4], answer[8:]) == (1, 1, REPLY[8:])  # between them is padding
-    other = Taker(node.create_replier, SET)  # another type: it is looked for anew
-    assert isinstance(other.end, PendingEndpoint)
+    until(serving, lambda: caller.taken)
+    ((number, answer),) = caller.taken
+    assert (number, answer[4], answer[8:]) == (1, 1, REPLY[8:])  # octets 5 to 7 are padding
+    setter = Taker(node.create_replier, SET)  # another type has to be loaded first
+    assert isinstance(setter.end, PendingEndpoint)
     assert not isinstance(Taker(node.create_replier, TRIGGER).end, PendingEndpoint)
 
 
-def test_late_ends_are_announced_when_they_are_there(serving, own_domain_id):
+def test_pending_endpoints_are_announced_when_they_are_created(serving, own_domain_id):
     watching = DdsMiddleware()
-    seen = watching.graph(own_domain_id, lambda: None)
+    graph = watching.graph(own_domain_id, lambda: None)
     node = serving.create_node(own_domain_id, "/garden", "gate")
     end = node.create_replier(TRIGGER, QoSProfile(), lambda: None)
 
     def topics():
-        nodes = [it for nodes in seen.announced.values() for it in nodes if it.name == "gate"]
-        ours = [seen.endpoints.get(gid) for it in nodes for gid in (*it.readers, *it.writers)]
-        return {it.topic for it in ours if it is not None}
+        announced = [node for nodes in graph.announced.values() for node in nodes]
+        gates = [node for node in announced if node.name == "gate"]
+        endpoints = [graph.endpoints.get(g) for n in gates for g in (*n.readers, *n.writers)]
+        return {endpoint.topic for endpoint in endpoints if endpoint is not None}
 
     def wait(wanted):
         deadline = time.monotonic() + SECONDS
         while topics() != wanted:
             assert time.monotonic() < deadline, topics()
-            for one in (serving, watching):
-                if select.select([one.fileno()], [], [], 0.02)[0]:
-                    one.dispatch()
-                one.tick()
+            for middleware in (serving, watching):
+                if select.select([middleware.fileno()], [], [], 0.02)[0]:
+                    middleware.dispatch()
+                middleware.tick()
 
     wait({TRIGGER.request_topic, TRIGGER.reply_topic})
     end.close()
@@ -539,11 +543,12 @@ def test_late_ends_are_announced_when_they_are_there(serving, own_domain_id):
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 5])
-def test_nodes_and_middlewares_that_go_while_ends_are_on_their_way(own_domain_id, turns):
+def test_nodes_and_middlewares_that_are_closed_while_endpoints_are_pending(own_domain_id, turns):
+    """Closing nodes, endpoints and the middleware in any order raises no error."""
     for round_ in range(10):
-        one = open_middleware("auto")
-        one.batching = True
-        nodes = [one.create_node(own_domain_id, "/", f"node{i}") for i in range(3)]
+        middleware = open_middleware("auto")
+        middleware.batching = True
+        nodes = [middleware.create_node(own_domain_id, "/", f"node{i}") for i in range(3)]
         services = (TRIGGER, SET, PARAMETERS)
         ends = [
             Taker(make, service).end
@@ -551,21 +556,21 @@ def test_nodes_and_middlewares_that_go_while_ends_are_on_their_way(own_domain_id
             for make in (node.create_replier, node.create_requester)
         ]
         for _ in range(turns):
-            if select.select([one.fileno()], [], [], 0.1)[0]:
-                one.dispatch()
+            if select.select([middleware.fileno()], [], [], 0.1)[0]:
+                middleware.dispatch()
         if round_ % 2:
             nodes[round_ % 3].close()
             ends[round_ % 6].close()
         if round_ % 3:
-            one.close()
+            middleware.close()
         for end in ends:
             end.close()
-        one.close()
+        middleware.close()
 
 
-def test_a_type_that_the_package_lacks_comes_over_dds(serving, own_domain_id):
-    told = []
-    serving.on_notice = told.append
+def test_a_type_that_its_package_lacks_goes_over_dds(serving, own_domain_id):
+    notices = []
+    serving.on_notice = notices.append
     node = serving.create_node(own_domain_id, "/", "node")
     jump = Service(
         "rq/jumpRequest", "std_srvs::srv::dds_::Jump_Request_",
@@ -573,5 +578,6 @@ def test_a_type_that_the_package_lacks_comes_over_dds(serving, own_domain_id):
     )  # fmt: skip
     caller = node.create_requester(jump, QoSProfile(), lambda: None)
     until(serving, lambda: caller.request(REQUEST))
-    assert len(told) == 1 and "std_srvs/srv/Jump: package std_srvs has no such type" in told[0]
+    assert len(notices) == 1
+    assert "std_srvs/srv/Jump: package std_srvs has no such type" in notices[0]
     assert len(node._dds._endpoints) == 2
