@@ -1,4 +1,4 @@
-"""Both ends of an action, each with a scripted other end. Also runs on MicroPython."""
+"""Action server and action client, each with a scripted peer. Also runs on MicroPython."""
 
 from support.board import KEY, FakeAgent, FakeClock
 from support.services import raised
@@ -17,11 +17,11 @@ from uros.wire.entities import (
     pull_create,
 )
 
-# --- a small action, its classes made by hand ---------------------------------------------------
+# --- a small action with classes written by hand ------------------------------------------------
 
 
 class Record:
-    """A message; FIELDS are (name, kind): a size in octets, a class, or a list of one."""
+    """A message; FIELDS are (name, kind): a size in octets, a class, or a list of one class."""
 
     FIELDS = ()
     _TYPE = ""
@@ -99,11 +99,11 @@ class UUID(Record):
 
 
 class Time(Record):
-    """Its seconds in halves, too, as the client's clock writes them."""
+    """A Time whose seconds are also set in halves, as the client's clock does."""
 
     FIELDS = (("sec", 4), ("nanosec", 4))
-    high = property(None, lambda self, it: setattr(self, "sec", self.sec & 0xFFFF | it << 16))
-    low = property(None, lambda self, it: setattr(self, "sec", self.sec & -65536 | it))
+    high = property(None, lambda self, half: setattr(self, "sec", self.sec & 0xFFFF | half << 16))
+    low = property(None, lambda self, half: setattr(self, "sec", self.sec & -65536 | half))
 
 
 class GoalInfo(Record):
@@ -204,7 +204,6 @@ class Desk:
         self.node = Node("node", self.agent, namespace, key=KEY, clock=self.clock)
         self.errors = []
         self.node.executor.report = self.errors.append
-        self.seen = 0  # samples of the agent that were looked at
 
     def run(self, ms=10):
         end = self.clock.t + ms * 1000
@@ -219,20 +218,19 @@ class Desk:
         raise AssertionError(state)
 
     def lose(self):
-        """The agent is gone, and another one comes."""
+        """Lose the agent; another one starts."""
         self.agent.silent = True
         self.until(WAITING_AGENT)
         self.agent.silent = False
         self.agent.forget()
-        self.seen = 0
 
-    def told(self, thing, kind, skip=0):
-        """What the board has written there since the last look, all else set aside."""
+    def take(self, object_id, kind, skip=0):
+        """Remove and return the messages that the board has written to an object."""
         out = []
-        for object_id, sample in self.agent.samples:
-            if object_id == thing:
+        for sample_id, sample in self.agent.samples:
+            if sample_id == object_id:
                 out.append(kind._get(sample[skip:], 0)[0])
-        self.agent.samples = [it for it in self.agent.samples if it[0] != thing]
+        self.agent.samples = [sample for sample in self.agent.samples if sample[0] != object_id]
         return out
 
 
@@ -245,50 +243,55 @@ class ServerDesk(Desk):
         self.server = ActionServer(self.node, Count, name, execute, **options)
         self.until(AGENT_CONNECTED)
 
-    def ask(self, thing, request):
+    def ask(self, object_id, request):
         self.asked += 1
-        self.agent.sample(thing, bytes([self.asked] * 24) + octets_of(request))
+        self.agent.sample(object_id, bytes([self.asked] * 24) + octets_of(request))
         self.run(1)
 
-    def answers(self, thing, kind):
-        """(who asked, answer) for each answer."""
-        who = [it[1][0] for it in self.agent.samples if it[0] == thing]
-        return list(zip(who, self.told(thing, kind, 24)))
+    def answers(self, object_id, kind):
+        """Return (identity, response) of each reply."""
+        identities = [sample[1][0] for sample in self.agent.samples if sample[0] == object_id]
+        return list(zip(identities, self.take(object_id, kind, 24)))
 
     def send(self, n, goal=3):
-        """Send goal number n; whether it is accepted."""
+        """Send goal number n; return whether it is accepted."""
         self.ask(SEND_GOAL, SendGoal.Request(UUID(uuid(n)), Count.Goal(goal)))
         ((_, answer),) = self.answers(SEND_GOAL, SendGoal.Response)
         return bool(answer.accepted)
 
     def cancel(self, n=None, sec=0, nanosec=0):
-        """(return code, which goals)"""
+        """Send CancelGoal; return (return code, numbers of the goals)."""
         info = GoalInfo(UUID(bytes(16) if n is None else uuid(n)), Time(sec, nanosec))
         self.ask(CANCEL_GOAL, Cancel.Request(info))
         ((_, answer),) = self.answers(CANCEL_GOAL, Cancel.Response)
-        return answer.return_code, [it.goal_id.uuid[0] for it in answer.goals_canceling]
+        return answer.return_code, [
+            goal_info.goal_id.uuid[0] for goal_info in answer.goals_canceling
+        ]
 
     def ask_result(self, n):
         self.ask(GET_RESULT, GetResult.Request(UUID(uuid(n))))
 
     def results(self):
-        """(who asked, status, n) for each answer."""
-        found = self.answers(GET_RESULT, GetResult.Response)
-        return [(who, it.status, it.result.n) for who, it in found]
+        """Return (identity, status, n) of each reply to get_result."""
+        answers = self.answers(GET_RESULT, GetResult.Response)
+        return [(identity, answer.status, answer.result.n) for identity, answer in answers]
 
     def states(self):
-        """What was published: a list of (goal, state) each time."""
+        """Return the published states, a list of (goal, state) for each message."""
         return [
-            [(it.goal_info.goal_id.uuid[0], it.status) for it in message.status_list]
-            for message in self.told(STATUS, StatusArray)
+            [(status.goal_info.goal_id.uuid[0], status.status) for status in message.status_list]
+            for message in self.take(STATUS, StatusArray)
         ]
 
     def feedback(self):
-        return [(it.goal_id.uuid[0], it.feedback.n) for it in self.told(FEEDBACK, FeedbackMessage)]
+        return [
+            (message.goal_id.uuid[0], message.feedback.n)
+            for message in self.take(FEEDBACK, FeedbackMessage)
+        ]
 
 
 def counting(goal):
-    """Count, a step each tenth of a second."""
+    """Count one step each tenth of a second."""
     for i in range(goal.request.n):
         if goal.is_cancel_requested:
             goal.canceled()
@@ -335,7 +338,7 @@ def test_a_servers_names_types_and_qos() -> None:
     assert qos == [(keep, 10), (keep | ids.QOS_TRANSIENT_LOCAL, 1)]
 
 
-def test_a_goal_is_worked_on_step_by_step() -> None:
+def test_a_generator_executes_a_goal_in_steps() -> None:
     desk = ServerDesk(counting)
     started = desk.clock.t
     assert desk.send(1)
@@ -347,14 +350,14 @@ def test_a_goal_is_worked_on_step_by_step() -> None:
     assert desk.results() == [(2, 4, 3)]
     (goal,) = desk.server.goals
     assert not goal.is_active and 300 <= (desk.clock.t - started) // 1000 <= 420
-    # Whoever asks later is told too, and again.
+    # Later requests get the result, too.
     desk.ask_result(1)
     desk.ask_result(1)
     assert desk.results() == [(3, 4, 3), (4, 4, 3)]
     assert not desk.errors
 
 
-def test_the_stamp_is_the_time_of_accepting() -> None:
+def test_the_stamp_is_the_time_of_acceptance() -> None:
     desk = ServerDesk(counting)
     desk.run(100)
     desk.ask(SEND_GOAL, SendGoal.Request(UUID(uuid(1)), Count.Goal(3)))
@@ -366,7 +369,7 @@ def test_the_stamp_is_the_time_of_accepting() -> None:
     assert abs(answer.stamp.sec * 1000000 + answer.stamp.nanosec // 1000 - now) < 100000
 
 
-def test_a_result_may_be_there_at_once() -> None:
+def test_an_execute_callback_may_return_its_result_at_once() -> None:
     def execute(goal):
         if goal.request.n == 7:
             goal.abort()
@@ -382,23 +385,23 @@ def test_a_result_may_be_there_at_once() -> None:
     assert desk.states()[-1] == [(1, 4), (2, 6)]
 
 
-def test_goals_are_refused_by_the_program() -> None:
-    seen = []
+def test_the_goal_callback_rejects_goals() -> None:
+    goals = []
 
     def goal_callback(goal):
-        seen.append(goal.n)
+        goals.append(goal.n)
         if goal.n == 5:
             raise ValueError("five")
         return {1: GoalResponse.ACCEPT, 2: GoalResponse.REJECT, 3: None, 4: True}[goal.n]
 
     desk = ServerDesk(counting, goal_callback=goal_callback)
     assert [desk.send(n, n) for n in (1, 2, 3, 4, 5)] == [True, False, False, False, False]
-    assert seen == [1, 2, 3, 4, 5]
+    assert goals == [1, 2, 3, 4, 5]
     assert [str(error) for error in desk.errors] == ["five"]
     desk.ask_result(2)
-    assert desk.results() == [(6, 0, 0)]  # nobody knows it
+    assert desk.results() == [(6, 0, 0)]  # an unknown goal
     # The same goal again.
-    assert not desk.send(1, 1) and seen == [1, 2, 3, 4, 5]
+    assert not desk.send(1, 1) and goals == [1, 2, 3, 4, 5]
     assert len(desk.server.goals) == 1
 
 
@@ -434,7 +437,7 @@ def test_steps_of_goals_take_turns() -> None:
     assert order == [1, 2, 3] * 3 and not desk.errors
 
 
-def test_a_goal_begins_when_the_program_says_so() -> None:
+def test_an_accepted_goal_begins_when_the_program_executes_it() -> None:
     held = []
     desk = ServerDesk(counting, handle_accepted_callback=held.append)
     assert desk.send(1, 1)
@@ -463,10 +466,10 @@ def test_without_an_execute_callback_the_program_ends_goals() -> None:
     for n in (1, 2, 3, 4):
         assert desk.send(n)
         desk.ask_result(n)
-    one, two, three, four = desk.server.goals
-    assert one.status == GoalStatus.STATUS_EXECUTING
+    first, two, three, four = desk.server.goals
+    assert first.status == GoalStatus.STATUS_EXECUTING
     result = Count.Result(11)
-    one.succeed(result)
+    first.succeed(result)
     result.n = 12  # too late
     two.abort(Count.Result(22))
     assert desk.cancel(3) == (0, [3])
@@ -478,7 +481,7 @@ def test_without_an_execute_callback_the_program_ends_goals() -> None:
     assert not desk.errors
 
 
-def test_transitions_that_there_are_not() -> None:
+def test_invalid_transitions_raise() -> None:
     desk = ServerDesk(
         handle_accepted_callback=lambda goal: None,
         cancel_callback=lambda goal: CancelResponse.ACCEPT,
@@ -509,7 +512,7 @@ def test_a_goal_canceled_before_it_begins() -> None:
     assert desk.states() == [[(1, 1)], [(1, 3)], [(1, 5)]]
 
 
-def test_work_that_fails_aborts_its_goal_only() -> None:
+def test_an_execute_callback_that_fails_aborts_its_goal_only() -> None:
     def execute(goal):
         if goal.request.n == 1:
             raise ValueError("one")
@@ -517,7 +520,7 @@ def test_work_that_fails_aborts_its_goal_only() -> None:
         if goal.request.n == 2:
             raise ValueError("two")
         if goal.request.n == 3:
-            return Count.Result(3)  # and no word of success
+            return Count.Result(3)  # without succeed()
         if goal.request.n == 4:
             goal.succeed()
             raise ValueError("four")
@@ -536,39 +539,39 @@ def test_work_that_fails_aborts_its_goal_only() -> None:
     assert sorted(desk.results()) == [
         (2, 6, 0), (4, 6, 0), (6, 6, 3), (8, 4, 0), (10, 4, 0), (12, 4, 0), (14, 4, 7),
     ]  # fmt: skip
-    said = sorted([str(error) for error in desk.errors])
-    assert [it for it in said if "/" not in it] == ["four", "one", "two"], said
-    assert [it for it in said if "counts as aborted" in it and it.startswith("/count: ")]
-    assert [it for it in said if "Count_Result, not test_msgs/action/Count_Goal" in it]
-    assert [it for it in said if "Count_Result, not int" in it]
-    assert len(said) == 6
+    texts = sorted([str(error) for error in desk.errors])
+    assert [text for text in texts if "/" not in text] == ["four", "one", "two"], texts
+    assert [text for text in texts if "counts as aborted" in text and text.startswith("/count: ")]
+    assert [text for text in texts if "Count_Result, not test_msgs/action/Count_Goal" in text]
+    assert [text for text in texts if "Count_Result, not int" in text]
+    assert len(texts) == 6
     assert desk.node.executor.failed == 6
 
 
-def test_what_is_no_feedback_or_result_is_refused_at_the_call() -> None:
+def test_messages_of_other_types_are_refused_as_feedback_or_result() -> None:
     desk = ServerDesk()
     assert desk.send(1)
     (goal,) = desk.server.goals
     assert "Count_Feedback" in raised(TypeError, goal.publish_feedback, Count.Result())
     assert "Count_Feedback" in raised(TypeError, goal.publish_feedback, 5)
     assert "Count_Result" in raised(TypeError, goal.succeed, Count.Feedback())
-    raised(TypeError, goal.succeed, Count.Result("text"))  # as packing says it
+    raised(TypeError, goal.succeed, Count.Result("text"))  # the error of packing
     assert goal.is_active
     goal.succeed(Count.Result(1))
 
 
 def test_a_generator_waits_for_a_future() -> None:
-    future, other = Future(), Future()
+    future, failing = Future(), Future()
     caught = []
 
     def execute(goal):
-        got = yield future
+        result = yield future
         try:
-            yield other
+            yield failing
         except OSError as error:
             caught.append(str(error))
         goal.succeed()
-        return Count.Result(got)
+        return Count.Result(result)
 
     desk = ServerDesk(execute)
     assert desk.send(1)
@@ -578,7 +581,7 @@ def test_a_generator_waits_for_a_future() -> None:
     future.finish(77)
     desk.run(100)
     assert desk.results() == []
-    other.finish(None, OSError("no"))
+    failing.finish(None, OSError("no"))
     desk.run(10)
     assert desk.results() == [(2, 4, 77)] and caught == ["no"]
 
@@ -591,7 +594,7 @@ async def count_async(goal):
     return Count.Result(goal.request.n)
 
 
-def test_a_coroutine_works_too() -> None:
+def test_a_coroutine_executes_a_goal() -> None:
     desk = ServerDesk(count_async)
     assert desk.send(1, 2)
     desk.ask_result(1)
@@ -640,7 +643,7 @@ def test_cancel_by_id() -> None:
     assert desk.cancel(9) == (2, [])
     assert desk.cancel(1) == (0, [1])
     assert desk.states()[0] == [(1, 3), (2, 2)]
-    assert desk.cancel(1) == (3, [])  # it is on its way already
+    assert desk.cancel(1) == (3, [])  # it is being canceled already
     desk.ask_result(1)
     desk.run(200)
     assert desk.results() == [(6, 5, 1)]
@@ -655,7 +658,7 @@ def test_cancel_all_and_by_time() -> None:
         desk.run(20)
     stamps = [goal._goal_status.goal_info.stamp for goal in desk.server.goals]
     assert desk.cancel(None, stamps[1].sec, stamps[1].nanosec) == (0, [1, 2])
-    # With an id and a time: that one, and what is as old.
+    # With an id and a time: the goal of the id, and goals accepted until then.
     assert desk.cancel(4, stamps[2].sec, stamps[2].nanosec) == (0, [3, 4])
     desk.server.goals[0].canceled()
     assert desk.cancel(None) == (0, [5])
@@ -702,7 +705,7 @@ def test_results_expire() -> None:
     desk.ask_result(1)
     assert desk.results() == [(4, 0, 0)]
     assert desk.states() == [[(2, 2)]]
-    assert len(desk.server.goals) == 1  # who is being worked on does not expire
+    assert len(desk.server.goals) == 1  # an active goal does not expire
     desk.run(10000)
     assert len(desk.server.goals) == 1
 
@@ -720,12 +723,12 @@ def test_results_may_be_kept_for_ever_or_not_at_all() -> None:
     desk.ask_result(1)
     desk.server.goals[0].succeed(Count.Result(5))
     desk.run(10)
-    assert desk.results() == [(2, 4, 5)]  # to who has asked before
+    assert desk.results() == [(2, 4, 5)]  # reply to the earlier request
     desk.ask_result(1)
     assert desk.results() == [(3, 0, 0)]
 
 
-def test_there_are_so_many_goals_and_no_more() -> None:
+def test_max_goals_limits_the_goals() -> None:
     desk = ServerDesk(max_goals=2)
     assert desk.send(1) and desk.send(2)
     assert not desk.send(3)
@@ -736,17 +739,17 @@ def test_there_are_so_many_goals_and_no_more() -> None:
     assert desk.results() == [(5, 0, 0)]
 
 
-def test_who_asks_over_and_over_has_a_limit() -> None:
+def test_pending_requests_for_a_result_are_limited() -> None:
     desk = ServerDesk()
     assert desk.send(1)
     for _ in range(20):
         desk.ask_result(1)
     desk.server.goals[0].succeed()
     desk.run(5)
-    assert [who for who, _, _ in desk.results()] == [14, 15, 16, 17, 18, 19, 20, 21]
+    assert [identity for identity, _, _ in desk.results()] == [14, 15, 16, 17, 18, 19, 20, 21]
 
 
-def test_a_result_that_is_too_long_leaves_nobody_waiting() -> None:
+def test_a_result_over_the_limit_is_answered_by_an_empty_one() -> None:
     class Long(Record):
         _TYPE = "test_msgs/action/Count_Result"
 
@@ -767,31 +770,31 @@ def test_a_result_that_is_too_long_leaves_nobody_waiting() -> None:
 
 def test_malformed_requests_are_counted() -> None:
     desk = ServerDesk(counting)
-    for thing in (SEND_GOAL, CANCEL_GOAL, GET_RESULT):
-        desk.agent.sample(thing, bytes(10))
-        desk.agent.sample(thing, bytes(24))
+    for object_id in (SEND_GOAL, CANCEL_GOAL, GET_RESULT):
+        desk.agent.sample(object_id, bytes(10))
+        desk.agent.sample(object_id, bytes(24))
     desk.run(20)
     assert [part.malformed for part in desk.server.parts[:3]] == [2, 2, 1]
     assert desk.send(1)
 
 
-def test_a_server_goes_on_without_its_agent() -> None:
+def test_a_server_continues_goals_without_an_agent() -> None:
     desk = ServerDesk(counting)
     assert desk.send(1, 3)
     desk.ask_result(1)
     desk.lose()
     desk.agent.silent = True
-    desk.run(20000)  # the goal ends meanwhile, and its result outlives its time
+    desk.run(20000)  # the goal ends; without an agent its result does not expire
     desk.agent.silent = False
-    assert desk.results() == []  # who asked is gone
+    assert desk.results() == []  # the request was of the last session
     (goal,) = desk.server.goals
     assert goal.status == GoalStatus.STATUS_SUCCEEDED
     desk.until(AGENT_CONNECTED)
     desk.run(10)
-    assert desk.states() == [[(1, 4)]]  # a new agent is told at once
+    assert desk.states() == [[(1, 4)]]  # a new agent gets the states at once
     desk.ask_result(1)
     assert desk.results() == [(3, 4, 3)]
-    # Its time begins when somebody can ask.
+    # The result_timeout begins when the result can be requested.
     desk.lose()
     desk.agent.silent = True
     desk.run(60000)
@@ -802,27 +805,27 @@ def test_a_server_goes_on_without_its_agent() -> None:
     assert len(desk.server.goals) == 0
 
 
-def test_a_full_window_delays_answers_and_loses_none() -> None:
+def test_a_full_window_delays_replies_and_loses_none() -> None:
     desk = ServerDesk(max_goals=100)
     for n in range(1, 40):
         assert desk.send(n)
         desk.ask_result(n)
     desk.states()
-    desk.node.connection.limit = 1200  # a bit more than the states take
+    desk.node.connection.limit = 1200  # a little more than the states take
     before = len(desk.agent.sent)
     desk.agent.silent = True
     for goal in desk.server.goals:
         goal.succeed(Count.Result(7))
     desk.run(300)
     desk.agent.silent = False
-    for it in desk.agent.sent[before:]:
-        desk.agent.hear(it)
+    for datagram in desk.agent.sent[before:]:
+        desk.agent.hear(datagram)
     desk.run(3000)
     assert len(desk.results()) == 39
     assert desk.states()[-1] == [(n, 4) for n in range(1, 40)]
 
 
-def test_an_answer_without_room_goes_out_when_there_is_some() -> None:
+def test_a_reply_without_room_is_sent_when_there_is_room() -> None:
     desk = ServerDesk()
     assert desk.send(1)
     desk.ask_result(1)
@@ -835,13 +838,13 @@ def test_an_answer_without_room_goes_out_when_there_is_some() -> None:
     goal.succeed(Count.Result(7))
     desk.run(100)
     desk.agent.silent = False
-    for it in desk.agent.sent[before:]:
-        desk.agent.hear(it)
+    for datagram in desk.agent.sent[before:]:
+        desk.agent.hear(datagram)
     desk.run(1000)
     assert desk.results() == [(2, 4, 7)] and desk.states()[-1] == [(1, 4)]
 
 
-def test_an_answer_without_memory_goes_out_when_there_is_some() -> None:
+def test_a_reply_without_memory_is_sent_when_there_is_memory() -> None:
     desk = ServerDesk()
     write = desk.node.connection.write
     left = [2]
@@ -857,7 +860,7 @@ def test_an_answer_without_memory_goes_out_when_there_is_some() -> None:
     assert [goal.goal_id.uuid for goal in desk.server.goals] == [uuid(1)]
 
 
-def test_an_end_that_cannot_be_made_leaves_nothing() -> None:
+def test_a_failed_creation_leaves_no_entities() -> None:
     for make in (
         lambda node: ActionServer(node, Count, "c", feedback_pub_qos_profile=-1),
         lambda node: ActionServer(node, Count, "c", status_pub_qos_profile=-1),
@@ -881,7 +884,7 @@ def test_an_end_that_cannot_be_made_leaves_nothing() -> None:
         assert desk.errors == []
 
 
-def test_destroy_takes_everything_off() -> None:
+def test_destroy_deletes_all_entities() -> None:
     closed = []
 
     def execute(goal):
@@ -895,14 +898,14 @@ def test_destroy_takes_everything_off() -> None:
     desk.agent.requests = []
     desk.server.destroy()
     desk.run(10)
-    deleted = [thing for kind, thing in desk.agent.requests if kind == ids.DELETE]
+    deleted = [object_id for kind, object_id in desk.agent.requests if kind == ids.DELETE]
     assert SEND_GOAL in deleted and STATUS in deleted and len(deleted) == 9
     assert closed == [5]
     assert desk.node.executor.handles == [] and desk.server.goals == []
     desk.node.destroy_node()
 
 
-def test_it_is_one_handle_and_bad_names_leave_nothing() -> None:
+def test_an_action_is_one_handle_and_a_refused_one_leaves_no_entities() -> None:
     desk = Desk()
     assert "topic" in raised(ValueError, ActionServer, desk.node, Count, "a b")
     assert "topic" in raised(ValueError, ActionClient, desk.node, Count, "1")
@@ -932,24 +935,24 @@ class ClientDesk(Desk):
         if connect:
             self.until(AGENT_CONNECTED)
 
-    def requests(self, thing, kind):
-        """The requests since the last look."""
+    def requests(self, object_id, kind):
+        """Return the requests since the last call."""
         self.run(1)
-        return self.told(thing, kind)
+        return self.take(object_id, kind)
 
-    def answer(self, thing, number, response):
-        self.agent.sample(thing, number.to_bytes(2, "big") + bytes(2) + octets_of(response))
+    def answer(self, object_id, number, response):
+        self.agent.sample(object_id, number.to_bytes(2, "big") + bytes(2) + octets_of(response))
         self.run(1)
 
     def last_request(self):
-        """The request id of the last WRITE_DATA."""
-        sent = [it for it in self.agent.sent if it[4] == ids.WRITE_DATA]
+        """Return the request id of the last WRITE_DATA."""
+        sent = [datagram for datagram in self.agent.sent if datagram[4] == ids.WRITE_DATA]
         return sent[-1][8] << 8 | sent[-1][9]
 
     def send(self, n, accepted=True, sec=5):
-        """Send a goal, which is accepted or not; its handle."""
+        """Send a goal, answer the request, and return the goal handle."""
         future = self.client.send_goal_async(
-            Count.Goal(n), lambda it: self.heard.append((n, it.feedback.n)), UUID(uuid(n))
+            Count.Goal(n), lambda message: self.heard.append((n, message.feedback.n)), UUID(uuid(n))
         )
         number = self.last_request()
         (request,) = self.requests(ASK_GOAL, SendGoal.Request)
@@ -967,7 +970,9 @@ class ClientDesk(Desk):
     def say(self, *states):
         self.agent.sample(
             HEAR_STATUS,
-            octets_of(StatusArray([Status(GoalInfo(UUID(uuid(n))), it) for n, it in states])),
+            octets_of(
+                StatusArray([Status(GoalInfo(UUID(uuid(n))), status) for n, status in states])
+            ),
         )
         self.run(1)
 
@@ -985,13 +990,13 @@ def test_a_client_sends_a_goal_and_gets_the_result() -> None:
     assert goal.status == GoalStatus.STATUS_EXECUTING
     for value in range(3):
         desk.feed(3, value)
-    desk.feed(9, 100)  # somebody else's
+    desk.feed(9, 100)  # feedback of another client's goal
     order = []
-    future.add_done_callback(lambda it: order.append(list(desk.heard)))
+    future.add_done_callback(lambda future: order.append(list(desk.heard)))
     desk.answer(ASK_RESULT, number, GetResult.Response(4, Count.Result(33)))
     desk.run(5)
     assert desk.heard == [(3, 0), (3, 1), (3, 2)]
-    assert order == [desk.heard]  # feedback that came before is told before
+    assert order == [desk.heard]  # feedback received before the result is passed on before it
     assert (future.result().status, future.result().result.n) == (4, 33)
     assert goal.status == GoalStatus.STATUS_SUCCEEDED
     desk.feed(3, 4)
@@ -999,7 +1004,7 @@ def test_a_client_sends_a_goal_and_gets_the_result() -> None:
     assert len(desk.heard) == 3 and not desk.client._goals and not desk.errors
 
 
-def test_feedback_that_came_first_is_told_first() -> None:
+def test_feedback_received_before_the_result_is_passed_on_first() -> None:
     desk = ClientDesk()
     goal = desk.send(3)
     future = goal.get_result_async()
@@ -1009,16 +1014,16 @@ def test_feedback_that_came_first_is_told_first() -> None:
     desk.feed(3, 2)
     answer = octets_of(GetResult.Response(4, Count.Result(33)))
     desk.agent.sample(ASK_RESULT, number.to_bytes(2, "big") + bytes(2) + answer)
-    for _ in range(10):  # all of it is there before the first callback
+    for _ in range(10):  # all are received before the first callback
         desk.node.connection.pump(0)
     assert desk.heard == []
     order = []
-    future.add_done_callback(lambda it: order.append(len(desk.heard)))
+    future.add_done_callback(lambda future: order.append(len(desk.heard)))
     desk.run(5)
     assert order == [2]
 
 
-def test_feedback_that_comes_after_the_end_is_heard_while_the_result_is_awaited() -> None:
+def test_feedback_after_the_final_status_is_passed_on_until_the_result() -> None:
     desk = ClientDesk()
     goal = desk.send(3)
     goal.get_result_async()
@@ -1029,7 +1034,7 @@ def test_feedback_that_comes_after_the_end_is_heard_while_the_result_is_awaited(
     assert desk.heard == [(3, 1)] and goal.status == GoalStatus.STATUS_SUCCEEDED
 
 
-def test_a_goal_that_is_refused() -> None:
+def test_a_rejected_goal_receives_no_feedback() -> None:
     desk = ClientDesk()
     goal = desk.send(3, accepted=False)
     assert not goal.accepted and goal.status == GoalStatus.STATUS_UNKNOWN
@@ -1038,12 +1043,12 @@ def test_a_goal_that_is_refused() -> None:
     assert desk.heard == [] and not desk.client._goals
 
 
-def test_a_goal_has_an_id_of_its_own() -> None:
+def test_each_goal_has_a_random_uuid() -> None:
     desk = ClientDesk()
     desk.client.send_goal_async(Count.Goal(1))
     desk.client.send_goal_async(Count.Goal(2))
-    one, two = desk.requests(ASK_GOAL, SendGoal.Request)
-    assert len(one.goal_id.uuid) == 16 and one.goal_id.uuid != two.goal_id.uuid
+    first, two = desk.requests(ASK_GOAL, SendGoal.Request)
+    assert len(first.goal_id.uuid) == 16 and first.goal_id.uuid != two.goal_id.uuid
     assert len(random_uuid()) == 16
 
 
@@ -1069,7 +1074,7 @@ def test_canceling_by_a_client() -> None:
     assert goal.status == GoalStatus.STATUS_CANCELED and not desk.client._goals
 
 
-def test_only_a_goal_can_be_sent() -> None:
+def test_send_goal_refuses_messages_of_other_types() -> None:
     desk = ClientDesk()
     assert "Count_Goal" in raised(TypeError, desk.client.send_goal_async, Count.Result(1))
     assert "Count_Goal" in raised(TypeError, desk.client.send_goal_async, 5)
@@ -1088,7 +1093,7 @@ def test_without_a_session_nothing_is_sent() -> None:
     assert desk.client.wait_for_server()
 
 
-def test_the_end_of_a_session_fails_what_waits() -> None:
+def test_the_end_of_a_session_fails_pending_futures() -> None:
     desk = ClientDesk()
     goal = desk.send(1)
     futures = [
@@ -1096,13 +1101,13 @@ def test_the_end_of_a_session_fails_what_waits() -> None:
         goal.cancel_goal_async(),
     ]  # fmt: skip
     desk.run(5)
-    assert not [it for it in futures if it.done()]
+    assert not [future for future in futures if future.done()]
     desk.lose()
     desk.run(5)
     for future in futures:
         assert ": lost" in raised(OSError, future.result)
     assert goal.get_result_async().exception() is not None
-    # The goal lives at its server, and is heard of again.
+    # The goal continues at its server, and feedback is received again.
     desk.until(AGENT_CONNECTED)
     desk.feed(1, 5)
     desk.say((1, 2))
@@ -1115,7 +1120,7 @@ def test_the_end_of_a_session_fails_what_waits() -> None:
 
 
 def test_a_goal_that_ends_before_it_is_accepted() -> None:
-    """Topics and services are not in step."""
+    """Topics and services have no common order."""
     desk = ClientDesk()
     future = desk.client.send_goal_async(Count.Goal(3), None, UUID(uuid(3)))
     number = desk.last_request()
@@ -1130,16 +1135,16 @@ def test_a_goal_that_ends_before_it_is_accepted() -> None:
     assert future.result().result.n == 1 and not desk.client._goals
 
 
-def test_a_server_that_does_not_know_the_goal() -> None:
+def test_the_result_of_an_unknown_goal_is_status_unknown() -> None:
     desk = ClientDesk()
     goal = desk.send(1)
     future = goal.get_result_async()
     desk.answer(ASK_RESULT, desk.last_request(), GetResult.Response(0))
     assert future.result().status == GoalStatus.STATUS_UNKNOWN
-    assert goal.status == GoalStatus.STATUS_ACCEPTED  # what was last heard
+    assert goal.status == GoalStatus.STATUS_ACCEPTED  # the last status received
 
 
-def test_requests_can_be_given_up() -> None:
+def test_remove_pending_request_drops_requests() -> None:
     desk = ClientDesk()
     goal = desk.send(1)
     sent = desk.client.send_goal_async(Count.Goal(2))
@@ -1153,7 +1158,7 @@ def test_requests_can_be_given_up() -> None:
     assert not sent.done()
 
 
-def test_a_destroyed_client_leaves_nobody_waiting() -> None:
+def test_destroying_a_client_fails_its_futures() -> None:
     desk = ClientDesk()
     goal = desk.send(1)
     waiting = [desk.client.send_goal_async(Count.Goal(2)), goal.get_result_async()]
@@ -1164,7 +1169,7 @@ def test_a_destroyed_client_leaves_nobody_waiting() -> None:
     assert desk.node.executor.handles == [] and not desk.errors
 
 
-def test_callbacks_of_a_client_that_raise() -> None:
+def test_feedback_callbacks_that_raise_are_reported() -> None:
     desk = ClientDesk()
 
     def fail(message):

@@ -1,4 +1,4 @@
-"""Ticks, and the time that is learnt. Also runs on MicroPython."""
+"""Ticks, and the clock synchronized with the agent. Also runs on MicroPython."""
 
 from support.board import FakeClock
 
@@ -15,7 +15,7 @@ class Stamp:
         return self.high << 16 | self.low
 
 
-def test_ticks_are_of_thirty_bits_and_go_on() -> None:
+def test_ticks_have_30_bits_and_advance() -> None:
     for read, least in ((ticks.ticks_ms, 2), (ticks.ticks_us, 2000)):
         before = read()
         ticks.sleep_ms(2)
@@ -49,12 +49,12 @@ def test_stamps_across_seconds() -> None:
     clock = FakeClock()
     clock.set(1700000000, 999998999)  # to the microsecond
     stamp = Stamp()
-    seen = []
+    stamps = []
     for _ in range(4):
         clock.stamp(stamp)
-        seen.append((stamp.sec, stamp.nanosec))
+        stamps.append((stamp.sec, stamp.nanosec))
         clock.t += 1
-    assert seen == [
+    assert stamps == [
         (1700000000, 999998000), (1700000000, 999999000), (1700000001, 0), (1700000001, 1000),
     ]  # fmt: skip
     clock.t += 3999999
@@ -62,7 +62,7 @@ def test_stamps_across_seconds() -> None:
     assert (stamp.sec, stamp.nanosec) == (1700000005, 1000)
 
 
-def test_ticks_that_come_round_lose_no_time() -> None:
+def test_time_is_right_across_the_wrap_of_ticks() -> None:
     clock = FakeClock((1 << 30) // 1000 - 500)
     clock.set(100, 0)
     for i in range(50):
@@ -70,7 +70,7 @@ def test_ticks_that_come_round_lose_no_time() -> None:
         assert clock.now() == (100 + 60 * (i + 1), 0)
 
 
-def test_small_steps_back_are_made_at_half_speed() -> None:
+def test_small_corrections_backwards_run_at_half_speed() -> None:
     clock = FakeClock()
     clock.set(100, 0)
     clock.set(99, 999000000)  # a millisecond less
@@ -85,21 +85,21 @@ def test_small_steps_back_are_made_at_half_speed() -> None:
     assert clock.now() == (100, 1500000)
 
 
-def test_a_correction_while_one_is_being_made() -> None:
+def test_a_correction_replaces_a_correction_in_progress() -> None:
     clock = FakeClock()
     clock.set(100, 0)
     clock.set(99, 500000000)
-    clock.t += 100000  # 50 ms of the half second are made good
+    clock.t += 100000  # 50 ms of the half second are corrected
     clock.set(99, 600000000)  # the same again
     clock.t += 1000000
     assert clock.now() == (100, 600000000) and clock.t
-    clock.set(101, 0)  # forward at once, and the rest is forgotten
+    clock.set(101, 0)  # forward at once; the rest of the correction is dropped
     assert clock.now() == (101, 0)
     clock.t += 1000
     assert clock.now() == (101, 1000000)
 
 
-def test_a_correction_forwards_or_by_much_ends_the_one_that_is_being_made() -> None:
+def test_a_step_forwards_or_over_a_second_ends_a_correction_in_progress() -> None:
     for step_us in (5000, 7000000, -7000000):
         clock = FakeClock()
         clock.set(1700000000, 0)
@@ -119,7 +119,7 @@ def test_nanoseconds_may_be_a_second_or_more() -> None:
         assert clock.now() == (seconds, nanoseconds % 1000000000)
 
 
-def test_time_stays_what_a_stamp_can_say() -> None:
+def test_seconds_stay_within_the_range_of_a_stamp() -> None:
     clock = FakeClock()
     for seconds, shown in ((0x7FFFFFFF, 0x7FFFFFFF), (0x80000000, 0), (0xFFFFFFFF, 0x7FFFFFFF)):
         clock.set(seconds, 999999000)

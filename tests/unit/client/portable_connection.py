@@ -1,4 +1,4 @@
-"""The four states, and entities that are made again and again. Also runs on MicroPython."""
+"""The four states of a connection, and creation of its entities. Also runs on MicroPython."""
 
 from support.board import KEY, FakeAgent, FakeClock, Number, built, message
 
@@ -17,7 +17,7 @@ CYCLE = [AGENT_DISCONNECTED, WAITING_AGENT, AGENT_AVAILABLE, AGENT_CONNECTED]
 
 
 class FakeEntity:
-    """An entity of one object, or more (``kinds``); it keeps what it gets."""
+    """An entity with the objects ``kinds``; ``data`` are its samples, ``lost`` counts sessions."""
 
     def __init__(self, name="entity", kinds=(ids.KIND_PARTICIPANT,), connection=None):
         self.name = name
@@ -64,11 +64,11 @@ class Bench:
         self.states.append((self.now(), state))
 
     def now(self):
-        """Milliseconds since the start."""
+        """Return the milliseconds since the start."""
         return (self.clock.t - self.start) // 1000
 
     def run(self, ms):
-        """Pump for so long."""
+        """Pump for ``ms`` milliseconds."""
         end = self.clock.t + ms * 1000
         while self.clock.t < end:
             self.connection.pump((end - self.clock.t + 999) // 1000)
@@ -80,19 +80,19 @@ class Bench:
             self.connection.pump((end - self.clock.t + 999) // 1000)
 
     def off(self):
-        """How many microseconds the board's time is ahead of the agent's."""
+        """Return by how many microseconds the board's time is ahead of the agent's."""
         seconds, nanoseconds = self.clock.now()
         return seconds * 1000000 + nanoseconds // 1000 - self.clock.t - self.agent.epoch_us
 
     def pings(self, within):
         start = self.start // 1000
-        return [at - start for at, it in self.agent.pings if it == within]
+        return [at - start for at, in_session in self.agent.pings if in_session == within]
 
 
 # --- waiting ----------------------------------------------------------------------------------
 
 
-def test_it_waits_with_a_ping_every_half_second() -> None:
+def test_a_waiting_connection_pings_every_half_second() -> None:
     bench = Bench()
     bench.agent.silent = True
     bench.run(3100)
@@ -102,7 +102,7 @@ def test_it_waits_with_a_ping_every_half_second() -> None:
     assert bench.connection.write(5, Number(1), b"", True) == 0
 
 
-def test_pumping_all_the_time_does_not_ping_all_the_time() -> None:
+def test_frequent_pumping_does_not_increase_the_ping_rate() -> None:
     bench = Bench()
     bench.agent.silent = True
     for _ in range(2000):
@@ -111,7 +111,7 @@ def test_pumping_all_the_time_does_not_ping_all_the_time() -> None:
     assert len(bench.agent.sent) == 4
 
 
-def test_pumping_waits_no_longer_than_asked() -> None:
+def test_a_pump_returns_within_its_timeout() -> None:
     bench = Bench()
     bench.connection.pump(7)
     bench.agent.silent = True
@@ -123,7 +123,7 @@ def test_pumping_waits_no_longer_than_asked() -> None:
         assert bench.clock.t - before <= 7000
 
 
-def test_a_line_that_does_not_open_is_tried_again() -> None:
+def test_a_transport_that_does_not_open_is_retried() -> None:
     bench = Bench()
     bench.agent.fail_open = OSError(2, "no such line")
     bench.run(2200)
@@ -134,7 +134,7 @@ def test_a_line_that_does_not_open_is_tried_again() -> None:
     assert bench.connection.state == AGENT_CONNECTED
 
 
-def test_ticks_that_come_round_change_nothing() -> None:
+def test_the_wrap_of_ticks_has_no_effect() -> None:
     for before in (0, 1, 200, 499, 700, 2000):
         bench = Bench((1 << 30) - before)
         bench.run(3000)
@@ -174,7 +174,7 @@ def test_creation_has_the_flags_and_the_order_of_the_c_client() -> None:
     assert pull_create(r) == (10, 0x01, ids.KIND_PARTICIPANT, ids.IN_BINARY, content, 0)
 
 
-def test_a_hello_that_is_lost_is_said_again() -> None:
+def test_a_lost_create_client_is_repeated() -> None:
     bench = Bench()
     bench.agent.status = None
 
@@ -190,7 +190,7 @@ def test_a_hello_that_is_lost_is_said_again() -> None:
     assert bench.agent.hellos == [(0, 0), (200, 0), (400, 0), (1600, 0x81)]
 
 
-def test_a_hello_without_an_answer_ends_in_waiting() -> None:
+def test_an_unanswered_create_client_ends_in_waiting_agent() -> None:
     bench = Bench()
     usual = bench.agent.stranger
 
@@ -208,7 +208,7 @@ def test_a_hello_without_an_answer_ends_in_waiting() -> None:
     assert bench.connection.connections == 0
 
 
-def test_pongs_that_come_late_or_twice_change_nothing() -> None:
+def test_late_and_repeated_pongs_are_ignored() -> None:
     bench = Bench()
     bench.run(5)
     info = built(session.push_info, 10, ids.OBJECT_AGENT, 0, 0, [])
@@ -219,13 +219,13 @@ def test_pongs_that_come_late_or_twice_change_nothing() -> None:
     assert len(bench.agent.hellos) == 1
 
 
-def test_a_slow_line_answers_two_hellos_and_works() -> None:
+def test_a_slow_line_answers_two_create_clients_and_connects() -> None:
     bench = Bench()
     entity = FakeEntity(connection=bench.connection)
     bench.agent.delay = (150000, 150000)
     bench.run(5000)
     assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
-    assert [it for _, it in bench.agent.hellos] == [0x81, 0x81]
+    assert [session_id for _, session_id in bench.agent.hellos] == [0x81, 0x81]
     bench.agent.sample(0x01, b"abcd")
     bench.run(500)
     assert entity.data == [b"abcd"]
@@ -245,8 +245,11 @@ def test_more_entities_than_a_window_are_created_in_order() -> None:
 
 
 class Forgetful(FakeAgent):
-    """As eProsima's agent: with 15 of its messages not acknowledged it drops a STATUS, and what
-    comes waits in a queue, acknowledgements too: in turns of ``queue_ms``."""
+    """Agent that queues as eProsima's.
+
+    It drops a STATUS while 15 of its messages are not acknowledged. Received datagrams, ACKNACKs
+    included, are queued and handled every ``queue_ms``.
+    """
 
     queue_ms = 20
     dropped = 0
@@ -259,8 +262,8 @@ class Forgetful(FakeAgent):
             self.turn = self.clock.ms()
             queue = self.queue
             self.queue = ()
-            for it in queue:
-                self.hear(it)
+            for datagram in queue:
+                self.hear(datagram)
         self.queue += (bytes(memoryview(message)[:size]),)
 
     def receive(self, timeout_ms):
@@ -269,8 +272,8 @@ class Forgetful(FakeAgent):
             self.turn = self.clock.ms()
             queue = self.queue
             self.queue = ()
-            for it in queue:
-                self.hear(it)
+            for datagram in queue:
+                self.hear(datagram)
         return FakeAgent.receive(self, timeout_ms)
 
     def reliable(self, kind, payload, flags=ids.FLAG_LITTLE_ENDIAN):
@@ -280,7 +283,7 @@ class Forgetful(FakeAgent):
             FakeAgent.reliable(self, kind, payload, flags)
 
 
-def test_an_agent_that_drops_answers_to_many_requests_at_once_loses_none() -> None:
+def test_unanswered_requests_stay_below_the_queue_of_the_agent() -> None:
     bench = Bench()
     bench.connection.transport = bench.agent = Forgetful(bench.clock)
     kinds = tuple(range(1, 9))
@@ -291,23 +294,25 @@ def test_an_agent_that_drops_answers_to_many_requests_at_once_loses_none() -> No
     assert bench.connection.connections == 1
 
 
-def test_entities_are_made_though_an_agent_drops_all_its_answers() -> None:
-    """As eProsima's does with a STATUS while a busy topic fills its stream."""
+def test_entities_are_created_while_the_agent_drops_every_status() -> None:
+    """eProsima's agent drops each STATUS while a busy topic fills its stream."""
     bench = Bench()
     bench.until(AGENT_CONNECTED)
     bench.agent.reliable = lambda kind, payload: None
     entities = [FakeEntity("entity%d" % i, connection=bench.connection) for i in range(20)]
     bench.run(3000)
-    assert [it for _, it in bench.agent.requests[::2]] == [it.object_ids()[0] for it in entities]
+    assert [object_id for _, object_id in bench.agent.requests[::2]] == [
+        entity.object_ids()[0] for entity in entities
+    ]
     assert bench.connection.connections == 1
 
 
-def test_a_slow_line_takes_its_time_over_many_entities() -> None:
+def test_many_entities_are_created_over_a_slow_line() -> None:
     bench = Bench()
     bench.agent.delay = (250000, 250000)
     entities = [FakeEntity("entity%d" % i, connection=bench.connection) for i in range(90)]
     bench.until(AGENT_CONNECTED, 20000)
-    # Longer than an agent may leave requests unanswered, but each was answered soon.
+    # Longer than silence_ms altogether, but each request was answered in time.
     assert bench.now() > 3000 and entities[0].lost == 0, bench.now()
     assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
 
@@ -319,7 +324,7 @@ def test_numbers_count_up_for_each_first_kind() -> None:
         (ids.KIND_TOPIC, ids.KIND_DATAREADER), (ids.KIND_REPLIER,),
     ]  # fmt: skip
     entities = [FakeEntity("entity", kind, bench.connection) for kind in kinds]
-    assert [it.object_ids() for it in entities] == [
+    assert [entity.object_ids() for entity in entities] == [
         (0x01,), (0x02, 0x05), (0x08,), (0x12, 0x16), (0x18,),
     ]  # fmt: skip
 
@@ -327,7 +332,7 @@ def test_numbers_count_up_for_each_first_kind() -> None:
 # --- refusals ---------------------------------------------------------------------------------
 
 
-def test_a_refused_entity_is_named_with_its_status_and_tried_again_after_a_pause() -> None:
+def test_a_refused_entity_is_logged_with_its_status_and_retried_after_a_pause() -> None:
     bench = Bench()
     FakeEntity("good", connection=bench.connection)
     FakeEntity("bad", connection=bench.connection)
@@ -340,14 +345,14 @@ def test_a_refused_entity_is_named_with_its_status_and_tried_again_after_a_pause
     ]  # fmt: skip
     assert bench.said == ["uros: the agent refuses bad: ERR_RESOURCES"] * 3
     assert bench.connection.reason == "the agent refuses bad: ERR_RESOURCES"
-    assert [it for _, it in bench.agent.hellos] == [0x81, 0x82, 0x83]
+    assert [session_id for _, session_id in bench.agent.hellos] == [0x81, 0x82, 0x83]
     assert bench.connection.connections == 0
     bench.agent.refuse = {}
     bench.run(500)
     assert bench.connection.state == AGENT_CONNECTED and bench.connection.connections == 1
 
 
-def test_a_refused_session_is_told() -> None:
+def test_a_refused_session_is_logged() -> None:
     bench = Bench()
     bench.agent.status = ids.STATUS_ERR_INCOMPATIBLE
     bench.run(600)
@@ -355,7 +360,7 @@ def test_a_refused_session_is_told() -> None:
     assert bench.connection.state == WAITING_AGENT
 
 
-def test_an_entity_that_fits_no_message_is_told() -> None:
+def test_an_entity_longer_than_a_message_is_logged() -> None:
     bench = Bench()
     FakeEntity("x" * 600, connection=bench.connection)
     bench.run(1)
@@ -364,7 +369,7 @@ def test_an_entity_that_fits_no_message_is_told() -> None:
     assert bench.connection.reason in bench.said[0]
 
 
-def test_an_entity_that_is_there_already_is_as_good_as_made() -> None:
+def test_an_existing_entity_counts_as_created() -> None:
     bench = Bench()
     FakeEntity(connection=bench.connection)
     bench.agent.refuse = {0x01: ids.STATUS_OK_MATCHED}
@@ -383,7 +388,7 @@ def test_a_silent_agent_is_pinged_and_then_lost() -> None:
     sent = len(bench.agent.sent)
     bench.run(2190)
     assert bench.connection.state == AGENT_CONNECTED and entity.lost == 0
-    pings = [it for it in bench.agent.sent[sent:] if it[4] == ids.GET_INFO]
+    pings = [datagram for datagram in bench.agent.sent[sent:] if datagram[4] == ids.GET_INFO]
     assert set(pings) == {bytes.fromhex("8100000002010800000afffd02000000")}
     assert len(pings) == 10
     bench.run(20)
@@ -393,7 +398,7 @@ def test_a_silent_agent_is_pinged_and_then_lost() -> None:
     assert bench.connection.reason == "the agent is silent"
 
 
-def test_an_agent_that_answers_pings_is_pinged_at_the_rate_asked_for() -> None:
+def test_an_agent_that_answers_is_pinged_every_ping_ms() -> None:
     for ping_ms in (200, 500, 1000):
         for way_us in (0, 1000, 40000, 90000):
             bench = Bench(ping_ms=ping_ms, silence_ms=2500)
@@ -406,7 +411,7 @@ def test_an_agent_that_answers_pings_is_pinged_at_the_rate_asked_for() -> None:
             assert set(gaps) == {ping_ms}, (ping_ms, way_us, gaps)
 
 
-def test_answers_that_are_lost_one_by_one_end_no_session() -> None:
+def test_single_lost_pongs_do_not_end_the_session() -> None:
     # The periods of firmware/esp32_wifi_publisher.
     bench = Bench(ping_ms=1000, silence_ms=2500)
     bench.run(100)
@@ -431,12 +436,12 @@ def test_answers_that_are_lost_one_by_one_end_no_session() -> None:
     assert 2500 <= bench.now() - start <= 3500
 
 
-def test_a_short_silence_leaves_the_agent_time_to_probe_another_address() -> None:
+def test_a_short_silence_ms_leaves_the_agent_time_for_a_takeover_probe() -> None:
     bench = Bench(ping_ms=20, silence_ms=300, wait_ms=20)
     post, begun = bench.agent.post, []
 
     def probing(datagram):
-        """The agent answers CREATE_CLIENT when it has probed another address for 0.5 s."""
+        """Answer CREATE_CLIENT after a takeover probe of 0.5 s."""
         if datagram[4] == ids.STATUS_AGENT:
             begun.append(bench.now())
             if begun[-1] - begun[0] < 500:
@@ -445,15 +450,17 @@ def test_a_short_silence_leaves_the_agent_time_to_probe_another_address() -> Non
 
     bench.agent.post = probing
     bench.until(AGENT_CONNECTED, 1500)
-    assert bench.agent.opened == 1, "it must still be at the address that the answer goes to"
+    assert bench.agent.opened == 1, (
+        "the transport must still have the address that the answer is sent to"
+    )
     bench.agent.silent = True
     start = bench.now()
     bench.until(WAITING_AGENT)
     assert bench.now() - start <= 340
 
 
-def test_an_agent_that_is_back_within_two_seconds_is_never_missed() -> None:
-    # Whatever came last before: an answer to a ping, a sample, an answer about the time.
+def test_an_agent_silent_for_less_than_two_seconds_is_not_lost() -> None:
+    # Whatever was received last: a pong, a sample, a TIMESTAMP_REPLY.
     for after in range(0, 460, 7):
         bench = Bench()
         FakeEntity(connection=bench.connection)
@@ -466,12 +473,12 @@ def test_an_agent_that_is_back_within_two_seconds_is_never_missed() -> None:
         bench.agent.silent = True
         bench.run(1999)
         bench.agent.silent = False
-        bench.agent.acknowledge()  # an agent with --state asks restored clients at once
+        bench.agent.acknowledge()  # an agent with --state sends restored clients an ACKNACK at once
         bench.run(5000)
         assert bench.connection.connections == 1, (after, bench.states)
 
 
-def test_a_callback_that_takes_long_is_no_silence_on_a_slow_line() -> None:
+def test_long_callbacks_do_not_end_a_session_on_a_slow_line() -> None:
     bench = Bench()
     bench.run(10)
     bench.agent.delay = (60000, 60000)
@@ -483,7 +490,7 @@ def test_a_callback_that_takes_long_is_no_silence_on_a_slow_line() -> None:
     assert len(bench.states) == 2, (bench.states, bench.connection.reason)
 
 
-def test_an_agent_that_speaks_is_not_pinged() -> None:
+def test_an_agent_that_sends_samples_is_not_pinged() -> None:
     bench = Bench()
     FakeEntity(connection=bench.connection)
     bench.run(10)
@@ -494,19 +501,19 @@ def test_an_agent_that_speaks_is_not_pinged() -> None:
     assert len(bench.agent.pings) == before
 
 
-def test_a_callback_that_takes_long_is_no_fault_of_the_agent() -> None:
+def test_the_time_of_a_long_callback_does_not_count_as_silence() -> None:
     bench = Bench()
     bench.run(10)
     bench.agent.answer(ids.INFO, built(session.push_info, 10, ids.OBJECT_AGENT, 0, 1, []))
-    bench.clock.sleep(60000)  # meanwhile something of the agent has come
+    bench.clock.sleep(60000)  # meanwhile a message of the agent was received
     bench.run(100)
     assert bench.connection.state == AGENT_CONNECTED
-    bench.clock.sleep(60000)  # and now nothing: it was not asked
+    bench.clock.sleep(60000)  # no message, but no ping was sent either
     bench.run(100)
     assert bench.connection.state == AGENT_CONNECTED, bench.connection.reason
 
 
-def test_an_agent_that_comes_back_gets_everything_again() -> None:
+def test_all_entities_are_created_again_at_each_agent() -> None:
     bench = Bench()
     entities = [FakeEntity(name, connection=bench.connection) for name in ("one", "two")]
     for turn in range(5):
@@ -521,11 +528,11 @@ def test_an_agent_that_comes_back_gets_everything_again() -> None:
         bench.until(WAITING_AGENT)
     assert entities[1].data == [bytes((i,)) for i in range(5)]
     assert entities[0].lost == 5 and bench.connection.connections == 5
-    assert [it for _, it in bench.agent.hellos] == [0x81, 0x82, 0x83, 0x84, 0x85]
+    assert [session_id for _, session_id in bench.agent.hellos] == [0x81, 0x82, 0x83, 0x84, 0x85]
     assert [state for _, state in bench.states] == (CYCLE[2:] + CYCLE[:2]) * 5
 
 
-def test_an_agent_that_says_it_does_not_know_us_is_left_at_once() -> None:
+def test_an_agent_that_does_not_know_the_session_is_lost_at_once() -> None:
     bench = Bench()
     bench.run(10)
     bench.agent.answer(ids.INFO, built(session.push_info, 10, ids.OBJECT_AGENT, 0, 0, []))
@@ -536,7 +543,7 @@ def test_an_agent_that_says_it_does_not_know_us_is_left_at_once() -> None:
     assert bench.connection.state == AGENT_CONNECTED
 
 
-def test_the_line_goes_while_something_is_received() -> None:
+def test_an_oserror_of_receive_ends_the_session() -> None:
     bench = Bench()
     entity = FakeEntity(connection=bench.connection)
     bench.run(10)
@@ -544,14 +551,14 @@ def test_the_line_goes_while_something_is_received() -> None:
     bench.run(10)
     assert bench.states[2:] == [(10, AGENT_DISCONNECTED), (10, WAITING_AGENT)]
     assert "unplugged" in bench.connection.reason and entity.lost == 1
-    bench.run(2000)  # open works, then receiving fails: no storm, and no state that changes
+    bench.run(2000)  # open succeeds, receive fails: few retries, and no change of state
     assert len(bench.states) == 4 and bench.agent.opened <= 6, bench.states
     bench.agent.fail_receive = None
     bench.run(600)
     assert bench.connection.state == AGENT_CONNECTED
 
 
-def test_the_line_goes_while_something_is_sent() -> None:
+def test_an_oserror_of_send_ends_the_session() -> None:
     bench = Bench()
     bench.run(10)
     bench.agent.fail_send = OSError(5, "unplugged")
@@ -567,11 +574,11 @@ def test_the_line_goes_while_something_is_sent() -> None:
     assert bench.connection.state == AGENT_CONNECTED
 
 
-def test_what_was_under_way_is_counted_and_not_sent_to_the_next_agent() -> None:
+def test_messages_in_flight_are_counted_and_not_sent_to_the_next_agent() -> None:
     bench = Bench()
     bench.run(10)
     bench.agent.silent = True
-    for i in range(20):  # a window, and four that wait
+    for i in range(20):  # a window, and four queued messages
         assert bench.connection.write(5, Number(i), b"", True)
     bench.until(WAITING_AGENT)
     assert bench.connection.unconfirmed == 20
@@ -581,7 +588,7 @@ def test_what_was_under_way_is_counted_and_not_sent_to_the_next_agent() -> None:
     assert bench.connection.state == AGENT_CONNECTED and bench.agent.samples == []
 
 
-def test_an_agent_that_restarts_while_entities_are_made() -> None:
+def test_an_agent_restarts_while_entities_are_created() -> None:
     for after in range(1, 9):
         bench = Bench()
         for i in range(4):
@@ -596,14 +603,14 @@ def test_an_agent_that_restarts_while_entities_are_made() -> None:
         bench.agent.submessage = submessage
         bench.run(4000)
         assert bench.connection.state == AGENT_CONNECTED, (after, bench.states)
-        assert [it[1] for it in bench.agent.requests] == [1, 1, 17, 17, 33, 33, 49, 49]
+        assert [request[1] for request in bench.agent.requests] == [1, 1, 17, 17, 33, 33, 49, 49]
 
 
-# --- the agent begins anew without telling ----------------------------------------------------
+# --- the agent restarts its session -----------------------------------------------------------
 
 
-def test_a_late_hello_begins_the_agents_session_anew_and_ours_too() -> None:
-    """Datagrams may come twice and late: then the agent's streams start from nothing."""
+def test_a_late_create_client_resets_the_session_at_both_ends() -> None:
+    """After a repeated, late CREATE_CLIENT the agent's streams start at 0."""
     for after_ms in (0, 5, 1000):
         bench = Bench()
         entity = FakeEntity(connection=bench.connection)
@@ -611,7 +618,7 @@ def test_a_late_hello_begins_the_agents_session_anew_and_ours_too() -> None:
         for i in range(after_ms // 100):
             bench.agent.sample(0x01, bytes((i,)))
             bench.run(100)
-        hello = [it for it in bench.agent.sent if it[4] == ids.CREATE_CLIENT][-1]
+        hello = [datagram for datagram in bench.agent.sent if datagram[4] == ids.CREATE_CLIENT][-1]
         bench.agent.hear(hello)
         bench.run(3000)
         assert bench.connection.state == AGENT_CONNECTED
@@ -623,8 +630,8 @@ def test_a_late_hello_begins_the_agents_session_anew_and_ours_too() -> None:
         assert len(entity.data) == before + 3 and len(bench.agent.samples) == 3, after_ms
 
 
-def test_a_session_that_stays_unfinished_is_begun_anew() -> None:
-    """The agent answers pings, but never what was asked of it."""
+def test_a_session_whose_requests_stay_unanswered_is_restarted() -> None:
+    """The agent answers pings, but no CREATE."""
     bench = Bench()
     FakeEntity(connection=bench.connection)
     usual = bench.agent.submessage
@@ -672,28 +679,28 @@ def test_an_entity_added_by_the_state_callback() -> None:
         assert len(entities) == 1
 
 
-def test_a_removed_entity_is_deleted_the_last_object_first_and_never_comes_back() -> None:
+def test_a_removed_entity_is_deleted_in_reverse_order_and_not_created_again() -> None:
     bench = Bench()
     kinds = (ids.KIND_TOPIC, ids.KIND_SUBSCRIBER, ids.KIND_DATAREADER)
     entity = FakeEntity("entity", kinds, bench.connection)
-    other = FakeEntity("other", kinds, bench.connection)
+    second = FakeEntity("other", kinds, bench.connection)
     bench.run(10)
     del bench.agent.requests[:]
     bench.connection.remove(entity, entity.object_ids())
     bench.run(10)
-    assert bench.agent.requests == [(ids.DELETE, it) for it in (0x06, 0x04, 0x02)]
+    assert bench.agent.requests == [(ids.DELETE, object_id) for object_id in (0x06, 0x04, 0x02)]
     bench.agent.sample(0x06, b"abcd")
     bench.agent.sample(0x16, b"abcd")
     bench.run(1)
-    assert entity.data == [] and other.data == [b"abcd"]
+    assert entity.data == [] and second.data == [b"abcd"]
     bench.agent.forget()
     bench.until(WAITING_AGENT)
     bench.until(AGENT_CONNECTED)
-    assert {it[1] >> 4 for it in bench.agent.requests} == {1}
+    assert {request[1] >> 4 for request in bench.agent.requests} == {1}
     assert bench.connection.state == AGENT_CONNECTED
 
 
-def test_an_entity_removed_before_it_is_created_is_not_asked_for() -> None:
+def test_an_entity_removed_before_its_creation_is_not_requested() -> None:
     bench = Bench()
     bench.connection.remove(FakeEntity("one", connection=bench.connection), (0x01,))
     bench.run(10)
@@ -703,35 +710,36 @@ def test_an_entity_removed_before_it_is_created_is_not_asked_for() -> None:
     assert bench.agent.requests == [] and bench.connection.state == AGENT_CONNECTED
 
 
-def test_an_entity_removed_while_it_is_being_created_leaves_nothing() -> None:
-    """The agent refuses to delete what it does not know: that is no reason to begin anew."""
+def test_an_entity_removed_during_its_creation_leaves_no_objects() -> None:
+    """The agent refuses DELETE of unknown objects, which does not end the session."""
     three = (ids.KIND_TOPIC, ids.KIND_SUBSCRIBER, ids.KIND_DATAREADER)
-    # So many requests fill the window of 16 but for some, each of them an object and a READ_DATA.
+    # ``before`` are the objects of the other entities, each with a READ_DATA: their requests leave
+    # little of the window of 16.
     for created, before in ((0, (3, 3, 3, 3)), (1, (3, 3, 3, 2)), (2, (3, 3, 3, 1)),
                             (3, (3, 3, 2, 1)), (3, (3, 3, 3))):  # fmt: skip
         bench = Bench()
-        others = [FakeEntity("other", three[:count], bench.connection) for count in before]
+        entities = [FakeEntity("other", three[:count], bench.connection) for count in before]
         entity = FakeEntity("entity", three, bench.connection)
-        others.append(FakeEntity("last", three, bench.connection))
-        there = set()
+        entities.append(FakeEntity("last", three, bench.connection))
+        objects = set()
         usual = bench.agent.submessage
 
-        def submessage(kind, flags, payload, bench=bench, there=there, usual=usual):
+        def submessage(kind, flags, payload, bench=bench, objects=objects, usual=usual):
             object_id = payload[2] << 8 | payload[3]
             if kind == ids.CREATE:
-                there.add(object_id)
+                objects.add(object_id)
             elif kind == ids.DELETE:
                 bench.agent.refuse = {}
-                if object_id not in there:
+                if object_id not in objects:
                     bench.agent.refuse = {object_id: ids.STATUS_ERR_UNKNOWN_REFERENCE}
-                there.discard(object_id)
+                objects.discard(object_id)
             usual(kind, flags, payload)
 
         bench.agent.submessage = submessage
         acknowledge = bench.agent.acknowledge
         bench.agent.acknowledge = lambda: None
         bench.run(10)
-        assert len(there & set(entity.object_ids())) == created
+        assert len(objects & set(entity.object_ids())) == created
         bench.connection.remove(entity, entity.object_ids())
         bench.agent.acknowledge = acknowledge
         bench.agent.acknowledge()
@@ -739,15 +747,15 @@ def test_an_entity_removed_while_it_is_being_created_leaves_nothing() -> None:
         assert bench.connection.state == AGENT_CONNECTED, bench.connection.reason
         assert bench.connection.connections == 1 and bench.said == [], bench.said
         expected = set()
-        for it in others:
-            expected |= set(it.object_ids())
-        assert there == expected, (created, there)
+        for remaining in entities:
+            expected |= set(remaining.object_ids())
+        assert objects == expected, (created, objects)
 
 
 # --- callbacks --------------------------------------------------------------------------------
 
 
-def test_a_state_callback_that_raises_is_told_and_nothing_else() -> None:
+def test_a_state_callback_that_raises_is_logged_only() -> None:
     bench = Bench()
 
     def on_state(state):
@@ -759,8 +767,8 @@ def test_a_state_callback_that_raises_is_told_and_nothing_else() -> None:
     assert len(bench.said) == 2 and "mine" in bench.said[0]
 
 
-def test_samples_have_their_turn_one_by_one() -> None:
-    """A pump ends after a sample, so that its callback runs before the next one is taken."""
+def test_a_pump_ends_after_each_sample() -> None:
+    """The callback of a sample runs before the next one is received."""
     bench = Bench()
     entity = FakeEntity(connection=bench.connection)
     bench.run(10)
@@ -772,7 +780,7 @@ def test_samples_have_their_turn_one_by_one() -> None:
     assert bench.now() == 10
 
 
-def test_a_flood_ends_a_pump() -> None:
+def test_a_pump_handles_a_limited_number_of_datagrams() -> None:
     bench = Bench()
     bench.run(10)
     for _ in range(100):
@@ -782,7 +790,7 @@ def test_a_flood_ends_a_pump() -> None:
 
 
 def test_no_datagram_of_a_burst_is_lost() -> None:
-    """The scripted agent sends nothing again."""
+    """The scripted agent resends nothing."""
     bench = Bench()
     FakeEntity(connection=bench.connection)
     bench.run(10)
@@ -799,7 +807,7 @@ def test_no_datagram_of_a_burst_is_lost() -> None:
     assert heard == list(range(100))
 
 
-def test_strays_keep_nobody_alive() -> None:
+def test_datagrams_of_other_sessions_do_not_keep_an_agent_alive() -> None:
     bench = Bench()
     bench.run(10)
     bench.agent.silent = True
@@ -825,7 +833,7 @@ def test_close_deletes_the_session_and_waits_for_the_status() -> None:
     assert not bench.agent.is_open and entity.lost == 1
 
 
-def test_close_does_not_wait_for_ever_nor_for_a_line_that_is_gone() -> None:
+def test_close_waits_at_most_wait_ms_and_not_for_a_failed_transport() -> None:
     for fail in (False, True):
         bench = Bench()
         bench.run(10)
@@ -837,7 +845,7 @@ def test_close_does_not_wait_for_ever_nor_for_a_line_that_is_gone() -> None:
         assert bench.connection.state == WAITING_AGENT and not bench.agent.is_open
 
 
-def test_close_before_anything_is_nothing() -> None:
+def test_close_without_a_session_sends_nothing() -> None:
     bench = Bench()
     bench.connection.close()
     bench.connection.close()
@@ -847,7 +855,7 @@ def test_close_before_anything_is_nothing() -> None:
 # --- the time ---------------------------------------------------------------------------------
 
 
-def test_the_agents_time_is_ours_to_a_microsecond() -> None:
+def test_the_clock_matches_the_agents_to_a_microsecond() -> None:
     for delay in (0, 1, 137, 900, 5000, 80000):
         bench = Bench()
         bench.agent.delay = (delay, delay)
@@ -858,8 +866,10 @@ def test_the_agents_time_is_ours_to_a_microsecond() -> None:
 
 
 class Slow(FakeAgent):
-    """Hears the first question about the time so long before a second ends, and answers it so
-    much later. Others it does not hear."""
+    """Answers the first TIMESTAMP only.
+
+    It receives the message ``left_us`` before the end of a second and answers ``inside_us`` later.
+    """
 
     def plan(self, left_us, inside_us):
         self.delay = (300, 300)
@@ -880,7 +890,7 @@ class Slow(FakeAgent):
         return None
 
 
-def test_an_agent_that_takes_its_time_over_a_second_tells_the_right_time() -> None:
+def test_the_agents_processing_time_does_not_affect_the_clock() -> None:
     for inside_us in (3, 1200, 60000):
         for left_us in (1, 700, 50000, 999999):
             bench = Bench(agent=Slow)
@@ -888,11 +898,11 @@ def test_an_agent_that_takes_its_time_over_a_second_tells_the_right_time() -> No
             while not bench.clock.synchronized:
                 assert bench.now() < 1000
                 bench.connection.pump(1)
-            # 300 there and 300 back: what the agent takes is not on the way.
+            # 300 us each way; the agent's processing time is not part of the round trip.
             assert abs(bench.off()) <= 1, (inside_us, left_us, bench.off())
 
 
-def test_the_best_of_the_first_answers_counts() -> None:
+def test_the_first_reply_with_the_shortest_round_trip_sets_the_clock() -> None:
     for ways in (
         [(9000, 1000), (100, 100), (200, 1800)],
         [(100, 100), (9000, 1000), (200, 1800)],
@@ -909,17 +919,17 @@ def test_the_best_of_the_first_answers_counts() -> None:
 
         bench.agent.submessage = submessage
         bench.until(AGENT_CONNECTED)
-        bench.run(100)  # what an answer was ahead by is taken back at half speed
+        bench.run(100)  # a correction backwards runs at half speed
         assert bench.agent.times == 3 and abs(bench.off()) <= 1, (ways, bench.off())
 
 
-def test_slow_answers_are_ignored_and_asked_for_again() -> None:
+def test_slow_time_replies_are_rejected_and_requested_again() -> None:
     bench = Bench()
     bench.agent.delay = (100, 100)
     bench.until(AGENT_CONNECTED)
     bench.run(29000)
     asked = bench.agent.times
-    bench.agent.delay = (100, 90000)  # one way only: it would be 45 ms wrong
+    bench.agent.delay = (100, 90000)  # one way only: the clock would be off by 45 ms
     bench.run(5000)
     assert 2 <= bench.agent.times - asked <= 3
     assert abs(bench.off()) <= 1, bench.off()
@@ -927,28 +937,28 @@ def test_slow_answers_are_ignored_and_asked_for_again() -> None:
     bench.run(40000)
     asked = bench.agent.times
     bench.run(60000)
-    assert bench.agent.times - asked == 2  # every half minute again
+    assert bench.agent.times - asked == 2  # every half minute
 
 
-def test_a_line_that_stays_slow_is_believed_in_the_end() -> None:
+def test_time_replies_of_a_permanently_slow_line_are_accepted_in_time() -> None:
     bench = Bench()
     bench.agent.delay = (100, 100)
     bench.until(AGENT_CONNECTED)
     bench.agent.delay = (20000, 20000)
-    bench.agent.epoch_us += 300000  # and its time was set
+    bench.agent.epoch_us += 300000  # its clock was set
     bench.run(900000)
     assert abs(bench.off()) <= 1, bench.off()
 
 
-def test_an_answer_to_an_older_question_is_no_answer() -> None:
+def test_a_reply_to_an_older_timestamp_is_ignored() -> None:
     bench = Bench()
-    bench.agent.delay = (65000, 65000)  # longer than until the next question
+    bench.agent.delay = (65000, 65000)  # longer than until the next TIMESTAMP
     bench.until(AGENT_CONNECTED)
     bench.run(3000)
     assert abs(bench.off()) <= 1, bench.off()
 
 
-def test_answers_nobody_asked_for_change_nothing() -> None:
+def test_unrequested_time_replies_are_ignored() -> None:
     bench = Bench()
     bench.until(AGENT_CONNECTED)
     before = bench.clock.now()
@@ -973,7 +983,7 @@ def test_time_never_goes_back_while_small_corrections_are_made() -> None:
         assert abs(bench.off()) <= 1, (change, bench.off())
 
 
-def test_a_clock_of_the_agent_that_is_set_by_much_is_followed_at_once() -> None:
+def test_a_large_step_of_the_agents_clock_is_followed_at_once() -> None:
     for years in (-25, 10):  # ROS's seconds end in 2038
         bench = Bench()
         bench.until(AGENT_CONNECTED)
@@ -982,7 +992,7 @@ def test_a_clock_of_the_agent_that_is_set_by_much_is_followed_at_once() -> None:
         assert abs(bench.off()) <= 1, (years, bench.off())
 
 
-def test_another_agent_has_another_time() -> None:
+def test_the_clock_follows_another_agents_time() -> None:
     bench = Bench()
     bench.until(AGENT_CONNECTED)
     bench.agent.forget()

@@ -1,8 +1,8 @@
-"""Messages by their letters. Also runs on MicroPython."""
+"""Messages described by letters. Also runs on MicroPython."""
 
 from uros.client.dynamic_messages import Shape, ShapedService
 
-# Each type of field, with the padding that CDR wants.
+# Each type of field, with the padding of CDR.
 LETTERS = "?BiIqQds[B][?][d][s][[i]][sq]"
 VALUES = [
     True, 200, -2, 4000000000, -(2**63), 2**64 - 1, -0.5, "grün", b"\x01\x02", [True, False],
@@ -24,7 +24,7 @@ def octets_of(message, offset=0, start=0):
     return bytes(buf[offset:end])
 
 
-def test_every_letter_there_and_back() -> None:
+def test_every_letter_is_encoded_and_decoded() -> None:
     shape = Shape("test_msgs/msg/All", LETTERS)
     octets = octets_of(shape(VALUES))
     assert octets == bytes.fromhex(OCTETS.replace(" ", "")), octets.hex()
@@ -34,7 +34,7 @@ def test_every_letter_there_and_back() -> None:
     assert message.values == VALUES, message.values
 
 
-def test_a_message_is_aligned_from_its_start_wherever_that_is() -> None:
+def test_a_message_is_aligned_from_its_own_start() -> None:
     shape = Shape("test_msgs/msg/All", LETTERS)
     octets = octets_of(shape(VALUES), 3, 3)
     assert octets == octets_of(shape(VALUES))
@@ -53,7 +53,7 @@ def test_big_endian_is_read() -> None:
     ]  # fmt: skip
 
 
-def test_short_bytes_and_lengths_that_lie_are_refused() -> None:
+def test_truncated_bytes_and_false_lengths_are_refused() -> None:
     shape = Shape("test_msgs/msg/All", LETTERS)
     octets = octets_of(shape(VALUES))
     for end in range(len(octets)):
@@ -80,7 +80,7 @@ def test_a_string_ends_with_its_nul_or_without() -> None:
     assert shape.unpack_from(empty, 0, 0, 4)[0].values == [""]
 
 
-def test_what_is_behind_a_message_counts_as_its_own() -> None:
+def test_trailing_bytes_count_as_part_of_a_message() -> None:
     shape = Shape("test_msgs/msg/All", LETTERS)
     octets = octets_of(shape(VALUES)) + bytes(72)
     message, end = shape.unpack_from(octets, 0, 0, len(octets))

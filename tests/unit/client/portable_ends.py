@@ -1,4 +1,4 @@
-"""What goes wrong just where something ends: a session, a message in fragments, a callback."""
+"""Failures at the end of a session, in fragments and in callbacks. Also runs on MicroPython."""
 
 from support.board import Ask, Blob, Number, message, number_bytes, pattern
 from support.services import Bench
@@ -9,7 +9,7 @@ from uros.wire import ids
 
 
 def comes_back(bench):
-    """Lose the agent, and see that another one is found."""
+    """Lose the agent; return whether the node connects to another one."""
     bench.agent.silent = True
     bench.run(3000)
     bench.agent.silent = False
@@ -18,7 +18,7 @@ def comes_back(bench):
     return bench.node.state == AGENT_CONNECTED and bench.agent.is_open
 
 
-def test_memory_that_ends_while_a_session_does() -> None:
+def test_a_memory_error_at_the_end_of_a_session_is_retried() -> None:
     bench = Bench(connect=False)
     client = bench.node.create_client(Ask, "ask")
     bench.connect()
@@ -35,7 +35,7 @@ def test_memory_that_ends_while_a_session_does() -> None:
     assert comes_back(bench) and len(calls) == 2
 
 
-def test_a_line_that_cannot_even_be_closed() -> None:
+def test_a_transport_whose_close_raises_is_reopened() -> None:
     bench = Bench(connect=False)
     bench.node.create_client(Ask, "ask")
     bench.connect()
@@ -50,7 +50,7 @@ def test_a_line_that_cannot_even_be_closed() -> None:
     bench.node.destroy_node()
 
 
-def test_a_response_that_cannot_be_packed_when_there_is_room_again() -> None:
+def test_a_queued_response_that_cannot_be_packed_is_reported() -> None:
     class Bad(Number):
         _TYPE = Ask.Response._TYPE
 
@@ -70,7 +70,7 @@ def test_a_response_that_cannot_be_packed_when_there_is_room_again() -> None:
 
 
 class NoMemory:
-    """Fragments of which none can be kept."""
+    """Fragments that cannot be stored for lack of memory."""
 
     def __init__(self, real):
         self.real = real
@@ -82,21 +82,21 @@ class NoMemory:
         return getattr(self.real, name)
 
 
-def test_a_fragment_without_memory_costs_its_message_and_no_other() -> None:
+def test_a_fragment_without_memory_loses_its_message_alone() -> None:
     texts = [pattern(290), pattern(290, 9), pattern(290, 5)]
     for starved in range(9):
         bench = Bench(connect=False)
         heard = []
         blobs = bench.node.create_subscription(
-            Blob, "blobs", lambda it, heard=heard: heard.append(bytes(it.octets))
+            Blob, "blobs", lambda message, heard=heard: heard.append(bytes(message.octets))
         )
         bench.connect()
         connection = bench.node.connection
-        thing = blobs.object_id(ids.KIND_DATAREADER).to_bytes(2, "big")
+        reader_id = blobs.object_id(ids.KIND_DATAREADER).to_bytes(2, "big")
         number = connection._in.next
         count = 0
         for text in texts:
-            whole = message(ids.DATA, b"\0\1" + thing + text)[4:]
+            whole = message(ids.DATA, b"\0\1" + reader_id + text)[4:]
             assert 200 < len(whole) <= 300
             for at in (0, 100, 200):
                 flags = ids.FLAG_LITTLE_ENDIAN | (ids.FLAG_LAST_FRAGMENT if at == 200 else 0)
@@ -117,18 +117,18 @@ def test_a_fragment_without_memory_costs_its_message_and_no_other() -> None:
         assert heard == [text for i, text in enumerate(texts) if i != starved // 3]
 
 
-def test_the_agent_hears_of_us_while_more_waits_than_should() -> None:
-    """Nothing more is taken then, but what is due goes out between callbacks."""
+def test_the_session_is_served_while_a_subscription_is_overfull() -> None:
+    """No more samples are received then, but HEARTBEATs and pings are sent between callbacks."""
     bench = Bench(connect=False)
     sender = bench.node.create_publisher(Number, "others", 10)
 
-    def slow(it):
+    def slow(message):
         bench.clock.sleep(100)
-        sender.publish(it)
+        sender.publish(message)
 
     numbers = bench.node.create_subscription(Number, "numbers", slow, 3)
     bench.connect()
-    for i in range(30):  # as behind a message that was late
+    for i in range(30):  # as after a late message of the reliable stream
         numbers.on_data(number_bytes(i), 0, 4, True)
     sent = []
     send = bench.agent.send
@@ -140,7 +140,7 @@ def test_the_agent_hears_of_us_while_more_waits_than_should() -> None:
     assert (ids.HEARTBEAT, True) in sent and (ids.GET_INFO, True) in sent
 
 
-def test_waiting_for_ever_is_none() -> None:
+def test_spin_until_future_complete_accepts_none_and_long_timeouts() -> None:
     bench = Bench()
     future = Future()
     bench.node.create_timer(2.0, lambda: future.done() or future.finish(5))

@@ -11,7 +11,7 @@ from uros.ticks import ticks_diff
 
 
 class Handle:
-    """Ready when told so; it writes down that it ran."""
+    """A handle that is ready if ``ready``, and logs its calls."""
 
     def __init__(self, name, log, ready=False, invocation=ON_NEW_DATA, then=None):
         self.name = name
@@ -36,22 +36,22 @@ class Handle:
 
 
 def quiet(executor, call):
-    """call() with what its callbacks raise put into a list: (result, errors)."""
+    """Return the result of ``call()`` and the exceptions of callbacks."""
     errors = []
     executor.report = errors.append
     return call(), errors
 
 
 def bench(*names, **more):
-    made = Executor(**more)
+    executor = Executor(**more)
     log = []
     handles = [Handle(name, log) for name in names]
     for handle in handles:
-        made.add(handle)
-    return made, handles, log
+        executor.add(handle)
+    return executor, handles, log
 
 
-def test_what_is_ready_runs_in_the_order_added() -> None:
+def test_ready_handles_run_in_the_order_added() -> None:
     executor, handles, log = bench("a", "b", "c", "d")
     assert executor.execute(0) == 0 and log == []
     for i in (3, 0, 2):
@@ -60,7 +60,7 @@ def test_what_is_ready_runs_in_the_order_added() -> None:
     assert log == ["a", "c", "d"]
 
 
-def test_always_runs_in_every_round_that_begins() -> None:
+def test_always_handles_run_in_every_round_that_begins() -> None:
     executor, handles, log = bench("a", "b", "c")
     handles[2].invocation = ALWAYS
     assert executor.execute(0) == 0
@@ -87,14 +87,14 @@ def test_triggers() -> None:
             assert executor.execute(0) == count, (trigger, names)
 
 
-def test_trigger_all_waits_for_timers_too_and_is_not_run_by_them_alone() -> None:
+def test_trigger_all_needs_timers_and_subscriptions() -> None:
     clock = FakeClock(1000)
     executor, handles, log = bench("sub")
     executor.add(Timer(0.1, lambda: log.append("timer"), clock))
     executor.trigger = trigger_all
     for sample, at, ran in (
         (True, 1050, []),  # the timer is not due
-        (False, 1100, []),  # it is, and no sample is there
+        (False, 1100, []),  # the timer is due, and there is no sample
         (True, 1130, ["sub", "timer"]),
         (True, 1150, []),
         (True, 1200, ["sub", "timer"]),
@@ -117,19 +117,19 @@ def test_trigger_one_begins_with_its_handle_alone() -> None:
     assert executor.execute(0) == 0
 
 
-def test_trigger_always_runs_what_is_always_invoked() -> None:
+def test_trigger_always_runs_always_handles() -> None:
     executor, handles, log = bench("a", "b")
     executor.trigger = trigger_always
     handles[1].invocation = ALWAYS
     assert executor.execute(0) == 1 and log == ["b-"]
 
 
-def test_a_trigger_of_ones_own() -> None:
+def test_a_trigger_of_the_program() -> None:
     executor, handles, log = bench("a", "b")
     asked = []
 
     def trigger(handles, ready):
-        asked.append(([it.name for it in handles], list(ready)))
+        asked.append(([handle.name for handle in handles], list(ready)))
         return len(asked) > 1
 
     executor.trigger = trigger
@@ -138,7 +138,7 @@ def test_a_trigger_of_ones_own() -> None:
     assert asked == [(["a", "b"], [True, False])] * 2
 
 
-def test_a_callback_that_raises_is_printed_and_counted_and_the_rest_goes_on() -> None:
+def test_a_callback_that_raises_is_reported_and_the_round_continues() -> None:
     executor, handles, log = bench("a", "b")
 
     def fail():
@@ -152,7 +152,7 @@ def test_a_callback_that_raises_is_printed_and_counted_and_the_rest_goes_on() ->
     assert len(errors) == 1 and isinstance(errors[0], KeyError)
 
 
-def test_only_so_many_handles() -> None:
+def test_max_handles_limits_the_handles() -> None:
     executor, handles, log = bench("a", "b", max_handles=2)
     try:
         executor.add(Handle("c", log))
@@ -166,7 +166,7 @@ def test_only_so_many_handles() -> None:
     executor.add(handles[0])
 
 
-def test_callbacks_may_add_and_remove() -> None:
+def test_callbacks_may_add_and_remove_handles() -> None:
     executor, handles, log = bench("a", "b", "c")
     extra = Handle("d", log, True)
 
@@ -182,7 +182,7 @@ def test_callbacks_may_add_and_remove() -> None:
     assert executor.execute(0) == 3 and log == ["a", "c", "a", "c", "d"]
 
 
-def test_what_came_while_a_round_runs_is_for_the_next() -> None:
+def test_a_handle_ready_during_a_round_runs_in_the_next() -> None:
     executor, handles, log = bench("a", "b")
     handles[0].ready = True
 
@@ -195,7 +195,7 @@ def test_what_came_while_a_round_runs_is_for_the_next() -> None:
     assert executor.execute(0) == 1 and log == ["a", "b"]
 
 
-def test_what_is_ready_no_more_at_its_turn_is_not_called() -> None:
+def test_a_handle_no_longer_ready_is_not_called() -> None:
     executor, handles, log = bench("a", "b")
     handles[0].ready = handles[1].ready = True
 
@@ -230,7 +230,7 @@ def test_a_round_within_a_round() -> None:
     assert executor.execute(0) == 1 and log[3:] == ["d"]
 
 
-def test_a_trigger_that_raises_is_told_and_begins_nothing() -> None:
+def test_a_trigger_that_raises_is_reported_and_begins_no_round() -> None:
     executor, handles, log = bench("a")
     handles[0].ready = True
     executor.trigger = lambda handles, ready: ready[7]
@@ -241,7 +241,7 @@ def test_a_trigger_that_raises_is_told_and_begins_nothing() -> None:
     assert executor.execute(0) == 1
 
 
-def test_a_report_that_raises_stops_nothing() -> None:
+def test_a_report_that_raises_does_not_stop_the_round() -> None:
     executor, handles, log = bench("a", "b")
     for handle in handles:
         handle.ready = True
@@ -254,7 +254,7 @@ def test_a_report_that_raises_stops_nothing() -> None:
     assert executor.execute(0) == 2 and executor.failed == 2 and log == ["a", "b"]
 
 
-def test_between_callbacks_there_is_time_for_other_things() -> None:
+def test_between_is_called_after_each_callback() -> None:
     executor, handles, log = bench("a", "b")
     executor.between = lambda: log.append("+")
     handles[0].ready = handles[1].ready = True
@@ -262,14 +262,14 @@ def test_between_callbacks_there_is_time_for_other_things() -> None:
     assert log == ["a", "+", "b", "+"]
 
 
-def test_more_than_should_wait() -> None:
+def test_overfull_if_one_handle_is() -> None:
     executor, handles, log = bench("a", "b")
     assert not executor.overfull()
     handles[1].overfull = lambda: True
     assert executor.overfull()
 
 
-def test_a_guard_condition_calls_back_once_for_all_that_was_triggered() -> None:
+def test_a_guard_condition_calls_back_once_for_several_triggers() -> None:
     clock = FakeClock()
     executor = Executor()
     calls = []
@@ -283,7 +283,7 @@ def test_a_guard_condition_calls_back_once_for_all_that_was_triggered() -> None:
     assert executor.execute(clock.ms()) == 1 == len(calls)
     assert executor.execute(clock.ms()) == 0
     guard.callback = lambda: calls.append(guard.trigger())
-    guard.trigger()  # by its own callback: for the next round
+    guard.trigger()  # its callback triggers it again, for the next round
     assert executor.execute(clock.ms()) == 1
     assert executor.execute(clock.ms()) == 1
     assert len(calls) == 3
@@ -293,7 +293,7 @@ def test_a_guard_condition_calls_back_once_for_all_that_was_triggered() -> None:
 
 
 class Ticking:
-    """An executor with one timer, and when it was called in microseconds since the start."""
+    """An executor with one timer; ``times`` are its calls, in microseconds since the start."""
 
     def __init__(self, period, start_ms=1000, takes_ms=0):
         self.clock = FakeClock(start_ms)
@@ -317,7 +317,7 @@ class Ticking:
                 break
 
 
-def test_the_nth_call_is_at_the_start_and_n_periods() -> None:
+def test_the_nth_call_is_n_periods_after_the_start() -> None:
     for start in (1000, (1 << 30) - 5000):
         for period, count in ((0.001, 9999), (0.02, 500), (1.0, 10), (0.0333333, 300)):
             ticking = Ticking(period, start)
@@ -330,13 +330,13 @@ def test_the_nth_call_is_at_the_start_and_n_periods() -> None:
             assert ticking.timer.missed == 0
 
 
-def test_a_callback_that_takes_time_does_not_make_it_drift() -> None:
+def test_long_callbacks_do_not_make_a_timer_drift() -> None:
     ticking = Ticking(0.1, takes_ms=60)
     ticking.run(10050)
     assert ticking.times == [(n + 1) * 100000 for n in range(100)]
 
 
-def test_times_that_have_passed_are_left_out_and_counted() -> None:
+def test_missed_periods_are_skipped_and_counted() -> None:
     ticking = Ticking(0.1)
     ticking.run(250)
     ticking.clock.sleep(1000)
@@ -352,7 +352,7 @@ def test_times_that_have_passed_are_left_out_and_counted() -> None:
 
 
 def test_a_million_periods_do_not_drift() -> None:
-    """Of a period that is no whole number of milliseconds, nor of microseconds."""
+    """The period is no whole number of milliseconds nor of microseconds."""
     count = 1000000 if sys.implementation.name == "cpython" else 60000
     clock = FakeClock()
     start = clock.t
@@ -369,7 +369,7 @@ def test_a_million_periods_do_not_drift() -> None:
     assert timer.missed == 0
 
 
-def test_a_period_is_exact_over_many_missed_times() -> None:
+def test_periods_are_exact_after_many_missed_ones() -> None:
     ticking = Ticking(1 / 30)
     ticking.clock.sleep(100000)
     ticking.run(1000)
@@ -379,7 +379,7 @@ def test_a_period_is_exact_over_many_missed_times() -> None:
     assert ticking.timer.missed == n - 2
 
 
-def test_a_timer_made_canceled_starts_at_its_reset() -> None:
+def test_a_timer_created_canceled_starts_at_its_reset() -> None:
     clock = FakeClock()
     calls = []
     timer = Timer(0.1, lambda: calls.append(clock.t), clock, False)
@@ -395,7 +395,7 @@ def test_a_timer_made_canceled_starts_at_its_reset() -> None:
     assert executor.execute(clock.ms()) == 1 and calls == [clock.t]
 
 
-def test_what_a_timer_tells() -> None:
+def test_queries_of_a_timer() -> None:
     clock = FakeClock()
     timer = Timer(0.25, print, clock)
     assert timer.timer_period_ns == 250000000 and not timer.is_ready()
@@ -408,7 +408,7 @@ def test_what_a_timer_tells() -> None:
     assert timer.time_until_next_call() == 200000000 and timer.time_since_last_call() == 0
 
 
-def test_a_new_period_counts_from_what_is_due_next() -> None:
+def test_a_new_period_applies_after_the_next_call() -> None:
     ticking = Ticking(0.1)
     ticking.run(250)
     ticking.timer.timer_period_ns = 40000000
@@ -437,7 +437,7 @@ def test_a_canceled_timer_is_silent_until_it_is_reset() -> None:
     assert len(ticking.times) == 5 and ticking.timer.missed == 0
 
 
-def test_reset_begins_a_period_anew() -> None:
+def test_reset_restarts_the_period() -> None:
     ticking = Ticking(0.1)
     ticking.run(90)
     ticking.timer.reset()
@@ -475,7 +475,7 @@ def test_a_timer_whose_callback_raises_goes_on() -> None:
     assert len(ticking.times) == 5 == ticking.executor.failed == len(errors)
 
 
-def test_periods_that_make_no_sense() -> None:
+def test_periods_out_of_range_are_refused() -> None:
     for period in (0, -1, 0.0004, 500001):
         try:
             Timer(period, print, FakeClock())
@@ -485,7 +485,7 @@ def test_periods_that_make_no_sense() -> None:
             raise AssertionError(period)
 
 
-def test_waiting_is_until_the_next_timer() -> None:
+def test_wait_returns_the_time_until_the_next_timer() -> None:
     clock = FakeClock()
     executor = Executor()
     assert executor.wait(clock.ms()) == 60000
@@ -500,7 +500,7 @@ def test_waiting_is_until_the_next_timer() -> None:
     assert executor.wait(clock.ms()) == 0
 
 
-def test_waiting_is_never_for_less_than_no_time() -> None:
+def test_wait_is_never_negative() -> None:
     executor, _, _ = bench("a")
     for longest in (0, -1, -5000):
         assert executor.wait(0, longest) == 0
@@ -519,7 +519,7 @@ def test_the_longest_period_and_the_shortest() -> None:
         raise AssertionError(period)
 
 
-def test_a_due_timer_whose_trigger_says_no_is_no_reason_to_hurry() -> None:
+def test_a_due_timer_held_back_by_the_trigger_does_not_shorten_the_wait() -> None:
     clock = FakeClock()
     executor, handles, log = bench("a")
     calls = []
@@ -528,7 +528,7 @@ def test_a_due_timer_whose_trigger_says_no_is_no_reason_to_hurry() -> None:
     clock.sleep(100)
     assert executor.wait(clock.ms()) == 0
     assert executor.execute(clock.ms()) == 0
-    assert executor.wait(clock.ms()) == 100  # only something new changes that
+    assert executor.wait(clock.ms()) == 100  # until another handle is ready
     assert executor.wait(clock.ms(), 7) == 7
     handles[0].ready = True
     assert executor.wait(clock.ms()) == 0

@@ -1,7 +1,7 @@
-"""What goes wrong between a node and its agent. Also runs on MicroPython.
+"""Faults between a node and its agent. Also runs on MicroPython.
 
-The agent is scripted, and the line between them loses, doubles, delays and damages by a seed;
-test_faults.py has the real agent.
+The agent is scripted; the line loses, repeats, delays and damages datagrams by a seed. The tests
+in test_faults.py have the real agent.
 """
 
 import sys
@@ -21,15 +21,15 @@ from uros.wire.framing import Deframer, frame, frame_size
 from uros.wire.streams import HEARTBEAT_MS
 
 IDENTITY = bytes(range(24))
-# Every instant on CPython; on MicroPython, as WebAssembly, that would take minutes.
+# Each datagram on CPython; on MicroPython as WebAssembly that would take minutes.
 STEP = 1 if sys.implementation.name == "cpython" else 7
 
 
 class LossyAgent(FakeAgent):
-    """The scripted agent at the end of a bad line; all chances in percent.
+    """The scripted agent at the end of a bad line; all chances are in percent.
 
-    What is damaged crosses the line in serial frames, as it would there: some of their bytes are
-    changed, gone, or come in addition, and the frames' CRC sorts out what is left.
+    With ``damaged`` datagrams are sent in serial frames, of which some bytes are changed, removed
+    or added; the CRC of the frames rejects damaged ones.
     """
 
     def __init__(self, clock, seed=0, lost=0, twice=0, late_ms=0, damaged=0):
@@ -38,14 +38,14 @@ class LossyAgent(FakeAgent):
         self.twice = twice
         self.late_ms = late_ms
         self.damaged = damaged
-        self.uplink = []  # (when, its number, datagram) on its way to the agent
+        self.uplink = []  # (due, number, datagram) on the way to the agent
         self.count = {"lost": 0, "twice": 0, "damaged": 0}
         self.deframers = (Deframer(0), Deframer(1))
         self.beat_at = None
         super().__init__(clock)
 
     def carry(self, datagram, direction):
-        """The datagrams that come out, each with its delay in microseconds."""
+        """Return (delay in microseconds, datagram) of each datagram that arrives."""
         copies = 1
         if self.chance.hit(self.lost):
             self.count["lost"] += 1
@@ -56,8 +56,8 @@ class LossyAgent(FakeAgent):
         out = []
         for _ in range(copies):
             late = self.chance.below(self.late_ms * 1000 + 1)
-            for it in self.frames(datagram, direction):
-                out.append((late, it))
+            for arriving in self.frames(datagram, direction):
+                out.append((late, arriving))
         return out
 
     def frames(self, datagram, direction):
@@ -70,10 +70,10 @@ class LossyAgent(FakeAgent):
             self.count["damaged"] += 1
             for _ in range(1 + self.chance.below(3)):
                 at = self.chance.below(len(line))
-                what = self.chance.below(3)
-                if what == 0:
+                damage = self.chance.below(3)
+                if damage == 0:
                     line[at] ^= 1 << self.chance.below(8)
-                elif what == 1 and len(line) > 1:
+                elif damage == 1 and len(line) > 1:
                     del line[at]
                 else:
                     line.insert(at, self.chance.below(256))
@@ -83,14 +83,14 @@ class LossyAgent(FakeAgent):
         assert self.is_open
         message = bytes(memoryview(message)[:size])
         self.sent.append(message)
-        for late, it in self.carry(message, 0):
+        for late, datagram in self.carry(message, 0):
             self.posted += 1
-            self.uplink.append((self.clock.t + late, self.posted, it))
+            self.uplink.append((self.clock.t + late, self.posted, datagram))
 
     def post(self, message):
-        for late, it in self.carry(message, 1):
+        for late, datagram in self.carry(message, 1):
             self.posted += 1
-            self.inbox.append((self.clock.t + late, self.posted, it))
+            self.inbox.append((self.clock.t + late, self.posted, datagram))
 
     def receive(self, timeout_ms):
         end = self.clock.t + timeout_ms * 1000
@@ -117,7 +117,7 @@ class LossyAgent(FakeAgent):
             self.clock.t = at
 
     def beat(self):
-        """A heartbeat every HEARTBEAT_MS while the board has not acknowledged all."""
+        """Send a HEARTBEAT every HEARTBEAT_MS while messages are not acknowledged."""
         beat = self.out.heartbeat(self.clock.ms())
         if beat:
             payload = built(session.push_heartbeat, beat[0], beat[1], ids.STREAM_RELIABLE)
@@ -127,7 +127,7 @@ class LossyAgent(FakeAgent):
 
 
 class Life:
-    """A node with one of everything, and what came through in both directions."""
+    """A node with an entity of each kind, and the samples received at both ends."""
 
     def __init__(self, agent, **options):
         self.agent = agent
@@ -143,7 +143,7 @@ class Life:
         self.answers = []
         self.publisher = self.node.create_publisher(Number, "out")  # 0x05
         self.node.create_subscription(  # 0x16
-            Number, "in", lambda it: self.heard.append(it.value), 100
+            Number, "in", lambda message: self.heard.append(message.value), 100
         )
         self.node.create_service(Ask, "ask", self.double)  # 0x08
         self.client = self.node.create_client(Ask, "other")  # 0x07
@@ -167,7 +167,7 @@ class Life:
         self.until(lambda: self.node.state == AGENT_CONNECTED)
 
     def works(self):
-        """One of everything once more, with an agent that is well."""
+        """Check one sample, one request and one call in each direction with a healthy agent."""
         agent = self.agent
         del self.heard[:]
         self.connect()
@@ -182,7 +182,11 @@ class Life:
         assert (0x05, number_bytes(1)) in sent
         assert (0x08, IDENTITY + number_bytes(8)) in sent
         assert (0x07, number_bytes(6)) in sent
-        number = [it[8:10] for it in agent.sent if it[4] == ids.WRITE_DATA and it[11] == 0x07][-1]
+        number = [
+            datagram[8:10]
+            for datagram in agent.sent
+            if datagram[4] == ids.WRITE_DATA and datagram[11] == 0x07
+        ][-1]
         agent.sample(0x07, number + b"\0\7" + number_bytes(9))
         self.run(300)
         assert self.heard == [2], self.heard
@@ -198,7 +202,7 @@ def lossy(seed, **line):
 
 
 def chat(seed):
-    """Sixty samples in each direction, at once."""
+    """Exchange sixty samples in each direction at the same time."""
     life = lossy(seed, lost=30, twice=20, late_ms=30, damaged=15)
     life.connect()
     sent = [0]
@@ -217,7 +221,7 @@ def chat(seed):
 def test_reliable_samples_arrive_complete_and_in_order_both_ways() -> None:
     for seed in range(6):
         life = chat(seed)
-        numbers = [int.from_bytes(it[1], "little") for it in life.agent.samples]
+        numbers = [int.from_bytes(sample[1], "little") for sample in life.agent.samples]
         assert numbers == list(range(60)), (seed, numbers)
         assert life.heard == list(range(1000, 1060)), (seed, life.heard)
         assert life.node.connection.connections == 1 and life.node.state == AGENT_CONNECTED
@@ -226,7 +230,7 @@ def test_reliable_samples_arrive_complete_and_in_order_both_ways() -> None:
         assert count["lost"] > 50 and count["twice"] > 20 and count["damaged"] > 20, count
 
 
-def test_on_a_line_that_only_damages_the_damage_is_counted() -> None:
+def test_damaged_frames_are_counted() -> None:
     life = lossy(3, damaged=30)
     life.connect()
     for i in range(100):
@@ -242,7 +246,7 @@ def test_on_a_line_that_only_damages_the_damage_is_counted() -> None:
 
 
 class Mortal(LossyAgent):
-    """Dies when it has heard and said so many datagrams together; ``alive`` counts down."""
+    """An agent that dies after ``alive`` datagrams, counted in both directions."""
 
     def __init__(self, clock, alive):
         self.alive = alive
@@ -264,7 +268,11 @@ class Mortal(LossyAgent):
 
 
 def lived(alive, restart_ms, forgets=True):
-    """A life whose agent dies on the way, and after so long there is another; its agent."""
+    """Let the agent die after ``alive`` datagrams and restart after ``restart_ms``.
+
+    Returns:
+        Whether it died, and the Life.
+    """
     agent = Mortal(FakeClock(), alive)
     life = Life(agent)
     done = [False]
@@ -287,29 +295,29 @@ def lived(alive, restart_ms, forgets=True):
         agent.forget()
     life.run(50)
     life.until(lambda: life.node.state == AGENT_CONNECTED and len(agent.creations) == 9)
-    life.run(2500)  # what was wrong with it shows by then
+    life.run(2500)  # lasting faults show within this time
     life.works()
     return done[0], life
 
 
-def test_an_agent_that_dies_after_any_datagram_is_followed_by_another() -> None:
-    """Silence, and 3 s later a new agent."""
+def test_an_agent_that_dies_after_any_datagram_is_replaced() -> None:
+    """The agent dies after any datagram, a new one starts 3 s later, and the node works."""
     alive = 1
     while lived(alive, 3000)[0]:
         alive += STEP
     assert alive > 60, alive
 
 
-def test_an_agent_that_is_another_after_any_datagram() -> None:
-    """It is back at once and knows nobody."""
+def test_an_agent_that_restarts_after_any_datagram() -> None:
+    """The agent restarts after any datagram, at once and without sessions; the node works."""
     alive = 1
     while lived(alive, 1)[0]:
         alive += STEP
     assert alive > 60, alive
 
 
-def test_an_agent_that_is_deaf_for_a_second_after_any_datagram() -> None:
-    """It is the same again: nothing is lost, and nothing made anew."""
+def test_an_agent_that_stalls_for_a_second_after_any_datagram() -> None:
+    """The agent keeps its session: no message is lost, and the node does not disconnect."""
     alive = 1
     going = True
     while going:
@@ -323,7 +331,7 @@ def test_an_agent_that_is_deaf_for_a_second_after_any_datagram() -> None:
 
 
 class Liar(FakeAgent):
-    """Changes what it says by ``lie(kind, payload, session id) -> the same`` or None."""
+    """An agent whose messages ``lie(kind, payload, session id)`` changes, or drops by None."""
 
     lie = None
 
@@ -334,16 +342,16 @@ class Liar(FakeAgent):
         if self.lie is None:
             super().reliable(kind, payload, flags)
         else:
-            told = self.lie(kind, payload, self.session_id)
-            if told is not None:
-                super().reliable(told[0], told[1], flags)
+            changed_message = self.lie(kind, payload, self.session_id)
+            if changed_message is not None:
+                super().reliable(changed_message[0], changed_message[1], flags)
 
     def tell(self, kind, payload, session_id, say):
         if self.lie is not None:
-            told = self.lie(kind, payload, session_id or self.session_id)
-            if told is None:
+            changed_message = self.lie(kind, payload, session_id or self.session_id)
+            if changed_message is None:
                 return
-            kind, payload, session_id = told
+            kind, payload, session_id = changed_message
         say(kind, payload, session_id)
 
 
@@ -354,7 +362,7 @@ def changed(octets, at, value):
 
 
 def lies():
-    """(name, lie) of each."""
+    """Return (name, lie) of each change."""
     out = []
     for status in (1, 0x80, 0x83, 0x88, 0xFF):
 
@@ -374,24 +382,32 @@ def lies():
             return kind, payload, session_id
 
         out.append(("id octet %d" % at, lie))
-    for other in (0x80, 0x82, 0xFE, 0x01):
+    for changed_id in (0x80, 0x82, 0xFE, 0x01):
         out.append(
             (
-                "session %d" % other,
-                lambda kind, payload, session_id, other=other: (kind, payload, other),
+                "session %d" % changed_id,
+                lambda kind, payload, session_id, changed_id=changed_id: (
+                    kind,
+                    payload,
+                    changed_id,
+                ),
             )
         )
-    for what in range(16):
+    for changed_kind in range(16):
 
-        def lie(kind, payload, session_id, what=what):
-            return (what, payload, session_id) if kind != ids.INFO else (kind, payload, session_id)
+        def lie(kind, payload, session_id, changed_kind=changed_kind):
+            return (
+                (changed_kind, payload, session_id)
+                if kind != ids.INFO
+                else (kind, payload, session_id)
+            )
 
-        out.append(("kind %d" % what, lie))
+        out.append(("kind %d" % changed_kind, lie))
         out.append(
             (
-                "no kind %d" % what,
-                lambda kind, payload, session_id, what=what: (
-                    None if kind == what else (kind, payload, session_id)
+                "no kind %d" % changed_kind,
+                lambda kind, payload, session_id, changed_kind=changed_kind: (
+                    None if kind == changed_kind else (kind, payload, session_id)
                 ),
             )
         )
@@ -405,9 +421,9 @@ def lies():
     return out
 
 
-def test_no_wrong_answer_does_lasting_harm() -> None:
-    """While the agent lies nothing raises; when it does so no more the node works."""
-    for before in (False, True):  # a lie from the start, or one to a node that is connected
+def test_a_node_recovers_from_any_wrong_answer() -> None:
+    """While the agent sends wrong messages nothing raises; afterwards the node works."""
+    for before in (False, True):  # from the start, or after the node has connected
         for name, lie in lies():
             agent = Liar(FakeClock())
             life = Life(agent)
@@ -420,10 +436,12 @@ def test_no_wrong_answer_does_lasting_harm() -> None:
                     agent.sample(0x16, number_bytes(i))
                 life.run(700)
             agent.lie = None
-            assert all([isinstance(it, ValueError) for it in life.errors])  # no such type
+            assert all(
+                [isinstance(error, ValueError) for error in life.errors]
+            )  # of another definition
             del life.errors[:]
             if not before or life.node.state != AGENT_CONNECTED or agent.into.next != 0:
-                # What a liar has acknowledged or numbered is beyond repair: another agent.
+                # Wrong acknowledgements and numbers cannot be repaired: start another agent.
                 agent.silent = True
                 life.run(3000)
                 agent.silent = False
@@ -434,8 +452,8 @@ def test_no_wrong_answer_does_lasting_harm() -> None:
                 raise AssertionError("%s, %s: %r" % (name, before, error))
 
 
-def test_an_answer_to_another_request_connects_nobody() -> None:
-    """The entities are known to be made by their own answers alone."""
+def test_answers_to_other_requests_do_not_connect() -> None:
+    """Only the STATUS of its own requests confirms that an entity is created."""
     agent = Liar(FakeClock())
     life = Life(agent)
 
@@ -450,15 +468,15 @@ def test_an_answer_to_another_request_connects_nobody() -> None:
     assert "unanswered" in life.node.connection.reason
 
 
-def test_datagrams_of_foreign_sessions_are_counted_and_change_nothing() -> None:
+def test_datagrams_of_foreign_sessions_are_counted_and_ignored() -> None:
     life = Life(FakeAgent(FakeClock()))
     life.connect()
     agent = life.agent
     sample = built(session.push_request, 0, 0x16) + number_bytes(5)
     before = life.node.connection.dropped
-    for other in (0x80, 0x82, 0x90, 0xFE, 0xFF):
+    for session_id in (0x80, 0x82, 0x90, 0xFE, 0xFF):
         for stream in (0, 1, 0x80):
-            agent.post(message(ids.DATA, sample, stream, 0, other))
+            agent.post(message(ids.DATA, sample, stream, 0, session_id))
     life.run(100)
     assert life.heard == [] and life.node.connection.dropped - before == 15
     life.works()
@@ -467,7 +485,7 @@ def test_datagrams_of_foreign_sessions_are_counted_and_change_nothing() -> None:
 # --- callbacks ----------------------------------------------------------------------------------
 
 
-def test_any_callback_may_raise_and_the_rest_goes_on() -> None:
+def test_every_callback_may_raise_without_effect_on_others() -> None:
     life = Life(FakeAgent(FakeClock()))
     agent = life.agent
 
@@ -487,12 +505,12 @@ def test_any_callback_may_raise_and_the_rest_goes_on() -> None:
     guard.trigger()
     future = life.client.call_async(Ask.Request(1))
     future.add_done_callback(fail)
-    number = [it[8:10] for it in agent.sent if it[4] == ids.WRITE_DATA][-1]
+    number = [datagram[8:10] for datagram in agent.sent if datagram[4] == ids.WRITE_DATA][-1]
     agent.sample(0x07, number + b"\0\7" + number_bytes(9))
     agent.sample(0x16, number_bytes(3))
     life.run(52)
     assert len(life.errors) == 5 == node.executor.failed, life.errors
-    assert all([isinstance(it, RuntimeError) for it in life.errors])
+    assert all([isinstance(error, RuntimeError) for error in life.errors])
     assert life.heard == [3]
     timer.cancel()
     agent.silent = True  # on_state raises in each of these
@@ -503,8 +521,8 @@ def test_any_callback_may_raise_and_the_rest_goes_on() -> None:
     assert life.publisher.publish(Number(1)) and node.connection.connections == 2
 
 
-def test_samples_that_come_faster_than_callbacks_are_counted() -> None:
-    """Best effort: a reliable one waits at the agent."""
+def test_samples_lost_by_slow_callbacks_are_counted() -> None:
+    """The samples are best effort: reliable ones wait at the agent."""
     life = Life(FakeAgent(FakeClock()))
     life.connect()
     subscription = life.node.create_subscription(Number, "fast", life.heard.append, 5)
@@ -512,14 +530,14 @@ def test_samples_that_come_faster_than_callbacks_are_counted() -> None:
     for i in range(200):
         sample = built(session.push_request, 0, 0x26) + number_bytes(i)
         life.agent.post(message(ids.DATA, sample, 1, i, life.agent.session_id))
-        life.node.connection.pump(0)  # as a callback does that spins
+        life.node.connection.pump(0)  # as a callback that spins
     life.run(100)
-    assert [it.value for it in life.heard] == list(range(200 - len(life.heard), 200))
+    assert [message.value for message in life.heard] == list(range(200 - len(life.heard), 200))
     assert subscription.lost == 200 - len(life.heard) > 100
 
 
-def test_a_type_that_is_another_on_the_other_side() -> None:
-    """What cannot be read is counted; the rest is taken for it, also where there is more."""
+def test_samples_of_another_definition_are_counted() -> None:
+    """Samples that cannot be decoded are counted; trailing octets of others are ignored."""
     life = Life(FakeAgent(FakeClock()))
     life.connect()
     subscription = life.node.executor.handles[0]
@@ -528,7 +546,7 @@ def test_a_type_that_is_another_on_the_other_side() -> None:
     life.agent.sample(0x08, IDENTITY + b"x")
     life.run(100)
     assert life.heard == [5, 6] and subscription.malformed == 3
-    # The first of each is told, with what to do about it.
+    # The first one of each entity is reported with the remedy.
     assert len(life.errors) == 2 and "definition" in str(life.errors[0])
     del life.errors[:]
     life.works()
@@ -537,7 +555,7 @@ def test_a_type_that_is_another_on_the_other_side() -> None:
 # --- pipelining ---------------------------------------------------------------------------------
 
 
-def test_reliable_publishing_takes_a_round_trip_for_each_window_and_not_for_each_sample() -> None:
+def test_reliable_publishing_takes_one_round_trip_per_window() -> None:
     agent = FakeAgent(FakeClock())
     life = Life(agent)
     life.connect()
@@ -550,13 +568,13 @@ def test_reliable_publishing_takes_a_round_trip_for_each_window_and_not_for_each
     assert len(agent.samples) == 16
     life.until(lambda: len(agent.samples) == 160)
     assert 900000 <= life.clock.t - start <= 1000000  # 160 / 16 windows, the first at once
-    assert [it[1] for it in agent.samples] == [number_bytes(i) for i in range(160)]
+    assert [sample[1] for sample in agent.samples] == [number_bytes(i) for i in range(160)]
 
 
 # --- the four states ----------------------------------------------------------------------------
 
 
-def test_all_four_states_are_told_in_their_order() -> None:
+def test_on_state_gets_all_four_states_in_order() -> None:
     agent = FakeAgent(FakeClock())
     agent.silent = True
     life = Life(agent)

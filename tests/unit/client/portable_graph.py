@@ -1,7 +1,7 @@
-"""The graph that an agent tells. Also runs on MicroPython.
+"""The graph that an agent sends. Also runs on MicroPython.
 
-GRAPH is made by hand from the definitions of micro_ros_msgs: nodes of namespace, name and
-entities of type, name and types. tests/interop asks a real ROS for one.
+GRAPH is encoded by hand from the definitions of micro_ros_msgs: nodes of namespace, name and
+entities of kind, name and types. tests/interop compares with a real ROS 2.
 """
 
 from support.board import KEY, FakeAgent, FakeClock, Number
@@ -53,28 +53,28 @@ class Bench:
             self.node.spin_once(0.01)
 
 
-def test_it_asks_for_the_topic_as_micro_ros_does() -> None:
+def test_the_graph_topic_is_requested_as_micro_ros_does() -> None:
     bench = Bench()
-    made = {}
+    contents = {}
     for _, payload in bench.agent.creations:
         _, object_id, _, _, content, _ = pull_create(Reader(payload, 0, len(payload), True))
-        made[object_id] = Reader(content, 0, len(content), True)
-    assert pull_binary_topic(made[0x02]) == (
+        contents[object_id] = Reader(content, 0, len(content), True)
+    assert pull_binary_topic(contents[0x02]) == (
         "ros_to_microros_graph", "micro_ros_msgs::msg::dds_::Graph_",
     )  # fmt: skip
-    qos = pull_binary_endpoint(made[0x06], True)[1]
+    qos = pull_binary_endpoint(contents[0x06], True)[1]
     assert qos[:2] == (ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL, 1)
     assert bench.agent.requests[-1] == (ids.READ_DATA, 0x06)
 
 
-def test_before_the_first_one_nothing_is_known() -> None:
+def test_a_graph_is_empty_before_the_first_message() -> None:
     bench = Bench()
     graph = bench.graph
     assert not graph.known and graph.get_node_names() == []
     assert graph.get_topic_names_and_types() == [] and graph.count_publishers("abc") == 0
 
 
-def test_what_it_tells() -> None:
+def test_queries_of_the_graph() -> None:
     bench = Bench()
     graph = bench.graph
     bench.tell(GRAPH)
@@ -84,13 +84,13 @@ def test_what_it_tells() -> None:
         ("/abc", [FLOAT, "x/A", "x/B"]), ("/z", []),
     ]  # fmt: skip
     assert graph.get_service_names_and_types() == [("/go", [TRIGGER])]
-    for ask, found in (
+    for ask, topics in (
         (graph.get_publisher_names_and_types_by_node, [("/abc", [FLOAT])]),
         (graph.get_service_names_and_types_by_node, [("/go", [TRIGGER])]),
         (graph.get_subscriber_names_and_types_by_node, []),
         (graph.get_client_names_and_types_by_node, []),
     ):
-        assert ask("talker", "/") == found
+        assert ask("talker", "/") == topics
         assert ask("talker", "/ns") == []
     assert graph.get_subscriber_names_and_types_by_node("listen", "/ns") == [
         ("/abc", ["x/A", "x/B"]), ("/z", []),
@@ -104,7 +104,7 @@ def test_what_it_tells() -> None:
     assert counts == [1, 1, 0, 1, 1, 1, 0]
 
 
-def test_the_last_one_counts_and_is_told_once() -> None:
+def test_only_the_last_of_several_graphs_calls_back() -> None:
     bench = Bench()
     bench.agent.sample(0x06, GRAPH)
     bench.node.connection.pump(0)
@@ -112,7 +112,7 @@ def test_the_last_one_counts_and_is_told_once() -> None:
     assert bench.calls[-1] == [] and bench.graph.known and not bench.graph.overfull()
 
 
-def test_what_cannot_be_read_is_counted_and_changes_nothing() -> None:
+def test_malformed_graphs_are_counted_and_ignored() -> None:
     bench = Bench()
     bench.tell(GRAPH)
     del bench.calls[:]
@@ -124,7 +124,7 @@ def test_what_cannot_be_read_is_counted_and_changes_nothing() -> None:
     assert bench.graph.get_node_names() == ["talker", "listen"]
 
 
-def test_a_lost_agent_takes_its_graph_along() -> None:
+def test_a_graph_ends_with_its_session() -> None:
     bench = Bench()
     bench.tell(GRAPH)
     bench.agent.silent = True
@@ -140,10 +140,12 @@ def test_a_lost_agent_takes_its_graph_along() -> None:
     assert bench.node.executor.handles == [] and bench.graph.get_node_names() != []
 
 
-def test_other_entities_are_not_disturbed() -> None:
+def test_a_graph_does_not_affect_other_entities() -> None:
     bench = Bench()
     heard = []
-    subscription = bench.node.create_subscription(Number, "abc", lambda it: heard.append(it.value))
+    subscription = bench.node.create_subscription(
+        Number, "abc", lambda message: heard.append(message.value)
+    )
     assert subscription.number == 1
     bench.tell(GRAPH)
     bench.agent.sample(0x16, b"\7\0\0\0")

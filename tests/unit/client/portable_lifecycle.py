@@ -1,4 +1,4 @@
-"""Nodes with a life cycle, by their methods and by their services. Also runs on MicroPython."""
+"""Lifecycle nodes: their methods and their services. Also runs on MicroPython."""
 
 from support.board import Number
 from support.services import Bench
@@ -48,17 +48,17 @@ GRAPH = [
     [61, "transition_failure", 15, "errorprocessing", 4, "finalized"],
     [62, "transition_error", 15, "errorprocessing", 4, "finalized"],
 ]
-# The callback of each transition that others may ask for.
+# The callback of each transition that can be requested.
 CALLED = {
     "configure": "on_configure", "cleanup": "on_cleanup", "activate": "on_activate",
     "deactivate": "on_deactivate", "shutdown": "on_shutdown",
 }  # fmt: skip
-# The way to each state from which one may go on.
+# The transitions to each state that is not final.
 WAYS = {"unconfigured": [], "inactive": ["configure"], "active": ["configure", "activate"]}
 
 
 class Device(LifecycleNode):
-    """``calls`` are its callbacks and the states before; ``says`` what they give, by name."""
+    """``calls`` are (callback, state before, state); ``says`` are return values by callback."""
 
     def __init__(self, *arguments, **options):
         self.calls = []
@@ -96,7 +96,7 @@ def bench(make=Device, **options):
     return Bench("cam", "/left", make=make, **options)
 
 
-# Written out, as a board's build drops methods that nobody names.
+# Written out: the build of a board drops methods whose names do not occur.
 TRIGGERS = {
     "configure": lambda node: node.trigger_configure(),
     "cleanup": lambda node: node.trigger_cleanup(),
@@ -111,17 +111,17 @@ def trigger(node, label):
 
 
 def at(state, **options):
-    """A device in this state."""
-    it = bench(**options)
+    """Return a bench whose device is in this state."""
+    device = bench(**options)
     for label in WAYS[state]:
-        assert trigger(it.node, label) == SUCCESS
-    it.node.calls.clear()
-    assert it.node.current_state.label == state
-    return it
+        assert trigger(device.node, label) == SUCCESS
+    device.node.calls.clear()
+    assert device.node.current_state.label == state
+    return device
 
 
 def row(start, label):
-    """(number, transition state) of a transition."""
+    """Return (number, transition state) of a transition."""
     for number, name, _, begin, _, goal in GRAPH:
         if (begin, name) == (start, label):
             return number, goal
@@ -141,10 +141,14 @@ OUTCOMES = {SUCCESS: "success", FAILURE: "failure", ERROR: "error"}
 # --- the machine ------------------------------------------------------------------------------
 
 
-def test_each_transition_with_each_outcome_goes_where_the_graph_says() -> None:
+def test_each_outcome_of_each_transition_follows_the_graph() -> None:
     for state in WAYS:
         for label in CALLED:
-            if not [it for it in GRAPH if it[3] == state and it[1] == label]:
+            if not [
+                transition
+                for transition in GRAPH
+                if transition[3] == state and transition[1] == label
+            ]:
                 continue
             between = row(state, label)[1]
             for outcome in (SUCCESS, FAILURE):
@@ -161,17 +165,21 @@ def test_each_transition_with_each_outcome_goes_where_the_graph_says() -> None:
                 assert node.calls[1] == ("on_error", state, "errorprocessing")
 
 
-def test_what_cannot_be_now_changes_nothing() -> None:
+def test_invalid_transitions_change_nothing() -> None:
     for state in WAYS:
         for label in CALLED:
-            if [it for it in GRAPH if it[3] == state and it[1] == label]:
+            if [
+                transition
+                for transition in GRAPH
+                if transition[3] == state and transition[1] == label
+            ]:
                 continue
             node = at(state, connect=False).node
             assert trigger(node, label) == ERROR
             assert node.calls == [] and node.current_state.label == state
 
 
-def test_finalized_is_the_end() -> None:
+def test_finalized_has_no_transitions() -> None:
     node = at("inactive", connect=False).node
     assert node.trigger_shutdown() == SUCCESS
     assert node.current_state.label == "finalized" and node.current_state.state_id == 4
@@ -179,15 +187,15 @@ def test_finalized_is_the_end() -> None:
         assert trigger(node, label) == ERROR
 
 
-def test_a_callback_that_raises_or_says_nothing_is_an_error_and_told() -> None:
-    for said, told in ((RuntimeError("no lens"), "no lens"), (None, "on_configure gave None")):
-        it = at("unconfigured")
-        it.node.says = {"on_configure": said}
-        if said is None:
-            it.node.on_configure = lambda state: None
-        assert it.node.trigger_configure() == ERROR
-        assert it.node.current_state.label == "unconfigured"  # on_error was content
-        assert len(it.errors) == 1 and told in str(it.errors[0])
+def test_a_callback_that_raises_or_returns_none_is_a_reported_error() -> None:
+    for outcome, text in ((RuntimeError("no lens"), "no lens"), (None, "on_configure gave None")):
+        device = at("unconfigured")
+        device.node.says = {"on_configure": outcome}
+        if outcome is None:
+            device.node.on_configure = lambda state: None
+        assert device.node.trigger_configure() == ERROR
+        assert device.node.current_state.label == "unconfigured"  # on_error returned SUCCESS
+        assert len(device.errors) == 1 and text in str(device.errors[0])
 
 
 def test_a_callback_cannot_begin_another_transition() -> None:
@@ -204,42 +212,45 @@ def test_a_callback_cannot_begin_another_transition() -> None:
     assert inside == [ERROR, ERROR] and node.current_state.label == "inactive"
 
 
-# --- what follows it --------------------------------------------------------------------------
+# --- managed entities -------------------------------------------------------------------------
 
 
-def test_a_publisher_is_silent_unless_active() -> None:
-    it = bench(LifecycleNode)
-    node = it.node
+def test_a_lifecycle_publisher_sends_only_while_active() -> None:
+    device = bench(LifecycleNode)
+    node = device.node
     publisher = node.create_lifecycle_publisher(Number, "image")
-    it.connect()
+    device.connect()
     sent = []
     for label in ("configure", "activate", "deactivate", "activate", "shutdown"):
         sent.append(publisher.publish(Number(1)))
         assert trigger(node, label) == SUCCESS
     sent.append(publisher.publish(Number(1)))
     assert sent == [False, False, True, False, True, False]
-    it.run(50)
-    assert len([1 for thing, _ in it.agent.samples if thing & 15 == 5 and thing >> 4]) >= 2
+    device.run(50)
+    assert (
+        len([1 for object_id, _ in device.agent.samples if object_id & 15 == 5 and object_id >> 4])
+        >= 2
+    )
     assert publisher.published == 2 and publisher.name == "/left/image"
 
 
-def test_a_publisher_of_a_program_with_its_own_callbacks() -> None:
-    it = at("inactive")
-    publisher = it.node.create_lifecycle_publisher(Number, "image")
-    it.connect()
-    it.node.says["on_activate"] = FAILURE
-    assert it.node.trigger_activate() == FAILURE and not publisher.publish(Number(1))
-    it.node.says.clear()
-    assert it.node.trigger_activate() == SUCCESS and publisher.publish(Number(1))
-    late = it.node.create_lifecycle_publisher(Number, "late")
-    it.connect()
+def test_a_lifecycle_publisher_of_a_node_with_its_own_callbacks() -> None:
+    device = at("inactive")
+    publisher = device.node.create_lifecycle_publisher(Number, "image")
+    device.connect()
+    device.node.says["on_activate"] = FAILURE
+    assert device.node.trigger_activate() == FAILURE and not publisher.publish(Number(1))
+    device.node.says.clear()
+    assert device.node.trigger_activate() == SUCCESS and publisher.publish(Number(1))
+    late = device.node.create_lifecycle_publisher(Number, "late")
+    device.connect()
     assert late.publish(Number(1))
-    it.node.destroy_lifecycle_publisher(late)
-    it.node.says = {"on_deactivate": ERROR, "on_error": FAILURE}
-    assert it.node.trigger_deactivate() == ERROR and not publisher.publish(Number(1))
+    device.node.destroy_lifecycle_publisher(late)
+    device.node.says = {"on_deactivate": ERROR, "on_error": FAILURE}
+    assert device.node.trigger_deactivate() == ERROR and not publisher.publish(Number(1))
 
 
-def test_managed_entities_follow_in_their_order_until_one_does_not() -> None:
+def test_managed_entities_follow_in_order_until_one_fails() -> None:
     calls = []
 
     class Part(ManagedEntity):
@@ -251,19 +262,19 @@ def test_managed_entities_follow_in_their_order_until_one_does_not() -> None:
             calls.append((self.name, state.label))
             return self.says
 
-    it = bench(LifecycleNode, connect=False)
+    device = bench(LifecycleNode, connect=False)
     simple = SimpleManagedEntity()
     for part in (Part("a"), simple, Part("b", FAILURE), Part("c")):
-        it.node.add_managed_entity(part)
-    assert it.node.trigger_configure() == FAILURE
+        device.node.add_managed_entity(part)
+    assert device.node.trigger_configure() == FAILURE
     assert calls == [("a", "unconfigured"), ("b", "unconfigured")]
-    it = bench(LifecycleNode, connect=False)
-    it.node.add_managed_entity(simple)
-    seen = []
+    device = bench(LifecycleNode, connect=False)
+    device.node.add_managed_entity(simple)
+    activated = []
     for label in ("configure", "activate", "deactivate", "cleanup", "shutdown"):
-        assert trigger(it.node, label) == SUCCESS
-        seen.append(simple.is_activated)
-    assert seen == [False, True, False, False, False]
+        assert trigger(device.node, label) == SUCCESS
+        activated.append(simple.is_activated)
+    assert activated == [False, True, False, False, False]
 
 
 # --- the services -----------------------------------------------------------------------------
@@ -271,22 +282,22 @@ def test_managed_entities_follow_in_their_order_until_one_does_not() -> None:
 NAME = "/left/cam/"
 
 
-def test_the_services_tell_what_rclpys_node_tells() -> None:
-    it = bench()
-    assert it.ask(NAME + "get_available_states", [0]) == [STATES]
-    assert it.ask(NAME + "get_transition_graph", [0]) == [GRAPH]
+def test_the_services_answer_as_rclpys() -> None:
+    device = bench()
+    assert device.ask(NAME + "get_available_states", [0]) == [STATES]
+    assert device.ask(NAME + "get_transition_graph", [0]) == [GRAPH]
     for state in WAYS:
-        it = at(state)
-        number = [one[0] for one in STATES if one[1] == state][0]
-        assert it.ask(NAME + "get_state", [0]) == [number, state]
-        available = it.ask(NAME + "get_available_transitions", [0])
-        assert available == [[one for one in GRAPH if one[3] == state]]
-    it.node.trigger_shutdown()
-    assert it.ask(NAME + "get_available_transitions", [0]) == [[]]
+        device = at(state)
+        number = [row[0] for row in STATES if row[1] == state][0]
+        assert device.ask(NAME + "get_state", [0]) == [number, state]
+        available = device.ask(NAME + "get_available_transitions", [0])
+        assert available == [[transition for transition in GRAPH if transition[3] == state]]
+    device.node.trigger_shutdown()
+    assert device.ask(NAME + "get_available_transitions", [0]) == [[]]
 
 
-def test_others_drive_it_by_number_or_label() -> None:
-    it = bench()
+def test_change_state_takes_numbers_and_labels() -> None:
+    device = bench()
     for values, success, state in (
         ([3, ""], False, "unconfigured"),
         ([1, ""], True, "inactive"),
@@ -299,49 +310,49 @@ def test_others_drive_it_by_number_or_label() -> None:
         ([6, ""], True, "finalized"),
         ([1, ""], False, "finalized"),
     ):
-        assert it.ask(NAME + "change_state", values) == [success], values
-        assert it.node.current_state.label == state
-    assert not it.errors
+        assert device.ask(NAME + "change_state", values) == [success], values
+        assert device.node.current_state.label == state
+    assert not device.errors
 
 
 def test_shutdown_has_a_number_for_each_state_and_one_label() -> None:
     for state in WAYS:
-        it = at(state)
+        device = at(state)
         wrong = [n for n in (5, 6, 7) if n != row(state, "shutdown")[0]]
-        assert it.ask(NAME + "change_state", [wrong[0], ""]) == [False]
-        assert it.ask(NAME + "change_state", [0, "shutdown"]) == [True]
+        assert device.ask(NAME + "change_state", [wrong[0], ""]) == [False]
+        assert device.ask(NAME + "change_state", [0, "shutdown"]) == [True]
 
 
-def test_each_step_is_told() -> None:
-    it = bench()
-    it.heard(NAME + "transition_event")
-    it.node.trigger_configure()
-    it.node.says["on_activate"] = ERROR
-    it.node.trigger_activate()
-    heard = it.heard(NAME + "transition_event")
-    assert all([one[0] > 1700000000 * 10**9 for one in heard])
-    graph = {one[0]: one for one in GRAPH}
-    assert [one[1:] for one in heard] == [graph[n] for n in (1, 10, 3, 32, 60)]
+def test_each_transition_is_published() -> None:
+    device = bench()
+    device.heard(NAME + "transition_event")
+    device.node.trigger_configure()
+    device.node.says["on_activate"] = ERROR
+    device.node.trigger_activate()
+    heard = device.heard(NAME + "transition_event")
+    assert all([event[0] > 1700000000 * 10**9 for event in heard])
+    graph = {transition[0]: transition for transition in GRAPH}
+    assert [event[1:] for event in heard] == [graph[n] for n in (1, 10, 3, 32, 60)]
 
 
-def test_a_node_may_keep_it_to_itself() -> None:
-    it = bench(enable_communication_interface=False)
-    assert len(it.node._entities) == 0
-    assert it.node.trigger_configure() == SUCCESS
-    assert it.node.current_state.label == "inactive"
+def test_a_node_without_communication_interface() -> None:
+    device = bench(enable_communication_interface=False)
+    assert len(device.node._entities) == 0
+    assert device.node.trigger_configure() == SUCCESS
+    assert device.node.current_state.label == "inactive"
 
 
 def test_the_state_outlives_the_agent() -> None:
-    it = at("active")
-    it.lose()
-    it.connect()
-    assert it.ask(NAME + "get_state", [0]) == [3, "active"]
+    device = at("active")
+    device.lose()
+    device.connect()
+    assert device.ask(NAME + "get_state", [0]) == [3, "active"]
 
 
-def test_an_event_that_finds_no_memory_stops_no_transition() -> None:
+def test_an_event_without_memory_does_not_stop_a_transition() -> None:
     for k in (1, 2):
-        it = bench()
-        events = it.node._machine._events
+        device = bench()
+        events = device.node._machine._events
         publish = events.publish
         left = [k]
 
@@ -352,6 +363,6 @@ def test_an_event_that_finds_no_memory_stops_no_transition() -> None:
             return publish(message)
 
         events.publish = starving
-        assert it.node.trigger_configure() == SUCCESS
-        assert it.node.current_state.label == "inactive"
-        assert [type(one) for one in it.errors] == [MemoryError]
+        assert device.node.trigger_configure() == SUCCESS
+        assert device.node.current_state.label == "inactive"
+        assert [type(error) for error in device.errors] == [MemoryError]

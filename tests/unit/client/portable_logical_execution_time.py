@@ -35,24 +35,24 @@ class Bench:
         return called
 
     def both(self, value):
-        """A sample for each subscription, in one datagram."""
+        """Send a sample to each subscription, in one datagram."""
         datagram = b"\x81\0\0\0"
         for object_id in (0x16, 0x26):
             datagram += b"\x09\x01\x08\0\0\x0e\0" + bytes((object_id,)) + number_bytes(value)
         self.agent.post(datagram)
 
     def values(self):
-        return [int.from_bytes(it[1], "little") for it in self.agent.samples]
+        return [int.from_bytes(sample[1], "little") for sample in self.agent.samples]
 
 
-def test_without_it_what_is_published_leaves_at_once() -> None:
+def test_a_plain_executor_sends_samples_at_once() -> None:
     bench = Bench()
     bench.both(1)
     bench.node.spin_once(0.1)
     assert bench.log == [("a", 1, 0), ("b", 1, 1)]
 
 
-def test_what_a_round_publishes_leaves_when_it_ends() -> None:
+def test_samples_of_a_round_are_sent_at_its_end() -> None:
     for profile in (10, qos.qos_profile_sensor_data):
         bench = Bench(profile)
         executor = LetExecutor(bench.node)
@@ -62,17 +62,19 @@ def test_what_a_round_publishes_leaves_when_it_ends() -> None:
             bench.node.spin_once(0.1)
         assert bench.log == [("a", 1, 0), ("b", 1, 0), ("a", 2, 2), ("b", 2, 2)]
         assert bench.values() == [101, 101, 102, 102]
-        assert bench.out.publish(Number(7)) and bench.values()[-1] == 7  # out of a round: at once
+        assert (
+            bench.out.publish(Number(7)) and bench.values()[-1] == 7
+        )  # outside of a round: at once
 
 
-def test_a_round_reads_what_was_there_when_it_began() -> None:
-    """Also where callbacks are so slow that the session is served between them."""
+def test_a_round_handles_the_samples_received_before_it() -> None:
+    """Also if callbacks are so slow that the session is served between them."""
     bench = Bench()
     LetExecutor(bench.node)
     bench.work_ms = 500
     bench.both(1)
     callback = bench.node.executor.handles[0].callback
-    bench.node.executor.handles[0].callback = lambda it: (bench.both(2), callback(it))
+    bench.node.executor.handles[0].callback = lambda message: (bench.both(2), callback(message))
     bench.node.spin_once(0.1)
     assert bench.log == [("a", 1, 0), ("b", 1, 0)]
     bench.node.executor.handles[0].callback = callback
@@ -81,7 +83,7 @@ def test_a_round_reads_what_was_there_when_it_began() -> None:
     assert bench.values() == [101, 101, 102, 102]
 
 
-def test_the_session_is_served_while_outputs_wait() -> None:
+def test_the_session_is_served_while_samples_are_held() -> None:
     bench = Bench()
     LetExecutor(bench.node)
     bench.work_ms = 500
@@ -90,14 +92,16 @@ def test_the_session_is_served_while_outputs_wait() -> None:
     bench.node.connection.pump(0)
     bench.node.connection.pump(0)
     before = len(bench.agent.sent)
-    said = []
-    bench.node.executor.handles[1].callback = lambda it: said.extend(bench.agent.sent[before:])
+    datagrams = []
+    bench.node.executor.handles[1].callback = lambda message: datagrams.extend(
+        bench.agent.sent[before:]
+    )
     bench.node.spin_once(0.1)
-    assert said and [it[1] for it in said] == [0] * len(said)
+    assert datagrams and [datagram[1] for datagram in datagrams] == [0] * len(datagrams)
     assert bench.values() == [101]
 
 
-def test_no_more_is_held_than_the_limit() -> None:
+def test_held_samples_stay_below_the_limit() -> None:
     bench = Bench(qos.qos_profile_sensor_data)
     LetExecutor(bench.node)
     limit = bench.node.connection.limit
@@ -112,7 +116,7 @@ def test_no_more_is_held_than_the_limit() -> None:
     assert limit // 20 <= count <= limit // 12 and bench.values() == list(range(count))
 
 
-def test_a_line_that_goes_while_outputs_wait() -> None:
+def test_a_transport_that_fails_while_samples_are_held() -> None:
     bench = Bench()
     LetExecutor(bench.node)
     timer = bench.node.create_timer(0.01, lambda: bench.out.publish(Number(1)))
@@ -131,7 +135,7 @@ def test_a_line_that_goes_while_outputs_wait() -> None:
     assert bench.values() == [1]
 
 
-def test_its_trigger_and_its_faults_are_those_of_the_executor_before() -> None:
+def test_a_let_executor_takes_over_trigger_and_report() -> None:
     bench = Bench()
     bench.node.executor.trigger = trigger_all
     errors = []
@@ -142,12 +146,12 @@ def test_its_trigger_and_its_faults_are_those_of_the_executor_before() -> None:
     assert bench.log == []
     bench.agent.sample(0x26, number_bytes(2))
     bench.node.spin_once(0.1)
-    assert [it[:2] for it in bench.log] == [("a", 1), ("b", 2)]
+    assert [entry[:2] for entry in bench.log] == [("a", 1), ("b", 2)]
     bench.node.create_timer(0.01, lambda: 1 // 0)
     executor.trigger = None
     bench.node.spin_once(0.1)
     assert len(errors) == 1 == executor.failed
-    again = LetExecutor(bench.node)  # twice is once: nothing is held for good
+    again = LetExecutor(bench.node)  # idempotent: no sample is held for ever
     bench.both(3)
     bench.node.spin_once(0.1)
     assert bench.node.executor is again and bench.values()[-2:] == [103, 103]
@@ -166,25 +170,25 @@ def test_one_round_a_period_without_drift() -> None:
         if i % 5 == 0:
             bench.both(i)
         period.spin_once()
-        bench.clock.t += 123  # what a program does besides
+        bench.clock.t += 123  # other work of the program
     assert rounds[0] == bench.start
     for n in range(50):
         assert 0 <= rounds[n] - bench.start - n * 100000 < 2000, n
     assert period.overruns == 0 and len(bench.log) == 20
 
 
-def test_what_comes_in_a_period_is_for_the_next_round() -> None:
+def test_samples_received_in_a_period_are_handled_in_the_next_round() -> None:
     bench = Bench()
     period = Period(bench.node, 0.1)
     period.spin_once()
-    bench.agent.delay = (0, 30000)  # comes while it waits
+    bench.agent.delay = (0, 30000)  # arrives during the period
     bench.both(1)
     assert period.spin_once() == 0 and bench.log == []
     assert period.spin_once() == 2
     assert bench.node.state == AGENT_CONNECTED
 
 
-def test_outputs_leave_at_the_end_of_the_period() -> None:
+def test_samples_are_sent_at_the_end_of_the_period() -> None:
     bench = Bench()
     LetExecutor(bench.node)
     period = Period(bench.node, 0.1)
@@ -214,10 +218,10 @@ def test_rounds_longer_than_a_period_are_counted() -> None:
     assert bench.clock.t - bench.start == 250000 and period.overruns == 1
     assert bench.values() == [101, 101]
     period.spin_once()
-    assert bench.clock.t - bench.start == 300000  # in step again
+    assert bench.clock.t - bench.start == 300000  # at the start of a period again
 
 
-def test_the_session_lives_in_long_periods() -> None:
+def test_long_periods_do_not_end_the_session() -> None:
     bench = Bench()
     period = Period(bench.node, 30)
     for i in range(3):

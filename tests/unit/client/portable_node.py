@@ -35,7 +35,7 @@ from uros.wire.entities import (
 
 
 class Bench:
-    """A node, and the scripted agent it talks to."""
+    """A node and its scripted agent."""
 
     def __init__(self, name="node", namespace="", domain_id=0, connect=True, **options):
         self.clock = FakeClock()
@@ -43,11 +43,11 @@ class Bench:
         self.node = Node(name, self.agent, namespace, domain_id, KEY, clock=self.clock, **options)
         self.states = []
         self.node.on_state = self.states.append
-        self.node.connection.log = self.no_word
+        self.node.connection.log = self.fail_at_log
         if connect:
             self.until(AGENT_CONNECTED)
 
-    def no_word(self, text):
+    def fail_at_log(self, text):
         raise AssertionError(text)
 
     def run(self, ms=10):
@@ -63,14 +63,14 @@ class Bench:
         raise AssertionError((state, self.states))
 
     def lose(self):
-        """The agent is gone, and another one comes."""
+        """Lose the agent; another one starts."""
         self.agent.silent = True
         self.until(WAITING_AGENT)
         self.agent.silent = False
         self.agent.forget()
 
     def created(self):
-        """(object id, parent, values) of all CREATE."""
+        """Return (object id, parent, values) of each CREATE."""
         out = []
         for _, payload in self.agent.creations:
             values = pull_create(Reader(payload, 0, len(payload), True))
@@ -92,7 +92,7 @@ class Bench:
 
 
 def quiet(bench, call):
-    """call() with what callbacks raise put into a list."""
+    """Call ``call()`` and return the exceptions of callbacks."""
     errors = []
     bench.node.executor.report = errors.append
     call()
@@ -146,7 +146,7 @@ def test_bad_names_are_refused_with_the_rule() -> None:
         ("~/a/", ""),
         ("\u212a", "letters, digits and _"),  # KELVIN SIGN, whose small letter is k
         ("\u0130", "letters, digits and _"),
-        ("\u0660", "letters, digits and _"),  # a digit somewhere else
+        ("\u0660", "letters, digits and _"),  # ARABIC-INDIC DIGIT ZERO
     ):
         for create in (
             lambda name: node.create_publisher(Number, name),
@@ -154,18 +154,20 @@ def test_bad_names_are_refused_with_the_rule() -> None:
             lambda name: node.create_service(Ask, name, print),
             lambda name: node.create_client(Ask, name),
         ):
-            said = raised(ValueError, create, name)
-            assert rule in said and "topic" in said, (name, said)
+            text = raised(ValueError, create, name)
+            assert rule in text and "topic" in text, (name, text)
     assert len(node.executor.handles) == 0
     for name in ("", "a/b", "1", "a-b", "\u212a"):
-        assert "node" in raised(ValueError, lambda it: Bench(it, connect=False), name)
+        assert "node" in raised(ValueError, lambda wrong: Bench(wrong, connect=False), name)
     for name in ("a//b", "1", "a-b"):
-        assert "namespace" in raised(ValueError, lambda it: Bench("n", it, connect=False), name)
+        assert "namespace" in raised(
+            ValueError, lambda wrong: Bench("n", wrong, connect=False), name
+        )
     for name in ("a", "_a", "a_b", "A9", "_hidden/x", "a/b/c/d"):
         node.create_publisher(Number, name)
 
 
-def test_the_name_on_the_wire_is_as_micro_ros_has_it() -> None:
+def test_the_participants_name_is_that_of_micro_ros() -> None:
     for namespace, name in (  # recorded: rclc_int32_publisher, rclc_temperature_humidity
         ("", "weather"), ("/", "weather"), ("garden", "/garden/weather"),
         ("/garden/back", "/garden/back/weather"),
@@ -174,7 +176,7 @@ def test_the_name_on_the_wire_is_as_micro_ros_has_it() -> None:
         assert bench.created() == [(0x01, 42, (name, None))]
 
 
-def test_a_key_is_made_of_the_name_and_the_board() -> None:
+def test_the_default_key_has_32_bits() -> None:
     assert 0 < board_key("a") <= 0xFFFFFFFF
     clock = FakeClock()
     node = Node("node", FakeAgent(clock), clock=clock)
@@ -186,9 +188,9 @@ def test_a_key_is_made_of_the_name_and_the_board() -> None:
 
 def test_a_publishers_objects_and_samples() -> None:
     bench = Bench("node", "ns", connect=False)
-    one = bench.node.create_publisher(Number, "one", 5)
+    first = bench.node.create_publisher(Number, "one", 5)
     two = bench.node.create_publisher(Number, "/two")
-    assert not one.publish(Number(1)) and one.dropped == 1
+    assert not first.publish(Number(1)) and first.dropped == 1
     bench.until(AGENT_CONNECTED)
     number = "test_msgs::msg::dds_::Number_"
     none = (None, None, None, None)
@@ -201,14 +203,14 @@ def test_a_publishers_objects_and_samples() -> None:
         (0x13, 0x01, ()),
         (0x15, 0x13, (0x12, (3, 10, None) + none)),
     ]
-    assert one.publish(Number(1)) and two.publish(Number(2)) and one.publish(Number(3))
+    assert first.publish(Number(1)) and two.publish(Number(2)) and first.publish(Number(3))
     assert bench.agent.samples == [
         (0x05, number_bytes(1)), (0x15, number_bytes(2)), (0x05, number_bytes(3)),
     ]  # fmt: skip
-    assert (one.published, one.dropped, two.published) == (2, 1, 1)
+    assert (first.published, first.dropped, two.published) == (2, 1, 1)
 
 
-def test_a_profile_says_how_a_publisher_sends() -> None:
+def test_a_publisher_follows_its_profile() -> None:
     bench = Bench(connect=False)
     profile = qos.sensor_data_profile()
     profile.deadline_ms = 100
@@ -217,7 +219,11 @@ def test_a_profile_says_how_a_publisher_sends() -> None:
     latched = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
     bench.node.create_publisher(Number, "latched", latched)
     bench.until(AGENT_CONNECTED)
-    endpoints = [it[2][1][:4] for it in bench.created() if it[0] & 15 == ids.KIND_DATAWRITER]
+    endpoints = [
+        creation[2][1][:4]
+        for creation in bench.created()
+        if creation[0] & 15 == ids.KIND_DATAWRITER
+    ]
     assert endpoints == [
         (ids.QOS_KEEP_LAST, 5, 100, 200),
         (ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL, 1, None, None),
@@ -241,7 +247,7 @@ def test_publishing_without_room_is_counted() -> None:
     assert not publisher.publish(Blob())
 
 
-def test_a_publisher_goes_on_where_numbers_and_request_ids_come_round() -> None:
+def test_a_publisher_works_across_the_wrap_of_numbers_and_request_ids() -> None:
     for start in (65490, 65520, 65535):
         bench = Bench(connect=False)
         publishers = [bench.node.create_publisher(Number, "topic%d" % i, 10) for i in range(2)]
@@ -249,26 +255,30 @@ def test_a_publisher_goes_on_where_numbers_and_request_ids_come_round() -> None:
         bench.run(300)
         session = bench.node.connection
         assert session.next == session.acked == bench.agent.into.next
-        # As after so many messages, which take ten minutes at 100 Hz.
+        # As after about 65500 messages, ten minutes at 100 Hz.
         session.next = session.acked = bench.agent.into.next = start
         bench.agent.into.announced = start - 1
         session.request_id = start
         before = len(bench.agent.sent)
         for i in range(200):
-            # A window is never full, and it is when five do not hear of what has come.
+            # Acknowledged after every five samples: the window is never full.
             assert publishers[i % 2].publish(Number(i))
             if i % 5 == 4:
                 bench.run(10)
-        sent = [it for it in bench.agent.sent[before:] if it[1] == ids.STREAM_RELIABLE]
+        sent = [
+            datagram for datagram in bench.agent.sent[before:] if datagram[1] == ids.STREAM_RELIABLE
+        ]
         assert bench.agent.samples == [(5 + 16 * (i % 2), number_bytes(i)) for i in range(200)]
-        assert [it[2] | it[3] << 8 for it in sent] == [start + i & 0xFFFF for i in range(200)]
-        # Ids below 10 have a meaning of their own.
+        assert [datagram[2] | datagram[3] << 8 for datagram in sent] == [
+            start + i & 0xFFFF for i in range(200)
+        ]
+        # Ids below 10 are reserved.
         due = list(range(start, 65536)) + list(range(10, 1000))
-        assert [it[8] << 8 | it[9] for it in sent] == due[:200]
+        assert [datagram[8] << 8 | datagram[9] for datagram in sent] == due[:200]
         assert session.held() == 0 and bench.node.connection.connections == 1
 
 
-def test_many_publishers_have_ids_of_two_octets_by_the_short_way_too() -> None:
+def test_the_fast_path_of_publish_writes_ids_of_two_octets() -> None:
     bench = Bench(connect=False)
     publishers = [bench.node.create_publisher(Number, "topic%d" % i, 10) for i in range(20)]
     bench.until(AGENT_CONNECTED)
@@ -280,7 +290,7 @@ def test_many_publishers_have_ids_of_two_octets_by_the_short_way_too() -> None:
         assert bench.agent.samples == [(i << 4 | 5, number_bytes(i)) for i in range(20)], turn
 
 
-def test_only_reliable_messages_of_the_publishers_own_type_go_the_short_way() -> None:
+def test_the_fast_path_of_publish_is_for_reliable_messages_of_its_own_type() -> None:
     class Other(Number):
         _TYPE = "test_msgs/msg/Other"
 
@@ -290,7 +300,7 @@ def test_only_reliable_messages_of_the_publishers_own_type_go_the_short_way() ->
         Number, "loose", qos.QoSProfile(1, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
     )
     bench.until(AGENT_CONNECTED)
-    for _ in range(3):  # from the second on there is a buffer
+    for _ in range(3):  # from the second sample on there is a buffer
         assert publisher.publish(Number(1))
         bench.run(10)
         sent = len(bench.agent.sent)
@@ -300,7 +310,7 @@ def test_only_reliable_messages_of_the_publishers_own_type_go_the_short_way() ->
         assert bench.agent.sent[-1][1] == ids.STREAM_BEST_EFFORT
 
 
-def test_a_publisher_made_while_connected_sends_nothing_before_its_writer() -> None:
+def test_a_publisher_created_while_connected_sends_nothing_before_its_datawriter() -> None:
     bench = Bench()
     publisher = bench.node.create_publisher(Number, "topic", 0)
     assert not publisher.publish(Number(1)) and publisher.dropped == 1
@@ -308,7 +318,7 @@ def test_a_publisher_made_while_connected_sends_nothing_before_its_writer() -> N
     assert publisher.publish(Number(2)) and bench.agent.samples == [(5, number_bytes(2))]
 
 
-def test_what_cannot_be_read_is_told_once_and_a_full_queue_is_not_overfull() -> None:
+def test_malformed_samples_are_reported_once_and_a_full_queue_is_not_overfull() -> None:
     bench, heard = subscribed(depth=2)
     errors = []
     bench.node.executor.report = errors.append
@@ -322,7 +332,7 @@ def test_what_cannot_be_read_is_told_once_and_a_full_queue_is_not_overfull() -> 
         assert subscription.overfull() == (size > 2)
 
 
-def test_the_short_way_of_a_sample_sends_what_the_long_way_does() -> None:
+def test_the_fast_path_of_publish_sends_the_same_bytes() -> None:
     for start in (0, 9, 10, 255, 256, 32767, 32768, 65519, 65534, 65535):
         sent = []
         for short in (False, True):
@@ -353,15 +363,15 @@ def test_the_short_way_of_a_sample_sends_what_the_long_way_does() -> None:
         assert sent[0] == sent[1], start
 
 
-def test_what_cannot_be_published_is_an_error() -> None:
+def test_publish_refuses_other_types_and_too_large_messages() -> None:
     bench = Bench(connect=False)
     publisher = bench.node.create_publisher(Blob, "topic")
     for connected in (False, True):
         if connected:
             bench.until(AGENT_CONNECTED)
-        for other in (Number(1), 5, None, "text"):
-            said = raised(TypeError, publisher.publish, other)
-            assert "/topic" in said and "Blob" in said, said
+        for wrong in (Number(1), 5, None, "text"):
+            text = raised(TypeError, publisher.publish, wrong)
+            assert "/topic" in text and "Blob" in text, text
     assert "40012" in raised(ValueError, publisher.publish, Blob(bytes(40000)))
     assert bench.agent.samples == [] and publisher.published == 0
 
@@ -373,11 +383,11 @@ def test_a_large_sample_arrives_whole() -> None:
     del bench.agent.sent[:]
     assert publisher.publish(Blob(pattern(70000)))
     bench.run(100)
-    got = b""
-    for it in bench.agent.sent:
-        if it[4] == ids.FRAGMENT:
-            got += it[8:]
-    assert got[8:] == pattern(70000) and bench.node.connection.held() == 0
+    octets = b""
+    for datagram in bench.agent.sent:
+        if datagram[4] == ids.FRAGMENT:
+            octets += datagram[8:]
+    assert octets[8:] == pattern(70000) and bench.node.connection.held() == 0
 
 
 # --- subscriptions ----------------------------------------------------------------------------
@@ -387,7 +397,7 @@ def subscribed(depth=10, **options):
     bench = Bench(connect=False, **options)
     heard = []
     bench.subscription = bench.node.create_subscription(
-        Number, "topic", lambda it: heard.append(it.value), depth
+        Number, "topic", lambda message: heard.append(message.value), depth
     )
     bench.until(AGENT_CONNECTED)
     return bench, heard
@@ -407,10 +417,10 @@ def test_a_subscriptions_objects_and_samples() -> None:
     assert heard == list(range(40)) and bench.subscription.lost == 0
 
 
-def test_a_best_effort_subscription_asks_for_that_stream() -> None:
+def test_a_subscription_reads_on_the_stream_of_its_profile() -> None:
     for profile, stream in ((qos.sensor_data_profile(), 0x01), (10, 0x80)):
         bench, _ = subscribed(profile)
-        reads = [it for it in bench.agent.sent if it[4] == ids.READ_DATA]
+        reads = [datagram for datagram in bench.agent.sent if datagram[4] == ids.READ_DATA]
         assert reads[0][10:13] == bytes((0x00, 0x06, stream))
 
 
@@ -421,8 +431,8 @@ def test_big_endian_samples_are_read() -> None:
     assert heard == [7]
 
 
-def test_octets_behind_a_sample_are_no_fault() -> None:
-    """Of real rclpy: 8 octets of anything behind a JointState whose sequences are empty."""
+def test_trailing_octets_of_a_sample_are_ignored() -> None:
+    """Real rclpy sends 8 arbitrary octets behind a JointState whose sequences are empty."""
     bench, heard = subscribed()
     bench.agent.sample(0x06, number_bytes(5) + b"\x0b\0\0\0\0\xbc\x14\xa5")
     bench.run()
@@ -433,13 +443,13 @@ def test_malformed_samples_are_counted() -> None:
     bench, heard = subscribed()
     for octets in (b"", b"abc", number_bytes(5)):
         bench.agent.sample(0x06, octets)
-    bench.agent.sample(0x26, number_bytes(6))  # of nobody
+    bench.agent.sample(0x26, number_bytes(6))  # for no object
     bench.run()
     assert heard == [5] and bench.subscription.malformed == 2
 
 
-def test_a_queue_that_is_full_loses_the_oldest_and_counts() -> None:
-    """As after a callback that pumps for long; a spinning node stops to take before that."""
+def test_a_full_queue_drops_the_oldest_and_counts_them() -> None:
+    """As during a callback that pumps for long; a spinning node stops receiving before that."""
     bench, heard = subscribed(3)
     for i in range(50):
         bench.agent.sample(0x06, number_bytes(i))
@@ -452,15 +462,18 @@ def test_a_queue_that_is_full_loses_the_oldest_and_counts() -> None:
 
 def test_slow_callbacks_lose_nothing_of_a_reliable_topic() -> None:
     bench, heard = subscribed(3)
-    bench.subscription.callback = lambda it: (heard.append(it.value), bench.clock.sleep(5))
+    bench.subscription.callback = lambda message: (
+        heard.append(message.value),
+        bench.clock.sleep(5),
+    )
     for i in range(100):
         bench.agent.sample(0x06, number_bytes(i))
     bench.run(2000)
     assert heard == list(range(100)) and bench.subscription.lost == 0
 
 
-def test_callbacks_come_before_more_samples_when_many_wait() -> None:
-    """A datagram may bring more than one: nothing is taken while too many wait."""
+def test_callbacks_run_before_more_samples_are_received() -> None:
+    """A datagram may have several samples: none is received while the queue is overfull."""
     bench, heard = subscribed(3)
     for i in range(50):
         datagram = b"\x81\0\0\0"
@@ -471,7 +484,7 @@ def test_callbacks_come_before_more_samples_when_many_wait() -> None:
     assert heard == list(range(250)) and bench.subscription.lost == 0
 
 
-def test_a_subscription_that_is_always_called() -> None:
+def test_a_subscription_with_always_is_called_without_samples() -> None:
     bench, heard = subscribed()
     bench.subscription.callback = heard.append
     bench.subscription.invocation = ALWAYS
@@ -483,7 +496,7 @@ def test_a_subscription_that_is_always_called() -> None:
     assert heard == [None, None, Number(5)]
 
 
-def test_a_callback_that_raises_takes_nothing_along() -> None:
+def test_a_callback_that_raises_loses_no_samples() -> None:
     bench, heard = subscribed()
 
     def callback(message):
@@ -497,7 +510,7 @@ def test_a_callback_that_raises_takes_nothing_along() -> None:
     assert heard == [0, 1, 2] and len(errors) == 3 == bench.node.executor.failed
 
 
-def test_a_destroyed_subscription_is_deleted_and_called_no_more() -> None:
+def test_a_destroyed_subscription_is_deleted_and_not_called() -> None:
     bench, heard = subscribed()
     bench.agent.sample(0x06, number_bytes(1))
     bench.node.connection.pump(0)
@@ -508,9 +521,9 @@ def test_a_destroyed_subscription_is_deleted_and_called_no_more() -> None:
     ]  # fmt: skip
     bench.lose()
     bench.until(AGENT_CONNECTED)
-    assert [it[0] for it in bench.created()] == [0x01]
+    assert [creation[0] for creation in bench.created()] == [0x01]
     again = bench.node.create_subscription(Number, "topic", print)
-    assert again.number == 1  # the number of one that lives is never given again
+    assert again.number == 1  # numbers are not reused
 
 
 # --- services ---------------------------------------------------------------------------------
@@ -530,7 +543,7 @@ def double(request, response):
     return response
 
 
-def test_a_services_object_and_answers() -> None:
+def test_a_services_object_and_replies() -> None:
     bench = serving(double)
     assert bench.created()[1:] == [
         (0x08, 0x01, (
@@ -552,7 +565,7 @@ def test_malformed_requests_are_counted() -> None:
     assert bench.agent.samples == [] and bench.service.malformed == 4
 
 
-def test_an_answer_is_kept_while_there_is_no_room() -> None:
+def test_a_reply_is_kept_while_there_is_no_room() -> None:
     bench = serving(double, limit=1000)
     publisher = bench.node.create_publisher(Blob, "blob")
     bench.run()
@@ -572,11 +585,11 @@ def test_an_answer_is_kept_while_there_is_no_room() -> None:
     bench.agent.acknowledge = acknowledge
     bench.run(500)
     assert asked == [0, 1, 2]
-    answers = [it[1] for it in bench.agent.samples if it[0] == 0x08]
+    answers = [sample[1] for sample in bench.agent.samples if sample[0] == 0x08]
     assert answers == [IDENTITY + number_bytes(2 * i) for i in range(3)]
 
 
-def test_an_answer_to_a_session_that_is_over_is_not_given_to_the_next() -> None:
+def test_a_pending_reply_is_not_sent_in_the_next_session() -> None:
     bench = serving(double, limit=200)
     publisher = bench.node.create_publisher(Blob, "blob")
     bench.run()
@@ -593,7 +606,7 @@ def test_an_answer_to_a_session_that_is_over_is_not_given_to_the_next() -> None:
     assert bench.agent.samples == []
 
 
-def test_a_service_without_an_answer_says_so() -> None:
+def test_a_service_callback_that_returns_none_is_reported() -> None:
     bench = serving(lambda request, response: None)
     bench.agent.sample(0x08, IDENTITY + number_bytes(1))
     errors = quiet(bench, lambda: bench.run())
@@ -618,12 +631,12 @@ def answer(bench, request, value):
 
 
 def last_request(bench):
-    """The request id of the last WRITE_DATA."""
-    sent = [it for it in bench.agent.sent if it[4] == ids.WRITE_DATA]
+    """Return the request id of the last WRITE_DATA."""
+    sent = [datagram for datagram in bench.agent.sent if datagram[4] == ids.WRITE_DATA]
     return sent[-1][8] << 8 | sent[-1][9]
 
 
-def test_a_call_and_its_answer() -> None:
+def test_a_call_and_its_reply() -> None:
     bench = calling()
     bench.until(AGENT_CONNECTED)
     assert bench.created()[1][0] == 0x07
@@ -631,38 +644,38 @@ def test_a_call_and_its_answer() -> None:
     for i in range(3):
         futures.append(bench.client.call_async(Ask.Request(i)))
         requests.append(last_request(bench))
-    assert [it.done() for it in futures] == [False] * 3 and futures[0].result() is None
+    assert [future.done() for future in futures] == [False] * 3 and futures[0].result() is None
     assert bench.agent.samples == [(0x07, number_bytes(i)) for i in range(3)]
-    told = []
+    results = []
     for future in futures:
-        future.add_done_callback(lambda it: told.append(it.result().value))
+        future.add_done_callback(lambda future: results.append(future.result().value))
     for i in (1, 0, 2):
         answer(bench, requests[i], 10 * i)
-    answer(bench, requests[1], 99)  # twice
-    answer(bench, 5, 99)  # to nobody
+    answer(bench, requests[1], 99)  # repeated
+    answer(bench, 5, 99)  # of no request
     bench.run()
-    assert told == [10, 0, 20] and [it.done() for it in futures] == [True] * 3
-    futures[0].add_done_callback(lambda it: told.append("at once"))
-    assert told[-1] == "at once" and futures[0].exception() is None
+    assert results == [10, 0, 20] and [future.done() for future in futures] == [True] * 3
+    futures[0].add_done_callback(lambda future: results.append("at once"))
+    assert results[-1] == "at once" and futures[0].exception() is None
 
 
-def test_calls_answered_in_another_order_have_their_own_answers() -> None:
+def test_replies_in_any_order_complete_their_own_calls() -> None:
     for order in ((1, 0), (2, 1, 0), (2, 0, 1), (3, 1, 2, 0)):
         bench = calling()
         bench.until(AGENT_CONNECTED)
-        bench.node.connection.request_id = 0x3CFE  # both octets of an id count
+        bench.node.connection.request_id = 0x3CFE  # both octets of an id matter
         futures, requests, done = [], [], []
         for i in range(len(order)):
             futures.append(bench.client.call_async(Ask.Request(i)))
-            futures[i].add_done_callback(lambda it, i=i, done=done: done.append(i))
+            futures[i].add_done_callback(lambda future, i=i, done=done: done.append(i))
             requests.append(last_request(bench))
         for i in order:
             answer(bench, requests[i], 10 * i)
-            answer(bench, requests[i], 999)  # doubled: nobody asks any more
+            answer(bench, requests[i], 999)  # repeated: no request is pending
             bench.run()
-            assert [it.done() for it in futures] == [k in done for k in range(len(futures))]
+            assert [future.done() for future in futures] == [k in done for k in range(len(futures))]
         assert done == list(order)
-        assert [it.result().value for it in futures] == [10 * i for i in range(len(order))]
+        assert [future.result().value for future in futures] == [10 * i for i in range(len(order))]
 
 
 def test_a_call_without_an_agent_fails_at_once() -> None:
@@ -675,13 +688,13 @@ def test_a_call_without_an_agent_fails_at_once() -> None:
 def test_calls_fail_when_the_session_is_lost() -> None:
     bench = calling()
     bench.until(AGENT_CONNECTED)
-    told = []
+    finished = []
     futures = [bench.client.call_async(Ask.Request(i)) for i in range(3)]
     for future in futures:
-        future.add_done_callback(told.append)
+        future.add_done_callback(finished.append)
     bench.lose()
     bench.run(100)
-    assert told == futures
+    assert finished == futures
     for future in futures:
         assert future.done() and "/ask" in raised(OSError, future.result)
     bench.until(AGENT_CONNECTED)
@@ -691,7 +704,7 @@ def test_calls_fail_when_the_session_is_lost() -> None:
     assert future.result() == Ask.Response(7)
 
 
-def test_a_malformed_answer_fails_its_call() -> None:
+def test_a_malformed_reply_fails_its_call() -> None:
     bench = calling()
     bench.until(AGENT_CONNECTED)
     future = bench.client.call_async(Ask.Request(1))
@@ -702,7 +715,7 @@ def test_a_malformed_answer_fails_its_call() -> None:
     assert bench.client.malformed == 2 and isinstance(future.exception(), OSError)
 
 
-def test_a_call_that_the_agent_refuses_fails_and_the_session_goes_on() -> None:
+def test_a_call_refused_by_the_agent_fails_and_the_session_continues() -> None:
     bench = calling()
     bench.until(AGENT_CONNECTED)
     futures, requests = [], []
@@ -719,7 +732,7 @@ def test_a_call_that_the_agent_refuses_fails_and_the_session_goes_on() -> None:
     assert bench.states.count(AGENT_DISCONNECTED) == 0
 
 
-def test_an_answer_nobody_waits_for_any_more() -> None:
+def test_a_reply_to_a_removed_request_is_ignored() -> None:
     bench = calling()
     bench.until(AGENT_CONNECTED)
     future = bench.client.call_async(Ask.Request(1))
@@ -733,13 +746,13 @@ def test_calls_fail_when_their_client_is_destroyed() -> None:
     bench = calling()
     bench.until(AGENT_CONNECTED)
     future = bench.client.call_async(Ask.Request(1))
-    told = []
-    future.add_done_callback(told.append)
+    finished = []
+    future.add_done_callback(finished.append)
     bench.client.destroy()
-    assert told == [future] and isinstance(future.exception(), OSError)
+    assert finished == [future] and isinstance(future.exception(), OSError)
 
 
-def test_waiting_for_an_answer() -> None:
+def test_spin_until_future_complete_waits_for_a_reply() -> None:
     bench = calling()
     bench.until(AGENT_CONNECTED)
     future = bench.client.call_async(Ask.Request(1))
@@ -751,21 +764,21 @@ def test_waiting_for_an_answer() -> None:
     assert bench.clock.t - before < 520000
 
 
-def test_a_done_callback_that_raises_is_printed_and_others_are_called() -> None:
+def test_a_done_callback_that_raises_is_reported_and_others_are_called() -> None:
     bench = calling()
     bench.until(AGENT_CONNECTED)
     futures = [bench.client.call_async(Ask.Request(i)) for i in range(2)]
-    told = []
-    futures[0].add_done_callback(lambda it: 1 // 0)
-    futures[1].add_done_callback(told.append)
+    finished = []
+    futures[0].add_done_callback(lambda future: 1 // 0)
+    futures[1].add_done_callback(finished.append)
     errors = quiet(bench, lambda: (bench.lose(), bench.run(100)))
-    assert len(errors) == 1 and told == [futures[1]] and bench.node.executor.failed == 1
+    assert len(errors) == 1 and finished == [futures[1]] and bench.node.executor.failed == 1
 
 
 # --- the node ---------------------------------------------------------------------------------
 
 
-def test_the_executors_limit_is_kept_whole() -> None:
+def test_entities_beyond_max_handles_are_not_created() -> None:
     bench = Bench(connect=False)
     bench.node.executor.max_handles = 1
     bench.node.create_subscription(Number, "one", print)
@@ -776,14 +789,14 @@ def test_the_executors_limit_is_kept_whole() -> None:
         lambda: bench.node.create_timer(1.0, print),
     ):
         assert "1 handles" in raised(ValueError, create)
-    bench.node.create_publisher(Number, "three")  # is no handle
+    bench.node.create_publisher(Number, "three")  # a publisher is no handle
     bench.until(AGENT_CONNECTED)
-    names = [it[2][0] for it in bench.created() if it[0] & 15 == ids.KIND_TOPIC]
+    names = [creation[2][0] for creation in bench.created() if creation[0] & 15 == ids.KIND_TOPIC]
     assert names == ["rt/one", "rt/three"]
-    assert [it[0] & 15 for it in bench.created()].count(ids.KIND_REPLIER) == 0
+    assert [creation[0] & 15 for creation in bench.created()].count(ids.KIND_REPLIER) == 0
 
 
-def test_spinning_once_waits_as_long_as_asked_and_no_longer() -> None:
+def test_spin_once_waits_exactly_its_timeout() -> None:
     bench = Bench()
     for seconds in (0, 0.001, 0.5, 3):
         before = bench.clock.t
@@ -796,7 +809,7 @@ def test_spinning_once_waits_as_long_as_asked_and_no_longer() -> None:
     assert calls == [before + 50000] and bench.clock.t == before + 50000
 
 
-def test_a_timer_runs_whatever_the_agent_does() -> None:
+def test_a_timer_runs_in_every_state_of_the_connection() -> None:
     bench = Bench(connect=False)
     bench.agent.silent = True
     times = []
@@ -837,13 +850,13 @@ def test_stamps_are_the_agents_time() -> None:
 
 def test_two_nodes_share_a_session() -> None:
     bench = Bench("one", connect=False)
-    other = Node("two", bench.node.connection, "ns")
+    second = Node("two", bench.node.connection, "ns")
     heard = []
-    other.create_subscription(Number, "topic", lambda it: heard.append(it.value))
+    second.create_subscription(Number, "topic", lambda message: heard.append(message.value))
     publisher = bench.node.create_publisher(Number, "topic")
     bench.until(AGENT_CONNECTED)
     created = bench.created()
-    assert [(it[0], it[1]) for it in created] == [
+    assert [(creation[0], creation[1]) for creation in created] == [
         (0x01, 0), (0x11, 0), (0x02, 0x11), (0x04, 0x11), (0x06, 0x04),
         (0x12, 0x01), (0x13, 0x01), (0x15, 0x13),
     ]  # fmt: skip
@@ -852,11 +865,11 @@ def test_two_nodes_share_a_session() -> None:
     bench.agent.sample(0x06, number_bytes(5))
     bench.run(10)
     before = bench.clock.t
-    other.spin_once()  # it came while the other one was spinning: nothing to wait for
+    second.spin_once()  # received while the first node was spinning
     assert heard == [5] and bench.clock.t == before
 
 
-def test_a_destroyed_node_takes_its_leave() -> None:
+def test_a_destroyed_node_deletes_its_session() -> None:
     bench = Bench(connect=False)
     bench.node.create_publisher(Number, "topic")
     bench.node.create_subscription(Number, "topic", print)
@@ -867,16 +880,16 @@ def test_a_destroyed_node_takes_its_leave() -> None:
     assert bench.node.executor.handles == []
 
 
-def test_a_node_destroyed_beside_another_leaves_that_one_alone() -> None:
+def test_destroying_a_node_does_not_affect_another_of_its_session() -> None:
     bench = Bench("one", connect=False)
     publisher = bench.node.create_publisher(Number, "topic")
-    other = Node("two", bench.node.connection)
-    other.create_publisher(Number, "other")
+    second = Node("two", bench.node.connection)
+    second.create_publisher(Number, "other")
     bench.until(AGENT_CONNECTED)
-    other.destroy_node()
+    second.destroy_node()
     bench.run(10)
     assert bench.node.state == AGENT_CONNECTED and publisher.publish(Number(1))
-    assert [it for it in bench.agent.requests if it[0] == ids.DELETE] == [
+    assert [request for request in bench.agent.requests if request[0] == ids.DELETE] == [
         (ids.DELETE, 0x15), (ids.DELETE, 0x13), (ids.DELETE, 0x12), (ids.DELETE, 0x11),
     ]  # fmt: skip
 
@@ -884,34 +897,46 @@ def test_a_node_destroyed_beside_another_leaves_that_one_alone() -> None:
 # --- QoS --------------------------------------------------------------------------------------
 
 
-def test_what_no_agent_can_do_is_refused_when_it_is_created() -> None:
+def test_profiles_that_no_agent_supports_are_refused() -> None:
     bench = Bench(connect=False)
     node = bench.node
     manual = qos.QoSProfile(liveliness=qos.LivelinessPolicy.MANUAL_BY_TOPIC)
     latched = qos.qos_profile_action_status_default
-    for create, profile, said in (
-        (lambda it: node.create_publisher(Number, "a", it), manual, "liveliness"),
-        (lambda it: node.create_publisher(Number, "a", it), 65536, "65536"),
-        (lambda it: node.create_publisher(Number, "a", it), -1, "-1"),
-        (lambda it: node.create_subscription(Number, "a", print, it), manual, "liveliness"),
-        (lambda it: node.create_subscription(Number, "a", print, it), 65536, "65536"),
-        (lambda it: node.create_service(Ask, "a", print, it), latched, "durability"),
-        (lambda it: node.create_client(Ask, "a", it), latched, "durability"),
+    for create, profile, text in (
+        (lambda qos_profile: node.create_publisher(Number, "a", qos_profile), manual, "liveliness"),
+        (lambda qos_profile: node.create_publisher(Number, "a", qos_profile), 65536, "65536"),
+        (lambda qos_profile: node.create_publisher(Number, "a", qos_profile), -1, "-1"),
+        (
+            lambda qos_profile: node.create_subscription(Number, "a", print, qos_profile),
+            manual,
+            "liveliness",
+        ),
+        (
+            lambda qos_profile: node.create_subscription(Number, "a", print, qos_profile),
+            65536,
+            "65536",
+        ),
+        (
+            lambda qos_profile: node.create_service(Ask, "a", print, qos_profile),
+            latched,
+            "durability",
+        ),
+        (lambda qos_profile: node.create_client(Ask, "a", qos_profile), latched, "durability"),
     ):
-        assert said in raised(ValueError, create, profile)
+        assert text in raised(ValueError, create, profile)
     assert node.executor.handles == []
     bench.until(AGENT_CONNECTED)
-    assert [it[0] for it in bench.created()] == [0x01]
+    assert [creation[0] for creation in bench.created()] == [0x01]
 
 
-def test_the_system_default_is_what_dds_has() -> None:
+def test_the_system_default_profile_is_that_of_dds() -> None:
     bench = Bench(connect=False)
     bench.node.create_publisher(Number, "a", qos.qos_profile_system_default)
     bench.node.create_subscription(Number, "b", print, qos.qos_profile_system_default)
     bench.until(AGENT_CONNECTED)
     endpoints = [
-        it[2][1][:2] for it in bench.created()
-        if it[0] & 15 in (ids.KIND_DATAWRITER, ids.KIND_DATAREADER)
+        creation[2][1][:2] for creation in bench.created()
+        if creation[0] & 15 in (ids.KIND_DATAWRITER, ids.KIND_DATAREADER)
     ]  # fmt: skip
     keep = ids.QOS_KEEP_LAST
     assert endpoints == [(keep | ids.QOS_RELIABLE, None), (keep, None)]
@@ -924,13 +949,13 @@ def test_services_use_the_stream_of_their_profile() -> None:
         bench.node.create_service(Ask, "ask", double, profile)
         client = bench.node.create_client(Ask, "ask", profile)
         bench.until(AGENT_CONNECTED)
-        reads = [it for it in bench.agent.sent if it[4] == ids.READ_DATA]
-        assert [it[12] for it in reads] == [into, into]
+        reads = [datagram for datagram in bench.agent.sent if datagram[4] == ids.READ_DATA]
+        assert [datagram[12] for datagram in reads] == [into, into]
         del bench.agent.sent[:]
         client.call_async(Ask.Request(1))
         bench.agent.sample(0x08, IDENTITY + number_bytes(4))
         bench.run()
-        writes = [it[1] for it in bench.agent.sent if it[4] == ids.WRITE_DATA]
+        writes = [datagram[1] for datagram in bench.agent.sent if datagram[4] == ids.WRITE_DATA]
         assert writes == [out, out]
         assert bench.agent.samples == [(0x07, number_bytes(1)), (0x08, IDENTITY + number_bytes(8))]
 
@@ -938,7 +963,7 @@ def test_services_use_the_stream_of_their_profile() -> None:
 # --- spinning ---------------------------------------------------------------------------------
 
 
-def test_spin_some_does_what_there_is_and_comes_back() -> None:
+def test_spin_some_runs_rounds_while_there_is_work_and_time() -> None:
     bench, heard = subscribed()
     assert bench.node.spin_some() == 0
     for i in range(5):
@@ -949,7 +974,7 @@ def test_spin_some_does_what_there_is_and_comes_back() -> None:
     assert bench.clock.t - before == 100000
     for i in range(5):
         bench.agent.sample(0x06, number_bytes(i))
-    bench.subscription.callback = lambda it: bench.clock.sleep(40)
+    bench.subscription.callback = lambda message: bench.clock.sleep(40)
     before = bench.clock.t
     assert bench.node.spin_some(0.1) == 3  # the time is up
     assert bench.clock.t - before == 120000
@@ -963,12 +988,14 @@ def test_spin_some_does_what_there_is_and_comes_back() -> None:
 
 def test_nodes_that_share_an_executor_are_spun_together() -> None:
     bench = Bench("one", connect=False)
-    other = Node("two", bench.node.connection, executor=bench.node.executor)
+    second = Node("two", bench.node.connection, executor=bench.node.executor)
     heard = []
-    bench.node.create_subscription(Number, "a", lambda it: heard.append(("one", it.value)))
-    other.create_subscription(Number, "b", lambda it: heard.append(("two", it.value)))
-    other.create_timer(0.05, lambda: heard.append("timer"))
-    guard = other.create_guard_condition(lambda: heard.append("guard"))
+    bench.node.create_subscription(
+        Number, "a", lambda message: heard.append(("one", message.value))
+    )
+    second.create_subscription(Number, "b", lambda message: heard.append(("two", message.value)))
+    second.create_timer(0.05, lambda: heard.append("timer"))
+    guard = second.create_guard_condition(lambda: heard.append("guard"))
     bench.until(AGENT_CONNECTED)
     del heard[:]
     bench.agent.sample(0x16, number_bytes(2))
@@ -981,7 +1008,7 @@ def test_nodes_that_share_an_executor_are_spun_together() -> None:
     assert heard == ["guard"]
     bench.run(50)
     assert heard[1:] == ["timer"]
-    other.destroy_node()
+    second.destroy_node()
     guard.trigger()
     bench.run(200)
     assert len(heard) == 2 and len(bench.node.executor.handles) == 1
@@ -990,7 +1017,7 @@ def test_nodes_that_share_an_executor_are_spun_together() -> None:
     assert heard[2:] == [("one", 1)]
 
 
-def test_a_timer_made_canceled_and_one_destroyed_twice() -> None:
+def test_a_timer_created_canceled_and_destroyed_twice() -> None:
     bench = Bench()
     calls = []
     timer = bench.node.create_timer(0.05, lambda: calls.append(1), autostart=False)
@@ -1005,7 +1032,7 @@ def test_a_timer_made_canceled_and_one_destroyed_twice() -> None:
     assert calls == [1] and bench.node.executor.handles == []
 
 
-def test_a_guard_condition_set_while_the_node_waits_is_seen_soon() -> None:
+def test_a_guard_condition_triggered_during_a_wait_takes_effect_soon() -> None:
     bench = Bench()
     calls = []
     guard = bench.node.create_guard_condition(lambda: calls.append(bench.clock.t))
@@ -1026,30 +1053,30 @@ def test_a_guard_condition_set_while_the_node_waits_is_seen_soon() -> None:
 
 
 def test_a_round_of_slow_callbacks_does_not_starve_the_session() -> None:
-    """Between callbacks what has come is acknowledged, and what is due is sent."""
+    """Between callbacks received messages are acknowledged, and due messages are sent."""
     bench, heard = subscribed()
-    told = []
+    counts = []
 
     def slow():
-        told.append(len(bench.agent.sent))
-        bench.agent.sample(0x06, number_bytes(len(told)))
+        counts.append(len(bench.agent.sent))
+        bench.agent.sample(0x06, number_bytes(len(counts)))
         bench.clock.sleep(1000)
 
     timers = [bench.node.create_timer(0.1, slow) for _ in range(6)]
     bench.node.spin_once()
     for timer in timers:
         timer.cancel()
-    assert len(told) == 6 and all([b > a for a, b in zip(told, told[1:])]), told
+    assert len(counts) == 6 and all([b > a for a, b in zip(counts, counts[1:])]), counts
     bench.run(100)
     assert heard == [1, 2, 3, 4, 5, 6]
     assert bench.states.count(AGENT_CONNECTED) == 1 and bench.node.state == AGENT_CONNECTED
 
 
-def test_a_session_is_not_lost_by_a_callback_that_takes_long() -> None:
+def test_long_callbacks_do_not_end_the_session() -> None:
     bench = Bench(connect=False)
     publisher = bench.node.create_publisher(Number, "topic")
     heard = []
-    bench.node.create_subscription(Number, "other", lambda it: heard.append(it.value))
+    bench.node.create_subscription(Number, "other", lambda message: heard.append(message.value))
     bench.node.create_timer(1.0, lambda: (publisher.publish(Number(1)), bench.clock.sleep(5000)))
     bench.until(AGENT_CONNECTED)
     for i in range(10):
@@ -1059,8 +1086,8 @@ def test_a_session_is_not_lost_by_a_callback_that_takes_long() -> None:
     assert heard == list(range(10)) and len(bench.agent.samples) >= 9
 
 
-def test_a_callback_may_wait_for_an_answer() -> None:
-    """It spins, and so do other callbacks meanwhile."""
+def test_a_callback_may_wait_for_a_reply() -> None:
+    """It spins the node in its callback."""
     bench = calling()
     answers = []
 
@@ -1080,23 +1107,23 @@ def test_a_callback_may_wait_for_an_answer() -> None:
 def test_entities_are_destroyed_by_rclpys_names_too() -> None:
     bench = Bench(connect=False)
     node = bench.node
-    made = (
+    pairs = (
         (node.destroy_publisher, node.create_publisher(Number, "a")),
         (node.destroy_subscription, node.create_subscription(Number, "b", print)),
         (node.destroy_service, node.create_service(Ask, "c", double)),
         (node.destroy_client, node.create_client(Ask, "d")),
     )
     bench.until(AGENT_CONNECTED)
-    for destroy, entity in made:
+    for destroy, entity in pairs:
         destroy(entity)
     bench.run(100)
-    assert [it[1] for it in bench.agent.requests if it[0] == ids.DELETE] == [
+    assert [request[1] for request in bench.agent.requests if request[0] == ids.DELETE] == [
         0x05, 0x03, 0x02, 0x16, 0x14, 0x12, 0x08, 0x07,
     ]  # fmt: skip
     assert node.executor.handles == []
 
 
-def test_what_is_no_period_and_no_transport() -> None:
+def test_invalid_periods_and_transports_are_refused() -> None:
     bench = Bench()
     for make in (
         lambda: bench.node.create_timer("a", print),
@@ -1109,4 +1136,4 @@ def test_what_is_no_period_and_no_transport() -> None:
             continue
         raise AssertionError("not refused")
     assert text == "'127.0.0.1' is no transport, as UdpTransport(host, port) is"
-    bench.until(AGENT_CONNECTED)  # nothing is half made
+    bench.until(AGENT_CONNECTED)  # nothing was created in part

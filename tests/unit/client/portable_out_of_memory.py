@@ -1,6 +1,6 @@
-"""Memory that ends at any point: the session lives on, and its streams stay whole and in order.
+"""A MemoryError at any point: the session continues, and its streams stay complete and in order.
 
-Also runs on MicroPython, where one test takes the memory away for real.
+Also runs on MicroPython, where one test locks the heap.
 """
 
 import sys
@@ -24,13 +24,13 @@ SIZES = (3, 40, 600, 1500, 90, 5, 2000, 300, 301, 3)
 
 
 class Starving:
-    """Raises MemoryError in the k-th of the calls that it was put around."""
+    """Raises MemoryError in the k-th of all wrapped calls."""
 
     def __init__(self, k):
         self.k = k
 
-    def around(self, thing, name):
-        call = getattr(thing, name)
+    def around(self, owner, name):
+        call = getattr(owner, name)
 
         def starving(*values):
             self.k -= 1
@@ -38,7 +38,7 @@ class Starving:
                 raise MemoryError
             return call(*values)
 
-        setattr(thing, name, starving)
+        setattr(owner, name, starving)
 
 
 class Bench:
@@ -50,7 +50,9 @@ class Bench:
         self.node.executor.report = lambda error: None
         self.blobs = self.node.create_publisher(Blob, "blobs")
         self.heard = []
-        self.node.create_subscription(Number, "numbers", lambda it: self.heard.append(it.value))
+        self.node.create_subscription(
+            Number, "numbers", lambda message: self.heard.append(message.value)
+        )
         self.sent = []
         self.lost = 0
 
@@ -67,11 +69,15 @@ class Bench:
             self.lost += 1
 
     def arrived(self):
-        return [octets for thing, octets in self.agent.samples if thing == 0x05]
+        return [octets for object_id, octets in self.agent.samples if object_id == 0x05]
 
 
 def life(starving, names):
-    """Connect, publish and hear with memory ending once: what is true whenever that is."""
+    """Connect, publish and receive with one MemoryError; check what holds in every case.
+
+    Returns:
+        The bench, and the samples that arrived before the last one.
+    """
     bench = Bench()
     for name in names:
         starving.around(bench.agent if name in ("send", "receive") else bench.node.connection, name)
@@ -93,7 +99,7 @@ def life(starving, names):
     return bench, before
 
 
-def test_memory_that_ends_at_any_call() -> None:
+def test_a_memory_error_at_any_call() -> None:
     names = ("send", "receive", "begin", "_slot", "_buffer", "_flush")
     k = 1 - STEP
     while True:
@@ -102,14 +108,14 @@ def test_memory_that_ends_at_any_call() -> None:
         bench, arrived = life(starving, names)
         if starving.k > 0:
             break
-        # All that was taken has arrived, once and whole, in order; or the session was a new one.
+        # All accepted samples arrived once, complete and in order, unless there was a new session.
         if bench.node.connection.connections == 1:
             assert arrived == bench.sent[: len(arrived)], k
             assert len(arrived) == len(bench.sent) - 1, (k, len(arrived), len(bench.sent))
     assert k > 100, k
 
 
-def test_a_sample_that_finds_no_memory_is_lost_alone() -> None:
+def test_a_sample_without_memory_is_lost_alone() -> None:
     class Hungry(Number):
         @classmethod
         def unpack_from(cls, buf, offset, start, end, little=True):
@@ -118,7 +124,9 @@ def test_a_sample_that_finds_no_memory_is_lost_alone() -> None:
             return Number.unpack_from(buf, offset, start, end, little)
 
     bench = Bench()
-    bench.node.create_subscription(Hungry, "hungry", lambda it: bench.heard.append(it.value))
+    bench.node.create_subscription(
+        Hungry, "hungry", lambda message: bench.heard.append(message.value)
+    )
     bench.spin(1000)
     for i in (1, 2, 3):
         bench.agent.sample(0x26, number_bytes(i))
@@ -127,8 +135,8 @@ def test_a_sample_that_finds_no_memory_is_lost_alone() -> None:
     assert bench.node.connection.connections == 1
 
 
-def test_publishing_without_memory_sends_nothing_by_halves() -> None:
-    """The heap is locked for one publish after the other, on MicroPython."""
+def test_publishing_without_memory_sends_no_part_of_a_message() -> None:
+    """On MicroPython the heap is locked during each second publish."""
     bench = Bench()
     bench.spin(1000)
     for size in SIZES:

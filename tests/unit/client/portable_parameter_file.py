@@ -1,4 +1,4 @@
-"""Parameters that survive the power switch. Also runs on MicroPython."""
+"""Parameters that survive a restart. Also runs on MicroPython."""
 
 import os
 
@@ -55,7 +55,7 @@ def exists(name):
 
 
 class Board:
-    """A node that has been switched on, with its parameters and their file."""
+    """A node after power-on, with its parameters and their file."""
 
     def __init__(self, name, values=VALUES, rules=None):
         self.bench = Bench(connect=False)
@@ -64,8 +64,8 @@ class Board:
         self.file = ParameterFile(name, PERIOD)
         self.file.say = self.said.append
         ParameterServer(self.node, persist=self.file)
-        for it in sorted(values):
-            self.node.declare_parameter(it, values[it], (rules or {}).get(it))
+        for parameter in sorted(values):
+            self.node.declare_parameter(parameter, values[parameter], (rules or {}).get(parameter))
 
     def set(self, **values):
         for name in values:
@@ -76,7 +76,7 @@ class Board:
         return self.node.get_parameter(name).value
 
 
-def test_what_was_set_is_there_after_the_power_switch() -> None:
+def test_values_survive_a_restart() -> None:
     name = path()
     first = Board(name)
     assert not exists(name)  # nothing was set
@@ -88,8 +88,8 @@ def test_what_was_set_is_there_after_the_power_switch() -> None:
     first.set(**new)
     assert first.file.save() and first.file.writes == 1
     again = Board(name)
-    for it in VALUES:
-        assert again.get(it) == new.get(it, VALUES[it]), it
+    for parameter in VALUES:
+        assert again.get(parameter) == new.get(parameter, VALUES[parameter]), parameter
     assert again.said == [] and again.file.writes == 0
 
 
@@ -101,10 +101,10 @@ def test_the_types_of_empty_lists_are_kept() -> None:
     assert first.node.set_parameters_atomically(parameters).successful
     first.file.save()
     again = Board(name, {"a": [1], "b": [0.5], "c": ["x"]})
-    assert [again.get(it) for it in "abc"] == [[], [], []] and again.said == []
+    assert [again.get(parameter) for parameter in "abc"] == [[], [], []] and again.said == []
 
 
-def test_it_is_written_once_a_period_and_only_for_news() -> None:
+def test_the_file_is_written_at_most_once_a_period_and_only_after_changes() -> None:
     name = path()
     board = Board(name)
     board.bench.connect()
@@ -119,16 +119,16 @@ def test_it_is_written_once_a_period_and_only_for_news() -> None:
     board.bench.run(20000)
     assert board.file.writes == 1
     board.set(int=5)
-    board.set(int=99)  # nothing new in the end
+    board.set(int=99)  # as in the file
     board.bench.run(20000)
     assert board.file.writes == 1
     board.set(int=7)
-    assert board.file.save() and board.file.writes == 2  # a power-off that is known of
+    assert board.file.save() and board.file.writes == 2  # before a planned power-off
     board.bench.run(20000)
     assert board.file.writes == 2
 
 
-def test_a_damaged_file_counts_for_nothing_and_is_said() -> None:
+def test_a_damaged_file_is_ignored_and_reported() -> None:
     name = path()
     board = Board(name)
     board.set(int=5, text="x" * 50)
@@ -148,20 +148,20 @@ def test_a_damaged_file_counts_for_nothing_and_is_said() -> None:
     assert Board(name).get("int") == 8
 
 
-def test_a_value_that_does_not_fit_any_more_is_left_out_and_said() -> None:
+def test_a_value_that_does_not_fit_any_more_is_dropped_and_reported() -> None:
     name = path()
     board = Board(name, {"a": 1, "b": 2, "c": 3})
     board.set(a=50, b=60, c=70)
     board.file.save()
     rules = {"a": ParameterDescriptor(integer_range=[IntegerRange(0, 9)])}
     again = Board(name, {"a": 1, "b": 2.5, "c": 3}, rules)
-    assert [again.get(it) for it in "abc"] == [1, 2.5, 70]
+    assert [again.get(parameter) for parameter in "abc"] == [1, 2.5, 70]
     assert len(again.said) == 2
     assert "a of" in again.said[0] and "out of range" in again.said[0]
     assert "b of" in again.said[1] and "wrong type" in again.said[1]
 
 
-def test_a_file_changed_by_hand() -> None:
+def test_a_file_edited_by_hand() -> None:
     name = path()
     text = '{"float": [3, 7], "floats": [8, [1, 2.5]],\n"int": [2, "x"],\n"text": 5, "z": [9, []]}'
     write(name, text)
@@ -174,7 +174,7 @@ def test_a_file_changed_by_hand() -> None:
     assert '"z": [9, []]' in read(name)  # a parameter that another program declares
 
 
-def test_what_is_undeclared_or_deleted_is_forgotten() -> None:
+def test_undeclared_parameters_are_removed_from_the_file() -> None:
     name = path()
     board = Board(name, {"a": 1, "b": 2})
     board.set(a=5, b=6)
@@ -183,7 +183,7 @@ def test_what_is_undeclared_or_deleted_is_forgotten() -> None:
     assert board.file.save() and '"a"' not in read(name) and '"b"' in read(name)
 
 
-def test_the_new_file_is_whole_before_it_takes_the_place_of_the_old() -> None:
+def test_the_new_file_replaces_the_old_one_when_complete() -> None:
     name = path()
     board = Board(name)
     board.set(int=5)
@@ -192,12 +192,12 @@ def test_the_new_file_is_whole_before_it_takes_the_place_of_the_old() -> None:
     board.set(int=6)
     board.file.save()
     assert not exists(name + ".new")
-    # Power went before the new one was whole.
+    # Power failed before the new file was complete.
     new = read(name)
     write(name, old)
     write(name + ".new", new[:20])
     assert Board(name).get("int") == 5
-    # A file system that cannot replace: power went between the removal and the renaming.
+    # A file system that cannot replace a file: power failed between removal and renaming.
     os.remove(name)
     write(name + ".new", new)
     again = Board(name)
@@ -206,7 +206,7 @@ def test_the_new_file_is_whole_before_it_takes_the_place_of_the_old() -> None:
     assert again.file.save() and Board(name).get("int") == 7
 
 
-def test_a_disk_that_refuses_is_told_once_and_tried_again() -> None:
+def test_a_failed_write_is_reported_once_and_retried() -> None:
     folder = mkdtemp()
     board = Board(folder + "/none/params.json")
     board.bench.connect()

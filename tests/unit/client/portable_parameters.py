@@ -1,4 +1,4 @@
-"""A node's parameters: what its program, and who asks its services, can do. Also on MicroPython."""
+"""Parameters of a node, for its program and over its services. Also runs on MicroPython."""
 
 from support.services import Bench, raised
 
@@ -34,7 +34,7 @@ EVENTS = "/parameter_events"
 
 
 def wire(name, kind, value):
-    """A parameter as its message has it."""
+    """Return the values of a Parameter message."""
     values = [name, kind] + NOTHING
     if 0 < kind < 10:
         values[kind + 1] = value
@@ -42,7 +42,7 @@ def wire(name, kind, value):
 
 
 def declared(**options):
-    """A connected node with one parameter of each type, p1 to p9."""
+    """Return the bench of a connected node with a parameter of each type, p1 to p9."""
     bench = Bench(connect=False)
     ParameterServer(bench.node, **options)
     for kind in range(1, 10):
@@ -53,14 +53,14 @@ def declared(**options):
 
 
 def fresh(name, value, descriptor=None, **options):
-    """A node with this parameter."""
+    """Return a node with this parameter."""
     node = Bench(connect=False, **options).node
     node.declare_parameter(name, value, descriptor)
     return node
 
 
 def refusal(node, name, value):
-    """Why the value is refused; "" where it is taken."""
+    """Set the value; return why it is refused, or "" if it is accepted."""
     (result,) = node.set_parameters([Parameter(name, value=value)])
     if result.successful:
         assert node.get_parameter(name).value == value
@@ -93,11 +93,11 @@ def test_types_have_the_numbers_of_rcl_interfaces() -> None:
 
 def test_a_value_is_of_one_type_and_kept_as_it_is() -> None:
     for kind in range(10):
-        for other in range(10):
-            if kind == other:
+        for other_kind in range(10):
+            if kind == other_kind:
                 assert Parameter("x", kind, VALUES[kind]).value == VALUES[kind]
             else:
-                raised(ValueError, Parameter, "x", kind, VALUES[other])
+                raised(ValueError, Parameter, "x", kind, VALUES[other_kind])
     for kind in range(5, 10):
         assert Parameter("x", kind, []).value == (b"" if kind == 5 else [])
     assert Parameter("x", value=[]).type_ == Type.BYTE_ARRAY  # as rclpy has it
@@ -106,7 +106,7 @@ def test_a_value_is_of_one_type_and_kept_as_it_is() -> None:
     assert Parameter("x", value=bytearray(b"ab")).value == b"ab"
 
 
-def test_what_no_parameter_can_have_is_refused() -> None:
+def test_values_of_other_types_are_refused() -> None:
     for value in (object(), {"a": 1}, [None], [[1]], [object()], print):
         raised(TypeError, Parameter, "x", None, value)
     for value in (2**63, -(2**63) - 1, [2**63], [1, True], [1, "a"], [True, 1], [0.5, 1]):
@@ -117,7 +117,7 @@ def test_what_no_parameter_can_have_is_refused() -> None:
     raised(ValueError, Parameter, "x", 77, 5)
 
 
-def test_a_value_as_a_message_has_it_and_back() -> None:
+def test_a_value_as_a_message_and_back() -> None:
     class Message:
         name = "x"
 
@@ -133,23 +133,27 @@ def test_a_value_as_a_message_has_it_and_back() -> None:
 # --- declaring --------------------------------------------------------------------------------
 
 
-def test_declare_gives_the_parameter() -> None:
+def test_declare_returns_the_parameter() -> None:
     node = Bench(connect=False).node
     for kind in range(1, 10):
-        got = node.declare_parameter("p%d" % kind, VALUES[kind])
-        assert (got.name, got.value, got.type_) == ("p%d" % kind, VALUES[kind], kind)
+        parameter = node.declare_parameter("p%d" % kind, VALUES[kind])
+        assert (parameter.name, parameter.value, parameter.type_) == (
+            "p%d" % kind,
+            VALUES[kind],
+            kind,
+        )
         assert node.get_parameter("p%d" % kind).value == VALUES[kind]
         assert node.has_parameter("p%d" % kind)
         assert node.get_parameter_type("p%d" % kind) == kind
     assert not node.has_parameter("p10")
-    assert [it.value for it in node.get_parameters(["p2", "p1"])] == [-5, True]
+    assert [parameter.value for parameter in node.get_parameters(["p2", "p1"])] == [-5, True]
     assert node.get_parameter_types(["p4", "p9"]) == [4, 9]
 
 
 def test_declare_refuses_what_rclpy_refuses() -> None:
     node = fresh("a", 1)
-    said = raised(ParameterAlreadyDeclaredException, node.declare_parameter, "a", 2)
-    assert "a is declared already" in said
+    text = raised(ParameterAlreadyDeclaredException, node.declare_parameter, "a", 2)
+    assert "a is declared already" in text
     raised(InvalidParameterException, node.declare_parameter, "", 2)
     raised(InvalidParameterException, node.declare_parameter, None, 2)
     raised(TypeError, node.declare_parameter, "b", {})
@@ -158,16 +162,16 @@ def test_declare_refuses_what_rclpy_refuses() -> None:
     raised(ValueError, node.declare_parameter, "b", Type.INTEGER, dynamic)
     raised(ValueError, node.declare_parameter, "b", None, ParameterDescriptor())
     limits = ParameterDescriptor(integer_range=[IntegerRange(0, 5)])
-    said = raised(InvalidParameterValueException, node.declare_parameter, "b", 6, limits)
-    assert "b: 6 is out of range, 0 to 5" in said
+    text = raised(InvalidParameterValueException, node.declare_parameter, "b", 6, limits)
+    assert "b: 6 is out of range, 0 to 5" in text
     assert not node.has_parameter("b")
     assert issubclass(InvalidParameterTypeException, ParameterException)
 
 
 def test_a_type_without_a_value() -> None:
     node = fresh("a", Type.DOUBLE)
-    said = raised(ParameterUninitializedException, node.get_parameter, "a")
-    assert "a has no value yet" in said
+    text = raised(ParameterUninitializedException, node.get_parameter, "a")
+    assert "a has no value yet" in text
     assert node.get_parameter_or("a").value is None
     assert node.get_parameter_or("a", Parameter("b", value=1)).value == 1
     assert node.describe_parameter("a").type == Type.DOUBLE
@@ -176,26 +180,29 @@ def test_a_type_without_a_value() -> None:
     assert node.get_parameter_or("a", Parameter("b", value=1)).value == 5.0
 
 
-def test_several_and_a_namespace() -> None:
+def test_declare_parameters_with_a_namespace() -> None:
     node = Bench(connect=False).node
     limits = ParameterDescriptor(integer_range=[IntegerRange(0, 9)])
-    got = node.declare_parameters("arm", [("speed", 5, limits), ("name", "left"), ("any",)])
-    assert [it.name for it in got] == ["arm.speed", "arm.name", "arm.any"]
+    parameters = node.declare_parameters("arm", [("speed", 5, limits), ("name", "left"), ("any",)])
+    assert [parameter.name for parameter in parameters] == ["arm.speed", "arm.name", "arm.any"]
     assert "out of range" in refusal(node, "arm.speed", 10)
     assert not refusal(node, "arm.any", "text") and not refusal(node, "arm.any", 1)
     node.declare_parameters("", [("armed", True)])
-    found = node.get_parameters_by_prefix("arm")
-    assert sorted(found) == ["any", "name", "speed"] and found["speed"].value == 5
+    parameters_of_arm = node.get_parameters_by_prefix("arm")
+    assert (
+        sorted(parameters_of_arm) == ["any", "name", "speed"]
+        and parameters_of_arm["speed"].value == 5
+    )
     assert len(node.get_parameters_by_prefix("")) == 4
 
 
-def test_overrides_count_more_than_what_is_declared() -> None:
+def test_overrides_take_precedence_over_declared_values() -> None:
     node = Bench(connect=False).node
     ParameterServer(node, overrides={"a": 7, "b": "text", "c": 3})
     assert node.declare_parameter("a", 1).value == 7
     assert node.declare_parameter("c", 1, None, True).value == 1  # ignore_override
-    said = raised(InvalidParameterTypeException, node.declare_parameter, "b", 1)
-    assert "expected INTEGER, got STRING" in said
+    text = raised(InvalidParameterTypeException, node.declare_parameter, "b", 1)
+    assert "expected INTEGER, got STRING" in text
     assert "make the server first" in raised(ValueError, ParameterServer, node)
 
 
@@ -206,8 +213,8 @@ def test_undeclared_names() -> None:
         node.undeclare_parameter,
     ):  # fmt: skip
         assert "b is not declared" in raised(ParameterNotDeclaredException, call, "b")
-    one = [Parameter("a", value=2), Parameter("b", value=2)]
-    raised(ParameterNotDeclaredException, node.set_parameters_atomically, one)
+    parameters = [Parameter("a", value=2), Parameter("b", value=2)]
+    raised(ParameterNotDeclaredException, node.set_parameters_atomically, parameters)
     assert node.get_parameter("a").value == 1
     node.undeclare_parameter("a")
     assert not node.has_parameter("a")
@@ -232,10 +239,10 @@ def test_undeclared_names_where_they_are_allowed() -> None:
 def test_a_type_is_kept_unless_it_is_dynamic() -> None:
     node = fresh("a", 1)
     for kind in range(1, 10):
-        said = refusal(node, "a", VALUES[kind])
-        assert (said == "") == (kind == 2), said
-    said = refusal(node, "a", None)
-    assert "cannot be undeclared" in said and node.has_parameter("a")
+        reason = refusal(node, "a", VALUES[kind])
+        assert (reason == "") == (kind == 2), reason
+    reason = refusal(node, "a", None)
+    assert "cannot be undeclared" in reason and node.has_parameter("a")
     node = fresh("a", None, ParameterDescriptor(dynamic_typing=True))
     assert node.get_parameter("a").value is None
     for kind in range(1, 10):
@@ -258,13 +265,13 @@ def test_ranges_of_integers() -> None:
         limits = ParameterDescriptor(integer_range=[IntegerRange(low, high, 3)])
         node = fresh("a", 2, limits)
         for value in range(-13, 14):
-            said = refusal(node, "a", value)
+            reason = refusal(node, "a", value)
             if not -10 <= value <= 10:
-                assert "a: %d is out of range, -10 to 10 by 3" % value == said
+                assert "a: %d is out of range, -10 to 10 by 3" % value == reason
             elif (value + 10) % 3 and value != 10:  # the ends always fit
-                assert "a: %d is no step of its range, -10 to 10 by 3" % value == said
+                assert "a: %d is no step of its range, -10 to 10 by 3" % value == reason
             else:
-                assert said == ""
+                assert reason == ""
     node = fresh("a", 2, ParameterDescriptor(integer_range=[IntegerRange(0, 5)]))
     assert [n for n in range(-2, 8) if not refusal(node, "a", n)] == [0, 1, 2, 3, 4, 5]
     wide = [IntegerRange(-(2**63), 2**63 - 1, 2)]
@@ -290,16 +297,16 @@ def test_a_descriptor_serves_many_parameters() -> None:
     limits = ParameterDescriptor(description="any", integer_range=[IntegerRange(0, 5)])
     node = fresh("a", 1, limits)
     node.declare_parameter("b", 2.5, limits)
-    one, two = node.describe_parameters(["a", "b"])
-    assert (one.name, one.type, two.name, two.type) == ("a", 2, "b", 3)
-    assert one.description == two.description == "any" and limits.name == ""
+    first, second = node.describe_parameters(["a", "b"])
+    assert (first.name, first.type, second.name, second.type) == ("a", 2, "b", 3)
+    assert first.description == second.description == "any" and limits.name == ""
 
 
 def test_a_new_descriptor() -> None:
     node = fresh("a", 7)
     small = ParameterDescriptor(type=2, integer_range=[IntegerRange(0, 5)])
-    said = raised(InvalidParameterValueException, node.set_descriptor, "a", small)
-    assert "out of range" in said and not refusal(node, "a", 8)
+    text = raised(InvalidParameterValueException, node.set_descriptor, "a", small)
+    assert "out of range" in text and not refusal(node, "a", 8)
     raised(InvalidParameterValueException, node.set_descriptor, "a", small, 6)
     assert node.set_descriptor("a", small, 4).integer_value == 4
     assert "out of range" in refusal(node, "a", 6) and not refusal(node, "a", 5)
@@ -318,17 +325,17 @@ def test_all_or_none() -> None:
     assert not result.successful and "expected STRING" in result.reason
     assert node.get_parameter("a").value == 1
     results = node.set_parameters(both)
-    assert [it.successful for it in results] == [True, False]
+    assert [result.successful for result in results] == [True, False]
     assert node.get_parameter("a").value == 2
     assert node.set_parameters_atomically([Parameter("a", value=3)]).successful
 
 
-def test_callbacks_decide_and_are_told() -> None:
+def test_callbacks_accept_or_refuse_and_are_called_afterwards() -> None:
     node = fresh("a", 1)
     calls = []
 
     def first(parameters):
-        calls.append(("first", [it.value for it in parameters]))
+        calls.append(("first", [parameter.value for parameter in parameters]))
         return SetParametersResult(successful=parameters[0].value < 5, reason="too much")
 
     def second(parameters):
@@ -359,12 +366,12 @@ def test_callbacks_decide_and_are_told() -> None:
     assert "no SetParametersResult" in refusal(node, "a", 1)
 
 
-def test_a_callback_before_may_change_what_is_set() -> None:
+def test_a_pre_set_callback_may_change_the_parameters() -> None:
     node = fresh("a", 1)
     node.declare_parameter("b", 1)
 
     def both(parameters):
-        return parameters + [Parameter("b", value=it.value * 2) for it in parameters]
+        return parameters + [Parameter("b", value=parameter.value * 2) for parameter in parameters]
 
     node.add_pre_set_parameters_callback(both)
     assert not refusal(node, "a", 5) and node.get_parameter("b").value == 10
@@ -385,7 +392,7 @@ def test_get_set_and_their_types_over_the_wire() -> None:
     new = (None, False, 2**63 - 1, -1e-300, "", b"", [], [0], [-0.5], ["x" * 300])
     asked = [wire("p%d" % kind, kind, new[kind]) for kind in range(1, 10)]
     assert bench.ask(SET, [asked]) == [[[True, ""]] * 9]
-    assert bench.ask(GET, [names])[0] == [it[1:] for it in asked]
+    assert bench.ask(GET, [names])[0] == [parameter[1:] for parameter in asked]
     assert [bench.node.get_parameter(name).value for name in names] == list(new[1:])
 
 
@@ -408,18 +415,18 @@ def test_a_type_without_a_value_over_the_wire() -> None:
     assert bench.ask(NODE + "/get_parameter_types", [["q", "r"]]) == [b"\x00\x00"]
 
 
-def test_refusals_over_the_wire_say_why() -> None:
+def test_refusals_over_the_wire_have_a_reason() -> None:
     bench = declared()
     bench.node.declare_parameter("q", 1, ParameterDescriptor(read_only=True))
-    for message, reason in (
+    for message, expected in (
         (wire("p2", 3, 1.0), "p2: wrong type, expected INTEGER, got DOUBLE"),
         (wire("p2", 0, None), "static type"),
         (wire("q", 2, 2), "q is read-only"),
         (wire("p2", 10, None), "p2: there is no type 10"),
         (wire("p2", 255, None), "p2: there is no type 255"),
     ):
-        (((successful, said),),) = bench.ask(SET, [[message]])
-        assert not successful and reason in said, said
+        (((successful, reason),),) = bench.ask(SET, [[message]])
+        assert not successful and expected in reason, reason
         assert not bench.errors
     assert bench.node.get_parameter("p2").value == -5
 
@@ -436,7 +443,7 @@ def test_all_or_none_over_the_wire() -> None:
     assert bench.node.get_parameter("p3").value == 6.0
 
 
-def test_a_callback_that_raises_refuses_and_the_rest_goes_on() -> None:
+def test_a_callback_that_raises_refuses_the_parameters() -> None:
     bench = declared()
 
     def bad(parameters):
@@ -445,7 +452,7 @@ def test_a_callback_that_raises_refuses_and_the_rest_goes_on() -> None:
     bench.node.add_on_set_parameters_callback(bad)
     (((successful, reason),),) = bench.ask(SET, [[wire("p2", 2, 6)]])
     assert not successful and "motor on fire" in reason
-    assert [str(it) for it in bench.errors] == ["motor on fire"]
+    assert [str(error) for error in bench.errors] == ["motor on fire"]
     bench.node.remove_on_set_parameters_callback(bad)
     assert bench.ask(SET, [[wire("p2", 2, 6)]]) == [[[True, ""]]]
 
@@ -479,7 +486,7 @@ def test_list_over_the_wire() -> None:
         bench.node.declare_parameter(name, 1)
     bench.connect()
     everything = ["a", "b.c", "b.d.e", "b.d.f", "bb", "z.y.x.w"]
-    for prefixes, depth, names, found in (
+    for prefixes, depth, names, expected_prefixes in (
         ([], 0, everything, ["b", "b.d", "z.y.x"]),
         ([], 1, ["a", "bb"], []),
         ([], 2, ["a", "b.c", "bb"], ["b"]),
@@ -491,13 +498,13 @@ def test_list_over_the_wire() -> None:
         (["z"], 2, [], []),
         (["none"], 0, [], []),
     ):
-        got = bench.ask(NODE + "/list_parameters", [prefixes, depth])
-        assert got == [names, found], (prefixes, depth, got)
+        result = bench.ask(NODE + "/list_parameters", [prefixes, depth])
+        assert result == [names, expected_prefixes], (prefixes, depth, result)
     result = bench.node.list_parameters(["bb"], 0)
     assert result.names == ["bb"] and result.prefixes == []
 
 
-def test_changes_are_told() -> None:
+def test_changes_are_published() -> None:
     bench = declared()
     node = bench.node
     node.declare_parameter("new", 1)
@@ -507,9 +514,9 @@ def test_changes_are_told() -> None:
     node.set_parameters([Parameter("gone", value=1)])
     node.set_parameters([Parameter("gone")])
     heard = bench.heard(EVENTS)
-    assert [it[2] for it in heard] == [NODE] * 6
-    assert all([it[0] >= 1700000000 for it in heard])
-    assert [it[3:] for it in heard] == [
+    assert [message[2] for message in heard] == [NODE] * 6
+    assert all([message[0] >= 1700000000 for message in heard])
+    assert [message[3:] for message in heard] == [
         [[wire("new", 2, 1)], [], []],
         [[], [wire("new", 2, 2), wire("p4", 4, "x")], []],
         [[], [wire("p1", 1, False)], []],
@@ -518,12 +525,12 @@ def test_changes_are_told() -> None:
         [[], [], [wire("gone", 0, None)]],
     ]
     bench.ask(SET, [[wire("p2", 2, 1)]])
-    assert [it[3:] for it in bench.heard(EVENTS)] == [[[], [wire("p2", 2, 1)], []]]
+    assert [message[3:] for message in bench.heard(EVENTS)] == [[[], [wire("p2", 2, 1)], []]]
 
 
-def test_nothing_is_told_where_nobody_wants_it() -> None:
+def test_events_can_be_switched_off() -> None:
     bench = declared(events=False)
-    assert not [it for it in bench.node._entities if getattr(it, "name", "") == EVENTS]
+    assert not [entity for entity in bench.node._entities if getattr(entity, "name", "") == EVENTS]
     assert bench.ask(SET, [[wire("p2", 2, 1)]]) == [[[True, ""]]]
 
 
@@ -531,13 +538,13 @@ def test_the_values_outlive_the_agent() -> None:
     bench = declared()
     bench.ask(SET, [[wire("p2", 2, 99)]])
     bench.lose()
-    bench.node.set_parameters([Parameter("p1", value=False)])  # nobody hears it, nothing breaks
+    bench.node.set_parameters([Parameter("p1", value=False)])  # without an agent
     bench.connect()
     (values,) = bench.ask(GET, [["p1", "p2"]])
     assert [values[0][1], values[1][2]] == [False, 99]
 
 
-def test_a_request_of_nonsense_is_counted_and_nothing_else() -> None:
+def test_malformed_requests_of_parameters_are_counted() -> None:
     bench = declared()
     service = bench.entity(SET)
     for octets in (b"", b"\xff" * 40, b"\xff\xff\xff\x7f"):

@@ -1,6 +1,6 @@
 """Remapping rules and node options. Also runs on MicroPython.
 
-CASES were worked out by a real rclpy (Kilted), and tests/interop/test_remap.py asks it again.
+CASES were computed by a real rclpy (Kilted); tests/interop/test_remap.py compares them again.
 """
 
 import os
@@ -53,7 +53,7 @@ BAD = (
 )  # fmt: skip
 
 
-def made(rules, name="node", namespace="", **more):
+def remapped(rules, name="node", namespace="", **more):
     clock = FakeClock()
     return Node(
         name, FakeAgent(clock), namespace, key=KEY, clock=clock, remap=Remap(*rules), **more
@@ -68,21 +68,24 @@ def refused(call, *arguments):
     raise AssertionError(arguments)
 
 
-def test_names_are_those_that_rclpy_gives() -> None:
+def test_names_are_those_of_rclpy() -> None:
     for rules, name, namespace, asked, expected in CASES:
-        node = made(rules, name, namespace)
-        found = [node.get_name(), node.get_namespace()]
-        for it in asked:
-            found += [node.resolve_topic_name(it), node.resolve_service_name(it)]
-        assert tuple(found) == expected, (rules, found)
+        node = remapped(rules, name, namespace)
+        full_names = [node.get_name(), node.get_namespace()]
+        for asked_name in asked:
+            full_names += [
+                node.resolve_topic_name(asked_name),
+                node.resolve_service_name(asked_name),
+            ]
+        assert tuple(full_names) == expected, (rules, full_names)
 
 
-def test_what_is_made_has_the_new_name() -> None:
+def test_entities_have_remapped_names() -> None:
     class Ask:
         Request = Response = Number
         _TYPE = "test_msgs/srv/Ask"
 
-    node = made(["a:=b", "__node:=other", "rosservice://go:=~/went"])
+    node = remapped(["a:=b", "__node:=other", "rosservice://go:=~/went"])
     assert node.create_publisher(Number, "a").name == "/b"
     assert node.create_subscription(Number, "a", print).name == "/b"
     assert node.create_service(Ask, "go", print).name == "/other/went"
@@ -90,10 +93,10 @@ def test_what_is_made_has_the_new_name() -> None:
     assert node.get_fully_qualified_name() == "/other"
 
 
-def test_what_is_no_rule_is_refused_and_named() -> None:
+def test_malformed_rules_are_refused_and_named() -> None:
     for rule in BAD:
-        said = refused(Remap, rule)
-        assert repr(rule) in said and "remapping rule" in said, said
+        text = refused(Remap, rule)
+        assert repr(rule) in text and "remapping rule" in text, text
 
 
 def test_rules_among_arguments() -> None:
@@ -101,8 +104,8 @@ def test_rules_among_arguments() -> None:
         ["prog", "-r", "x:=y", "--ros-args", "-r", "a:=b", "-p", "c:=3", "--remap", "d:=e", "--",
          "-r", "f:=g"]
     )  # fmt: skip
-    node = made([])
-    names = [remap.name(node, it, False) for it in ("x", "a", "c", "d", "f")]
+    node = remapped([])
+    names = [remap.name(node, topic, False) for topic in ("x", "a", "c", "d", "f")]
     assert names == ["/x", "/b", "/c", "/e", "/f"]
     assert "behind it" in refused(from_arguments, ["--ros-args", "-r"])
 
@@ -123,13 +126,13 @@ def test_options_from_a_dict_and_from_a_file() -> None:
     assert node.create_publisher(Number, "chatter").name == "/news"
 
 
-def test_options_that_are_wrong_are_named() -> None:
-    for given, said in (
+def test_wrong_options_are_named() -> None:
+    for given, text in (
         ([], "object"), ({"nam": 1}, "nam"), ({"name": 1}, "name is a text"),
         ({"domain_id": "1"}, "domain_id is a number"), ({"remap": "a:=b"}, "list of rules"),
         ({"remap": ["a"]}, "remapping rule"),
     ):  # fmt: skip
-        assert said in refused(options, given), given
+        assert text in refused(options, given), given
     path = "options_of_a_test.json"
     with open(path, "w") as file:
         file.write("{name")

@@ -1,4 +1,4 @@
-"""A node's log, on the console and on /rosout. Also runs on MicroPython."""
+"""Logging of a node to the console and to /rosout. Also runs on MicroPython."""
 
 from support.services import Bench, raised
 
@@ -9,11 +9,11 @@ from uros.wire import ids
 
 
 class Logs(Bench):
-    """A node that logs; ``lines`` are those of its console."""
+    """A node with a logger; ``lines`` are those of its console."""
 
     def __init__(self, name="arm", namespace="", **options):
         Bench.__init__(self, name, namespace, connect=False)
-        self.node.executor.report = rosout.print_exception  # as it is by itself
+        self.node.executor.report = rosout.print_exception  # the default
         self.log = self.node.get_logger()
         self.lines = []
         self.node._rosout.console = self.lines.append
@@ -22,11 +22,11 @@ class Logs(Bench):
             self.agent.samples.clear()
 
     def texts(self):
-        """(severity, name, text) of what has come to /rosout."""
-        return [(it[2], it[3], it[4]) for it in self.heard("/rosout")]
+        """Return (severity, name, text) of each line on /rosout."""
+        return [(message[2], message[3], message[4]) for message in self.heard("/rosout")]
 
 
-def test_lines_come_to_the_console_and_to_rosout() -> None:
+def test_lines_are_written_to_the_console_and_to_rosout() -> None:
     bench = Logs("arm", "/left/hand")
     log = bench.log
     assert log.name == "left.hand.arm" and bench.node.get_logger() is log
@@ -35,11 +35,11 @@ def test_lines_come_to_the_console_and_to_rosout() -> None:
         assert method("grün %d" % len(bench.lines))
     assert not log.debug("silent")
     heard = bench.heard("/rosout")
-    assert [it[2:] for it in heard] == [
+    assert [message[2:] for message in heard] == [
         [severity, "left.hand.arm", "grün %d" % i, "", "", 0]
         for i, severity in enumerate((INFO, WARN, WARN, ERROR, FATAL))
     ]
-    assert all([it[0] >= 1700000000 and 0 <= it[1] < 1000000000 for it in heard])
+    assert all([message[0] >= 1700000000 and 0 <= message[1] < 1000000000 for message in heard])
     names = ("INFO", "WARN", "WARN", "ERROR", "FATAL")
     for i in range(5):
         line = bench.lines[i]
@@ -48,7 +48,7 @@ def test_lines_come_to_the_console_and_to_rosout() -> None:
     assert Logs(connect=False).log.name == "arm"
 
 
-def test_the_quality_of_rosout_is_ros() -> None:
+def test_the_qos_of_rosout_is_that_of_ros() -> None:
     qos = Logs(connect=False).entity("/rosout").qos
     assert qos.reliable and qos.transient_local and qos.depth == 1000 and qos.lifespan_ms == 10000
 
@@ -82,7 +82,7 @@ def test_children_have_their_parents_level_until_they_have_their_own() -> None:
     raised(ValueError, bench.log.get_child, "")
 
 
-def test_others_ask_and_set_levels() -> None:
+def test_the_logger_services_get_and_set_levels() -> None:
     bench = Logs("arm", "/left")
     LoggerService(bench.node)
     bench.connect()
@@ -94,11 +94,11 @@ def test_others_ask_and_set_levels() -> None:
     for result in (third, fourth, fifth):
         assert not result[0] and "is no level" in result[1]
     assert not bench.log.warn("x") and child.debug("y")
-    got = bench.ask("/left/arm/get_logger_levels", [names])
-    assert got == [[["left.arm", 40], ["left.arm.elbow", 10], ["none", 0]]]
+    levels = bench.ask("/left/arm/get_logger_levels", [names])
+    assert levels == [[["left.arm", 40], ["left.arm.elbow", 10], ["none", 0]]]
     many = [["n%d" % n, 10] for n in range(100)]
     (results,) = bench.ask("/left/arm/set_logger_levels", [many])
-    assert len([1 for it in results if it[0]]) == 30 and "32 loggers" in results[99][1]
+    assert len([1 for result in results if result[0]]) == 30 and "32 loggers" in results[99][1]
     bench.ask("/left/arm/set_logger_levels", [[["left.arm", 0]]])
     assert bench.log.get_effective_level() == INFO
 
@@ -118,21 +118,21 @@ def test_once_and_skip_first() -> None:
 
 def test_throttle() -> None:
     bench = Logs()
-    got = []
+    logged = []
     for n in range(40):
-        got.append(bench.log.info("tick %d" % n, throttle_duration_sec=1.0))
+        logged.append(bench.log.info("tick %d" % n, throttle_duration_sec=1.0))
         bench.run(100)
-    assert [n for n in range(40) if got[n]] == [0, 10, 20, 30]
+    assert [n for n in range(40) if logged[n]] == [0, 10, 20, 30]
 
 
-def test_what_is_remembered_of_options_is_bounded() -> None:
+def test_the_memory_of_logging_options_is_bounded() -> None:
     bench = Logs(connect=False)
     for n in range(1000):
-        bench.log.info("%s" % "".join([chr(97 + int(it)) for it in str(n)]), once=True)
+        bench.log.info("%s" % "".join([chr(97 + int(digit)) for digit in str(n)]), once=True)
     assert len(bench.node._rosout._filters) <= 32
 
 
-def test_what_was_said_before_there_was_an_agent_is_sent_with_its_time() -> None:
+def test_lines_logged_before_the_session_are_sent_with_their_time() -> None:
     bench = Logs(connect=False)
     bench.agent.silent = True
     for n in range(12):
@@ -143,24 +143,26 @@ def test_what_was_said_before_there_was_an_agent_is_sent_with_its_time() -> None
     bench.connect()
     bench.run(200)
     heard = bench.heard("/rosout")
-    assert [it[4] for it in heard] == ["line %d" % n for n in range(8)] + ["4 lines were left out"]
+    assert [message[4] for message in heard] == ["line %d" % n for n in range(8)] + [
+        "4 lines were left out"
+    ]
     for n in range(8):
         age = heard[8][0] - heard[n][0] + (heard[8][1] - heard[n][1]) / 1e9
         assert abs(age - (12 - n)) < 1.5, (n, age)
     bench.log.info("now")
     assert bench.texts() == [(INFO, "arm", "now")]
-    # It is no handle of the executor any more: triggers need not wait for it.
+    # The publisher is no handle of the executor any more: triggers do not wait for it.
     assert bench.entity("/rosout") not in bench.node.executor.handles
 
 
-def test_what_waits_to_be_said_does_not_spin_while_the_time_is_asked_for() -> None:
+def test_queued_lines_cause_no_busy_waiting_before_the_session() -> None:
     bench = Logs(connect=False)
     bench.log.info("early")
     usual = bench.agent.submessage
-    told = [False]
+    answering = [False]
 
     def submessage(kind, flags, payload):
-        if kind != ids.TIMESTAMP or told[0]:
+        if kind != ids.TIMESTAMP or answering[0]:
             usual(kind, flags, payload)
 
     bench.agent.submessage = submessage
@@ -169,13 +171,13 @@ def test_what_waits_to_be_said_does_not_spin_while_the_time_is_asked_for() -> No
     for _ in range(40):
         bench.node.spin_once(0.01)
     assert bench.clock.t - start >= 300000 and bench.node.state == AGENT_AVAILABLE
-    told[0] = True
+    answering[0] = True
     bench.until(lambda: bench.node.state == AGENT_CONNECTED)
     bench.run(200)
-    assert [it[2] for it in bench.texts()] == ["early"]
+    assert [text[2] for text in bench.texts()] == ["early"]
 
 
-def test_a_lost_agent_is_bridged() -> None:
+def test_lines_logged_without_an_agent_are_sent_later() -> None:
     bench = Logs()
     bench.log.info("one")
     assert len(bench.texts()) == 1
@@ -186,7 +188,7 @@ def test_a_lost_agent_is_bridged() -> None:
     assert bench.texts() == [(ERROR, "arm", "two")]
 
 
-def test_an_agent_lost_before_it_heard_anything_keeps_nothing_from_running() -> None:
+def test_a_refused_rosout_publisher_is_no_handle() -> None:
     bench = Logs(connect=False)
     bench.agent.refuse = {0x05: 0x82}  # the datawriter, for want of resources
     bench.node.connection.log = lambda text: None
@@ -207,10 +209,10 @@ def test_an_executor_without_room_sends_with_the_next_line() -> None:
     bench.connect()
     assert bench.texts() == []
     bench.log.info("two")
-    assert [it[2] for it in bench.texts()] == ["one", "two"]
+    assert [text[2] for text in bench.texts()] == ["one", "two"]
 
 
-def test_a_flood_does_not_cross_the_line() -> None:
+def test_a_burst_of_lines_is_limited() -> None:
     bench = Logs()
     for n in range(1000):
         bench.log.info("flood %d" % n)
@@ -220,15 +222,15 @@ def test_a_flood_does_not_cross_the_line() -> None:
     left = 1000 - len(texts)
     bench.run(5000)
     bench.log.info("calm")
-    assert [it[2] for it in bench.texts()] == ["%d lines were left out" % left, "calm"]
+    assert [text[2] for text in bench.texts()] == ["%d lines were left out" % left, "calm"]
     for n in range(100):
         bench.log.info("steady %d" % n)
         bench.run(60)
-    assert len([it for it in bench.texts() if "steady" in it[2]]) == 100
+    assert len([text for text in bench.texts() if "steady" in text[2]]) == 100
     assert bench.node._rosout.left_out == left
 
 
-def test_a_line_may_be_long_or_unsendable() -> None:
+def test_long_lines_and_other_types_are_logged() -> None:
     bench = Logs()
     bench.log.info("x" * 5000)
     assert len(bench.lines[0]) > 5000
@@ -238,7 +240,7 @@ def test_a_line_may_be_long_or_unsendable() -> None:
     assert bench.texts()[0][2] == "5"
 
 
-def test_what_callbacks_raise_is_logged_and_the_rest_goes_on() -> None:
+def test_exceptions_of_callbacks_are_logged() -> None:
     bench = Logs()
 
     def bad():
@@ -256,11 +258,11 @@ def test_what_callbacks_raise_is_logged_and_the_rest_goes_on() -> None:
     assert bench.node.executor.failed == 3
 
 
-def test_a_report_of_the_programs_own_stays() -> None:
+def test_a_logger_keeps_the_programs_report() -> None:
     bench = Bench(connect=False)
-    mine = bench.node.executor.report
+    report = bench.node.executor.report
     bench.node.get_logger()
-    assert bench.node.executor.report is mine
+    assert bench.node.executor.report is report
 
 
 def test_without_a_console() -> None:

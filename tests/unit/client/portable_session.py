@@ -1,4 +1,4 @@
-"""The client's session: datagrams in, datagrams out. Also runs on MicroPython."""
+"""The client's session without I/O. Also runs on MicroPython."""
 
 from support.board import KEY, Blob, Number, built, message, pattern
 from support.conversation import unpack
@@ -13,20 +13,20 @@ WRITER = 0x15
 
 
 class Bench:
-    """A session with what it sends and tells."""
+    """A session that records the datagrams it sends and the handlers it calls."""
 
     def __init__(self, mtu=512, limit=32768):
         self.session = self.owner = Recorder(KEY, mtu, limit)
 
     def take(self):
-        """What was sent since the last time."""
+        """Return the datagrams sent since the last call."""
         out = self.session.sent
         self.session.sent = []
         return out
 
     def hear(self, kind, payload, stream=0, sequence=0, now=0, flags=1):
-        it = message(kind, payload, stream, sequence, self.session.id, flags)
-        return self.session.receive(it, now)
+        datagram = message(kind, payload, stream, sequence, self.session.id, flags)
+        return self.session.receive(datagram, now)
 
     def acknack(self, first, missing=0, now=0):
         self.hear(ids.ACKNACK, built(session.push_acknack, first, missing, 0x80), now=now)
@@ -42,10 +42,10 @@ class Bench:
         return self.session.request(ids.DELETE, 1, self.session.begin(0x25))
 
     def create(self, octets):
-        """A CREATE of these octets."""
+        """Send CREATE with these octets as representation."""
         w = self.session.begin(1)
-        for it in (1, ids.IN_BINARY):
-            w.u8(it)
+        for octet in (1, ids.IN_BINARY):
+            w.u8(octet)
         w.sequence(octets)
         w.u16(0)
         return self.session.request(ids.CREATE, 7, w)
@@ -56,16 +56,20 @@ class Bench:
 
 
 def sequences(messages):
-    """The numbers of those on the reliable stream."""
-    return [it[2] | it[3] << 8 for it in messages if it[1] == ids.STREAM_RELIABLE]
+    """Return the sequence numbers of the messages on the reliable stream."""
+    return [
+        datagram[2] | datagram[3] << 8
+        for datagram in messages
+        if datagram[1] == ids.STREAM_RELIABLE
+    ]
 
 
 def reassembled(messages):
-    """The submessages that reliable messages carry, fragments put together."""
+    """Return (kind, payload) of each submessage in reliable messages, fragments joined."""
     fragments = Fragments(1 << 20)
     out = []
-    for it in messages:
-        for kind, flags, payload in unpack(it)[1]:
+    for datagram in messages:
+        for kind, flags, payload in unpack(datagram)[1]:
             if kind != ids.FRAGMENT:
                 out.append((kind, payload))
                 continue
@@ -78,7 +82,7 @@ def reassembled(messages):
 # --- outside of streams -----------------------------------------------------------------------
 
 
-def test_hello_is_the_one_of_the_c_client() -> None:
+def test_create_client_has_the_bytes_of_the_c_client() -> None:
     # recorded: publish_reliable, with our key and MTU
     bench = Bench(508)
     bench.session.key = 0xAAAABBBB
@@ -100,7 +104,7 @@ def test_bytes_of_pings_and_of_delete() -> None:
     ]
 
 
-def test_asking_for_the_time() -> None:
+def test_bytes_of_timestamp() -> None:
     bench = Bench()
     bench.session.ask_time(0x01020304, 5)
     bench.session.ask_time(-1, 999999999)
@@ -110,7 +114,7 @@ def test_asking_for_the_time() -> None:
     ]
 
 
-def test_an_answer_about_the_time_counts_once_and_only_to_the_last_question() -> None:
+def test_only_the_reply_to_the_last_timestamp_is_passed_on_and_once() -> None:
     bench = Bench()
     bench.session.ask_time(5, 6)
     bench.session.ask_time(7, 8)
@@ -129,10 +133,10 @@ def test_an_answer_about_the_time_counts_once_and_only_to_the_last_question() ->
     assert bench.owner.events == [("time", transmit, receive)]
 
 
-# --- requests and their numbers ---------------------------------------------------------------
+# --- request ids and sequence numbers -----------------------------------------------------------
 
 
-def test_request_ids_begin_at_ten_and_come_round_to_it() -> None:
+def test_request_ids_begin_at_ten_and_wrap_to_ten() -> None:
     bench = Bench()
     assert bench.request() == FIRST_REQUEST == 10
     assert bench.write(b"abcd") == 11
@@ -140,8 +144,8 @@ def test_request_ids_begin_at_ten_and_come_round_to_it() -> None:
     bench.session.request_id = 0xFFFF
     assert bench.request() == 0xFFFF
     assert bench.write(b"abcd") == 10
-    for it, request in zip(bench.take(), (10, 11, 12, 0xFFFF, 10)):
-        assert it[8:10] == bytes((request >> 8, request & 0xFF))
+    for datagram, request in zip(bench.take(), (10, 11, 12, 0xFFFF, 10)):
+        assert datagram[8:10] == bytes((request >> 8, request & 0xFF))
 
 
 def test_a_requests_bytes() -> None:
@@ -166,10 +170,10 @@ def test_a_samples_bytes() -> None:
     ]
 
 
-def test_a_request_longer_than_any_may_be_is_refused_and_leaves_nothing() -> None:
+def test_a_too_long_request_is_refused_and_nothing_is_sent() -> None:
     for mtu in (63, 64, 512, 600):
         bench = Bench(mtu=mtu)
-        size = max(mtu, 512) - 21  # a byte more than there is room for
+        size = max(mtu, 512) - 21  # one byte too many
         try:
             bench.create(bytes(size))
         except EncodeError:
@@ -181,15 +185,15 @@ def test_a_request_longer_than_any_may_be_is_refused_and_leaves_nothing() -> Non
         assert sequences(bench.take()) == [0]
 
 
-def test_a_request_longer_than_the_mtu_goes_out_in_fragments() -> None:
+def test_a_request_longer_than_the_mtu_is_sent_in_fragments() -> None:
     whole = Bench()
     whole.create(bytes(range(200)))
     bench = Bench(mtu=63)
     assert bench.create(bytes(range(200))) == 10
     out = bench.take()
-    assert sequences(out) == [0, 1, 2, 3, 4] and all([len(it) <= 63 for it in out])
-    assert [it[4:6] for it in out] == [b"\x0d\x01"] * 4 + [b"\x0d\x03"]
-    assert b"".join([it[8:] for it in out]) == whole.take()[0][4:]
+    assert sequences(out) == [0, 1, 2, 3, 4] and all([len(datagram) <= 63 for datagram in out])
+    assert [datagram[4:6] for datagram in out] == [b"\x0d\x01"] * 4 + [b"\x0d\x03"]
+    assert b"".join([datagram[8:] for datagram in out]) == whole.take()[0][4:]
     bench.request()
     assert sequences(bench.take()) == [5]
 
@@ -197,7 +201,7 @@ def test_a_request_longer_than_the_mtu_goes_out_in_fragments() -> None:
 # --- the window -------------------------------------------------------------------------------
 
 
-def test_a_window_of_requests_goes_out_without_waiting() -> None:
+def test_a_window_of_requests_is_sent_without_waiting() -> None:
     bench = Bench()
     for _ in range(16):
         assert bench.session.available()
@@ -218,7 +222,7 @@ def test_a_window_of_requests_goes_out_without_waiting() -> None:
     assert bench.session.held() == 0 and bench.session.deadline is None
 
 
-def test_numbers_go_round() -> None:
+def test_sequence_numbers_wrap() -> None:
     bench = Bench()
     bench.session.next = bench.session.acked = 65500
     for i in range(65500, 65536 + 40):
@@ -228,7 +232,7 @@ def test_numbers_go_round() -> None:
     assert sequences(bench.take()) == list(range(65500, 65536)) + list(range(40))
 
 
-def test_what_is_missing_is_sent_again_and_heartbeats_ask() -> None:
+def test_missing_messages_are_resent_and_heartbeats_sent() -> None:
     bench = Bench()
     for _ in range(5):
         bench.request(now=100)
@@ -241,14 +245,14 @@ def test_what_is_missing_is_sent_again_and_heartbeats_ask() -> None:
     assert bench.take() == [bytes.fromhex("81000000 0b010500 0000 0400 80")]
     bench.acknack(1, 0b101, now=350)
     assert bench.take() == [first[1], first[3]]
-    bench.acknack(1, 0b101, now=351)  # at once again: that is the same loss
+    bench.acknack(1, 0b101, now=351)  # within the hold time: the same loss
     assert bench.take() == []
     bench.acknack(1, 0b1000, now=400)
     assert bench.take() == [first[4]]
 
 
-def test_an_agent_whose_acknacks_bring_no_news_does_not_put_the_heartbeat_off() -> None:
-    """It says the same more often than each 200 ms, and the one message there is was lost."""
+def test_acknacks_without_news_do_not_postpone_the_heartbeat() -> None:
+    """The agent repeats its ACKNACK faster than every 200 ms, and the only message was lost."""
     bench = Bench()
     bench.request(now=100)
     bench.session.tick(100)
@@ -262,8 +266,8 @@ def test_an_agent_whose_acknacks_bring_no_news_does_not_put_the_heartbeat_off() 
     assert bench.take() == [bytes.fromhex("81000000 0b010500 0000 0000 80")]
 
 
-def test_what_was_asked_for_too_early_is_asked_about_soon() -> None:
-    """The second question was of the same loss, or of another: a heartbeat finds out."""
+def test_a_repeated_acknack_within_the_hold_time_causes_a_heartbeat() -> None:
+    """The second ACKNACK may be for the same loss or for another: a HEARTBEAT asks."""
     bench = Bench()
     for _ in range(2):
         bench.request(now=100)
@@ -279,7 +283,7 @@ def test_what_was_asked_for_too_early_is_asked_about_soon() -> None:
     assert bench.take() == first[:1]
 
 
-def test_a_message_in_the_place_of_one_that_was_sent_again_is_not_held_back() -> None:
+def test_the_hold_time_of_a_slot_ends_with_its_message() -> None:
     bench = Bench()
     for number in range(17):
         bench.request(now=100)
@@ -290,7 +294,7 @@ def test_a_message_in_the_place_of_one_that_was_sent_again_is_not_held_back() ->
         bench.acknack(number + 1, now=100)
 
 
-def test_an_acknack_that_misses_more_than_was_sent_brings_what_was_sent() -> None:
+def test_an_acknack_for_unsent_messages_resends_the_sent_ones() -> None:
     bench = Bench()
     for _ in range(3):
         bench.request(now=100)
@@ -301,7 +305,7 @@ def test_an_acknack_that_misses_more_than_was_sent_brings_what_was_sent() -> Non
     assert bench.take() == [] and bench.session.in_flight() == 0
 
 
-def test_what_is_missing_is_sent_again_as_soon_as_it_may_be() -> None:
+def test_a_missing_message_is_resent_after_the_hold_time() -> None:
     bench = Bench()
     bench.request(now=100)
     sent = bench.take()
@@ -323,12 +327,12 @@ def test_publishing_never_waits_and_stops_at_the_limit() -> None:
         bench.session.request_id, bench.session.next, bench.session.size()
     )  # fmt: skip
     assert bench.take() == []
-    assert bench.write(b"abcd", False)  # best effort waits for nobody
+    assert bench.write(b"abcd", False)  # best effort needs no room in the queue
     bench.acknack(1)
     assert bench.write(pattern(88)) and not bench.write(pattern(88))
 
 
-def test_very_many_small_samples_wait_and_come_in_order() -> None:
+def test_many_small_samples_are_queued_and_sent_in_order() -> None:
     bench = Bench(limit=1 << 13)
     bench.session.next = bench.session.acked = 0xFFF0
     count = 0
@@ -338,14 +342,14 @@ def test_very_many_small_samples_wait_and_come_in_order() -> None:
     assert bench.write(pattern(6000)) == 0
     request = 10
     for _ in range(count // 16 + 1):
-        for it in bench.take():
-            assert it[8] << 8 | it[9] == request
+        for datagram in bench.take():
+            assert datagram[8] << 8 | datagram[9] == request
             request = 10 if request == 0xFFFF else request + 1
         bench.acknack(bench.session.next)
     assert bench.session.held() == 0 and bench.session.size() == 0
 
 
-def test_a_value_that_does_not_fit_leaves_nothing_half_sent() -> None:
+def test_an_error_of_packing_sends_nothing() -> None:
     class Bad(Blob):
         def pack_into(self, buf, offset, start):
             raise TypeError("a field")
@@ -374,12 +378,12 @@ def test_samples_around_the_size_of_a_message() -> None:
             octets = pattern(size)
             assert bench.write(octets) == 10
             out = bench.take()
-            assert all([len(it) <= mtu for it in out])
+            assert all([len(datagram) <= mtu for datagram in out])
             assert (len(out) == 1) == (size <= mtu - 12)
             assert sequences(out) == list(range(len(out)))
             assert reassembled(out) == [(ids.WRITE_DATA, b"\0\x0a\0\x15" + octets)]
-            for it in out[:-1]:
-                assert len(it) % 4 == 0  # the next header of a C agent is aligned
+            for datagram in out[:-1]:
+                assert len(datagram) % 4 == 0  # the next header of a C agent is aligned
 
 
 def test_fragments_of_large_samples_and_over_64_kb() -> None:
@@ -396,22 +400,22 @@ def test_fragments_of_large_samples_and_over_64_kb() -> None:
                 break
             out += more
         assert sequences(out) == list(range(len(out)))
-        got = reassembled(out)
-        assert len(got) == 1 and got[0][1][4:] == octets
+        submessages = reassembled(out)
+        assert len(submessages) == 1 and submessages[0][1][4:] == octets
         # As the C client: 0 where the length does not fit. eProsima's agent would cut the sample.
-        told = 4 + size if 4 + size <= 0xFFFF else 0
-        assert out[0][8:12] == bytes([ids.WRITE_DATA, 1, told & 0xFF, told >> 8]), size
+        length = 4 + size if 4 + size <= 0xFFFF else 0
+        assert out[0][8:12] == bytes([ids.WRITE_DATA, 1, length & 0xFF, length >> 8]), size
         assert bench.write(b"next") == 11
         assert bench.session.size() == 16
 
 
-def test_a_sample_too_large_for_ever_is_an_error() -> None:
+def test_a_sample_over_the_limit_raises() -> None:
     bench = Bench(limit=1000)
-    for size, reliable, said in ((989, True, "1001"), (501, False, "513")):
+    for size, reliable, text in ((989, True, "1001"), (501, False, "513")):
         try:
             bench.write(bytes(size), reliable)
         except EncodeError as error:
-            assert said in str(error) and "Blob" in str(error), error
+            assert text in str(error) and "Blob" in str(error), error
         else:
             raise AssertionError("not refused")
     assert bench.take() == []
@@ -419,14 +423,14 @@ def test_a_sample_too_large_for_ever_is_an_error() -> None:
     assert bench.write(bytes(500), False) == 11 and len(bench.take()[0]) == 512
 
 
-def test_fragments_that_come() -> None:
+def test_received_fragments_are_joined() -> None:
     bench = Bench()
     whole = bytes((ids.DATA, 1, 0, 0)) + b"\0\x0e\0\x16" + pattern(2000)
     parts = [whole[i : i + 500] for i in range(0, len(whole), 500)]
     for i in range(len(parts)):
         flags = 3 if i == len(parts) - 1 else 1
         assert bench.hear(ids.FRAGMENT, parts[i], 0x80, i, flags=flags)
-    # The length of one is 16 bits; a stored one of 0 is a fault of the peer.
+    # A submessage length of 0 in fragments is a fault of the peer, unless the sample is longer.
     assert bench.owner.samples() == [b""] or bench.session.dropped == 1
     bench = Bench()
     whole = bytes((ids.DATA, 1, 2004 & 0xFF, 2004 >> 8)) + whole[4:]
@@ -437,7 +441,7 @@ def test_fragments_that_come() -> None:
     assert bench.session.dropped == 0
 
 
-def test_more_fragments_than_the_limit_are_dropped_and_the_next_sample_is_whole() -> None:
+def test_fragments_over_the_limit_are_dropped_and_the_next_sample_arrives() -> None:
     bench = Bench(limit=1000)
     for i in range(5):
         bench.hear(ids.FRAGMENT, bytes(400), 0x80, i, flags=3 if i == 4 else 1)
@@ -448,14 +452,14 @@ def test_more_fragments_than_the_limit_are_dropped_and_the_next_sample_is_whole(
     assert bench.owner.samples() == [b"abcd"]
 
 
-def test_a_fragment_that_never_comes_takes_only_its_sample_along() -> None:
+def test_a_lost_fragment_delays_the_stream_until_it_is_resent() -> None:
     bench = Bench()
     whole = bytes((ids.DATA, 1, 8, 0)) + b"\0\x0e\0\x16abcd"
     bench.hear(ids.FRAGMENT, whole[:4], 0x80, 0)
     bench.hear(ids.FRAGMENT, whole[8:], 0x80, 2, flags=3)
     bench.sample(3, b"after")
     bench.heartbeat(2, 3)
-    # What is lost comes again; no heartbeat says otherwise.
+    # The lost fragment is resent: the HEARTBEAT does not exclude it.
     assert bench.owner.events == []
     bench.hear(ids.FRAGMENT, whole[4:8], 0x80, 1)
     assert bench.owner.samples() == [b"abcd", b"after"] and bench.session.dropped == 0
@@ -464,7 +468,7 @@ def test_a_fragment_that_never_comes_takes_only_its_sample_along() -> None:
 # --- receiving --------------------------------------------------------------------------------
 
 
-def test_samples_come_in_order_and_once() -> None:
+def test_samples_are_passed_on_in_order_and_once() -> None:
     bench = Bench()
     for sequence in (2, 0, 0, 3, 2, 1, 1, 4, 0):
         bench.sample(sequence, bytes((sequence,)))
@@ -472,7 +476,7 @@ def test_samples_come_in_order_and_once() -> None:
     assert bench.owner.events[0] == ("data", 0x16, b"\0", True)
 
 
-def test_what_came_is_acknowledged_once_a_tick() -> None:
+def test_received_messages_are_acknowledged_once_a_tick() -> None:
     bench = Bench()
     bench.session.tick(0)
     assert bench.take() == []
@@ -484,12 +488,12 @@ def test_what_came_is_acknowledged_once_a_tick() -> None:
     assert bench.take() == [bytes.fromhex("81000000 0a010500 0200 0003 80")]
     bench.session.tick(0)
     assert bench.take() == []
-    bench.sample(0, b"x")  # what is acknowledged already is acknowledged again
+    bench.sample(0, b"x")  # repeated messages are acknowledged again
     bench.session.tick(0)
     assert bench.take() == [bytes.fromhex("81000000 0a010500 0200 0003 80")]
 
 
-def test_heartbeats_are_answered_and_late_ones_change_nothing() -> None:
+def test_heartbeats_are_answered_and_late_ones_ignored() -> None:
     bench = Bench()
     bench.heartbeat(0, 2)
     bench.session.tick(0)
@@ -507,7 +511,7 @@ def test_heartbeats_are_answered_and_late_ones_change_nothing() -> None:
     assert len(bench.owner.events) == 7
 
 
-def test_an_agent_that_gives_messages_up_again_and_again_has_another_session() -> None:
+def test_repeated_heartbeats_beyond_missing_messages_end_the_session() -> None:
     bench = Bench()
     bench.sample(0, b"0")
     for now in range(0, 2000, 200):
@@ -517,7 +521,7 @@ def test_an_agent_that_gives_messages_up_again_and_again_has_another_session() -
     assert bench.owner.events[1:] == [("unknown",)]
 
 
-def test_a_heartbeat_in_either_order_of_octets() -> None:
+def test_a_heartbeat_in_either_byte_order() -> None:
     bench = Bench()
     bench.hear(ids.HEARTBEAT, b"\0\0\0\2\x80", flags=0)
     bench.session.tick(0)
@@ -527,7 +531,7 @@ def test_a_heartbeat_in_either_order_of_octets() -> None:
     assert bench.owner.events == [("unknown",)]
 
 
-def test_best_effort_samples_come_in_order_and_gaps_are_gaps() -> None:
+def test_best_effort_samples_are_passed_on_in_order_with_gaps() -> None:
     bench = Bench()
     for sequence in (0, 1, 1, 5, 3, 6, 65535):
         bench.sample(sequence, bytes((sequence & 0xFF,)), ids.STREAM_BEST_EFFORT)
@@ -536,13 +540,13 @@ def test_best_effort_samples_come_in_order_and_gaps_are_gaps() -> None:
     assert bench.take() == []
 
 
-def test_best_effort_samples_come_again_after_a_late_one_of_an_earlier_session() -> None:
+def test_best_effort_samples_resume_after_a_late_one_of_an_earlier_session() -> None:
     bench = Bench()
     bench.sample(20000, b"late", ids.STREAM_BEST_EFFORT)
     for sequence in range(30):
         bench.sample(sequence, bytes((sequence,)), ids.STREAM_BEST_EFFORT, sequence * 200)
         bench.sample(sequence, b"doubled", ids.STREAM_BEST_EFFORT, sequence * 200)
-    # Two seconds late, and each once.
+    # After two seconds, and each once.
     assert bench.owner.samples() == [b"late"] + [bytes((i,)) for i in range(10, 30)]
 
 
@@ -555,13 +559,13 @@ def test_several_submessages_in_a_message() -> None:
     assert bench.owner.events == [("data", 0x16, b"abcd", True), ("status", 10, ids.STATUS_OK)]
 
 
-def test_big_endian_samples_are_told_as_such() -> None:
+def test_big_endian_samples_are_marked() -> None:
     bench = Bench()
     bench.hear(ids.DATA, b"\0\x0e\0\x16abcd", 0x80, 0, flags=0)
     assert bench.owner.events == [("data", 0x16, b"abcd", False)]
 
 
-def test_what_the_agent_says() -> None:
+def test_messages_of_the_agent_call_their_handlers() -> None:
     bench = Bench()
     bench.hear(ids.STATUS_AGENT, built(session.push_status_agent, ids.STATUS_ERR_DENIED))
     info = built(session.push_info, 10, ids.OBJECT_AGENT, 0, 0, [])
@@ -576,7 +580,7 @@ def test_what_the_agent_says() -> None:
     assert bench.session.dropped == 0
 
 
-def test_strays_and_nonsense_are_counted_and_change_nothing() -> None:
+def test_malformed_and_foreign_datagrams_are_counted_and_ignored() -> None:
     bench = Bench()
     bench.sample(0, b"0")
     bench.write(b"abcd")
@@ -588,7 +592,7 @@ def test_strays_and_nonsense_are_counted_and_change_nothing() -> None:
         b"\x81\0\0\0\x0a\x01\x05",
         b"\x81\0\0\0\x0a\x01\x05\0\x01",  # an ACKNACK cut short
         b"\x81\0\0\0\x0b\x01\x05\0\x01",
-        b"\x81\0\0\0\x09\x01\xff\0\x01",  # announces more than there is
+        b"\x81\0\0\0\x09\x01\xff\0\x01",  # its length is larger than the message
         message(ids.STATUS, b"\0\x0a"),
         message(ids.STATUS_AGENT, b""),
         message(ids.INFO, b"\0"),
@@ -602,7 +606,7 @@ def test_strays_and_nonsense_are_counted_and_change_nothing() -> None:
             message(ids.DATA, b"\0\x0e\0\x16" + bytes(8), 0x80, 1, session_id), 0
         )
     assert bench.session.dropped == len(nonsense) + 6
-    # Streams and submessages that are none of ours mean nothing, but the agent is there.
+    # Other streams and submessages are ignored, but they show that the agent is alive.
     for kind, stream in ((ids.DATA, 0x81), (ids.DATA, 0x02), (99, 0), (ids.CREATE, 0)):
         assert bench.hear(kind, b"\0\x0e\0\x16abcd", stream, 0)
     bench.hear(ids.DATA, b"\0\x0e", 0x80, 1)  # too short to be a sample
@@ -614,18 +618,18 @@ def test_strays_and_nonsense_are_counted_and_change_nothing() -> None:
     assert bench.owner.samples() == [b"0", b"2"] and bench.session.held() == 0
 
 
-def test_nonsense_on_the_reliable_stream_does_not_stop_it() -> None:
+def test_a_malformed_submessage_does_not_stop_the_reliable_stream() -> None:
     bench = Bench()
     bench.sample(2, b"2")
     bench.sample(1, b"1")
-    # The next one, of two submessages: the first is sound, the second is not.
+    # The next message has two submessages: the first is valid, the second malformed.
     whole = message(ids.DATA, b"\0\x0e\0\x16abcd", 0x80, 0) + b"\x05\x01\xff\0\0\0"
     assert bench.session.receive(whole, 0)
     assert bench.owner.samples() == [b"abcd", b"1", b"2"]
     assert bench.session.dropped == 1
 
 
-def test_fragments_of_fragments_are_nonsense() -> None:
+def test_nested_fragments_are_refused() -> None:
     bench = Bench()
     inner = b"abc"
     for _ in range(200):  # deeper than any stack of a board
@@ -636,7 +640,7 @@ def test_fragments_of_fragments_are_nonsense() -> None:
     assert bench.owner.samples() == [b"after"]
 
 
-def test_an_agent_whose_heartbeats_stay_behind_has_begun_anew() -> None:
+def test_heartbeats_that_stay_behind_end_the_session() -> None:
     bench = Bench()
     for sequence in range(20):
         bench.sample(sequence, b"x")
@@ -656,11 +660,11 @@ def test_an_agent_whose_heartbeats_stay_behind_has_begun_anew() -> None:
 # --- one session after the other --------------------------------------------------------------
 
 
-def test_every_session_has_another_id_and_starts_from_nothing() -> None:
+def test_every_session_has_another_id_and_fresh_streams() -> None:
     bench = Bench()
-    seen = []
+    session_ids = []
     for _ in range(130):
-        seen.append(bench.session.id)
+        session_ids.append(bench.session.id)
         bench.write(pattern(3000))
         bench.sample(0, b"x")
         bench.hear(ids.FRAGMENT, bytes(100), 0x80, 1)
@@ -674,12 +678,12 @@ def test_every_session_has_another_id_and_starts_from_nothing() -> None:
         assert bench.session.in_flight() == 0 and bench.session.deadline is None
         bench.session.tick(0)
         assert bench.take() == []
-    assert seen == list(range(0x81, 0xFF)) + [0x81, 0x82, 0x83, 0x84]
-    told = len(bench.owner.events)
+    assert session_ids == list(range(0x81, 0xFF)) + [0x81, 0x82, 0x83, 0x84]
+    count = len(bench.owner.events)
     assert bench.request() == 10
     bench.write(b"abcd", False)
     out = bench.take()
-    assert [it[2] for it in out] == [0, 0]
+    assert [datagram[2] for datagram in out] == [0, 0]
     bench.sample(0, b"fresh")
     bench.sample(0, b"fresh too", ids.STREAM_BEST_EFFORT)
-    assert len(bench.owner.events) == told + 2
+    assert len(bench.owner.events) == count + 2

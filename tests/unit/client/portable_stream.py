@@ -1,4 +1,4 @@
-"""A board's end of a serial line, over ports of every kind. Also runs on MicroPython."""
+"""The serial transport of boards, over ports of every kind. Also runs on MicroPython."""
 
 from support.board import pattern
 from support.portable import framed
@@ -9,7 +9,7 @@ from uros.wire.framing import Deframer
 
 
 class Port:
-    """A line: ``incoming`` comes at most ``chunk`` octets at a time, ``room`` octets go out."""
+    """A port: it reads ``incoming`` in at most ``chunk`` octets, and accepts ``room`` octets."""
 
     def __init__(self, incoming=b"", chunk=1000, room=1 << 20):
         self.incoming = incoming
@@ -32,7 +32,7 @@ class Port:
 
 
 def received(transport):
-    """All that comes, however small the pieces."""
+    """Return all received messages."""
     out = []
     while True:
         message = transport.receive(5000 if transport.port.incoming else 0)
@@ -41,32 +41,32 @@ def received(transport):
         out.append(message)
 
 
-def test_messages_become_frames_and_frames_messages() -> None:
+def test_messages_are_sent_and_received_in_frames() -> None:
     messages = [pattern(size, size) for size in (8, 100, 256, 512)] + [b"\x7e\x7d\x7e" * 30]
-    line = b"".join([framed(it, 0, 3) for it in messages])
+    line = b"".join([framed(message, 0, 3) for message in messages])
     for chunk in (1, 7, 1000):
         port = Port(line, chunk)
         transport = StreamTransport(port, 3)
         transport.open()
         assert received(transport) == messages
-        for it in messages:
-            transport.send(it)
-        assert port.written == b"".join([framed(it, 3, 0) for it in messages])
+        for message in messages:
+            transport.send(message)
+        assert port.written == b"".join([framed(message, 3, 0) for message in messages])
         assert transport.dropped == 0 and transport.deframer.crc_errors == 0
 
 
-def test_frames_for_others_noise_and_broken_frames_are_passed_over() -> None:
-    good, other = framed(b"goodgood", 0, 1), framed(b"otherone", 0, 2)
+def test_foreign_frames_noise_and_damaged_frames_are_skipped() -> None:
+    good, foreign = framed(b"goodgood", 0, 1), framed(b"otherone", 0, 2)
     broken = bytearray(good)
     broken[-1] ^= 1
-    port = Port(b"Booting~\x7e" + other + bytes(broken) + good + b"\x7e\x7e" + good[:9])
+    port = Port(b"Booting~\x7e" + foreign + bytes(broken) + good + b"\x7e\x7e" + good[:9])
     transport = StreamTransport(port)
     transport.open()
     assert received(transport) == [b"goodgood"]
     assert transport.deframer.crc_errors == 1
 
 
-def test_what_a_line_does_not_take_goes_out_first_and_what_comes_meanwhile_is_lost() -> None:
+def test_the_rest_of_a_frame_is_sent_first_and_messages_meanwhile_are_dropped() -> None:
     port = Port(room=10)
     transport = StreamTransport(port)
     transport.open()
@@ -85,8 +85,8 @@ def test_what_a_line_does_not_take_goes_out_first_and_what_comes_meanwhile_is_lo
     assert transport.dropped == 2
 
 
-def test_a_line_that_takes_nothing_loses_the_message() -> None:
-    """Nobody listens: what was to be said is old when they do."""
+def test_a_port_that_accepts_nothing_loses_the_message() -> None:
+    """No reader: the message would be outdated later."""
     port = Port(room=0)
     transport = StreamTransport(port)
     transport.open()
@@ -99,8 +99,8 @@ def test_a_line_that_takes_nothing_loses_the_message() -> None:
     assert Deframer(0).feed(port.written) == [pattern(50)]
 
 
-def test_what_waits_in_the_line_is_taken_without_waiting() -> None:
-    """A frame of many chunks, and no time left."""
+def test_a_received_frame_of_many_chunks_is_read_without_waiting() -> None:
+    """A frame of many chunks is received with a timeout of 0."""
     line = framed(b"\x7e" * 512, 0, 1)
     transport = StreamTransport(Port(line, 100))
     transport.open()
@@ -116,7 +116,7 @@ def test_a_message_over_the_mtu_is_not_sent() -> None:
     assert len(Deframer(0).feed(port.written)) == 1
 
 
-def test_opening_forgets_what_was_before() -> None:
+def test_open_drops_partial_frames() -> None:
     frame = framed(pattern(30), 0, 1)
     port = Port(frame + frame + frame[:20])
     transport = StreamTransport(port)
@@ -134,7 +134,7 @@ def test_opening_forgets_what_was_before() -> None:
     assert port.written[written:] == framed(b"freshtoo", 1, 0)
 
 
-def test_open_and_close_are_the_ports_where_it_has_them() -> None:
+def test_open_and_close_call_those_of_the_port() -> None:
     calls = []
 
     class Opening(Port):
@@ -159,21 +159,21 @@ def test_open_and_close_are_the_ports_where_it_has_them() -> None:
 
 
 def took(transport, timeout_ms):
-    """How many milliseconds a receive without a message takes."""
+    """Return the milliseconds of a receive without a message."""
     before = ticks_ms()
     assert transport.receive(timeout_ms) is None
     return ticks_diff(ticks_ms(), before)
 
 
-def test_waiting_ends_in_time() -> None:
+def test_receive_returns_at_its_timeout() -> None:
     transport = StreamTransport(Port())
     transport.open()
     for timeout in (0, 1, 7, 30):
         assert timeout <= took(transport, timeout) < timeout + 1000
 
 
-def test_waiting_ends_in_time_though_there_is_noise_all_the_time() -> None:
-    """A program that prints without end at the other end of the line."""
+def test_receive_returns_at_its_timeout_despite_continuous_noise() -> None:
+    """The peer prints text without end."""
 
     class Noisy(Port):
         def read(self, size):
@@ -185,7 +185,7 @@ def test_waiting_ends_in_time_though_there_is_noise_all_the_time() -> None:
     assert took(transport, 0) < 1000
 
 
-def test_a_port_that_can_wait_is_let_wait() -> None:
+def test_receive_calls_wait_of_the_port() -> None:
     waits = []
 
     class Waiting(Port):
@@ -199,14 +199,14 @@ def test_a_port_that_can_wait_is_let_wait() -> None:
     transport.open()
     assert transport.receive(5000) == b"whatever"
     assert len(waits) == 2 and 2000 < waits[1] <= waits[0] <= 5000
-    # What is not sent yet cannot be waited for: looked at every millisecond.
+    # A port has no wait for writing: unsent bytes are retried every millisecond.
     port.room = 3
     transport.send(pattern(20))
     assert transport.receive(5000) == b"whatever"
     assert waits[2:] == [1] * 5
 
 
-def test_a_line_that_is_gone_is_an_error() -> None:
+def test_a_port_that_fails_raises() -> None:
     class Gone(Port):
         def read(self, size):
             raise OSError(5, "gone")

@@ -10,14 +10,14 @@ from uros.wire.errors import EncodeError
 
 
 class Image(Blob):
-    """A name, and then octets: the name of four, and what the Blob has."""
+    """A message of a name of four octets and a sequence of octets, which is empty."""
 
     def __init__(self):
         super().__init__(b"name" + bytes(4))
 
 
 class Camera:
-    """Gives so many octets, at most ``most`` at a time; it fails after ``ends``."""
+    """A source of ``length`` octets, at most ``most`` at a time; it ends after ``ends``."""
 
     def __init__(self, length, most=100, ends=None):
         self.octets = pattern(length)
@@ -48,7 +48,7 @@ class Bench:
             self.node.spin_once((end - self.clock.t) / 1000000)
 
     def arrived(self):
-        return [octets for thing, octets in self.agent.samples if thing == 0x05]
+        return [octets for object_id, octets in self.agent.samples if object_id == 0x05]
 
 
 def test_a_stream_of_any_length_arrives_whole() -> None:
@@ -58,9 +58,9 @@ def test_a_stream_of_any_length_arrives_whole() -> None:
         assert publish_stream(bench.publisher, Image(), length, camera)
         bench.spin(3000)
         assert bench.arrived() == [b"name" + number_bytes(length) + camera.octets], length
-        # The length that the first part tells: 0 beyond 64 kB, as the C client does.
-        told = [it[10:12] for it in bench.agent.sent if it[4] == ids.FRAGMENT][:1]
-        assert length < 70000 or told == [b"\0\0"]
+        # The length in the first fragment is 0 over 64 kB, as in the C client.
+        fragments = [datagram for datagram in bench.agent.sent if datagram[4] == ids.FRAGMENT]
+        assert length < 70000 or fragments[0][10:12] == b"\0\0"
         assert not streaming(bench.publisher) and bench.node.connection.held() == 0
 
 
@@ -91,10 +91,10 @@ def test_other_samples_wait_for_its_end_and_come_in_order() -> None:
     assert bench.publisher.publish(Image())
     bench.agent.silent = False
     bench.spin(2000)
-    assert [len(it) for it in bench.arrived()] == [20008, 8]
+    assert [len(octets) for octets in bench.arrived()] == [20008, 8]
 
 
-def test_a_source_that_ends_early_ends_the_session_and_nothing_false_arrives() -> None:
+def test_a_source_that_ends_early_ends_the_session() -> None:
     for ends in (0, 10, 9000):
         bench = Bench()
         publish_stream(bench.publisher, Image(), 10000, Camera(10000, 100, ends))
@@ -105,15 +105,15 @@ def test_a_source_that_ends_early_ends_the_session_and_nothing_false_arrives() -
         assert bench.arrived() == []
         assert publish_stream(bench.publisher, Image(), 600, Camera(600))
         bench.spin(500)
-        assert [len(it) for it in bench.arrived()] == [608]
+        assert [len(octets) for octets in bench.arrived()] == [608]
 
 
-def test_what_cannot_be_streamed_is_refused() -> None:
+def test_unsuitable_publishers_and_messages_are_refused() -> None:
     bench = Bench()
     best_effort = QoSProfile(5, ReliabilityPolicy.BEST_EFFORT)
-    other = bench.node.create_publisher(Image, "other", best_effort)
+    loose = bench.node.create_publisher(Image, "other", best_effort)
     for publisher, message, kind in (
-        (other, Image(), EncodeError), (bench.publisher, Blob(b"1234"), ValueError),
+        (loose, Image(), EncodeError), (bench.publisher, Blob(b"1234"), ValueError),
     ):  # fmt: skip
         try:
             publish_stream(publisher, message, 5, Camera(5))

@@ -11,7 +11,7 @@ HEARD = Shape("tf2_msgs/msg/TFMessage", "[iIssddddddd]")
 
 
 class Transform:
-    """A TransformStamped, as a generated class looks to the broadcasters."""
+    """A TransformStamped with the methods of a generated class that broadcasters call."""
 
     _TYPE = SHAPE._TYPE
 
@@ -36,15 +36,17 @@ class Transform:
 
 
 def heard(bench, topic):
-    """The messages, each as a list of (frame, child, x)."""
+    """Return the messages of a topic, each as a list of (frame, child, x)."""
     bench.run(100)
-    thing = bench.entity(topic).object_id(ids.KIND_DATAWRITER)
+    writer_id = bench.entity(topic).object_id(ids.KIND_DATAWRITER)
     out = []
     for object_id, sample in bench.agent.samples:
-        if object_id == thing:
+        if object_id == writer_id:
             message, _ = HEARD.unpack_from(bytes(sample), 0, 0, len(sample))
             assert message.cdr_size() == len(sample)
-            out.append([(it[2], it[3], it[4]) for it in message.values[0]])
+            out.append(
+                [(transform[2], transform[3], transform[4]) for transform in message.values[0]]
+            )
     bench.agent.samples.clear()
     return out
 
@@ -52,7 +54,7 @@ def heard(bench, topic):
 def test_one_or_several_transforms() -> None:
     bench = Bench(connect=False)
     broadcaster = TransformBroadcaster(bench.node)
-    assert not broadcaster.sendTransform(Transform())  # nobody is there
+    assert not broadcaster.sendTransform(Transform())  # there is no agent
     bench.connect()
     assert broadcaster.sendTransform(Transform("base_link", 1.5))
     assert broadcaster.sendTransform([Transform("a", 1.0), Transform("bb", 2.0, "ccc")])
@@ -65,14 +67,14 @@ def test_one_or_several_transforms() -> None:
     assert bench.entity("/tf").depth == 100
 
 
-def test_static_ones_are_kept_and_sent_together() -> None:
+def test_static_transforms_are_kept_and_sent_together() -> None:
     bench = Bench(connect=False)
     broadcaster = StaticTransformBroadcaster(bench.node)
     bench.connect()
     assert heard(bench, "/tf_static") == []
-    one = Transform("camera", 1.0)
-    assert broadcaster.sendTransform(one)
-    one.x = 99.0  # the program's own again
+    camera = Transform("camera", 1.0)
+    assert broadcaster.sendTransform(camera)
+    camera.x = 99.0  # the program may change its message
     assert broadcaster.sendTransform([Transform("laser", 2.0), Transform("imu", 3.0)])
     assert broadcaster.sendTransform(Transform("laser", 4.0))
     assert heard(bench, "/tf_static") == [
@@ -84,7 +86,7 @@ def test_static_ones_are_kept_and_sent_together() -> None:
     assert qos.transient_local and qos.reliable and qos.depth == 1
 
 
-def test_static_ones_come_to_each_agent() -> None:
+def test_static_transforms_are_sent_to_each_agent() -> None:
     bench = Bench(connect=False)
     broadcaster = StaticTransformBroadcaster(bench.node)
     broadcaster.sendTransform([Transform("camera", 1.0), Transform("laser", 2.0)])
@@ -98,12 +100,12 @@ def test_static_ones_come_to_each_agent() -> None:
     assert bench.entity("/tf_static") not in bench.node.executor.handles
 
 
-def test_static_ones_without_room_are_sent_when_there_is_some() -> None:
+def test_static_transforms_without_room_are_sent_later() -> None:
     bench = Bench(connect=False)
     broadcaster = StaticTransformBroadcaster(bench.node)
     bench.connect()
     publish = broadcaster.publisher.publish
-    broadcaster.publisher.publish = lambda message: False  # too much waits
+    broadcaster.publisher.publish = lambda message: False  # the queue is full
     assert not broadcaster.sendTransform(Transform("camera", 1.0))
     assert heard(bench, "/tf_static") == []
     broadcaster.publisher.publish = publish
@@ -112,7 +114,7 @@ def test_static_ones_without_room_are_sent_when_there_is_some() -> None:
     assert bench.entity("/tf_static") not in bench.node.executor.handles
 
 
-def test_what_cannot_be_sent_is_not_tried_in_every_round() -> None:
+def test_a_failed_publication_is_retried_after_a_pause() -> None:
     bench = Bench(connect=False)
     broadcaster = StaticTransformBroadcaster(bench.node)
     broadcaster.sendTransform(Transform("camera", 1.0))
@@ -129,13 +131,13 @@ def test_what_cannot_be_sent_is_not_tried_in_every_round() -> None:
     assert heard(bench, "/tf_static") == [[("odom", "camera", 1.0)]]
 
 
-def test_what_is_no_transform_is_refused() -> None:
+def test_other_types_are_refused_as_transforms() -> None:
     bench = Bench(connect=False)
     for broadcaster in (TransformBroadcaster(bench.node), StaticTransformBroadcaster(bench.node)):
         for wrong in (None, 5, [Transform(), "x"], SHAPE):
             if wrong is not SHAPE:
-                said = raised(TypeError, broadcaster.sendTransform, wrong)
-                assert "is no geometry_msgs/msg/TransformStamped" in said
+                text = raised(TypeError, broadcaster.sendTransform, wrong)
+                assert "is no geometry_msgs/msg/TransformStamped" in text
     assert heard_nothing(bench)
 
 

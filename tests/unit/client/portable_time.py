@@ -1,5 +1,7 @@
-"""A board's time never jumps back, whatever the line and the agent's clock do; except where the
-agent's clock itself was set by a second or more. Also runs on MicroPython."""
+"""A board's time never goes back, unless the agent's clock was set back by a second or more.
+
+Also runs on MicroPython.
+"""
 
 import sys
 from struct import pack_into, unpack_from
@@ -13,7 +15,7 @@ from uros.client.clock import STEP_US
 
 
 class Drifting(FakeAgent):
-    """Its clock is off by ``ppm``, and every answer takes another time on each way."""
+    """An agent whose clock drifts by ``ppm``, with random delays below ``most_us`` each way."""
 
     def __init__(self, clock, chance, ppm, most_us):
         self.chance = chance
@@ -23,7 +25,7 @@ class Drifting(FakeAgent):
         super().__init__(clock)
 
     def at(self, t):
-        """Its own clock when ours shows t, in microseconds since 1970."""
+        """Return the agent's time at ticks ``t``, in microseconds since 1970."""
         passed = t - self.from_us
         return self.epoch_us + self.base + passed + passed * self.ppm // 1000000
 
@@ -38,7 +40,7 @@ class Drifting(FakeAgent):
 
 
 def watched(seed, ppm, most_us, seconds):
-    """A node's time, looked at often: the most that it was off by, in microseconds."""
+    """Read a node's time often; return its largest offset in microseconds."""
     chance = Chance(seed)
     clock = FakeClock()
     agent = Drifting(clock, chance, ppm, most_us)
@@ -62,7 +64,7 @@ def watched(seed, ppm, most_us, seconds):
 
 
 def settled():
-    """The clock of a node, its agent, whose clock is right, and the node, which knows the time."""
+    """Return the clock, an agent without drift, and a synchronized node."""
     clock = FakeClock()
     agent = Drifting(clock, Chance(1), 0, 0)
     node = Node("node", agent, key=KEY, clock=clock)
@@ -71,16 +73,16 @@ def settled():
     return clock, agent, node
 
 
-def test_time_on_lines_and_clocks_of_all_kinds() -> None:
+def test_the_offset_stays_below_drift_and_jitter() -> None:
     for seed in range(8 if sys.implementation.name == "cpython" else 1):
         for ppm in (-200, 0, 200):
             for most_us in (0, 2000, 50000):
                 worst = watched(seed, ppm, most_us, 70)
-                # What drifts in 30 s, and half of what both ways can differ by.
+                # The drift of 30 s, and half of the largest difference of both ways.
                 assert worst <= 30 * abs(ppm) + most_us + 3000, (seed, ppm, most_us, worst)
 
 
-def test_steps_of_the_agents_clock_below_a_second_are_never_seen_backwards() -> None:
+def test_steps_of_the_agents_clock_below_a_second_never_turn_time_back() -> None:
     for step in (-STEP_US + 1, -300000, -1000, 1000, 300000, STEP_US - 1):
         clock, agent, node = settled()
         last = node.clock.now()
@@ -114,7 +116,7 @@ class Stamp:
 
 
 class Stamped:
-    """A message of a stamp alone."""
+    """A message with a stamp only."""
 
     _TYPE = "test_msgs/msg/Stamped"
 
@@ -132,7 +134,7 @@ class Stamped:
 
 
 class Late(Drifting):
-    """Answers no question about the time before the n-th."""
+    """An agent that ignores each TIMESTAMP before the one numbered ``first``."""
 
     first = 0
 
@@ -141,7 +143,7 @@ class Late(Drifting):
             super().timestamp(transmit, receive, originate)
 
 
-def test_no_stamp_leaves_before_the_time_is_known() -> None:
+def test_no_stamp_is_sent_before_the_time_is_known() -> None:
     for first in (1, 2, 4, 6):
         for reliable in (10, qos.QoSProfile(10, reliability=qos.ReliabilityPolicy.BEST_EFFORT)):
             clock = FakeClock()
@@ -152,19 +154,19 @@ def test_no_stamp_leaves_before_the_time_is_known() -> None:
             at_once, later = Stamped(), Stamped()
             count = [0, 0]
 
-            def tell(publisher=publisher, it=at_once, clock=clock, agent=agent, count=count):
-                # What is stamped and published in one callback needs nobody's care.
-                known = clock.stamp(it.stamp)
-                sent = publisher.publish(it)
+            def tell(publisher=publisher, stamped=at_once, clock=clock, agent=agent, count=count):
+                # A message stamped and published in one callback needs no check of the result.
+                known = clock.stamp(stamped.stamp)
+                sent = publisher.publish(stamped)
                 assert known or not sent
                 count[sent] += 1
 
-            def measure(it=later, clock=clock):
-                it.known = clock.stamp(it.stamp)
+            def measure(stamped=later, clock=clock):
+                stamped.known = clock.stamp(stamped.stamp)
 
-            def publish(publisher=publisher, it=later):
-                if it.known:
-                    publisher.publish(it)
+            def publish(publisher=publisher, stamped=later):
+                if stamped.known:
+                    publisher.publish(stamped)
 
             node.create_timer(0.007, tell)
             node.create_timer(0.4, measure)
@@ -182,7 +184,7 @@ def test_no_stamp_leaves_before_the_time_is_known() -> None:
             assert count[0] > 1 and count[1] > 100, (first, count)
 
 
-def test_no_stamp_of_one_agents_time_leaves_to_another_before_its_time_is_known() -> None:
+def test_no_stamp_of_one_agents_time_is_sent_to_another() -> None:
     clock, agent, node = settled()
     publisher = node.create_publisher(Stamped, "stamped", 10)
     message = Stamped()

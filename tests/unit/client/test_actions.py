@@ -1,4 +1,4 @@
-"""Actions with generated types: both ends on hosts, under asyncio, and fed with any bytes."""
+"""Actions with generated types: client and server on hosts, with asyncio, and with any bytes."""
 
 import asyncio
 
@@ -26,11 +26,11 @@ SECONDS = 20.0
 
 @pytest.fixture
 def nodes():
-    """Two of one network."""
+    """Two host nodes of one network."""
     bus = Bus()
-    made = [Node(name, Direct(MemoryMiddleware(bus))) for name in ("server", "client")]
-    yield made
-    for node in made:
+    nodes = [Node(name, Direct(MemoryMiddleware(bus))) for name in ("server", "client")]
+    yield nodes
+    for node in nodes:
         node.destroy_node()
 
 
@@ -66,11 +66,13 @@ def test_both_ends_on_hosts(nodes):
     assert client.wait_for_server(1.0)
     heard = []
     goals = [
-        client.send_goal_async(Fibonacci.Goal(order), lambda it: heard.append(it.feedback))
+        client.send_goal_async(
+            Fibonacci.Goal(order), lambda message: heard.append(message.feedback)
+        )
         for order in (5, -1, 10000)
     ]
-    until(nodes, lambda: all(it.done() for it in goals))
-    short, refused, endless = (it.result() for it in goals)
+    until(nodes, lambda: all(goal.done() for goal in goals))
+    short, refused, endless = (goal.result() for goal in goals)
     assert short.accepted and not refused.accepted and endless.accepted
     result = short.get_result_async()
     until(nodes, result.done)
@@ -81,12 +83,13 @@ def test_both_ends_on_hosts(nodes):
     assert cancel.result().return_code == 0
     assert cancel.result().goals_canceling[0].goal_id == endless.goal_id
     assert result.result().status == GoalStatus.STATUS_CANCELED
-    assert [list(it.sequence) for it in heard if len(it.sequence) == 6][0] == [0, 1, 1, 2, 3, 5]
+    complete = [list(message.sequence) for message in heard if len(message.sequence) == 6]
+    assert complete[0] == [0, 1, 1, 2, 3, 5]
     until(nodes, lambda: endless.status == GoalStatus.STATUS_CANCELED)
 
 
-def test_who_comes_late_hears_the_states(nodes):
-    """The last message of states is kept on hosts too, where no flag says so."""
+def test_a_late_subscription_receives_the_states(nodes):
+    """The status topic is transient local on hosts, too."""
     server = ActionServer(nodes[0], Fibonacci, "fibonacci")
     client = ActionClient(nodes[1], Fibonacci, "fibonacci")
     goal = client.send_goal_async(Fibonacci.Goal(5))
@@ -97,14 +100,14 @@ def test_who_comes_late_hears_the_states(nodes):
     topic = "/fibonacci/_action/status"
     nodes[1].create_subscription(kind, topic, states.append, client.states.qos)
     until(nodes, lambda: states)
-    (it,) = states[-1].status_list
-    assert it.status == GoalStatus.STATUS_SUCCEEDED
-    assert it.goal_info.goal_id == goal.result().goal_id
+    (goal_status,) = states[-1].status_list
+    assert goal_status.status == GoalStatus.STATUS_SUCCEEDED
+    assert goal_status.goal_info.goal_id == goal.result().goal_id
     server.destroy()
     client.destroy()
 
 
-def test_a_task_of_asyncio_does_the_work(nodes):
+def test_a_task_of_asyncio_executes_a_goal(nodes):
     """Without an execute callback a program begins its own task for a goal."""
 
     async def main():
@@ -190,17 +193,17 @@ def _cancel(uuid, sec, nanosec):
     return packed(request)
 
 
-# What may come after what, as seen from outside; a state may be missed where messages are.
+# The states that may follow each state in status messages; lost messages skip states.
 AFTER = {1: {1, 2, 3, 4, 5, 6}, 2: {2, 3, 4, 5, 6}, 3: {3, 4, 5, 6}, 4: {4}, 5: {5}, 6: {6}}
 
 
 @settings(max_examples=examples(60), deadline=None)
 @given(st.lists(requests, max_size=30))
-def test_a_server_whatever_comes(steps):
+def test_a_server_survives_any_requests(steps):
     board = Board()
     server = ActionServer(
         board.node, Fibonacci, "fibonacci", work,
-        # Beyond 45 its numbers are none of 32 bits.
+        # Beyond 45 the Fibonacci numbers exceed 32 bits.
         goal_callback=lambda goal: 2 if 0 <= goal.order <= 45 else 1,
         cancel_callback=lambda goal: 1 if goal.request.order == 1 else 2,
         result_timeout=1, max_goals=3,
@@ -222,20 +225,24 @@ def test_a_server_whatever_comes(steps):
             board.run(1)
         assert len(server.goals) <= 3
     board.run(20000)
-    assert not server.goals  # all have come to their end, and expired
-    # Of this session: each state follows the one before, and nobody was answered twice.
+    assert not server.goals  # all have ended and expired
+    # In this session each state follows the one before, and each request has one reply.
     last, answered = {}, []
-    for thing, sample in board.agent.samples:
-        if thing == 1 << 4 | ids.KIND_DATAWRITER:
+    for object_id, sample in board.agent.samples:
+        if object_id == 1 << 4 | ids.KIND_DATAWRITER:
             states, _ = impl.GoalStatusMessage.unpack_from(sample, 0, 0, len(sample))
-            now = {bytes(it.goal_info.goal_id.uuid): it.status for it in states.status_list}
+            now = {
+                bytes(status.goal_info.goal_id.uuid): status.status for status in states.status_list
+            }
             for uuid, status in now.items():
                 assert status in AFTER[last.get(uuid, 1)], (last, now)
             last = now
-        elif thing & 0xF == ids.KIND_REPLIER:
-            answered.append((thing, sample[:24]))
+        elif object_id & 0xF == ids.KIND_REPLIER:
+            answered.append((object_id, sample[:24]))
     assert len(set(answered)) == len(answered)
-    assert all("give both ends the same definition" in str(it) for it in board.errors), board.errors
+    assert all("give both ends the same definition" in str(error) for error in board.errors), (
+        board.errors
+    )
 
 
 samples = st.one_of(
@@ -249,7 +256,7 @@ samples = st.one_of(
 
 @settings(max_examples=examples(60), deadline=None)
 @given(st.lists(samples, max_size=30))
-def test_a_client_whatever_comes(steps):
+def test_a_client_survives_any_replies(steps):
     board = Board()
     client = ActionClient(board.node, Fibonacci, "fibonacci")
     board.connect()
@@ -261,14 +268,14 @@ def test_a_client_whatever_comes(steps):
 
     for step in steps:
         if step == "send":
-            futures.append(client.send_goal_async(Fibonacci.Goal(1), lambda it: None))
+            futures.append(client.send_goal_async(Fibonacci.Goal(1), lambda message: None))
             futures[-1].add_done_callback(accepted)
         elif step == "lose":
             board.agent.silent = True
             board.run(2500)
             board.agent.silent = False
             board.agent.forget()
-            assert all(it.done() for it in futures)
+            assert all(future.done() for future in futures)
             board.connect()
         elif isinstance(step, str):
             for handle in handles:
@@ -282,5 +289,7 @@ def test_a_client_whatever_comes(steps):
             )
         board.run(1)
     client.destroy()
-    assert all(it.done() for it in futures)
-    assert all("give both ends the same definition" in str(it) for it in board.errors), board.errors
+    assert all(future.done() for future in futures)
+    assert all("give both ends the same definition" in str(error) for error in board.errors), (
+        board.errors
+    )

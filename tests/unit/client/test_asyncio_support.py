@@ -1,4 +1,4 @@
-"""A node in CPython's asyncio. tests/mpy/test_asyncio.py has it in MicroPython's."""
+"""A node in asyncio of CPython; tests/mpy/test_asyncio.py tests it on MicroPython."""
 
 import asyncio
 import inspect
@@ -12,7 +12,7 @@ from uros.client.clock import Clock
 
 
 class LiveClock(Clock):
-    """The scripted agent's clock, but it goes by itself."""
+    """The clock of the scripted agent, running in real time."""
 
     @property
     def t(self):
@@ -20,7 +20,7 @@ class LiveClock(Clock):
 
     @t.setter
     def t(self, value):
-        """Waiting is not for real here: whoever waits in the transport blocks all tasks."""
+        """Fail if the transport waits: that would block all tasks."""
         assert value <= self.t + 1000, "it blocks"
 
     def sleep(self, ms):
@@ -49,7 +49,7 @@ def test_await_spin_and_other_tasks_run(agent):
     node = make(agent)
     assert inspect.iscoroutinefunction(node.spin)
     heard, beats = [], []
-    node.create_subscription(Number, "topic", lambda it: heard.append(it.value))
+    node.create_subscription(Number, "topic", lambda message: heard.append(message.value))
 
     async def beat():
         while True:
@@ -74,7 +74,7 @@ def test_await_spin_and_other_tasks_run(agent):
     assert heard == list(range(10))
 
 
-def test_a_silent_agent_blocks_nobody(agent):
+def test_a_silent_agent_does_not_block_other_tasks(agent):
     agent.silent = True
     node = make(agent)
     calls = []
@@ -96,7 +96,7 @@ def test_a_call_is_awaited(agent):
         spinning = asyncio.create_task(node.spin())
         await until(lambda: node.state == AGENT_CONNECTED)
         future = client.call_async(Ask.Request(1))
-        number = [it for it in agent.sent if it[4] == 7][-1][8:10]
+        number = [datagram for datagram in agent.sent if datagram[4] == 7][-1][8:10]
         agent.sample(0x07, number + b"\0\7" + number_bytes(5))
         assert (await asyncio_support.result(future)).value == 5
         assert (await asyncio_support.result(future)).value == 5  # done already
@@ -109,7 +109,7 @@ def test_a_call_is_awaited(agent):
     run(main())
 
 
-def test_spin_once_waits_as_long_as_asked(agent):
+def test_spin_once_waits_for_its_timeout(agent):
     node = make(agent, Node)  # any node
     calls = []
 
@@ -126,7 +126,7 @@ def test_spin_once_waits_as_long_as_asked(agent):
     run(main())
 
 
-def test_a_node_that_is_always_ready_lets_others_run(agent):
+def test_a_node_that_is_always_ready_yields_to_other_tasks(agent):
     node = make(agent)
     guard = node.create_guard_condition(lambda: guard.trigger())
     guard.trigger()
@@ -143,7 +143,7 @@ def test_a_node_that_is_always_ready_lets_others_run(agent):
     assert len(turns) == 100
 
 
-def test_a_hosts_node_too():
+def test_a_hosts_node_is_spun():
     from uros.interfaces.std_msgs.msg import Int32
 
     from uros.host.direct import Direct
@@ -153,7 +153,7 @@ def test_a_hosts_node_too():
     direct = Direct(MemoryMiddleware())
     node = HostNode("node", direct)
     heard = []
-    node.create_subscription(Int32, "topic", lambda it: heard.append(it.data))
+    node.create_subscription(Int32, "topic", lambda message: heard.append(message.data))
     publisher = node.create_publisher(Int32, "topic")
 
     async def main():

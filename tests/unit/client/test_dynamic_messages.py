@@ -1,4 +1,4 @@
-"""Messages by their letters beside the generated classes, and any bytes against them."""
+"""Messages described by letters, compared with generated classes and fed with any bytes."""
 
 import pytest
 from hypothesis import given
@@ -23,7 +23,7 @@ NUMBERS = {
 
 
 def parts(letters):
-    """The fields of a line of letters, each with what is inside of it."""
+    """Yield the letters of each field, a sequence with its content."""
     at = 0
     while at < len(letters):
         if letters[at] != "[":
@@ -47,12 +47,12 @@ def value_of(part):
         return st.binary(max_size=9)
     if len(part) > 1:
         inner = part[1:-1]
-        one = value_of(inner) if len(inner) == 1 else values_of(inner)
-        return st.lists(one, max_size=3)
+        item = value_of(inner) if len(inner) == 1 else values_of(inner)
+        return st.lists(item, max_size=3)
     return NUMBERS[part]
 
 
-# The types that the client speaks without classes.
+# The types for which the client has no classes.
 TYPES = {
     "rcl_interfaces/msg/ParameterValue": _VALUE,
     "rcl_interfaces/msg/ParameterEvent": "iIs" + 3 * _PARAMETERS,
@@ -88,8 +88,8 @@ def test_the_bytes_are_those_of_the_generated_class(name):
     @given(values_of(TYPES[name]))
     def check(values):
         if name.endswith("DescribeParameters_Response"):
-            for it in values[0]:  # bounded by the type, which letters do not say
-                del it[6][1:], it[7][1:]
+            for value in values[0]:  # bounded by the type; letters have no bounds
+                del value[6][1:], value[7][1:]
         octets = bytearray(shape(values).cdr_size())
         assert shape(values).pack_into(octets, 0, 0) == len(octets)
         message, end = cls.unpack_from(octets, 0, 0, len(octets))
@@ -104,7 +104,7 @@ def test_the_bytes_are_those_of_the_generated_class(name):
 
 
 @given(st.sampled_from(sorted(TYPES)), st.binary(max_size=200), st.booleans())
-def test_any_bytes_are_read_or_refused(name, octets, little):
+def test_any_bytes_are_decoded_or_refused(name, octets, little):
     try:
         _, end = Shape(name, TYPES[name]).unpack_from(octets, 0, 0, len(octets), little)
     except ValueError:

@@ -1,6 +1,6 @@
-"""The client and our agent when the agent dies at any instant, and on a line that damages.
+"""The client with the real agent, which dies at any instant, and on a line that damages datagrams.
 
-portable_faults.py has a scripted agent, on both Pythons; test_wire.py a line that loses.
+portable_faults.py has a scripted agent on both Pythons, test_wire.py a line that loses datagrams.
 """
 
 import heapq
@@ -24,7 +24,7 @@ def picture(number):
 
 
 class MortalWire(Wire):
-    """Its first agent dies when so many datagrams have been put on the wire, by either end."""
+    """The first agent dies after ``alive`` datagrams, counted in both directions."""
 
     def __init__(self, alive):
         self.alive = alive
@@ -32,7 +32,7 @@ class MortalWire(Wire):
 
     def carry(self, datagram, arrive):
         self.alive -= 1
-        if self.alive == 0:  # not within what it is doing now: a signal comes between two calls
+        if self.alive == 0:  # as a signal: between two calls of the agent
             self._order += 1
             heapq.heappush(self._events, (self.clock.t, self._order, self._die, b""))
         super().carry(datagram, arrive)
@@ -42,7 +42,7 @@ class MortalWire(Wire):
 
 
 class Pair:
-    """A board that talks and serves, and one that listens and asks."""
+    """A board with publishers and a service, and one with subscriptions and a client."""
 
     def __init__(self, wire):
         self.wire = wire
@@ -55,10 +55,13 @@ class Pair:
         self.talker.create_service(Trigger, "go", self.go)
         self.heard, self.seen, self.answers = [], [], []
         self.listener.create_subscription(
-            Int32, "numbers", lambda it: self.heard.append(it.data), KEEP_ALL
+            Int32, "numbers", lambda message: self.heard.append(message.data), KEEP_ALL
         )
         self.listener.create_subscription(
-            UInt8MultiArray, "pictures", lambda it: self.seen.append(bytes(it.data)), KEEP_ALL
+            UInt8MultiArray,
+            "pictures",
+            lambda message: self.seen.append(bytes(message.data)),
+            KEEP_ALL,
         )
         self.client = self.listener.create_client(Trigger, "go")
 
@@ -72,7 +75,7 @@ class Pair:
         self.pictures.publish(UInt8MultiArray(data=picture(number)))
         future = self.client.call_async(Trigger.Request())
         future.add_done_callback(
-            lambda it: self.answers.append(it.exception() or it.result().message)
+            lambda future: self.answers.append(future.exception() or future.result().message)
         )
 
     def works(self):
@@ -85,7 +88,7 @@ class Pair:
 
 
 def lived(alive, restart_ms):
-    """Whether the agent died on the way."""
+    """Let the agent die after ``alive`` datagrams; return whether it died before the end."""
     with MortalWire(alive) as wire:
         pair = Pair(wire)
         number = 0
@@ -102,10 +105,10 @@ def lived(alive, restart_ms):
         return True
 
 
-# Each of them has every fourth instant, of three hundred or so.
+# Each parameter covers every fourth of about three hundred instants.
 @pytest.mark.parametrize("first", [1, 2, 3, 4])
 @pytest.mark.parametrize("restart_ms", [1, 3000])
-def test_an_agent_that_dies_after_any_datagram_is_followed_by_another(first, restart_ms):
+def test_an_agent_that_dies_after_any_datagram_is_replaced(first, restart_ms):
     alive = first
     while lived(alive, restart_ms):
         alive += 4
@@ -113,15 +116,14 @@ def test_an_agent_that_dies_after_any_datagram_is_followed_by_another(first, res
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_what_was_said_in_a_session_that_is_over_disturbs_no_other(seed):
-    """Each session has another id: datagrams of the last one come seconds late, in any order,
-    and are counted."""
+def test_late_datagrams_of_an_earlier_session_have_no_effect(seed):
+    """Datagrams of the last session arrive seconds late in any order: they are dropped, counted."""
     ghosts = []
     with MortalWire(200) as wire:
         carry = wire.carry
 
         def record(datagram, arrive):
-            if datagram[4] != ids.CREATE_CLIENT:  # that would be a session of its own
+            if datagram[4] != ids.CREATE_CLIENT:  # it would create a session
                 ghosts.append((datagram, arrive))
             carry(datagram, arrive)
 
@@ -137,8 +139,8 @@ def test_what_was_said_in_a_session_that_is_over_disturbs_no_other(seed):
         wire.run(2000)
         wire.start_agent()
         wire.connect()
-        before = [it.connection.connections for it in wire.nodes]
-        dropped = sum(it.connection.dropped for it in wire.nodes)
+        before = [node.connection.connections for node in wire.nodes]
+        dropped = sum(node.connection.dropped for node in wire.nodes)
         pair.works()
         wire.random.seed(seed)
         wire.random.shuffle(ghosts)
@@ -149,12 +151,12 @@ def test_what_was_said_in_a_session_that_is_over_disturbs_no_other(seed):
         wire.run(1000)
         assert pair.heard == [5] and pair.seen == [picture(5)] and pair.answers == ["gone"]
         pair.works()
-        assert before == [it.connection.connections for it in wire.nodes]
-        assert sum(it.connection.dropped for it in wire.nodes) > dropped + 50
+        assert before == [node.connection.connections for node in wire.nodes]
+        assert sum(node.connection.dropped for node in wire.nodes) > dropped + 50
 
 
 class SerialWire(Wire):
-    """Each datagram crosses in a frame, of which bytes are changed, lost or added."""
+    """Sends each datagram in a frame, of which bytes are changed, removed or added."""
 
     def __init__(self, seed, damaged, **more):
         self.damaged = damaged
@@ -168,10 +170,10 @@ class SerialWire(Wire):
             self.damages += 1
             for _ in range(self.random.randint(1, 4)):
                 at = self.random.randrange(len(line))
-                what = self.random.randrange(3)
-                if what == 0:
+                damage = self.random.randrange(3)
+                if damage == 0:
                     line[at] ^= 1 << self.random.randrange(8)
-                elif what == 1:
+                elif damage == 1:
                     del line[at]
                 else:
                     line.insert(at, self.random.randrange(256))
@@ -182,15 +184,20 @@ class SerialWire(Wire):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_reliable_samples_arrive_complete_and_in_order_on_a_line_that_damages(seed):
+def test_reliable_samples_arrive_complete_and_in_order_despite_damaged_frames(seed):
     with SerialWire(seed, 0.3, twice=0.1, late_ms=20.0) as wire:
         talker, listener = wire.node("talker"), wire.node("listener")
         numbers = talker.create_publisher(Int32, "numbers", 10)
         pictures = talker.create_publisher(UInt8MultiArray, "pictures", 10)
-        heard, seen, sent = [], [], [0]
-        listener.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), KEEP_ALL)
+        heard, received, sent = [], [], [0]
         listener.create_subscription(
-            UInt8MultiArray, "pictures", lambda it: seen.append(bytes(it.data)), KEEP_ALL
+            Int32, "numbers", lambda message: heard.append(message.data), KEEP_ALL
+        )
+        listener.create_subscription(
+            UInt8MultiArray,
+            "pictures",
+            lambda message: received.append(bytes(message.data)),
+            KEEP_ALL,
         )
         wire.connect()
 
@@ -201,21 +208,21 @@ def test_reliable_samples_arrive_complete_and_in_order_on_a_line_that_damages(se
                 sent[0] += 1
 
         talker.create_timer(0.02, publish)
-        wire.until(lambda: len(heard) >= 80 and len(seen) >= 8, 120000, (heard, len(seen)))
+        wire.until(lambda: len(heard) >= 80 and len(received) >= 8, 120000, (heard, len(received)))
         wire.run(1000)
-        assert heard == list(range(80)) and seen == [picture(i) for i in range(0, 80, 10)]
+        assert heard == list(range(80)) and received == [picture(i) for i in range(0, 80, 10)]
         assert wire.damages > 50 and wire.lost_by_it > 50
-        assert all(it.connection.connections == 1 for it in wire.nodes)
+        assert all(node.connection.connections == 1 for node in wire.nodes)
 
 
 def test_reliable_publishing_is_pipelined():
-    """A round trip takes a window of samples along."""
+    """Each round trip carries a window of samples."""
     with Wire(1, way_ms=50.0) as wire:
         talker, listener = wire.node("talker"), wire.node("listener")
         publisher = talker.create_publisher(Int32, "numbers", 10)
         heard = []
         listener.create_subscription(
-            Int32, "numbers", lambda it: heard.append((it.data, wire.clock.t)), KEEP_ALL
+            Int32, "numbers", lambda message: heard.append((message.data, wire.clock.t)), KEEP_ALL
         )
         wire.connect()
         start = wire.clock.t
@@ -223,13 +230,13 @@ def test_reliable_publishing_is_pipelined():
             assert publisher.publish(Int32(data=i))
         assert wire.clock.t == start
         wire.until(lambda: len(heard) >= 160)
-        assert [it[0] for it in heard] == list(range(160))
+        assert [message[0] for message in heard] == list(range(160))
         took = (heard[-1][1] - start) / 100_000  # round trips
         assert 9 <= took <= 12, took
 
 
-def test_a_type_that_is_another_on_the_other_side():
-    """The agent knows names of types and no contents: a Temperature is read as an Imu."""
+def test_samples_of_another_definition_are_counted():
+    """The agent compares type names only: a Temperature is decoded as an Imu, and counted."""
     with Wire(1) as wire:
         talker, listener = wire.node("talker"), wire.node("listener")
         heard = []
@@ -255,5 +262,5 @@ def test_a_type_that_is_another_on_the_other_side():
         for publisher, message in publishers:
             assert publisher.publish(message)
         wire.run(500)
-        assert [it.malformed for it in subscriptions] == [1, 1, 0]
+        assert [subscription.malformed for subscription in subscriptions] == [1, 1, 0]
         assert heard == [Int32(data=7)] and listener.state == AGENT_CONNECTED

@@ -1,4 +1,4 @@
-"""Whatever comes from the line: no exception, it is counted, and what is sound still works."""
+"""Any datagrams from the line: no exception is raised, and valid messages still work."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,9 +18,11 @@ streams = st.sampled_from([0, 0, 1, 2, 0x7F, 0x80, 0x80, 0x80, 0x81, 0xFF])
 numbers = st.one_of(st.integers(0, 20), st.integers(0, 0xFFFF))
 payloads = st.one_of(
     st.binary(max_size=60),
-    st.builds(lambda *it: built(session.push_acknack, *it), numbers, numbers, streams),
-    st.builds(lambda *it: built(session.push_heartbeat, *it), numbers, numbers, streams),
-    st.builds(lambda *it: built(session.push_status, *it), numbers, numbers, st.integers(0, 255)),
+    st.builds(lambda *values: built(session.push_acknack, *values), numbers, numbers, streams),
+    st.builds(lambda *values: built(session.push_heartbeat, *values), numbers, numbers, streams),
+    st.builds(
+        lambda *values: built(session.push_status, *values), numbers, numbers, st.integers(0, 255)
+    ),
 )
 plausible = st.builds(
     message, kinds, payloads, streams, numbers, st.sampled_from([0x80, 0x81, 0x82]),
@@ -29,26 +31,26 @@ plausible = st.builds(
 datagrams = st.lists(st.one_of(plausible, st.binary(max_size=40)), max_size=30)
 
 
-def check(one):
-    """What must hold of a session whatever has come."""
-    assert one.in_flight() <= 16
-    numbers = [(one.acked + i) & 15 for i in range(one.in_flight())]
-    waiting = sum(map(len, one.waiting))
-    assert one.size() == sum(one._size(one.slots[i]) for i in numbers) + waiting
-    assert len(one._in.waiting) < 16
-    assert one._fragments.pending <= one.limit
+def check(recorder):
+    """Check the invariants of a session."""
+    assert recorder.in_flight() <= 16
+    numbers = [(recorder.acked + i) & 15 for i in range(recorder.in_flight())]
+    waiting = sum(map(len, recorder.waiting))
+    assert recorder.size() == sum(recorder._size(recorder.slots[i]) for i in numbers) + waiting
+    assert len(recorder._in.waiting) < 16
+    assert recorder._fragments.pending <= recorder.limit
 
 
 @EXAMPLES
 @given(datagrams)
 def test_a_session_survives_any_datagrams(received):
-    one = Recorder(KEY, 128, 2000)
-    for now, it in enumerate(received):
-        one.receive(it, now)
-        one.write(5, String(data="x" * (now * 17 % 300)), b"", True)
-        one.tick(now * 40)
-        check(one)
-    assert all(len(it) <= 128 for it in one.sent)
+    recorder = Recorder(KEY, 128, 2000)
+    for now, datagram in enumerate(received):
+        recorder.receive(datagram, now)
+        recorder.write(5, String(data="x" * (now * 17 % 300)), b"", True)
+        recorder.tick(now * 40)
+        check(recorder)
+    assert all(len(datagram) <= 128 for datagram in recorder.sent)
 
 
 @EXAMPLES
@@ -60,7 +62,7 @@ def test_a_node_survives_any_datagrams_and_works(received):
     node.connection.log = lambda text: None
     heard, answers = [], []
     publisher = node.create_publisher(Int32, "topic")
-    node.create_subscription(Int32, "topic", lambda it: heard.append(it.data))
+    node.create_subscription(Int32, "topic", lambda message: heard.append(message.data))
     node.create_service(Trigger, "service", lambda request, response: response)
     client = node.create_client(Trigger, "client")
 
@@ -72,12 +74,11 @@ def test_a_node_survives_any_datagrams_and_works(received):
 
     spin(100)
     assert node.state == AGENT_CONNECTED
-    for it in received:
-        agent.post(it)
+    for datagram in received:
+        agent.post(datagram)
         client.call_async(Trigger.Request()).add_done_callback(answers.append)
     spin(2000)
-    # What it was told may have ended its session, or spoilt it, as the line's or agent's end would;
-    # after another agent it is as good as new.
+    # The datagrams may have ended or corrupted its session; with another agent it works again.
     agent.silent = True
     spin(5000)
     agent.silent = False

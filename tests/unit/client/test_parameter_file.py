@@ -1,4 +1,4 @@
-"""Whatever a board finds in its flash, it starts."""
+"""A board starts with any content of its parameter file."""
 
 import json
 import string
@@ -21,10 +21,10 @@ class Node:
 
 def opened(path, octets):
     path.write_bytes(octets)
-    file, said = ParameterFile(str(path)), []
-    file.say = said.append
+    file, lines = ParameterFile(str(path)), []
+    file.say = lines.append
     file.open(Node())
-    return file, said
+    return file, lines
 
 
 VALUES = st.recursive(
@@ -38,16 +38,16 @@ VALUES = st.recursive(
 @example(octets=b"[" * 100_000)
 @example(octets=b'{"a": [8, [1' + b"0" * 400 + b"]]}")
 @example(octets=b'{"a": [3, 1' + b"0" * 400 + b"]}")
-def test_any_bytes(tmp_path_factory, octets):
-    file, said = opened(tmp_path_factory.mktemp("flash") / "params.json", octets)
-    assert bool(file.values) or said or octets.strip() == b"{}"
+def test_any_bytes_in_a_parameter_file(tmp_path_factory, octets):
+    file, lines = opened(tmp_path_factory.mktemp("flash") / "params.json", octets)
+    assert bool(file.values) or lines or octets.strip() == b"{}"
 
 
 @given(st.dictionaries(st.text(string.ascii_letters, max_size=4), VALUES, max_size=4))
 @example({"a": [2, 10**400], "b": [3, 10**400], "c": [77, 1], "d": ["x", 1], "e": [None, 5]})
-def test_any_json(tmp_path_factory, content):
+def test_any_json_in_a_parameter_file(tmp_path_factory, content):
     octets = json.dumps(content).encode()
-    file, said = opened(tmp_path_factory.mktemp("flash") / "params.json", octets)
-    assert len(file.values) + len(said) == len(content)
+    file, lines = opened(tmp_path_factory.mktemp("flash") / "params.json", octets)
+    assert len(file.values) + len(lines) == len(content)
     for name, parameter in file.values.items():
         assert parameter.name == name and parameter.type_.value == parameter.kind

@@ -1,6 +1,6 @@
-"""Transforms as they go out, beside rosbags: there is no tf2_msgs for the rclpy that tests have.
+"""Sent transforms compared with the bytes of rosbags.
 
-The bytes compared with are rosbags' own, made by its definition of tf2_msgs/TFMessage.
+The rclpy of the tests has no tf2_msgs; rosbags encodes its own definition of tf2_msgs/TFMessage.
 """
 
 import pytest
@@ -28,17 +28,17 @@ TRANSFORMS = st.lists(
 )  # fmt: skip
 
 
-def ours(sec, nanosec, frame, child, place, turn):
-    it = TransformStamped()
-    it.header.stamp.sec, it.header.stamp.nanosec = sec, nanosec
-    it.header.frame_id, it.child_frame_id = frame, child
-    vector, quaternion = it.transform.translation, it.transform.rotation
+def transform_of(sec, nanosec, frame, child, place, turn):
+    transform = TransformStamped()
+    transform.header.stamp.sec, transform.header.stamp.nanosec = sec, nanosec
+    transform.header.frame_id, transform.child_frame_id = frame, child
+    vector, quaternion = transform.transform.translation, transform.transform.rotation
     vector.x, vector.y, vector.z = place
     quaternion.x, quaternion.y, quaternion.z, quaternion.w = turn
-    return it
+    return transform
 
 
-def theirs(sec, nanosec, frame, child, place, turn):
+def rosbags_transform_of(sec, nanosec, frame, child, place, turn):
     stamp = TYPES["builtin_interfaces/msg/Time"](sec, nanosec)
     return TYPES["geometry_msgs/msg/TransformStamped"](
         TYPES["std_msgs/msg/Header"](stamp, frame),
@@ -50,16 +50,18 @@ def theirs(sec, nanosec, frame, child, place, turn):
     )
 
 
-def cdr_of(all_of_them):
-    """rosbags' bytes, without the encapsulation header."""
-    message = TYPES["tf2_msgs/msg/TFMessage"]([theirs(*it) for it in all_of_them])
+def cdr_of(transforms):
+    """Return the bytes of rosbags, without the encapsulation header."""
+    message = TYPES["tf2_msgs/msg/TFMessage"](
+        [rosbags_transform_of(*values) for values in transforms]
+    )
     return bytes(STORE.serialize_cdr(message, "tf2_msgs/msg/TFMessage"))[4:]
 
 
 @given(TRANSFORMS, st.integers(0, 9))
-def test_the_bytes_are_rosbags(all_of_them, offset):
-    message = Transforms([ours(*it) for it in all_of_them])
-    expected = cdr_of(all_of_them)
+def test_the_bytes_are_those_of_rosbags(transforms, offset):
+    message = Transforms([transform_of(*values) for values in transforms])
+    expected = cdr_of(transforms)
     assert message.cdr_size() == len(expected)
     buf = bytearray(b"\xaa" * (offset + len(expected) + 8))
     assert message.pack_into(buf, offset, offset) == offset + len(expected)
@@ -67,7 +69,7 @@ def test_the_bytes_are_rosbags(all_of_them, offset):
     assert buf[offset + len(expected) :] == b"\xaa" * 8
 
 
-def test_the_type_is_that_of_the_definition():
+def test_the_type_names_are_those_of_the_definition():
     cls = load("tf2_msgs/msg/TFMessage")
     assert (Transforms._TYPE, Transforms._DDS_TYPE) == (cls._TYPE, cls._DDS_TYPE)
 
@@ -79,9 +81,11 @@ def test_generated_transforms_are_sent(broadcaster):
         (1_700_000_001, 999_999_999, "odom", "base_link", (0.0, 0.1, 0.2), (0.5, 0.5, 0.5, 0.5)),
     ]
     bench = Bench(connect=False)
-    one = broadcaster(bench.node)
+    sender = broadcaster(bench.node)
     bench.connect()
-    assert one.sendTransform([ours(*it) for it in values])
+    assert sender.sendTransform([transform_of(*transform) for transform in values])
     bench.run(50)
-    thing = one.publisher.object_id(ids.KIND_DATAWRITER)
-    assert [bytes(it) for number, it in bench.agent.samples if number == thing] == [cdr_of(values)]
+    writer_id = sender.publisher.object_id(ids.KIND_DATAWRITER)
+    assert [bytes(octets) for number, octets in bench.agent.samples if number == writer_id] == [
+        cdr_of(values)
+    ]

@@ -1,4 +1,4 @@
-"""Any sequence of answers about the time: stamps never jump back, but where they are told to."""
+"""Any sequence of corrections: time goes back only for steps of a second or more."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +15,7 @@ class Stamp:
         return (self.high << 16 | self.low) * 1_000_000 + self.nanosec // 1000
 
 
-# What happens next: so many microseconds pass, and the agent's time is so much off ours.
+# Events: microseconds that pass, and the offset of the agent's time in microseconds.
 passing = st.integers(0, 400_000_000)
 small = st.integers(-STEP_US + 1, 5_000_000)
 any_step = st.integers(-(10**12), 10**12)
@@ -74,8 +74,8 @@ def test_a_correction_backwards_is_made_at_half_speed_and_no_further(ahead, step
     for step in steps:
         clock.t += step
         seconds, nanoseconds = clock.now()
-        told = (seconds - 1_700_000_000) * 1_000_000 + nanoseconds // 1000
+        time_us = (seconds - 1_700_000_000) * 1_000_000 + nanoseconds // 1000
         passed = clock.t - start
         right = passed - ahead
-        assert right <= told <= passed
-        assert told <= max(right, (passed + len(steps) + 1) // 2 + 1)
+        assert right <= time_us <= passed
+        assert time_us <= max(right, (passed + len(steps) + 1) // 2 + 1)

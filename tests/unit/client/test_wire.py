@@ -1,4 +1,4 @@
-"""The client and our agent with a network between them that loses, doubles and reorders."""
+"""The client and the agent over a network that loses, repeats and reorders datagrams."""
 
 import pytest
 from support.wire import Wire
@@ -24,12 +24,14 @@ def test_reliable_samples_arrive_complete_and_in_order(seed):
         numbers = talker.create_publisher(Int32, "numbers", 10)
         blobs = talker.create_publisher(UInt8MultiArray, "blobs", 10)
         heard, images = [], []
-        listener.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), KEEP_ALL)
         listener.create_subscription(
-            UInt8MultiArray, "blobs", lambda it: images.append(bytes(it.data)), KEEP_ALL
+            Int32, "numbers", lambda message: heard.append(message.data), KEEP_ALL
+        )
+        listener.create_subscription(
+            UInt8MultiArray, "blobs", lambda message: images.append(bytes(message.data)), KEEP_ALL
         )
         wire.connect()
-        strays = [it.connection.dropped for it in wire.nodes]
+        strays = [node.connection.dropped for node in wire.nodes]
         sizes = (10, 480, 492, 500, 3000, 15000)
         sent = [0, 0]
 
@@ -48,14 +50,14 @@ def test_reliable_samples_arrive_complete_and_in_order(seed):
         assert images == [blob(i, sizes[i % len(sizes)]) for i in range(12)]
         for node in (talker, listener):
             assert node.state == AGENT_CONNECTED
-        assert strays == [it.connection.dropped for it in wire.nodes]
+        assert strays == [node.connection.dropped for node in wire.nodes]
         assert wire.lost > 50 and wire.doubled > 30
         assert talker.connection.held() == 0
         assert talker.connection.size() == 0
 
 
 @pytest.mark.parametrize("seed", range(25))
-def test_every_call_of_a_service_is_answered_once_and_with_its_own_answer(seed):
+def test_every_call_of_a_service_gets_its_own_reply_once(seed):
     with Wire(seed, **BAD) as wire:
         server, caller = wire.node("server"), wire.node("caller")
         asked, answers = [0], []
@@ -70,10 +72,10 @@ def test_every_call_of_a_service_is_answered_once_and_with_its_own_answer(seed):
         client = caller.create_client(Trigger, "trigger")
         wire.connect()
         for i in range(30):
-            # No more at once than the depth of the service's QoS.
+            # At most the depth of the service's QoS at a time.
             wire.until(lambda i=i: i - len(answers) < 8, what=answers)
             future = client.call_async(Trigger.Request())
-            future.add_done_callback(lambda it: answers.append(it.result().message))
+            future.add_done_callback(lambda future: answers.append(future.result().message))
             wire.run(40)
         wire.until(lambda: len(answers) >= 30, what=answers)
         wire.run(2000)
@@ -82,13 +84,15 @@ def test_every_call_of_a_service_is_answered_once_and_with_its_own_answer(seed):
 
 
 @pytest.mark.parametrize("seed", range(25))
-def test_best_effort_samples_arrive_in_order_and_once_if_at_all(seed):
+def test_best_effort_samples_arrive_in_order_and_at_most_once(seed):
     with Wire(seed, **BAD) as wire:
         profile = QoSProfile(depth=100, reliability=2)
         talker, listener = wire.node("talker"), wire.node("listener")
         publisher = talker.create_publisher(Int32, "numbers", profile)
         heard = []
-        listener.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), profile)
+        listener.create_subscription(
+            Int32, "numbers", lambda message: heard.append(message.data), profile
+        )
         wire.connect()
         for i in range(300):
             assert publisher.publish(Int32(data=i))
@@ -98,15 +102,15 @@ def test_best_effort_samples_arrive_in_order_and_once_if_at_all(seed):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_everything_comes_up_on_a_bad_network_and_again_after_an_agent(seed):
-    """Also while entities are being created, at an instant that the seed chooses."""
+def test_all_entities_are_created_on_a_bad_network_and_after_each_restart(seed):
+    """The agent is killed at random instants, also while entities are created."""
     with Wire(seed, **BAD) as wire:
         node = wire.node("node", silence_ms=1500)
         heard = []
         publishers = [node.create_publisher(Int32, f"topic{i}", 10) for i in range(7)]
         for i in range(7):
             node.create_subscription(
-                Int32, f"topic{i}", lambda it, i=i: heard.append((i, it.data)), 10
+                Int32, f"topic{i}", lambda message, i=i: heard.append((i, message.data)), 10
             )
         for turn in range(6):
             if turn % 2:
@@ -117,22 +121,24 @@ def test_everything_comes_up_on_a_bad_network_and_again_after_an_agent(seed):
             wire.run(wire.random.randrange(3000))
             wire.start_agent()
         wire.connect()
-        assert [len(it.objects) for it in wire.agent.clients.values()] == [43]
+        assert [len(client.objects) for client in wire.agent.clients.values()] == [43]
         del heard[:]
         for i, publisher in enumerate(publishers):
             assert publisher.publish(Int32(data=i))
-        # An agent lost on the way takes its samples along, but with 1.5 s that is rare.
+        # Samples at an agent that is lost meanwhile are lost, but with 1.5 s that is rare.
         wire.until(lambda: len(set(heard)) >= 7, what=(heard, node.connection.reason))
         assert sorted(heard) == [(i, i) for i in range(7)]
 
 
 @pytest.mark.parametrize("way_ms", [0.2, 100.0, 120.0, 600.0])
-def test_a_line_that_is_only_slow(way_ms):
+def test_a_slow_line_loses_no_samples(way_ms):
     with Wire(1, way_ms=way_ms) as wire:
         node = wire.node("node")
         heard = []
         publisher = node.create_publisher(Int32, "numbers", 10)
-        node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data), KEEP_ALL)
+        node.create_subscription(
+            Int32, "numbers", lambda message: heard.append(message.data), KEEP_ALL
+        )
         wire.connect()
         for i in range(100):
             assert publisher.publish(Int32(data=i))
@@ -140,7 +146,7 @@ def test_a_line_that_is_only_slow(way_ms):
         assert heard == list(range(100)) and node.connection.connections == 1
 
 
-def test_the_time_on_a_bad_network():
+def test_the_clock_is_right_on_a_bad_network():
     for seed in range(10):
         with Wire(seed, **BAD) as wire:
             node = wire.node("node")
@@ -152,13 +158,13 @@ def test_the_time_on_a_bad_network():
                 assert now >= last
                 last = now
             off = now[0] * 10**9 + now[1] - wire.epoch_ns()
-            assert abs(off) < 15_000_000, off  # at most half of what a way can take
+            assert abs(off) < 15_000_000, off  # at most half of the longest delay
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_late_messages_of_earlier_sessions_make_no_stream_deaf(seed):
-    """A board that was reset has the key and session id of before. What is under way of its
-    earlier sessions comes any time later, in any order, to both ends."""
+def test_late_messages_of_earlier_sessions_block_no_stream(seed):
+    """A reset board has the same key and session id. Datagrams of its earlier sessions arrive at
+    both ends later, at any time and in any order."""
     profile = QoSProfile(depth=100, reliability=2)
     with Wire(seed, **BAD) as wire:
         random = wire.random
@@ -167,7 +173,7 @@ def test_late_messages_of_earlier_sessions_make_no_stream_deaf(seed):
         board = None
 
         def recorded(datagram, arrive):
-            # An acknowledgement or sample cannot be told from one of today, but these can.
+            # Only these can be told from datagrams of the current session.
             late = datagram[4] == ids.HEARTBEAT or datagram[1] == ids.STREAM_BEST_EFFORT
             if late and datagram[0] == 0x81:
                 old.append((arrive.__name__ != "hear", datagram))
@@ -181,11 +187,11 @@ def test_late_messages_of_earlier_sessions_make_no_stream_deaf(seed):
             counted, heard, loosely = [], [], []
             talker = board.create_publisher(Int32, "up", 10)
             board.create_subscription(
-                Int32, "up", lambda it, to=heard: to.append(it.data), KEEP_ALL
+                Int32, "up", lambda message, to=heard: to.append(message.data), KEEP_ALL
             )
             loose = board.create_publisher(Int32, "loose", profile)
             board.create_subscription(
-                Int32, "loose", lambda it, to=loosely: to.append(it.data), profile
+                Int32, "loose", lambda message, to=loosely: to.append(message.data), profile
             )
             before = list(old)
             wire.connect()
@@ -204,9 +210,9 @@ def test_late_messages_of_earlier_sessions_make_no_stream_deaf(seed):
             wire.until(lambda to=heard, n=count: len(to) >= n, what=heard)
             assert heard == list(range(count))
             assert board.connection.connections == sessions
-            # What comes late of best effort may be heard, but what is new is heard again.
+            # Late best effort samples may be received, but new ones are received again.
             del loosely[:]
             for n in range(150):
                 loose.publish(Int32(data=77000 + n))
                 wire.run(100)
-            assert len([it for it in loosely if it >= 77000]) > 20, loosely
+            assert len([value for value in loosely if value >= 77000]) > 20, loosely
