@@ -1,4 +1,4 @@
-"""A board's end of CAN FD. Also runs on MicroPython."""
+"""The CAN FD transport of boards. Also runs on MicroPython."""
 
 from support.board import pattern
 
@@ -7,7 +7,7 @@ from uros.transport.can import CanTransport, can_frame
 
 
 class Bus:
-    """``incoming`` are the frames that come, ``room`` how many go out."""
+    """A port; ``incoming`` are the received frames, ``room`` is the number of frames it sends."""
 
     def __init__(self, incoming=(), room=1 << 20):
         self.incoming = list(incoming)
@@ -24,9 +24,9 @@ class Bus:
         return self.incoming.pop(0) if self.incoming else None
 
 
-def test_a_message_in_a_frame() -> None:
-    # By hand, after uxr_write_can_data_platform of eProsima's client: the length, then the
-    # message; and what a controller puts behind it, as a CAN FD frame has one of 16 lengths.
+def test_a_message_is_padded_to_a_frame() -> None:
+    # By hand, after uxr_write_can_data_platform of eProsima's client: the length, the message, and
+    # the padding of the controller, since a CAN FD frame has one of 16 lengths.
     assert can_frame(bytes.fromhex("80000000")) == bytes.fromhex("0480000000")
     assert can_frame(b"1234567") == b"\x071234567"
     assert can_frame(b"12345678") == b"\x0812345678\0\0\0"
@@ -37,26 +37,26 @@ def test_a_message_in_a_frame() -> None:
         data = can_frame(message)
         assert data[0] == size and data[1 : size + 1] == message
         assert not any(data[size + 1 :])
-        assert len(data) == min([it for it in lengths if it > size])
+        assert len(data) == min([length for length in lengths if length > size])
 
 
-def test_there_and_back() -> None:
+def test_messages_are_sent_and_received_over_can() -> None:
     messages = [pattern(size, size) for size in range(1, 64)]
     bus = Bus()
     transport = CanTransport(bus, 0x1ABCDEF0)
     transport.open()
-    for it in messages:
-        transport.send(memoryview(it))
-    assert [it[0] for it in bus.sent] == [0x1ABCDEF0] * 63
+    for message in messages:
+        transport.send(memoryview(message))
+    assert [datagram[0] for datagram in bus.sent] == [0x1ABCDEF0] * 63
     bus.incoming = bus.sent
-    for it in messages:
-        assert transport.receive(1000) == it
+    for message in messages:
+        assert transport.receive(1000) == message
     assert transport.receive(0) is None
     transport.close()
     assert transport.dropped == transport.malformed == 0 and transport.mtu == 63
 
 
-def test_frames_of_others_and_malformed_ones_are_passed_over() -> None:
+def test_foreign_and_malformed_frames_are_skipped() -> None:
     bad = [b"", b"\0", b"\1", b"\0abc", b"\4abc", b"\xffabc", b"\x40" + bytes(63)]
     for first in bad:
         bus = Bus([(1, first), (2, b"\3abc"), (1, b"\4good\0\0\0"), (0x80000001, b"\1x")])
@@ -66,7 +66,7 @@ def test_frames_of_others_and_malformed_ones_are_passed_over() -> None:
         assert transport.malformed == 1
 
 
-def test_a_bus_of_others_does_not_hold_a_program_up() -> None:
+def test_foreign_frames_do_not_block_receive() -> None:
     bus = Bus([(2, b"\1x")] * 1000)
     transport = CanTransport(bus)
     start = ticks_ms()
@@ -75,15 +75,15 @@ def test_a_bus_of_others_does_not_hold_a_program_up() -> None:
     assert not bus.incoming
 
 
-def test_what_has_no_room_or_is_too_long_is_lost_and_counted() -> None:
+def test_messages_without_room_or_too_long_are_dropped_and_counted() -> None:
     bus = Bus(room=1)
     transport = CanTransport(bus)
-    for it in (bytes(64), b"abc", b"def", b"ghi"):
-        transport.send(it)
+    for octets in (bytes(64), b"abc", b"def", b"ghi"):
+        transport.send(octets)
     assert bus.sent == [(1, b"\3abc")] and transport.dropped == 3
 
 
-def test_a_port_that_waits_opens_and_closes() -> None:
+def test_open_wait_and_close_of_the_port_are_called() -> None:
     class Port(Bus):
         calls = []
 
@@ -105,10 +105,10 @@ def test_a_port_that_waits_opens_and_closes() -> None:
     assert Port.calls == ["open", "wait", "close"]
 
 
-def test_an_id_that_is_none() -> None:
-    for it in (-1, 0x20000000):
+def test_invalid_can_ids_are_refused() -> None:
+    for wrong in (-1, 0x20000000):
         try:
-            CanTransport(Bus(), it)
+            CanTransport(Bus(), wrong)
         except ValueError as error:
             assert "29 bits" in str(error)
         else:

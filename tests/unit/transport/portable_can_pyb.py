@@ -1,4 +1,4 @@
-"""pyb.CAN with CAN FD under a board's transport, on a made-up pyb.CAN. Also runs on MicroPython."""
+"""The CAN FD transport on a simulated pyb.CAN. Also runs on MicroPython."""
 
 from support.modem import trouble
 
@@ -7,7 +7,7 @@ from uros.transport.can_pyb import PybCan
 
 
 class FakeCan:
-    """As MicroPython's documentation of pyb.CAN has it, for FD controllers."""
+    """pyb.CAN of FD controllers, after MicroPython's documentation."""
 
     STOPPED, ERROR_ACTIVE, ERROR_WARNING, ERROR_PASSIVE, BUS_OFF = range(5)
     RANGE, DUAL, MASK = range(3)
@@ -48,7 +48,7 @@ class FakeCan:
         self.sent.append((id, bytes(data), brs))
 
 
-def test_there_and_back() -> None:
+def test_messages_are_sent_and_received_by_pyb_can() -> None:
     can = FakeCan()
     transport = CanTransport(PybCan(can, 0x201), 0x201)
     transport.open()
@@ -64,7 +64,7 @@ def test_there_and_back() -> None:
     transport.close()
 
 
-def test_a_full_controller_loses_messages_and_counts_them() -> None:
+def test_messages_for_a_full_controller_are_dropped_and_counted() -> None:
     can = FakeCan()
     transport = CanTransport(PybCan(can, brs=False))
     transport.open()
@@ -74,7 +74,7 @@ def test_a_full_controller_loses_messages_and_counts_them() -> None:
     assert transport.dropped == 2 and can.sent == [(1, b"\1x", False)] * 3
 
 
-def test_a_bus_that_is_off_is_told_and_heals() -> None:
+def test_a_bus_that_is_off_raises_and_is_restarted() -> None:
     can = FakeCan()
     transport = CanTransport(PybCan(can))
     transport.open()

@@ -1,4 +1,4 @@
-"""A board's end of an ESP8266 with AT firmware, on a modelled one. Also runs on MicroPython."""
+"""The transport over an ESP8266 with AT firmware, on a modelled one. Also runs on MicroPython."""
 
 from support.board import pattern
 from support.modem import (
@@ -50,7 +50,7 @@ MESSAGES = (
 )
 
 
-def test_it_joins_links_sends_and_receives_in_both_dialects() -> None:
+def test_datagrams_are_exchanged_in_both_dialects() -> None:
     for dialect in ("esp-at", "nonos"):
         with FakeTime() as time:
             place = Place(time, dialect=dialect)
@@ -60,70 +60,70 @@ def test_it_joins_links_sends_and_receives_in_both_dialects() -> None:
             one_by_one(place, MESSAGES)
 
 
-def test_however_small_the_pieces_are() -> None:
-    """Each chunk that the line brings at once, and each that it takes."""
+def test_datagrams_are_exchanged_in_pieces_of_any_size() -> None:
+    """The line reads and writes chunks of any size."""
     for size in (1, 2, 3, 5, 7, 13):
         with FakeTime() as time:
             place = Place(time, {"chunk": size, "takes": size})
             link_up(place.transport)
-            got = exchange(place, MESSAGES)
-            assert sorted(got) == sorted(MESSAGES), (size, got)
+            answers = exchange(place, MESSAGES)
+            assert sorted(answers) == sorted(MESSAGES), (size, answers)
 
 
-def test_the_order_of_datagrams_stays_and_two_may_be_glued() -> None:
+def test_datagrams_stay_in_order_and_may_be_joined() -> None:
     with FakeTime() as time:
         in_order(Place(time), [pattern(n, n) for n in range(1, 200, 3)], 20)
 
 
-def test_opening_never_waits_and_joining_takes_its_time() -> None:
+def test_esp8266_open_does_not_wait_for_the_network() -> None:
     with FakeTime() as time:
         place = Place(time, join_ms=7000, answer_ms=3, send_ms=2)
         took, turns = opened(place, time, 40)
         assert took < 7500 and turns > 100
 
 
-def test_names_and_passwords_of_all_characters() -> None:
+def test_special_characters_in_names_and_passwords() -> None:
     with FakeTime() as time:
         place = Place(time, ssid='a "b", c\\d', password='x,"y"\\z')
         link_up(place.transport)
         assert place.modem.joined == 'a "b", c\\d'
         place.transport.close()
         link_up(place.transport)
-        joins = [it for it in place.modem.commands if it.startswith(b"AT+CWJAP=")]
+        joins = [command for command in place.modem.commands if command.startswith(b"AT+CWJAP=")]
         assert len(joins) == 1
 
 
-def test_a_wrong_password_is_told_and_the_right_one_heals() -> None:
+def test_a_wrong_password_is_reported() -> None:
     for dialect in ("esp-at", "nonos"):
         with FakeTime() as time:
             place = Place(time, password="wrong", dialect=dialect)
             place.transport.open()
-            said = failure(place.transport)
-            assert "cannot join robots" in said and "password is wrong" in said, said
+            text = failure(place.transport)
+            assert "cannot join robots" in text and "password is wrong" in text, text
             assert not place.transport.linked
             place.transport.close()
             place.network.access_points[NETWORK] = "wrong"
             link_up(place.transport)
 
 
-def test_no_such_access_point_is_told() -> None:
+def test_an_unknown_access_point_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time, ssid="elsewhere")
         place.transport.open()
-        said = failure(place.transport)
-        assert "cannot join elsewhere" in said and "no such access point" in said, said
+        text = failure(place.transport)
+        assert "cannot join elsewhere" in text and "no such access point" in text, text
 
 
-def test_an_agent_that_nobody_knows_the_way_to() -> None:
+def test_an_unreachable_agent_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time)
         place.network.hosts = ()
         place.transport.open()
-        said = failure(place.transport)
-        assert "no way to 192.168.1.10, port 8888" in said, said
+        text = failure(place.transport)
+        assert "no way to 192.168.1.10, port 8888" in text, text
 
 
-def test_a_network_without_addresses() -> None:
+def test_a_network_without_addresses_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time)
         place.modem.faults.add("no_ip")
@@ -131,30 +131,32 @@ def test_a_network_without_addresses() -> None:
         assert "no address" in failure(place.transport)
 
 
-def test_a_modem_that_says_nothing() -> None:
+def test_a_silent_esp8266_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time)
         place.modem.faults.add("dead")
         place.transport.open()
         before = time.now
-        said = failure(place.transport)
-        assert "does not answer" in said and "baud" in said, said
+        text = failure(place.transport)
+        assert "does not answer" in text and "baud" in text, text
         assert time.now - before < 4000
         place.modem.faults.clear()
         link_up(place.transport)
 
 
-def test_the_first_failure_is_the_one_that_is_told() -> None:
-    """A failed join is not covered up by what comes after it."""
+def test_the_dialogue_ends_at_the_first_failure() -> None:
+    """After a failed join no further command is sent."""
     with FakeTime() as time:
         place = Place(time, password="wrong")
         place.transport.open()
         failure(place.transport)
-        assert not [it for it in place.modem.commands if it.startswith(b"AT+CIPSTART")]
+        assert not [
+            command for command in place.modem.commands if command.startswith(b"AT+CIPSTART")
+        ]
 
 
-def test_a_modem_in_the_middle_of_a_datagram_is_woken() -> None:
-    """A program was reset while it sent: the modem takes what comes for the rest."""
+def test_a_modem_in_the_middle_of_a_datagram_is_recovered() -> None:
+    """A program was reset while it sent: the modem expects the rest of the datagram."""
     for left in (1, 2, 3, 100, 511, 512):
         with FakeTime() as time:
             place = Place(time)
@@ -166,57 +168,57 @@ def test_a_modem_in_the_middle_of_a_datagram_is_woken() -> None:
             until(again, lambda place=place: place.link.sent[-1:] == [b"hello"])
 
 
-def test_a_modem_that_is_in_its_network_is_not_joined_again() -> None:
+def test_a_joined_esp8266_does_not_join_again() -> None:
     with FakeTime() as time:
         place = Place(time, join_ms=5000, answer_ms=5)
         link_up(place.transport)
         for _ in range(3):
-            place.transport.close()  # whose command is still being answered
+            place.transport.close()  # the answer to its command is still outstanding
             assert place.modem.link is None
             place.transport.close()
             before = time.now
             link_up(place.transport)
             assert time.now - before < 300
         assert place.transport.mute == 0
-        joins = [it for it in place.modem.commands if it.startswith(b"AT+CWJAP=")]
+        joins = [command for command in place.modem.commands if command.startswith(b"AT+CWJAP=")]
         assert len(joins) == 1
-        assert [it.closed for it in place.network.links] == [True, True, True, False]
+        assert [link.closed for link in place.network.links] == [True, True, True, False]
 
 
-def test_busy_is_asked_again() -> None:
+def test_a_busy_modem_gets_the_command_again() -> None:
     with FakeTime() as time:
         place = Place(time, answer_ms=5, send_ms=40)
         link_up(place.transport)
-        place.modem.write(b"AT+CWMODE=1\r\n")  # somebody else's command
+        place.modem.write(b"AT+CWMODE=1\r\n")  # a command of another program
         place.transport.send(b"hello")
         until(place.transport, lambda: place.link.sent == [b"hello"])
         assert place.transport.dropped == 0
 
 
-def test_lines_that_nobody_asked_for_between_all_others() -> None:
-    """Before and behind each answer, something else is said."""
-    for said in (b"\r\nWIFI CONNECTED\r\n", b"\r\n+STA_CONNECTED:02:00\r\n", b"\r\n\xff\xfe\r\n"):
+def test_unsolicited_lines_around_each_answer_are_ignored() -> None:
+    """Other lines are received before and after each answer."""
+    for line in (b"\r\nWIFI CONNECTED\r\n", b"\r\n+STA_CONNECTED:02:00\r\n", b"\r\n\xff\xfe\r\n"):
         with FakeTime() as time:
             place = Place(time)
             hear = place.modem._answer
 
-            def disturbed(text, said=said, hear=hear, place=place):
-                place.modem.emit(said)
+            def disturbed(text, line=line, hear=hear, place=place):
+                place.modem.emit(line)
                 hear(text)
-                place.modem.emit(said)
+                place.modem.emit(line)
 
             place.modem._answer = disturbed
             link_up(place.transport)
             assert sorted(exchange(place, MESSAGES)) == sorted(MESSAGES)
 
 
-def test_a_lost_network_is_an_error_and_heals() -> None:
+def test_a_network_lost_by_the_esp8266_is_joined_again() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
         place.modem.lose_network()
-        said = failure(place.transport)
-        assert "closed the link" in said or "lost the network" in said, said
+        text = failure(place.transport)
+        assert "closed the link" in text or "lost the network" in text, text
         place.transport.close()
         link_up(place.transport)
         assert sorted(exchange(place, MESSAGES)) == sorted(MESSAGES)
@@ -237,7 +239,7 @@ def test_a_network_lost_in_the_middle_of_a_datagram() -> None:
             until(place.transport, lambda place=place: place.link.sent[-1:] == [b"hello"])
 
 
-def test_a_link_that_is_gone_without_a_word() -> None:
+def test_a_link_lost_silently_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -246,8 +248,8 @@ def test_a_link_that_is_gone_without_a_word() -> None:
         assert "no link" in failure(place.transport)
 
 
-def test_a_modem_that_starts_anew_at_any_moment() -> None:
-    """After each so many octets that it heard, its power is gone for a moment."""
+def test_an_esp8266_may_restart_at_any_moment() -> None:
+    """The modem is reset after any number of received octets."""
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -269,7 +271,7 @@ def test_a_modem_that_starts_anew_at_any_moment() -> None:
     assert healed > 5
 
 
-def test_a_reset_is_told() -> None:
+def test_a_restart_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -277,7 +279,7 @@ def test_a_reset_is_told() -> None:
         assert "started anew" in failure(place.transport)
 
 
-def test_datagrams_that_it_does_not_get_rid_of() -> None:
+def test_three_failed_datagrams_in_a_row_are_an_error() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -287,14 +289,14 @@ def test_datagrams_that_it_does_not_get_rid_of() -> None:
             drain(place.transport)
         assert place.transport.dropped == 2
         place.modem.faults.clear()
-        exchange(place, [b"hello"])  # a moment's trouble is none
+        exchange(place, [b"hello"])  # a success resets the count
         place.modem.faults.add("full")
         for _ in range(3):
             place.transport.send(b"hello")
         assert "gets rid of nothing" in failure(place.transport)
 
 
-def test_an_answer_that_never_comes_costs_one_datagram() -> None:
+def test_a_missing_answer_loses_one_datagram() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -308,7 +310,7 @@ def test_an_answer_that_never_comes_costs_one_datagram() -> None:
         assert place.transport.linked and place.transport.dropped == 1
 
 
-def test_a_datagram_that_lost_bytes_on_the_line() -> None:
+def test_an_incomplete_datagram_is_counted() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -318,12 +320,12 @@ def test_a_datagram_that_lost_bytes_on_the_line() -> None:
         assert drain(place.transport) == [b"whole"]
 
 
-def test_what_is_too_long_is_passed_over_and_counted() -> None:
+def test_too_long_datagrams_of_the_esp8266_are_skipped_and_counted() -> None:
     with FakeTime() as time:
         passes_over_what_is_too_long(Place(time, mtu=64), b"+IPD,3:abc" * 100)
 
 
-def test_a_length_that_is_none() -> None:
+def test_invalid_lengths_are_ignored() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -342,17 +344,17 @@ def test_a_length_that_is_none() -> None:
             assert drain(place.transport) == [b"whole"], text
 
 
-def test_what_waits_has_a_bound_and_what_is_new_has_no_room_then() -> None:
+def test_the_send_queue_is_bounded() -> None:
     with FakeTime() as time:
         place = Place(time, room=2000)
         link_up(place.transport)
         messages = [pattern(490, n) for n in range(8)]
-        for it in messages:
-            place.transport.send(it)
+        for message in messages:
+            place.transport.send(message)
         assert place.transport.dropped == 4
         drain(place.transport)
         assert place.link.sent == messages[:4]
-        for turn in range(30):  # round and round the buffer, with some always waiting
+        for turn in range(30):  # more than the size of the queue in total
             place.transport.send(pattern(300, turn))
             place.transport.receive(0)
         drain(place.transport)
@@ -360,40 +362,45 @@ def test_what_waits_has_a_bound_and_what_is_new_has_no_room_then() -> None:
         assert place.transport.dropped == 4
 
 
-def test_a_buffer_that_is_sent_from_the_front_has_room_at_its_end() -> None:
+def test_sent_messages_free_their_part_of_the_send_queue() -> None:
     with FakeTime() as time:
         place = Place(time, room=1000, send_ms=5)
         link_up(place.transport)
         messages = [pattern(300, n) for n in range(9)]
-        for it in messages[:3]:
-            place.transport.send(it)
-        for number, it in enumerate(messages[3:]):
+        for message in messages[:3]:
+            place.transport.send(message)
+        for number, message in enumerate(messages[3:]):
             until(place.transport, lambda number=number: len(place.link.sent) > number)
             until(place.transport, lambda: place.transport._to < 3 * 302)
-            place.transport.send(it)
+            place.transport.send(message)
         drain(place.transport)
         assert place.link.sent == messages and place.transport.dropped == 0
 
 
-def test_a_datagram_that_the_line_takes_in_parts_stays_whole_while_others_queue() -> None:
+def test_a_datagram_written_in_parts_is_not_changed_by_queued_ones() -> None:
     with FakeTime() as time:
         place = Place(time, {"takes": 60}, room=2048)
         link_up(place.transport)
         messages = [pattern(500, n) for n in range(60)]
-        for it in messages:
-            for data in (it, it[:7]):  # the short one finds room in front of what is being sent
+        for datagram in messages:
+            for data in (
+                datagram,
+                datagram[:7],
+            ):  # the short one may fit where the long one does not
                 place.transport.send(data)
                 place.transport.receive(0)
-            if not it[0] % 3:
+            if not datagram[0] % 3:
                 place.transport.receive(2)
         drain(place.transport)
         assert place.transport.dropped and len(place.link.sent) > 10
-        for it in place.link.sent:
-            assert it in messages or it in [whole[:7] for whole in messages], len(it)
+        for datagram in place.link.sent:
+            assert datagram in messages or datagram in [whole[:7] for whole in messages], len(
+                datagram
+            )
 
 
-def test_an_answer_that_waited_for_the_program_is_not_late() -> None:
-    """However long the program was away, and in whatever pieces the answer comes."""
+def test_answers_received_during_a_long_callback_are_not_late() -> None:
+    """The answer is read after a callback of any length, and in pieces of any size."""
     for chunk in (1, 1000):
         with FakeTime() as time:
             place = Place(time, {"chunk": chunk})
@@ -409,8 +416,8 @@ def test_an_answer_that_waited_for_the_program_is_not_late() -> None:
             assert place.transport.mute == place.transport.dropped == 0
 
 
-def test_a_prompt_that_was_lost_leaves_nothing_behind() -> None:
-    """The modem waits for octets of which nobody knows: it gets others, and is awake again."""
+def test_a_lost_prompt_loses_one_datagram() -> None:
+    """The modem waits for the datagram: it gets other octets, and accepts commands again."""
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -424,7 +431,7 @@ def test_a_prompt_that_was_lost_leaves_nothing_behind() -> None:
         assert place.link.sent[-1] == b"hello" and place.transport.dropped == 1
 
 
-def test_a_modem_that_was_just_switched_on() -> None:
+def test_an_esp8266_just_switched_on() -> None:
     with FakeTime() as time:
         place = Place(time)
         place.modem.reset()
@@ -432,7 +439,7 @@ def test_a_modem_that_was_just_switched_on() -> None:
         exchange(place, [b"hello"])
 
 
-def test_answers_that_nobody_waits_for_are_not_kept() -> None:
+def test_unexpected_answers_are_bounded() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -443,7 +450,7 @@ def test_answers_that_nobody_waits_for_are_not_kept() -> None:
         assert exchange(place, [b"hello"]) == [b"hello"]
 
 
-def test_before_there_is_a_link_the_last_message_waits() -> None:
+def test_the_last_message_before_the_link_is_sent() -> None:
     with FakeTime() as time:
         place = Place(time, join_ms=3000)
         place.transport.open()
@@ -455,7 +462,7 @@ def test_before_there_is_a_link_the_last_message_waits() -> None:
         assert place.link.sent == [pattern(20, 4)] and place.transport.dropped == 4
 
 
-def test_the_first_bytes_of_a_buffer_that_is_used_again() -> None:
+def test_buffers_may_be_reused_after_send() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -469,29 +476,29 @@ def test_the_first_bytes_of_a_buffer_that_is_used_again() -> None:
         assert len(place.transport._out) == 2048
 
 
-def test_a_closed_one_says_so() -> None:
+def test_a_closed_transport_raises() -> None:
     with FakeTime() as time:
         place = Place(time)
         assert "not open" in trouble(place.transport.receive, 0)
         assert "not open" in trouble(place.transport.send, b"hello")
 
 
-def test_a_dialogue_that_broke_off_is_begun_anew() -> None:
-    """By an error, or where there was no memory: what comes after it is OSError, until it opens."""
-    for what in (OSError(5), MemoryError()):
+def test_a_dialogue_that_failed_restarts_at_open() -> None:
+    """After an error, or without memory, each call raises OSError until the transport is opened."""
+    for cause in (OSError(5), MemoryError()):
         with FakeTime() as time:
             place = Place(time)
             link_up(place.transport)
             write = place.line.write
 
-            def broken(data, what=what):
-                raise what
+            def broken(data, cause=cause):
+                raise cause
 
             place.line.write = broken
             try:
                 place.transport.send(b"hello")
             except (OSError, MemoryError) as error:
-                assert type(error) is type(what)
+                assert type(error) is type(cause)
             else:
                 raise AssertionError("no error")
             place.line.write = write
@@ -502,12 +509,12 @@ def test_a_dialogue_that_broke_off_is_begun_anew() -> None:
             assert exchange(place, [b"hello"]) == [b"hello"]
 
 
-def test_noise_never_ends_and_holds_nobody_up() -> None:
+def test_endless_noise_does_not_block_receive() -> None:
     class Noise:
-        said = 0
+        reads = 0
 
         def read(self, size):
-            self.said += 1
+            self.reads += 1
             return b"\x00noise\xff+IPD\r\n" * 10
 
         def write(self, data):
@@ -517,10 +524,10 @@ def test_noise_never_ends_and_holds_nobody_up() -> None:
         transport = Esp8266Transport(Noise(), NETWORK, PASSWORD, AGENT)
         transport.open()
         assert transport.receive(0) is None
-        assert Noise.said == 0 and transport.port.said < 30
+        assert Noise.reads == 0 and transport.port.reads < 30
 
 
-def test_what_cannot_be() -> None:
+def test_invalid_mtus_and_names_are_refused() -> None:
     for mtu, ssid in ((0, "a"), (1461, "a"), (512, ""), (512, "x" * 33)):
         try:
             Esp8266Transport(None, ssid, "", AGENT, mtu=mtu)
@@ -529,7 +536,7 @@ def test_what_cannot_be() -> None:
         raise AssertionError((mtu, ssid))
 
 
-def test_a_uart_that_opens_waits_and_closes() -> None:
+def test_open_wait_and_close_of_the_uart_are_called() -> None:
     calls = []
 
     class Full(Line):

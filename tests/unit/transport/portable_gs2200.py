@@ -1,4 +1,4 @@
-"""A board's end of a GS2200 on SPI, on a modelled one. Also runs on MicroPython."""
+"""The transport over a GS2200 on SPI, on a modelled one. Also runs on MicroPython."""
 
 from support.board import pattern
 from support.modem import (
@@ -66,7 +66,7 @@ def test_headers_of_transfers() -> None:
     assert bus.written == bytes.fromhex("a5010000000400fa")  # AT, CR, LF
 
 
-def test_it_joins_links_sends_and_receives() -> None:
+def test_datagrams_are_exchanged() -> None:
     for sender in (False, True):
         with FakeTime() as time:
             place = Place(time, sender=sender)
@@ -77,7 +77,7 @@ def test_it_joins_links_sends_and_receives() -> None:
             assert place.modem.broken == 0
 
 
-def test_datagrams_of_others_are_passed_over() -> None:
+def test_datagrams_of_other_senders_are_skipped() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -92,10 +92,10 @@ def test_datagrams_of_others_are_passed_over() -> None:
             assert drain(place.transport) == [b"ours"], text
         place.modem.emit(b"\x1by0192.168.1.10 8888\t0003abc\x1bZ00002de")
         assert drain(place.transport) == [b"abc", b"de"]
-        assert place.transport.malformed == 4  # those for others, too
+        assert place.transport.malformed == 4  # foreign datagrams, too
 
 
-def test_heads_that_are_none() -> None:
+def test_malformed_heads_are_ignored() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -108,32 +108,32 @@ def test_heads_that_are_none() -> None:
             assert drain(place.transport)[-1:] == [b"ours"], text
 
 
-def test_the_order_of_datagrams_stays() -> None:
+def test_datagrams_stay_in_order() -> None:
     with FakeTime() as time:
         in_order(Place(time), [pattern(n, n) for n in range(1, 500, 7)], 10)
 
 
-def test_opening_never_waits_and_joining_takes_its_time() -> None:
+def test_gs2200_open_does_not_wait_for_the_network() -> None:
     with FakeTime() as time:
         place = Place(time, key_ms=4000, join_ms=6000, answer_ms=3)
         took, turns = opened(place, time, 25)
         assert took < 10500 and turns > 100
 
 
-def test_a_wrong_password_and_an_unknown_network_are_told() -> None:
+def test_a_wrong_password_and_an_unknown_network_are_reported() -> None:
     for ssid, password in ((NETWORK, "wrong999"), ("elsewhere", PASSWORD)):
         with FakeTime() as time:
             place = Place(time, ssid, password)
             place.transport.open()
-            said = failure(place.transport)
-            assert "cannot join " + ssid in said and "password" in said, said
+            text = failure(place.transport)
+            assert "cannot join " + ssid in text and "password" in text, text
             place.transport.close()
             place.transport = place.again()
             link_up(place.transport)
             assert exchange(place, [b"hello"]) == [b"hello"]
 
 
-def test_a_password_that_cannot_be() -> None:
+def test_invalid_names_passwords_and_hosts_are_refused() -> None:
     with FakeTime() as time:
         place = Place(time, password="short")
         place.transport.open()
@@ -153,21 +153,21 @@ def test_a_password_that_cannot_be() -> None:
             raise AssertionError(host)
 
 
-def test_a_modem_that_says_nothing() -> None:
+def test_a_silent_gs2200_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time)
         place.modem.faults.add("dead")
         place.transport.open()
         before = time.now
-        said = failure(place.transport)
-        assert "does not answer" in said and "GPIO37" in said, said
+        text = failure(place.transport)
+        assert "does not answer" in text and "GPIO37" in text, text
         assert time.now - before < 16000
         place.transport.close()
         place.modem.faults.clear()
         link_up(place.transport)
 
 
-def test_a_modem_that_was_just_switched_on() -> None:
+def test_a_gs2200_just_switched_on() -> None:
     with FakeTime() as time:
         place = Place(time)
         place.modem.reset()
@@ -175,8 +175,8 @@ def test_a_modem_that_was_just_switched_on() -> None:
         assert exchange(place, [b"hello"]) == [b"hello"]
 
 
-def test_a_modem_in_the_middle_of_a_transfer_is_woken() -> None:
-    """A program was reset while it sent: the modem takes what comes for the rest."""
+def test_a_modem_in_the_middle_of_a_transfer_is_recovered() -> None:
+    """A program was reset while it sent: the modem expects the rest of the transfer."""
     for left in (1, 4, 8, 100, 519):
         with FakeTime() as time:
             place = Place(time)
@@ -188,7 +188,7 @@ def test_a_modem_in_the_middle_of_a_transfer_is_woken() -> None:
             assert exchange(place, [b"hello"]) == [b"hello"]
 
 
-def test_a_modem_that_is_in_its_network_is_not_joined_again() -> None:
+def test_a_joined_gs2200_does_not_join_again() -> None:
     with FakeTime() as time:
         place = Place(time, join_ms=5000)
         link_up(place.transport)
@@ -197,12 +197,14 @@ def test_a_modem_that_is_in_its_network_is_not_joined_again() -> None:
             before = time.now
             link_up(place.transport)
             assert time.now - before < 300
-        assert len([it for it in place.modem.commands if it.startswith(b"AT+WA=")]) == 1
-        assert [it.closed for it in place.network.links] == [True, True, True, False]
+        assert (
+            len([command for command in place.modem.commands if command.startswith(b"AT+WA=")]) == 1
+        )
+        assert [link.closed for link in place.network.links] == [True, True, True, False]
 
 
-def test_both_sides_speak_at_once() -> None:
-    """A datagram comes between the two halves of a request, and after it."""
+def test_datagrams_received_during_a_write_request() -> None:
+    """A datagram arrives between the two halves of a write request, and after it."""
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -216,15 +218,15 @@ def test_both_sides_speak_at_once() -> None:
                 place.link.incoming.append(b"meanwhile %d" % len(halves))
 
         place.modem.write = meanwhile
-        got = []
+        received = []
         for n in range(5):
             place.transport.send(pattern(100, n))
-            got += drain(place.transport)
+            received += drain(place.transport)
         assert place.link.sent == [pattern(100, n) for n in range(5)]
-        assert got == [b"meanwhile %d" % (n + 1) for n in range(len(halves))] and halves
+        assert received == [b"meanwhile %d" % (n + 1) for n in range(len(halves))] and halves
 
 
-def test_answers_to_requests_take_their_time() -> None:
+def test_slow_answers_to_transfer_requests() -> None:
     with FakeTime() as time:
         place = Place(time, turn_ms=3)
         link_up(place.transport)
@@ -232,7 +234,7 @@ def test_answers_to_requests_take_their_time() -> None:
         assert place.transport.malformed == place.transport.mute == 0
 
 
-def test_not_now_is_asked_again() -> None:
+def test_a_refused_transfer_is_requested_again() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -246,7 +248,7 @@ def test_not_now_is_asked_again() -> None:
         assert place.transport.dropped == 0
 
 
-def test_a_modem_that_takes_nothing() -> None:
+def test_a_modem_that_accepts_no_datagrams_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -257,7 +259,7 @@ def test_a_modem_that_takes_nothing() -> None:
         assert place.transport.dropped == 3
 
 
-def test_an_answer_that_was_read_too_early() -> None:
+def test_a_header_read_too_early_is_recovered() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -269,7 +271,7 @@ def test_an_answer_that_was_read_too_early() -> None:
         assert place.transport.malformed >= 3
 
 
-def test_a_lost_network_is_an_error_and_heals() -> None:
+def test_a_network_lost_by_the_gs2200_is_joined_again() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -280,7 +282,7 @@ def test_a_lost_network_is_an_error_and_heals() -> None:
         assert sorted(exchange(place, MESSAGES)) == sorted(MESSAGES)
 
 
-def test_a_link_that_is_gone() -> None:
+def test_a_lost_link_is_reported() -> None:
     with FakeTime() as time:
         place = Place(time)
         link_up(place.transport)
@@ -293,7 +295,7 @@ def test_a_link_that_is_gone() -> None:
         assert "closed the link" in failure(place.transport)
 
 
-def test_a_modem_that_starts_anew_at_any_moment() -> None:
+def test_a_gs2200_may_restart_at_any_moment() -> None:
     healed = 0
     for moment in range(1, 60):
         with FakeTime() as time:
@@ -312,12 +314,12 @@ def test_a_modem_that_starts_anew_at_any_moment() -> None:
     assert healed > 5
 
 
-def test_what_is_too_long_is_passed_over_and_counted() -> None:
+def test_too_long_datagrams_of_the_gs2200_are_skipped_and_counted() -> None:
     with FakeTime() as time:
         passes_over_what_is_too_long(Place(time, mtu=64), b"\x1bZ00003abc" * 100)
 
 
-def test_a_pin_that_selects_the_modem() -> None:
+def test_the_select_pin_is_low_during_transfers() -> None:
     levels = []
 
     class Pin:

@@ -1,4 +1,4 @@
-"""The network under a board's transports, on made-up ports. Also runs on MicroPython."""
+"""The network under a board's transports, on simulated ports. Also runs on MicroPython."""
 
 import sys
 
@@ -9,7 +9,7 @@ from uros.transport.wlan import AccessPoint, Over, Station, Wired
 
 
 class Esp32:
-    """What the port has of ``network``, as far as stations go, after its documentation."""
+    """``network`` of the ESP32 port, as far as stations use it, after its documentation."""
 
     STA_IF, AP_IF = 0, 1
     STAT_IDLE, STAT_CONNECTING, STAT_GOT_IP = 1000, 1001, 1010
@@ -18,15 +18,15 @@ class Esp32:
     AUTH_OPEN, AUTH_WPA2_PSK = 0, 3
 
     def __init__(self):
-        self.made = []
+        self.interfaces = []
         self.names = []
 
     def hostname(self, name):
         self.names.append(name)
 
     def WLAN(self, interface):  # noqa: N802
-        self.made.append(FakeWlan(self, interface))
-        return self.made[-1]
+        self.interfaces.append(FakeWlan(self, interface))
+        return self.interfaces[-1]
 
 
 class Rp2(Esp32):
@@ -49,7 +49,7 @@ class FakeWlan:
         self.addresses = None
 
     def ifconfig(self, addresses):
-        assert self.up, "esp32 forgets it when it starts"
+        assert self.up, "esp32 drops the addresses when it starts"
         self.addresses = addresses
 
     def active(self, up=None):
@@ -78,7 +78,7 @@ class FakeWlan:
 
 
 class Below:
-    """A transport that is told what to do."""
+    """A transport that records its calls."""
 
     mtu = 512
 
@@ -100,7 +100,7 @@ class Below:
 
 
 class Network:
-    """``network`` is this port, as a context; the clock stands still."""
+    """A context in which ``network`` is this port, and the clock stands still."""
 
     def __init__(self, port):
         self.port = port
@@ -123,12 +123,12 @@ class Network:
         self.time.__exit__()
 
 
-def test_a_station_joins_while_the_program_goes_on() -> None:
+def test_a_station_joins_without_waiting() -> None:
     for kind in (Esp32, Rp2):
         with Network(kind()) as port:
             below = Below()
             transport = Over(Station("robots", "secret99", hostname="arm"), below)
-            wlan = port.made[0]
+            wlan = port.interfaces[0]
             assert wlan.interface == port.STA_IF and transport.mtu == 512
             for _ in range(3):
                 assert "joining robots" in trouble(transport.open)
@@ -148,10 +148,10 @@ def test_a_station_joins_while_the_program_goes_on() -> None:
 def test_an_open_network() -> None:
     with Network(Esp32()) as port:
         trouble(Station("cafe").check)
-        assert port.made[0].calls[-1] == ("cafe",)
+        assert port.interfaces[0].calls[-1] == ("cafe",)
 
 
-def test_why_not_is_told_and_it_is_tried_again() -> None:
+def test_the_reason_of_a_failed_attempt_is_raised_and_it_is_repeated() -> None:
     reasons = (
         (Esp32, 202, "password is wrong"), (Esp32, 204, "probably wrong"),
         (Esp32, 15, "probably wrong"), (Esp32, 201, "no such access point"),
@@ -162,17 +162,17 @@ def test_why_not_is_told_and_it_is_tried_again() -> None:
         with Network(kind()) as port:
             station = Station("robots", "wrong")
             trouble(station.check)
-            wlan = port.made[0]
+            wlan = port.interfaces[0]
             wlan.now = status
-            said = trouble(station.check)
-            assert "cannot join robots" in said and text in said, said
+            reason = trouble(station.check)
+            assert "cannot join robots" in reason and text in reason, reason
             assert "joining" in trouble(station.check)
             assert len(wlan.calls) == 4
             wlan.joined = True
             station.check()
 
 
-def test_an_attempt_that_comes_to_nothing_is_begun_anew() -> None:
+def test_an_attempt_is_repeated_after_its_timeout() -> None:
     network = Network(Rp2())
     with network as port:
         station = Station("robots", "secret99", timeout_ms=5000)
@@ -181,16 +181,16 @@ def test_an_attempt_that_comes_to_nothing_is_begun_anew() -> None:
         assert "joining" in trouble(station.check)
         network.time.now += 1
         assert "in time" in trouble(station.check)
-        assert len(port.made[0].calls) == 2
+        assert len(port.interfaces[0].calls) == 2
         trouble(station.check)
-        assert len(port.made[0].calls) == 4
+        assert len(port.interfaces[0].calls) == 4
 
 
-def test_a_network_that_was_lost_is_joined_again() -> None:
+def test_a_lost_wlan_is_joined_again() -> None:
     with Network(Esp32()) as port:
         transport = Over(Station("robots", "secret99"), Below())
         trouble(transport.open)
-        wlan = port.made[0]
+        wlan = port.interfaces[0]
         wlan.joined = True
         transport.open()
         transport.close()
@@ -203,7 +203,7 @@ def test_an_access_point() -> None:
     for kind, security in ((Esp32, 3), (Rp2, None)):
         with Network(kind()) as port:
             point = AccessPoint("robot-7", "secret99", 6)
-            wlan = port.made[0]
+            wlan = port.interfaces[0]
             assert wlan.interface == port.AP_IF
             assert "nobody has joined" in trouble(point.check)
             settings = {"ssid": "robot-7", "key": "secret99", "channel": 6}
@@ -216,20 +216,25 @@ def test_an_access_point() -> None:
             assert "starting" in trouble(point.check)
     with Network(Esp32()) as port:
         trouble(AccessPoint("open").check)
-        assert port.made[0].settings == {"ssid": "open", "security": 0}
+        assert port.interfaces[0].settings == {"ssid": "open", "security": 0}
 
 
 def test_an_access_point_with_an_address_of_its_own() -> None:
     with Network(Esp32()) as port:
         point = AccessPoint("ESP32-Access-Point", "123456789", address="10.16.1.1")
         assert "nobody has joined" in trouble(point.check)
-        assert port.made[0].addresses == ("10.16.1.1", "255.255.255.0", "10.16.1.1", "0.0.0.0")
+        assert port.interfaces[0].addresses == (
+            "10.16.1.1",
+            "255.255.255.0",
+            "10.16.1.1",
+            "0.0.0.0",
+        )
     with Network(Esp32()) as port:
         trouble(AccessPoint("robot-7").check)
-        assert port.made[0].addresses is None
+        assert port.interfaces[0].addresses is None
 
 
-def test_a_password_that_cannot_be() -> None:
+def test_invalid_passwords_of_an_access_point_are_refused() -> None:
     for password in ("", "short", "x" * 64):
         try:
             AccessPoint("robot-7", password)

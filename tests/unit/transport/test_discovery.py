@@ -1,6 +1,6 @@
-"""A board looks for its agent: what it asks, what it makes of answers, and who does not answer.
+"""Discovery of the agent by a board: requests, answers, and missing answers.
 
-Those that answer here are sockets of the test; real agents: contract/test_client_discovery.py.
+The answers come from sockets of the test; contract/test_client_discovery.py has real agents.
 """
 
 import errno
@@ -46,7 +46,7 @@ def answer(*locators):
 
 
 class Answering:
-    """Where questions come; what is answered, the test says."""
+    """A socket that receives requests and sends the datagrams of the test."""
 
     def __init__(self):
         self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -56,25 +56,25 @@ class Answering:
         self.addresses = (("127.0.0.1", self.port),)
 
     def take(self):
-        """What has come, and from whom."""
+        """Return the next datagram; keep its sender as ``peer``."""
         data, self.peer = self.sock.recvfrom(2000)
         return data
 
     def say(self, *datagrams):
-        for it in datagrams:
-            self.sock.sendto(it, self.peer)
+        for datagram in datagrams:
+            self.sock.sendto(datagram, self.peer)
 
 
 @pytest.fixture
 def place():
-    it = Answering()
-    yield it
-    it.sock.close()
+    responder = Answering()
+    yield responder
+    responder.sock.close()
 
 
 @pytest.fixture
-def made():
-    """Makes transports, and closes them."""
+def make_transport():
+    """Create transports, and close them at the end."""
     transports = []
 
     def make(*arguments, **options):
@@ -82,9 +82,9 @@ def made():
         return transports[-1]
 
     yield make
-    for it in transports:
-        it.close()
-        it.close()
+    for transport in transports:
+        transport.close()
+        transport.close()
 
 
 # --- the question and its answers ----------------------------------------------------------------
@@ -98,7 +98,7 @@ def test_the_question_is_that_of_the_c_client():
     assert discovery.read_question(QUESTION, len(QUESTION)) == ASKED
 
 
-def test_it_asks_where_agents_listen():
+def test_requests_are_sent_where_agents_listen():
     assert AGENTS == ((discovery.GROUP, discovery.DEFAULT_PORT),)
 
 
@@ -107,15 +107,15 @@ def test_an_answer_by_hand():
 
 
 def test_a_big_endian_answer():
-    told = BY_HAND[:5] + b"\0" + BY_HAND[6:28] + struct.pack(">hxxI", 1, 1)
-    told += BY_HAND[-8:-2] + BY_HAND[-1:] + BY_HAND[-2:-1]
-    assert agents_of(told) == [("192.0.2.7", 8888)]
+    datagram = BY_HAND[:5] + b"\0" + BY_HAND[6:28] + struct.pack(">hxxI", 1, 1)
+    datagram += BY_HAND[-8:-2] + BY_HAND[-1:] + BY_HAND[-2:-1]
+    assert agents_of(datagram) == [("192.0.2.7", 8888)]
 
 
 @pytest.mark.parametrize(
     ("locators", "source", "agents"),
     [
-        # eProsima's agent tells all addresses of its machine, loopback first.
+        # eProsima's agent sends all addresses of its machine, loopback first.
         (["127.0.0.1", "172.17.0.1", "192.0.2.7"], "192.0.2.7",
          ["192.0.2.7", "172.17.0.1", "127.0.0.1"]),
         (["127.0.0.1", "192.0.2.7", "172.17.0.1"], "", ["192.0.2.7", "172.17.0.1", "127.0.0.1"]),
@@ -131,20 +131,21 @@ def test_a_big_endian_answer():
         ([], "192.0.2.7", []),
     ],
 )  # fmt: skip
-def test_where_an_agent_is(locators, source, agents):
+def test_locators_of_an_answer_are_ranked(locators, source, agents):
     w = MessageWriter(bytearray(1000), ids.SESSION_NONE_WITHOUT_KEY, ids.STREAM_NONE, 0)
     w.begin(ids.INFO)
-    octets = [socket.inet_pton(socket.AF_INET6 if ":" in it else socket.AF_INET, it)
-              for it in locators]  # fmt: skip
-    session.push_info(w, 9, ids.OBJECT_AGENT, 0, 0, [(it, 8888) for it in octets])
-    assert agents_of(w.finish(), source) == [(it, 8888) for it in agents]
+    octets = [socket.inet_pton(socket.AF_INET6 if ":" in locator else socket.AF_INET, locator)
+              for locator in locators]  # fmt: skip
+    session.push_info(w, 9, ids.OBJECT_AGENT, 0, 0, [(address, 8888) for address in octets])
+    assert agents_of(w.finish(), source) == [(agent, 8888) for agent in agents]
 
 
-def test_ports_that_do_not_exist_are_passed_over():
-    told = answer(("2001:db8::2", 8888), ("192.0.2.7", 0))
-    there = told[:56] + struct.pack("<I", 70000) + told[60:]
-    assert told[56:60] == struct.pack("<I", 8888)
-    assert agents_of(told) == [("2001:db8:0:0:0:0:0:2", 8888)] and agents_of(there) == []
+def test_invalid_ports_are_skipped():
+    datagram = answer(("2001:db8::2", 8888), ("192.0.2.7", 0))
+    with_large_port = datagram[:56] + struct.pack("<I", 70000) + datagram[60:]
+    assert datagram[56:60] == struct.pack("<I", 8888)
+    assert agents_of(datagram) == [("2001:db8:0:0:0:0:0:2", 8888)]
+    assert agents_of(with_large_port) == []
 
 
 @pytest.mark.parametrize(
@@ -152,26 +153,26 @@ def test_ports_that_do_not_exist_are_passed_over():
     [
         b"", b"\x80", b"hello, who is there?", QUESTION,
         BY_HAND[:-1],
-        BY_HAND[:8] + b"\0\x0a" + BY_HAND[10:],  # of a ping
+        BY_HAND[:8] + b"\0\x0a" + BY_HAND[10:],  # the answer to a ping
         BY_HAND[:10] + b"\xff\xff" + BY_HAND[12:],  # about something else
         BY_HAND[:12] + b"\x83" + BY_HAND[13:],  # refused
         BY_HAND.replace(b"XRCE", b"RTPS"),
         BY_HAND.replace(b"\1\0\0\0\1\xc0", b"\xff\0\0\0\1\xc0"),  # more locators than there are
     ],
 )  # fmt: skip
-def test_what_is_no_answer(datagram):
+def test_other_datagrams_are_refused(datagram):
     with pytest.raises(DecodeError):
         agents_of(datagram, "192.0.2.7")
 
 
-@given(st.binary(max_size=80) | st.binary(max_size=60).map(lambda it: BY_HAND[:20] + it),
+@given(st.binary(max_size=80) | st.binary(max_size=60).map(lambda octets: BY_HAND[:20] + octets),
        st.sampled_from(["", "127.0.0.1", "192.0.2.7"]))  # fmt: skip
-def test_whatever_answers(datagram, source):
+def test_any_datagram_is_decoded_or_refused(datagram, source):
     try:
-        found = agents_of(datagram, source)
+        agents = agents_of(datagram, source)
     except DecodeError:
         return
-    for host, port in found:
+    for host, port in agents:
         assert 0 < port < 65536
         socket.inet_pton(socket.AF_INET6 if ":" in host else socket.AF_INET, host)
 
@@ -180,7 +181,7 @@ def test_whatever_answers(datagram, source):
 
 
 def answering(place, *bursts):
-    """The n-th question gets the n-th burst of datagrams, in a thread."""
+    """Answer the n-th request with the n-th burst of datagrams, in a thread."""
 
     def run():
         for burst in bursts:
@@ -192,33 +193,33 @@ def answering(place, *bursts):
     return thread
 
 
-def test_the_first_answer_that_is_one_counts(place):
-    told = answer(("192.0.2.7", 8888)), answer(("192.0.2.8", 8889))
-    thread = answering(place, (b"", b"hello", QUESTION, told[0][:-3], *told, told[0]))
+def test_the_first_valid_answer_is_returned(place):
+    answers = answer(("192.0.2.7", 8888)), answer(("192.0.2.8", 8889))
+    thread = answering(place, (b"", b"hello", QUESTION, answers[0][:-3], *answers, answers[0]))
     assert discover_agent(10_000, place.addresses) == ("192.0.2.7", 8888)
     thread.join(SECONDS)
 
 
-def test_a_lost_question_is_asked_again(place):
+def test_a_lost_request_is_repeated(place):
     thread = answering(place, (), (answer(("0.0.0.0", 8888)),))
     assert discover_agent(10_000, place.addresses) == ("127.0.0.1", 8888)
     thread.join(SECONDS)
 
 
-def test_nobody_answers(place):
+def test_discovery_ends_after_its_timeout(place):
     before = ticks_ms()
     assert discover_agent(300, place.addresses) is None
     assert 300 <= ticks_diff(ticks_ms(), before)
     assert place.take() == QUESTION
 
 
-def test_answers_that_lead_nowhere_are_no_answers(place):
+def test_answers_without_usable_locators_are_ignored(place):
     thread = answering(place, [answer(), answer(("239.1.2.3", 1))] * 40)
     assert discover_agent(200, place.addresses) is None
     thread.join(SECONDS)
 
 
-def test_of_several_addresses_those_that_exist_are_asked(place):
+def test_addresses_that_cannot_be_resolved_are_skipped(place):
     thread = answering(place, (answer(("192.0.2.7", 8888)),))
     nowhere = ("no.such.host.invalid", 7400), ("::1", 7400)
     assert discover_agent(10_000, nowhere + place.addresses) == ("192.0.2.7", 8888)
@@ -227,11 +228,11 @@ def test_of_several_addresses_those_that_exist_are_asked(place):
         discover_agent(10_000, nowhere[1:])
 
 
-def test_nobody_can_be_asked(monkeypatch):
+def test_a_request_that_cannot_be_sent_raises(monkeypatch):
     with pytest.raises(OSError, match="there is no address to ask"):
         discover_agent(10_000, ())
     with pytest.raises(OSError) as caught:
-        discover_agent(10_000, interface="192.0.2.55")  # not ours
+        discover_agent(10_000, interface="192.0.2.55")  # not an address of this machine
     assert caught.value.errno == errno.EADDRNOTAVAIL
 
     class Down(socket.socket):
@@ -248,33 +249,33 @@ def test_nobody_can_be_asked(monkeypatch):
 # --- the transport -------------------------------------------------------------------------------
 
 
-def test_what_was_said_last_goes_to_the_agent_that_is_found(place, made):
-    there = Answering()
-    t = made(place.addresses)
+def test_the_last_message_is_sent_to_the_agent_found(place, make_transport):
+    agent = Answering()
+    t = make_transport(place.addresses)
     t.open()
     assert place.take() == QUESTION and t.agent is None
     t.send(b"lost")
     t.send(bytearray(b"ping..."), 4)
     assert t.receive(0) is None
-    place.say(answer(("127.0.0.1", there.port)), answer(("127.0.0.1", 1)))
-    assert t.receive(0) is None and t.agent == ("127.0.0.1", there.port)
-    assert there.take() == b"ping"
-    there.say(b"pong")
+    place.say(answer(("127.0.0.1", agent.port)), answer(("127.0.0.1", 1)))
+    assert t.receive(0) is None and t.agent == ("127.0.0.1", agent.port)
+    assert agent.take() == b"ping"
+    agent.say(b"pong")
     assert t.receive(1000) == b"pong"
     t.send(b"more", 4)
     t.send(b"all of it")
-    assert there.take() == b"more" and there.take() == b"all of it"
+    assert agent.take() == b"more" and agent.take() == b"all of it"
     place.say(b"a late answer")  # to a socket that is closed
     assert t.receive(10) is None
     t.close()
     assert t.agent is None
-    there.sock.close()
+    agent.sock.close()
 
 
-def test_a_transport_asks_again_while_it_is_spoken_to_but_not_each_time(place, made, monkeypatch):
+def test_a_search_repeats_its_request_every_250_ms(place, make_transport, monkeypatch):
     now = [1000]
     monkeypatch.setattr(discoveryboard, "ticks_ms", lambda: now[0])
-    t = made(place.addresses)
+    t = make_transport(place.addresses)
     t.open()
     for _ in range(51):
         now[0] += 10
@@ -285,8 +286,8 @@ def test_a_transport_asks_again_while_it_is_spoken_to_but_not_each_time(place, m
         place.take()
 
 
-def test_nobody_answers_a_transport(place, made):
-    t = made(place.addresses, patience_ms=20)
+def test_a_transport_without_an_answer_raises_after_its_patience(place, make_transport):
+    t = make_transport(place.addresses, patience_ms=20)
     for _ in range(2):
         t.open()
         with pytest.raises(OSError) as caught:
@@ -296,17 +297,17 @@ def test_nobody_answers_a_transport(place, made):
         assert "--discovery" in str(caught.value)
 
 
-def test_a_locator_at_which_nobody_is_and_the_next_one(place, made, monkeypatch):
-    """And the one that worked stays the first."""
+def test_a_silent_locator_is_followed_by_the_next(place, make_transport, monkeypatch):
+    """The locator that answered is the first one in later searches."""
     now = [1000]
     monkeypatch.setattr(discoveryboard, "ticks_ms", lambda: now[0])
-    there, silent = Answering(), Answering()
-    told = answer(("127.0.0.1", silent.port), ("127.0.0.1", there.port))
-    t = made(place.addresses)
+    agent, silent = Answering(), Answering()
+    datagram = answer(("127.0.0.1", silent.port), ("127.0.0.1", agent.port))
+    t = make_transport(place.addresses)
     for turn in range(3):
         t.open()
         assert place.take() == QUESTION
-        place.say(told)
+        place.say(datagram)
         t.send(b"ping")
         assert t.receive(0) is None
         if turn == 0:
@@ -317,16 +318,16 @@ def test_a_locator_at_which_nobody_is_and_the_next_one(place, made, monkeypatch)
             with pytest.raises(OSError, match="is silent there: look at firewalls"):
                 t.receive(0)
             continue
-        assert t.agent == ("127.0.0.1", there.port) and there.take() == b"ping"
-        there.say(b"pong")
+        assert t.agent == ("127.0.0.1", agent.port) and agent.take() == b"ping"
+        agent.say(b"pong")
         assert t.receive(1000) == b"pong"
         now[0] += 100_000
-        assert t.receive(0) is None  # now the node's own patience counts
-    there.sock.close()
+        assert t.receive(0) is None  # now the node detects the loss of the agent
+    agent.sock.close()
     silent.sock.close()
 
 
-def test_a_locator_to_which_there_is_no_way(place, made):
+def test_an_unreachable_locator_is_followed_by_the_next(place, make_transport):
     def make(host, port, mtu):
         assert mtu == 300
         tried.append(host)
@@ -347,7 +348,7 @@ def test_a_locator_to_which_there_is_no_way(place, made):
             raise OSError(errno.EHOSTUNREACH, "no way")
 
     tried = []
-    t = made(place.addresses, mtu=300, make=make)
+    t = make_transport(place.addresses, mtu=300, make=make)
     assert t.mtu == 300
     for _ in range(2):
         t.open()
@@ -361,8 +362,8 @@ def test_a_locator_to_which_there_is_no_way(place, made):
     assert tried == ["192.0.2.7", "192.0.2.8", "closed"]
 
 
-def test_a_flood_of_nonsense_does_not_hold_a_program_up(place, made):
-    t = made(place.addresses)
+def test_a_flood_of_datagrams_does_not_block_receive(place, make_transport):
+    t = make_transport(place.addresses)
     t.open()
     place.take()
     place.say(*[b"nonsense"] * 64, answer(("127.0.0.1", 8888)))

@@ -1,4 +1,4 @@
-"""What outside bytes can do to a modem's transport: any of them, in any pieces, at any time."""
+"""Transports over modems, fed with any bytes in any pieces at any time."""
 
 import random
 
@@ -29,7 +29,7 @@ GS_WORDS = [
 
 
 class Silent:
-    """Neither a UART nor a bus says anything."""
+    """A UART and a bus that receive nothing."""
 
     def read(self, size):
         return None
@@ -63,7 +63,7 @@ def texts(words):
     )
 
 
-def seen(transport):
+def state_of(transport):
     return (
         transport._messages, transport._answers, transport._info, transport._gone,
         transport.malformed, transport._left,
@@ -73,8 +73,8 @@ def seen(transport):
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=examples(300))
 @given(data=st.data())
-def test_any_bytes_in_any_pieces(kind, data):
-    """Nothing is raised, nothing grows without bounds, and the pieces make no difference."""
+def test_any_bytes_are_parsed_alike_in_any_pieces(kind, data):
+    """No exception, no unbounded growth, and the same state for any division into pieces."""
     make, words = KINDS[kind]
     text = data.draw(texts(words))
     cuts = sorted(data.draw(st.lists(st.integers(0, len(text)), max_size=10)))
@@ -82,8 +82,8 @@ def test_any_bytes_in_any_pieces(kind, data):
     whole.feed(text)
     for start, stop in zip([0, *cuts], [*cuts, len(text)], strict=True):
         pieces.feed(text[start:stop])
-    assert seen(whole) == seen(pieces)
-    assert all(0 < len(it) <= MTU for it in whole._messages)
+    assert state_of(whole) == state_of(pieces)
+    assert all(0 < len(message) <= MTU for message in whole._messages)
     assert len(whole._answers) <= 8 and whole._length <= len(whole._line)
     assert 0 <= whole._left <= 9999
 
@@ -91,15 +91,15 @@ def test_any_bytes_in_any_pieces(kind, data):
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=examples(200))
 @given(data=st.data())
-def test_datagrams_between_lines_arrive_whole_and_in_order(kind, data):
+def test_datagrams_between_lines_arrive_complete_and_in_order(kind, data):
     messages = data.draw(st.lists(st.binary(min_size=1, max_size=MTU), max_size=10))
     if kind == "esp8266":
         lines = [b"", b"\r\nSEND OK\r\n", b"\r\nbusy p...\r\n", b"> ", b"\r\n+STA_CONNECTED:02\r\n"]
-        coded = [b"\r\n+IPD,%d:%s" % (len(it), it) for it in messages]
+        coded = [b"\r\n+IPD,%d:%s" % (len(message), message) for message in messages]
     else:
         lines = [b"", b"\r\nOK\r\n", b"MAC=02:00\r\n", b"\x1bO", b"\x1bZ10002no"]
-        coded = [b"\x1bZ0%04d%s" % (len(it), it) for it in messages]
-    text = b"".join(data.draw(st.sampled_from(lines)) + it for it in coded)
+        coded = [b"\x1bZ0%04d%s" % (len(message), message) for message in messages]
+    text = b"".join(data.draw(st.sampled_from(lines)) + datagram for datagram in coded)
     size = data.draw(st.integers(1, 50))
     transport = KINDS[kind][0]()
     for at in range(0, len(text), size):
@@ -110,13 +110,13 @@ def test_datagrams_between_lines_arrive_whole_and_in_order(kind, data):
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=examples(100))
 @given(data=st.data())
-def test_after_any_bytes_a_datagram_comes_through_again(kind, data):
-    """At the latest when the line has been silent for a moment, or 9999 bytes have come."""
+def test_a_datagram_arrives_after_any_bytes(kind, data):
+    """A datagram arrives, at the latest after a gap of the line, or after 9999 bytes."""
     make, words = KINDS[kind]
     transport = make()
     transport.feed(data.draw(texts(words)))
     if kind == "esp8266":
-        transport._left = 0  # what the silence does
+        transport._left = 0  # as after a gap
         transport.feed(b"\r\n+IPD,5:hello")
     else:
         transport.feed(b"\r\n" * 5000)
@@ -125,7 +125,7 @@ def test_after_any_bytes_a_datagram_comes_through_again(kind, data):
 
 
 class Place:
-    """A modem with a line of which octets are lost, damaged and made up, until it is mended."""
+    """A modem on a line that loses and damages octets while ``rate`` is above 0."""
 
     def __init__(self, kind, time, seed, rate):
         self.random = random.Random(seed)
@@ -158,12 +158,12 @@ class Place:
                 out.append(octet ^ 1 << self.random.randrange(8))
             elif dice >= 2:
                 out.append(octet)
-            # else it is lost
+            # Otherwise the octet is lost.
         return bytes(out)
 
 
 def opened_until(place, done, turns=100):
-    """Opened again after each failure, as a node does."""
+    """Receive until ``done``; open the transport again after each failure, as a node does."""
     for _ in range(turns):
         try:
             return until(place.transport, done)
@@ -175,7 +175,7 @@ def opened_until(place, done, turns=100):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(8))
-def test_a_line_with_noise_heals_when_the_noise_ends(kind, seed):
+def test_datagrams_are_sent_after_noise_on_the_line(kind, seed):
     with FakeTime() as time:
         place = Place(kind, time, seed, 0.0)
         link_up(place.transport)
@@ -207,7 +207,7 @@ def test_a_line_with_noise_heals_when_the_noise_ends(kind, seed):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(3))
 def test_joining_over_a_line_with_noise_ends_in_a_link_or_an_error(kind, seed):
-    """And never in a dialogue that waits for ever."""
+    """The dialogue never waits for ever."""
     with FakeTime() as time:
         place = Place(kind, time, seed, 0.02)
         place.transport.open()

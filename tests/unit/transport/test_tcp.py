@@ -1,4 +1,4 @@
-"""A board's end of TCP, plain and in TLS, against agents and against what is none."""
+"""The TCP transport of boards, plain and in TLS, with agents and with other peers."""
 
 import errno
 import socket
@@ -21,30 +21,30 @@ from uros.transport.tls import TlsTransport, _der
 QUICK = {"ping_ms": 20, "silence_ms": 400, "wait_ms": 20}
 
 
-def until(node, done, what="it takes too long"):
+def until(node, done, complaint="it takes too long"):
     start = ticks_ms()
     while not done():
-        assert ticks_diff(ticks_ms(), start) < SECONDS * 1000, what
+        assert ticks_diff(ticks_ms(), start) < SECONDS * 1000, complaint
         node.spin_once(0.005)
 
 
 @pytest.fixture
 def listener():
-    """An agent's place without an agent."""
+    """A listening socket without an agent."""
     with socket.create_server(("127.0.0.1", 0)) as sock:
         sock.settimeout(SECONDS)
         yield sock
 
 
 def opened(listener, **options):
-    """(transport, the other end), connected."""
+    """Return a connected transport and the socket of its peer."""
     transport = TcpTransport("127.0.0.1", listener.getsockname()[1], **options)
     transport.open()
     return transport, listener.accept()[0]
 
 
 def received(transport, timeout_ms=5000):
-    """The next message, or the error that comes instead."""
+    """Return the next message, or None after ``timeout_ms``."""
     start = ticks_ms()
     while ticks_diff(ticks_ms(), start) < timeout_ms:
         message = transport.receive(50)
@@ -64,14 +64,14 @@ def fails(transport, number=None):
 # --- TCP ---------------------------------------------------------------------------------------
 
 
-def test_messages_there_and_back_in_any_pieces(listener):
-    transport, there = opened(listener)
-    with there:
-        transport.send(b"one")  # before anybody has looked whether there is a connection
+def test_messages_are_exchanged_in_any_pieces(listener):
+    transport, peer = opened(listener)
+    with peer:
+        transport.send(b"one")  # before the transport knows that it is connected
         assert transport.receive(0) is None
-        assert there.recv(100) == b"\3\0one"
+        assert peer.recv(100) == b"\3\0one"
         for byte in b"\5\0hello\1\0!\0\0\2\0ab":
-            there.sendall(bytes([byte]))
+            peer.sendall(bytes([byte]))
         assert [received(transport) for _ in range(3)] == [b"hello", b"!", b"ab"]
         assert transport.dropped == 0
         transport.send(b"x" * 513)
@@ -80,21 +80,21 @@ def test_messages_there_and_back_in_any_pieces(listener):
     transport.close()
 
 
-def test_what_the_network_does_not_take_is_kept_or_lost_whole(listener):
-    transport, there = opened(listener, mtu=60_000)
-    with there:
+def test_messages_without_room_are_dropped_as_a_whole(listener):
+    transport, peer = opened(listener, mtu=60_000)
+    with peer:
         transport._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
         assert transport.receive(0) is None
         sent = 0
         while transport.dropped < 3:
             transport.send(bytes([sent & 0xFF]) * 60_000)
             sent += 1
-        there.settimeout(SECONDS)
+        peer.settimeout(SECONDS)
         stream = bytearray()
         whole = 60_002 * (sent - 3)
         while len(stream) < whole:
             transport.receive(0)
-            stream += there.recv(1 << 20)
+            stream += peer.recv(1 << 20)
     assert len(stream) == whole
     for number in range(sent - 3):
         message = stream[60_002 * number : 60_002 * (number + 1)]
@@ -102,7 +102,7 @@ def test_what_the_network_does_not_take_is_kept_or_lost_whole(listener):
     transport.close()
 
 
-def test_nobody_there():
+def test_a_refused_connection_raises():
     with socket.create_server(("127.0.0.1", 0)) as sock:
         port = sock.getsockname()[1]
     transport = TcpTransport("127.0.0.1", port)
@@ -113,32 +113,32 @@ def test_nobody_there():
     transport.close()
 
 
-def test_the_end_of_the_connection(listener):
-    transport, there = opened(listener)
-    there.sendall(b"\2\0ok\7\0hal")
-    there.close()
+def test_a_closed_connection_raises_after_its_last_message(listener):
+    transport, peer = opened(listener)
+    peer.sendall(b"\2\0ok\7\0hal")
+    peer.close()
     assert received(transport) == b"ok"
     assert "closed by 127.0.0.1" in fails(transport, errno.ECONNRESET)
     transport.close()
 
 
-def test_who_accepts_and_says_nothing_is_not_waited_for_for_ever(listener):
-    """Nor a machine that is gone without a word."""
-    transport, there = opened(listener, patience_ms=100)
-    with there:
+def test_a_silent_peer_times_out(listener):
+    """A peer that never answers, and one that stops answering, time out."""
+    transport, peer = opened(listener, patience_ms=100)
+    with peer:
         assert "no answer from 127.0.0.1" in fails(transport, errno.ETIMEDOUT)
         transport.close()
-    transport, there = opened(listener, patience_ms=100)
-    with there:
-        there.sendall(b"\2\0ok")
+    transport, peer = opened(listener, patience_ms=100)
+    with peer:
+        peer.sendall(b"\2\0ok")
         assert received(transport) == b"ok"
-        assert transport.receive(300) is None  # nothing was asked
+        assert transport.receive(300) is None  # no message waits for an answer
         transport.send(b"and now?")
         fails(transport, errno.ETIMEDOUT)
     transport.close()
 
 
-def test_an_address_that_does_not_answer_and_the_next_one(listener, monkeypatch):
+def test_an_address_that_refuses_is_followed_by_the_next(listener, monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as sock:
         nobody = sock.getsockname()[1]
     addresses = [
@@ -149,15 +149,15 @@ def test_an_address_that_does_not_answer_and_the_next_one(listener, monkeypatch)
     transport = TcpTransport("robot.local")
     transport.open()
     fails(transport)
-    for _ in range(2):  # and where somebody answered, it stays
+    for _ in range(2):  # the address that answered is kept
         transport.open()
-        with listener.accept()[0] as there:
-            there.sendall(b"\2\0ok")
+        with listener.accept()[0] as peer:
+            peer.sendall(b"\2\0ok")
             assert received(transport) == b"ok"
     transport.close()
 
 
-def test_a_name_that_nobody_knows_and_no_way(monkeypatch):
+def test_unknown_names_and_unreachable_hosts_raise(monkeypatch):
     def unknown(*_):
         raise socket.gaierror(-2, "Name or service not known")
 
@@ -176,7 +176,7 @@ def test_a_name_that_nobody_knows_and_no_way(monkeypatch):
 
 
 def why_not(transport):
-    """What a node says of the agent that it does not come to."""
+    """Return the reason that a node reports when it cannot connect."""
     node = Node("node", transport, key=1, **QUICK)
     until(node, lambda: node.connection.reason)
     assert node.state == WAITING_AGENT
@@ -195,7 +195,7 @@ def transport_to(agent, **options):
     return TlsTransport("127.0.0.1", agent.transport.port, **options)
 
 
-def test_the_ca_by_its_file_or_its_bytes_pem_or_der(tls_agent):
+def test_the_ca_is_a_file_or_bytes_in_pem_or_der(tls_agent):
     pem = open_bytes(authority().ca)
     for ca in (authority().ca, pem, ssl.PEM_cert_to_DER_cert(pem.decode())):
         node = Node("node", transport_to(tls_agent, ca=ca), key=2, **QUICK)
@@ -208,14 +208,14 @@ def open_bytes(path):
         return file.read()
 
 
-def test_an_agent_that_one_should_not_trust(tls_agent, tmp_path):
-    other = Authority(tmp_path)
-    assert "CERTIFICATE_VERIFY_FAILED" in why_not(transport_to(tls_agent, ca=other.ca))
-    said = why_not(transport_to(tls_agent, ca=authority().ca, name="robot.example"))
-    assert "CERTIFICATE_VERIFY_FAILED" in said and "robot.example" in said
+def test_an_untrusted_agent_is_refused(tls_agent, tmp_path):
+    unknown_authority = Authority(tmp_path)
+    assert "CERTIFICATE_VERIFY_FAILED" in why_not(transport_to(tls_agent, ca=unknown_authority.ca))
+    reason = why_not(transport_to(tls_agent, ca=authority().ca, name="robot.example"))
+    assert "CERTIFICATE_VERIFY_FAILED" in reason and "robot.example" in reason
 
 
-def test_trust_in_anybody_is_asked_for_by_name(tls_agent):
+def test_verify_false_accepts_any_certificate(tls_agent):
     with pytest.raises(ValueError, match="ca is missing"):
         transport_to(tls_agent)
     node = Node("node", transport_to(tls_agent, verify=False), key=3, **QUICK)
@@ -230,7 +230,7 @@ def test_certificate_and_key_belong_together():
 
 
 @pytest.mark.parametrize("text", [None, b"", b"nonsense", b"-----BEGIN CERTIFICATE-----\n\xff"])
-def test_a_file_that_is_none_is_said_and_tried_again(tls_agent, tmp_path, text):
+def test_an_invalid_ca_file_is_reported_and_read_again(tls_agent, tmp_path, text):
     path = tmp_path / "ca.pem"
     if text is not None:
         path.write_bytes(text)
@@ -244,8 +244,8 @@ def test_a_file_that_is_none_is_said_and_tried_again(tls_agent, tmp_path, text):
 
 def test_an_agent_without_tls():
     with running_agent("tcp", "memory") as plain:
-        said = why_not(transport_to(plain, ca=authority().ca))
-    assert said.startswith("the line is gone: ")
+        reason = why_not(transport_to(plain, ca=authority().ca))
+    assert reason.startswith("the line is gone: ")
 
 
 def test_a_handshake_that_is_not_answered(listener):
@@ -257,8 +257,8 @@ def test_a_handshake_that_is_not_answered(listener):
     transport.close()
 
 
-def test_no_spinning_while_the_other_end_takes_its_time(listener, monkeypatch):
-    """What waits to be sent must not make the socket look ready: the handshake comes first."""
+def test_an_unanswered_handshake_causes_no_busy_waiting(listener, monkeypatch):
+    """Unsent messages must not make the socket look ready: the handshake comes first."""
     port = listener.getsockname()[1]
     transport = TlsTransport("127.0.0.1", port, ca=authority().ca)
     transport.open()
@@ -266,22 +266,22 @@ def test_no_spinning_while_the_other_end_takes_its_time(listener, monkeypatch):
         transport.send(b"ping")
         reads = []
         real = TlsTransport._read
-        monkeypatch.setattr(TlsTransport, "_read", lambda it: reads.append(1) or real(it))
+        monkeypatch.setattr(TlsTransport, "_read", lambda line: reads.append(1) or real(line))
         assert transport.receive(200) is None
         assert len(reads) < 5
     transport.close()
 
 
-def test_through_software_that_is_not_ours(tmp_path):
-    """openssl's own server, and behind it, by hand, a plain agent."""
-    made = Authority(tmp_path)
-    cert, key = made.agent()
+def test_tls_with_the_server_of_openssl(tmp_path):
+    """The server of openssl forwards to a plain agent."""
+    certificates = Authority(tmp_path)
+    cert, key = certificates.agent()
     with socket.create_server(("127.0.0.1", 0)) as sock:
         port = sock.getsockname()[1]
     command = ["openssl", "s_server", "-quiet", "-accept", f"127.0.0.1:{port}", "-naccept", "1",
-               "-cert", cert, "-key", key, "-CAfile", made.ca, "-Verify", "1",
+               "-cert", cert, "-key", key, "-CAfile", certificates.ca, "-Verify", "1",
                "-verify_return_error"]  # fmt: skip
-    board_cert, board_key = made.issue("board")
+    board_cert, board_key = certificates.issue("board")
     with (
         running_agent("tcp", "memory") as plain,
         subprocess.Popen(
@@ -299,41 +299,45 @@ def test_through_software_that_is_not_ours(tmp_path):
                 server.stdin.write(chunk)
                 server.stdin.flush()
 
-        threads = [threading.Thread(target=it) for it in (to_agent, from_agent)]
-        for it in threads:
-            it.start()
-        transport = TlsTransport("127.0.0.1", port, ca=made.ca, cert=board_cert, key=board_key)
+        threads = [threading.Thread(target=target) for target in (to_agent, from_agent)]
+        for thread in threads:
+            thread.start()
+        transport = TlsTransport(
+            "127.0.0.1", port, ca=certificates.ca, cert=board_cert, key=board_key
+        )
         node = Node("node", transport, key=5, **QUICK)
         heard = []
         publisher = node.create_publisher(Int32, "numbers")
-        node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data))
+        node.create_subscription(Int32, "numbers", lambda message: heard.append(message.data))
         until(node, lambda: node.state == AGENT_CONNECTED)
         assert publisher.publish(Int32(data=77))
         until(node, lambda: heard == [77])
         node.destroy_node()
         server.terminate()
         inside.shutdown(socket.SHUT_RDWR)
-        for it in threads:
-            it.join(SECONDS)
+        for thread in threads:
+            thread.join(SECONDS)
 
 
-def test_an_agent_process_that_is_started_again_with_new_certificates(tmp_path):
-    """The command line, from end to end: a board publishes, and comes back by itself."""
-    made = Authority(tmp_path)
-    board_cert, board_key = made.issue("left")
+def test_a_node_reconnects_to_an_agent_with_new_certificates(tmp_path):
+    """The agent's process restarts with new certificates; the board publishes before and after."""
+    certificates = Authority(tmp_path)
+    board_cert, board_key = certificates.issue("left")
 
     def command(port):
-        cert, key = made.agent()
+        cert, key = certificates.agent()
         return ("tcp4", "-p", port, "-m", "memory", "--tls-cert", cert, "--tls-key", key,
-                "--tls-ca", made.ca)  # fmt: skip
+                "--tls-ca", certificates.ca)  # fmt: skip
 
     with agent_process(*command(0)) as first:
         port = int(first.until(r"TLSv4Agent +\| init .*port: (\d+)")[1])
-        transport = TlsTransport("127.0.0.1", port, ca=made.ca, cert=board_cert, key=board_key)
+        transport = TlsTransport(
+            "127.0.0.1", port, ca=certificates.ca, cert=board_cert, key=board_key
+        )
         node = Node("node", transport, key=6, **QUICK)
         heard = []
         publisher = node.create_publisher(Int32, "numbers")
-        node.create_subscription(Int32, "numbers", lambda it: heard.append(it.data))
+        node.create_subscription(Int32, "numbers", lambda message: heard.append(message.data))
         until(node, lambda: node.state == AGENT_CONNECTED)
         assert publisher.publish(Int32(data=1))
         until(node, lambda: heard == [1])
@@ -349,7 +353,7 @@ def test_an_agent_process_that_is_started_again_with_new_certificates(tmp_path):
         assert second.end() == 0
 
 
-def test_pem_is_turned_into_der_for_boards():
+def test_pem_is_converted_to_der():
     pem = open_bytes(authority().ca)
     der = ssl.PEM_cert_to_DER_cert(pem.decode())
     assert _der(pem) == _der(der) == der
