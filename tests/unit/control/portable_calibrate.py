@@ -1,4 +1,4 @@
-"""Sizes of wheels and track, found from drives of bodies whose sizes are known."""
+"""Calibration of wheels and track by simulated drives of bodies with known sizes."""
 
 import math
 
@@ -9,8 +9,7 @@ TRACK = 0.134
 
 
 def body(calibration, right, left, d, clockwise=False, corner=True, off=(0.0, 0.0, 0.0)):
-    """A square as a body drives it that believes in the nominal sizes and has others. ``off`` is
-    by how much its poses are measured wrongly."""
+    """Drive a square with these sizes; ``off`` is the error of the measured poses."""
     x = y = theta = 0.0
     sign = -1 if clockwise else 1
     quarter = math.pi / 2 * TRACK
@@ -43,90 +42,90 @@ def refused(call, *words):
     raise AssertionError("nothing was refused")
 
 
-def test_one_square_with_its_first_corner_tells_all_three():
+def test_one_square_with_its_first_corner_determines_all_sizes():
     for right, left, d in ((0.0328, 0.0322, 0.136), (0.0321, 0.0323, 0.131), (0.034, 0.034, 0.14)):
-        it = Calibration()
-        body(it, right, left, d)
-        it.solve()
-        near(it.right_radius, right, 0.0002)
-        near(it.left_radius, left, 0.0002)
-        near(it.d, d, 0.0005)
-        assert it.misfit < 0.001
+        calibration = Calibration()
+        body(calibration, right, left, d)
+        calibration.solve()
+        near(calibration.right_radius, right, 0.0002)
+        near(calibration.left_radius, left, 0.0002)
+        near(calibration.d, d, 0.0005)
+        assert calibration.misfit < 0.001
 
 
-def test_squares_in_both_directions_bear_that_a_person_measures_badly():
-    it = Calibration()
-    body(it, 0.0327, 0.0323, 0.1345, off=(0.004, -0.003, 0.008))
-    it.restart()
-    body(it, 0.0327, 0.0323, 0.1345, clockwise=True, off=(-0.003, 0.004, -0.006))
-    it.solve()
-    near(it.right_radius, 0.0327, 0.004)
-    near(it.left_radius, 0.0323, 0.004)
-    near(it.right_radius / it.left_radius, 0.0327 / 0.0323, 0.001)
-    near(it.d, 0.1345, 0.006)
+def test_squares_in_both_directions_tolerate_errors_of_measurement():
+    calibration = Calibration()
+    body(calibration, 0.0327, 0.0323, 0.1345, off=(0.004, -0.003, 0.008))
+    calibration.restart()
+    body(calibration, 0.0327, 0.0323, 0.1345, clockwise=True, off=(-0.003, 0.004, -0.006))
+    calibration.solve()
+    near(calibration.right_radius, 0.0327, 0.004)
+    near(calibration.left_radius, 0.0323, 0.004)
+    near(calibration.right_radius / calibration.left_radius, 0.0327 / 0.0323, 0.001)
+    near(calibration.d, 0.1345, 0.006)
 
 
-def test_nominal_sizes_stay_what_they_are():
-    it = Calibration()
-    body(it, RADIUS, RADIUS, TRACK)
-    it.solve()
-    near(it.right_radius, RADIUS, 1e-4)
-    near(it.left_radius, RADIUS, 1e-4)
-    near(it.d, TRACK, 3e-4)
+def test_a_nominal_body_keeps_its_sizes():
+    calibration = Calibration()
+    body(calibration, RADIUS, RADIUS, TRACK)
+    calibration.solve()
+    near(calibration.right_radius, RADIUS, 1e-4)
+    near(calibration.left_radius, RADIUS, 1e-4)
+    near(calibration.d, TRACK, 3e-4)
 
 
-def test_the_end_of_a_square_alone_does_not_tell_how_large_the_wheels_are():
-    it = Calibration()
-    body(it, 0.0328, 0.0322, 0.134, corner=False)
-    refused(it.solve, "size", "first corner")
-    assert it.right_radius == RADIUS and it.d == TRACK
-    # One direction leaves open whether the wheels differ or the track does.
-    refused(lambda: it.solve(keep_radius=True), "track")
-    it.restart()
-    body(it, 0.0328, 0.0322, 0.134, clockwise=True, corner=False)
-    it.solve(keep_radius=True)
-    near(it.right_radius / it.left_radius, 0.0328 / 0.0322, 0.0005)
-    near((it.right_radius + it.left_radius) / 2, RADIUS, 1e-5)
+def test_the_end_of_a_square_alone_does_not_determine_the_radius():
+    calibration = Calibration()
+    body(calibration, 0.0328, 0.0322, 0.134, corner=False)
+    refused(calibration.solve, "size", "first corner")
+    assert calibration.right_radius == RADIUS and calibration.d == TRACK
+    # One direction cannot distinguish a difference of the wheels from an error of the track.
+    refused(lambda: calibration.solve(keep_radius=True), "track")
+    calibration.restart()
+    body(calibration, 0.0328, 0.0322, 0.134, clockwise=True, corner=False)
+    calibration.solve(keep_radius=True)
+    near(calibration.right_radius / calibration.left_radius, 0.0328 / 0.0322, 0.0005)
+    near((calibration.right_radius + calibration.left_radius) / 2, RADIUS, 1e-5)
 
 
-def test_a_straight_way_does_not_tell_the_track():
-    it = Calibration()
+def test_a_straight_drive_does_not_determine_the_track():
+    calibration = Calibration()
     for _ in range(100):
-        it.add(0.01, 0.01)
-    it.measured(1.003, 0.002)
-    refused(it.solve, "track", "turns")
+        calibration.add(0.01, 0.01)
+    calibration.measured(1.003, 0.002)
+    refused(calibration.solve, "track", "turns")
 
 
-def test_data_that_cannot_be_are_refused():
-    it = Calibration()
-    refused(it.solve, "too short")
-    body(it, RADIUS, RADIUS, TRACK)
+def test_invalid_data_are_refused():
+    calibration = Calibration()
+    refused(calibration.solve, "too short")
+    body(calibration, RADIUS, RADIUS, TRACK)
     for bad in (float("nan"), float("inf")):
-        refused(lambda bad=bad: it.measured(bad, 0.0), "numbers")
-        refused(lambda bad=bad: it.measured(0.0, bad), "numbers")
-        refused(lambda bad=bad: it.measured(0.0, 0.0, bad), "numbers")
-    # Millimetres for metres.
-    it = Calibration()
+        refused(lambda bad=bad: calibration.measured(bad, 0.0), "numbers")
+        refused(lambda bad=bad: calibration.measured(0.0, bad), "numbers")
+        refused(lambda bad=bad: calibration.measured(0.0, 0.0, bad), "numbers")
+    # Millimetres instead of metres.
+    calibration = Calibration()
     for _ in range(100):
-        it.add(0.01, 0.01)
-    it.measured(1000.0, 0.0)
-    refused(lambda: it.solve())
-    # Nobody measured.
-    it = Calibration()
+        calibration.add(0.01, 0.01)
+    calibration.measured(1000.0, 0.0)
+    refused(lambda: calibration.solve())
+    # No pose was measured.
+    calibration = Calibration()
     for _ in range(300):
-        it.add(0.01, 0.008)
-    refused(it.solve, "no pose")
+        calibration.add(0.01, 0.008)
+    refused(calibration.solve, "no pose")
     # Two measurements that contradict each other.
-    it = Calibration()
-    body(it, RADIUS, RADIUS, TRACK)
-    it.measured(0.4, -0.3, 1.0)
-    refused(it.solve, "measure again")
+    calibration = Calibration()
+    body(calibration, RADIUS, RADIUS, TRACK)
+    calibration.measured(0.4, -0.3, 1.0)
+    refused(calibration.solve, "measure again")
 
 
-def test_wheels_that_are_far_too_large_are_none():
-    it = Calibration()
-    body(it, RADIUS * 1.2, RADIUS * 1.2, TRACK)
-    refused(it.solve, "radius", "cannot be")
-    it = Calibration()
-    body(it, RADIUS, RADIUS, TRACK * 1.3)
-    refused(it.solve, "cannot be")
+def test_sizes_out_of_tolerance_are_refused():
+    calibration = Calibration()
+    body(calibration, RADIUS * 1.2, RADIUS * 1.2, TRACK)
+    refused(calibration.solve, "radius", "cannot be")
+    calibration = Calibration()
+    body(calibration, RADIUS, RADIUS, TRACK * 1.3)
+    refused(calibration.solve, "cannot be")

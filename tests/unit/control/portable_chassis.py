@@ -1,4 +1,4 @@
-"""What a rover drives with, by parts that only note what they are told."""
+"""The drive train of a rover, with parts that record their calls."""
 
 from uros.control.autotune import AutoTune
 from uros.control.chassis import Chassis
@@ -40,7 +40,7 @@ class Parts:
         )  # fmt: skip
 
     def steps(self, count, right=0, left=0):
-        """Turns of 20 ms, in each of which the wheels give so many edges."""
+        """Run control cycles of 20 ms, with so many edges of each wheel in each."""
         for _ in range(count):
             for pin, edges in zip(self.encoders, (right, left)):
                 for n in range(edges):
@@ -78,10 +78,10 @@ def test_edges_of_each_side_count_for_that_side():
     parts.steps(10, 2, 1)
     right, left = parts.chassis.right, parts.chassis.left
     assert (right.edges, left.edges) == (20, 10)
-    it = parts.chassis.odometry
-    assert abs(it.distance - 15 * right.pitch) < 2 * right.pitch
-    assert it.theta > 0.1  # to the left
-    assert it.v > 0 and it.w > 0
+    odometry = parts.chassis.odometry
+    assert abs(odometry.distance - 15 * right.pitch) < 2 * right.pitch
+    assert odometry.theta > 0.1  # to the left
+    assert odometry.v > 0 and odometry.w > 0
 
 
 def test_options_are_those_of_the_drive():
@@ -96,22 +96,22 @@ def test_options_are_those_of_the_drive():
 
 
 def test_each_wheel_has_its_own_radius():
-    made = Parts()
+    parts = Parts()
     chassis = Chassis(
-        made.power, made.motors[0], made.motors[1], made.encoders[0], made.encoders[1],
+        parts.power, parts.motors[0], parts.motors[1], parts.encoders[0], parts.encoders[1],
         Pid(200, 0), Pid(200, 0), lambda: 0, 0.03, 0.04, 0.1,
     )  # fmt: skip
     assert abs(chassis.right.pitch / chassis.left.pitch - 0.75) < 1e-6
     assert chassis.drive.d == chassis.odometry.d == 0.1
 
 
-def test_another_may_have_the_wheels_until_the_power_is_switched():
+def test_another_controller_drives_until_the_power_is_switched():
     parts = Parts()
     chassis = parts.chassis
     chassis.power(True)
     chassis.control = AutoTune(chassis.right, chassis.left)
     parts.steps(60)
-    assert parts.motors[0].duties[-1] > 0  # its ramp
+    assert parts.motors[0].duties[-1] > 0  # the ramp of the tuning
     assert chassis.drive.v == 0
     chassis.power(False)
     assert chassis.control is chassis.drive

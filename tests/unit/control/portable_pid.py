@@ -1,4 +1,4 @@
-"""The controller alone, and on a motor of the simplest kind."""
+"""The PID controller alone, and with a first-order motor."""
 
 from uros.control.pid import Pid
 
@@ -19,7 +19,7 @@ def test_proportional_integral_and_derivative_parts():
     near(pid.step(0.5, 0.1, 0.1), 2)
 
 
-def test_a_new_target_is_no_kick_of_the_derivative():
+def test_a_new_target_causes_no_jump_of_the_derivative():
     pid = Pid(0, 0, 100)
     pid.step(0.1, 0.1, 0.02)
     near(pid.step(0.9, 0.1, 0.02), 0)
@@ -32,7 +32,7 @@ def test_the_dead_zone_has_the_targets_sign():
     near(pid.step(0.0, 0.0, 0.02), 0)
 
 
-def test_its_output_stays_within_the_limit_and_on_the_targets_side():
+def test_the_output_stays_within_the_limit_and_has_the_targets_sign():
     pid = Pid(1000, 0, limit=255)
     near(pid.step(1.0, 0.0, 0.02), 255)
     near(pid.step(-1.0, 0.0, 0.02), -255)
@@ -46,24 +46,24 @@ def test_an_integral_does_not_grow_at_the_limit():
     for _ in range(1000):
         pid.step(1.0, 0.0, 0.02)
     assert abs(pid.ki * pid.integral) <= 255
-    # Free again, it leaves the limit within a second, and not after 20.
+    # The output leaves the limit within a second, not after 20.
     outputs = [pid.step(1.0, 1.1, 0.02) for _ in range(40)]
     assert outputs[-1] < 250, outputs
 
 
-def test_while_the_output_is_at_its_limit_nothing_is_added():
+def test_the_integral_is_held_while_the_output_is_saturated():
     pid = Pid(1000, 10)
     for _ in range(100):
         near(pid.step(1.0, 0.0, 0.02), 255)
     near(pid.integral, 0)
-    # What brings it back counts.
+    # Errors that reduce the output are integrated.
     pid.kp = 1
     pid.step(1.0, 0.9, 0.02)
     pid.step(1.0, 0.9, 0.02)
     assert pid.integral > 0
 
 
-def test_gains_may_change_while_it_runs():
+def test_gains_may_change_while_the_controller_runs():
     pid = Pid(10, 100)
     for _ in range(100):
         pid.step(1.0, 0.0, 0.02)
@@ -72,7 +72,7 @@ def test_gains_may_change_while_it_runs():
     assert pid.ki * pid.integral <= 255.1
 
 
-def test_a_reset_forgets():
+def test_reset_clears_the_state():
     pid = Pid(100, 400, 3, lag=0.2)
     for _ in range(10):
         pid.step(0.5, 0.1, 0.02)
@@ -83,7 +83,7 @@ def test_a_reset_forgets():
     near(first, fresh.step(0.5, 0.1, 0.02))
 
 
-def test_what_a_motor_cannot_do_yet_is_no_error():
+def test_the_reference_model_prevents_an_error_during_acceleration():
     pid = Pid(100, 1000, lag=0.2)
     speed = 0.0
     for _ in range(50):
@@ -97,8 +97,8 @@ def test_an_unknown_speed_is_taken_as_expected():
     near(pid.integral, 0)
 
 
-def test_it_brings_a_motor_that_differs_to_its_speed():
-    # What it is told, and a motor that is 20 % weaker and rubs more.
+def test_the_controller_compensates_a_motor_that_differs_from_its_model():
+    # The motor is 20 % weaker than its model and has more friction.
     pid = Pid(150, 1000, dead_zone=21, kf=214, lag=0.13)
     speed = 0.0
     most = 0.0

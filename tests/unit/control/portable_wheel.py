@@ -1,4 +1,4 @@
-"""A wheel's speed and way, from edges at times that the tests choose."""
+"""Speed and distance of a wheel, from edges at given times."""
 
 import math
 
@@ -18,8 +18,10 @@ PITCH = 2 * math.pi * 0.0325 / 40
 
 
 class Turned:
-    """A Wheel, told of the edges that a true wheel passes, updated every 20 ms. ``at`` is where
-    that is, in edges; it begins between edge 0 and 1."""
+    """A Wheel with the edges of a simulated wheel, updated every 20 ms.
+
+    ``at`` is the position of the simulated wheel in edges; it begins between edge 0 and 1.
+    """
 
     def __init__(self, begin_us=0, **options):
         self.wheel = Wheel(**options)
@@ -28,8 +30,8 @@ class Turned:
         self.moved = 0.0
 
     def turn(self, seconds, speed, target=None):
-        """The true wheel turns at ``speed`` m/s."""
-        # As control does: it measures first, and then drives.
+        """Turn the simulated wheel at ``speed`` m/s."""
+        # As in a control cycle: measure first, then drive.
         self.update(speed if target is None else target)
         for ms in range(1, round(seconds * 1000) + 1):
             before = self.at
@@ -47,7 +49,7 @@ class Turned:
         self.moved += self.wheel.moved
 
     def off(self):
-        """How far its way is from the true one, in edges."""
+        """Return the measured minus the true distance, in edges."""
         return self.moved / PITCH - (self.at - 0.5)
 
 
@@ -55,7 +57,7 @@ def near(value, wanted, within):
     assert abs(value - wanted) <= within, (value, wanted)
 
 
-def test_an_even_speed_is_measured_as_it_is():
+def test_a_constant_speed_is_measured():
     for speed in (0.05, 0.3, 0.9):
         turned = Turned()
         turned.turn(1.0, speed)
@@ -63,7 +65,7 @@ def test_an_even_speed_is_measured_as_it_is():
         near(turned.off(), 0, 0.05)
 
 
-def test_backward_it_has_the_sign_of_its_target():
+def test_the_speed_has_the_sign_of_the_target():
     turned = Turned()
     turned.turn(1.0, -0.3)
     near(turned.wheel.speed, -0.3, 0.001)
@@ -71,19 +73,19 @@ def test_backward_it_has_the_sign_of_its_target():
     assert turned.wheel.edges < 0
 
 
-def test_it_falls_while_the_next_edge_is_late_and_ends_at_nothing():
+def test_the_speed_falls_to_zero_while_no_edge_arrives():
     turned = Turned()
     turned.turn(1.0, 0.3)
-    seen = []
+    speeds = []
     for _ in range(25):
         turned.turn(0.02, 0.0, 0.3)
-        seen.append(turned.wheel.speed)
-    assert all(a >= b for a, b in zip(seen, seen[1:])), seen
-    assert seen[3] < 0.09 and seen[-1] == 0, seen
+        speeds.append(turned.wheel.speed)
+    assert all(a >= b for a, b in zip(speeds, speeds[1:])), speeds
+    assert speeds[3] < 0.09 and speeds[-1] == 0, speeds
     assert turned.wheel.resting
 
 
-def test_between_edges_the_way_goes_on_with_the_speed():
+def test_the_distance_is_extrapolated_between_edges():
     turned = Turned()
     turned.turn(1.0, 0.1)
     for _ in range(20):
@@ -92,18 +94,18 @@ def test_between_edges_the_way_goes_on_with_the_speed():
         near(turned.wheel.moved, 0.1 * 0.02, 0.0003)
 
 
-def test_turning_back_passes_the_same_edge_once_more_and_that_is_no_way():
+def test_an_edge_passed_again_after_a_reversal_adds_no_distance():
     turned = Turned()
     for _ in range(20):
         turned.turn(0.31, 0.2)
         turned.turn(0.2, 0.0, 0.0)
         turned.turn(0.31, -0.2)
         turned.turn(0.2, 0.0, 0.0)
-    # Counted as one way and the other, each of the 40 turns would be an edge.
+    # If the edge counted in both directions, each of the 40 turns would add an edge.
     near(turned.off(), 0, 0.6)
 
 
-def test_edges_while_it_is_braked_belong_to_the_way_that_it_came():
+def test_edges_during_braking_count_in_the_old_direction():
     turned = Turned()
     turned.turn(0.5, 0.3)
     turned.turn(0.1, 0.2, -0.3)
@@ -117,8 +119,8 @@ def test_edges_while_it_is_braked_belong_to_the_way_that_it_came():
     near(turned.off(), 0, 0.1)
 
 
-def test_a_slow_wheel_that_is_to_reverse_is_braked_before_it_counts_as_standing():
-    # At 20 mm/s an edge comes each 255 ms: no edge for 80 ms says nothing before the brake.
+def test_a_slow_wheel_is_braked_before_it_reverses():
+    # At 20 mm/s the edges are 255 ms apart: no edge for 80 ms means no rest before braking.
     turned = Turned()
     turned.turn(1.0, 0.05)
     turned.turn(0.5, 0.02)
@@ -126,7 +128,7 @@ def test_a_slow_wheel_that_is_to_reverse_is_braked_before_it_counts_as_standing(
     assert turned.wheel.reversing
 
 
-def test_what_something_else_turns_is_not_braked_for_ever():
+def test_a_wheel_turned_from_outside_is_not_braked_for_ever():
     turned = Turned()
     turned.turn(0.5, 0.3)
     turned.turn(1.2, 0.3, -0.3)
@@ -150,18 +152,18 @@ def test_ticks_wrap():
     near(turned.off(), 0, 0.05)
 
 
-def test_a_wheel_may_stand_for_longer_than_the_ticks_go_round():
+def test_a_wheel_may_rest_for_longer_than_the_period_of_ticks():
     turned = Turned()
     turned.turn(0.5, 0.3)
     turned.turn(0.4, 0.0)
-    # 1024 s later, when the last edge's time seems to be now.
+    # 1024 s later the wrapped ticks equal the time of the last edge.
     for _ in range(60):
         turned.t_us = turned.t_us + 20_000_000 & TICKS
         turned.wheel.update(turned.t_us)
         assert turned.wheel.speed == 0 and turned.wheel.moved == 0
 
 
-def test_short_pulses_are_no_edges_where_that_is_asked_for():
+def test_glitch_us_ignores_short_pulses():
     turned = Turned(glitch_us=500)
     for _ in range(10):
         turned.turn(0.1, 0.3)
@@ -173,7 +175,7 @@ def test_short_pulses_are_no_edges_where_that_is_asked_for():
     near(turned.off(), 0, 0.6)
 
 
-def test_edges_that_come_late_and_together_are_all_counted():
+def test_edges_served_late_and_together_are_all_counted():
     wheel = Wheel()
     for edge in range(3):
         wheel.edge(17000 * (edge + 1))
@@ -186,7 +188,7 @@ def test_edges_that_come_late_and_together_are_all_counted():
     assert wheel.speed <= 2.0
 
 
-def test_the_first_edges_of_a_motion_do_not_tell_its_speed():
+def test_the_first_edge_of_a_motion_has_no_speed():
     wheel = Wheel()
     wheel.update(20000, 0.3)
     wheel.update(40000, 0.3)

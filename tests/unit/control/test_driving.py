@@ -1,6 +1,6 @@
-"""A rover under control: virtual bodies that differ as real ones do, in deterministic time.
+"""Control of virtual rovers with manufacturing tolerances, in deterministic time.
 
-The speeds and poses that are asked for are the true ones, which the control never sees.
+The assertions compare true speeds and poses, which the control does not know.
 """
 
 import itertools
@@ -16,10 +16,10 @@ FIELD = Arena(size=20.0, boxes=[])
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_tuned_pair_of_wheels_answers_a_step_in_time(seed: int) -> None:
+def test_tuned_wheels_settle_in_time(seed: int) -> None:
     car = Car(seed)
-    found = tune(car)
-    assert found.fault == ""
+    tuning = tune(car)
+    assert tuning.fault == ""
     fresh = Car(seed, (car.drive.right_pid, car.drive.left_pid))
     for wheel in answers(fresh, 0.3):
         assert wheel.settled < 0.6
@@ -27,7 +27,7 @@ def test_a_tuned_pair_of_wheels_answers_a_step_in_time(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_untuned_wheels_do_so_too(seed: int) -> None:
+def test_wheels_with_default_gains_settle_in_time(seed: int) -> None:
     for wheel in answers(Car(seed), 0.3):
         assert wheel.settled < 0.6
         assert wheel.overshoot < 0.1
@@ -38,11 +38,11 @@ ENDS = list(itertools.product((0.85, 1.15), repeat=3))
 
 
 @pytest.mark.parametrize("right", ENDS)
-def test_the_ends_of_the_spread(right: tuple[float, float, float]) -> None:
-    # The other wheel is as different as it can be.
+def test_tuning_at_the_ends_of_the_spread(right: tuple[float, float, float]) -> None:
+    # The other wheel is at the opposite end.
     left = tuple(2.0 - share for share in right)
 
-    def made() -> Car:
+    def extreme_car() -> Car:
         car = Car(1, spread=0.0)
         for motor, (resistance, emf, friction) in zip(car.rover.motors, (right, left), strict=True):
             motor.resistance *= resistance
@@ -50,9 +50,9 @@ def test_the_ends_of_the_spread(right: tuple[float, float, float]) -> None:
             motor.coulomb *= friction
         return car
 
-    car = made()
+    car = extreme_car()
     assert tune(car).fault == ""
-    fresh = made()
+    fresh = extreme_car()
     fresh.drive.right_pid, fresh.drive.left_pid = car.drive.right_pid, car.drive.left_pid
     for wheel in answers(fresh, 0.3):
         assert wheel.settled < 0.6
@@ -74,7 +74,7 @@ def test_a_square_of_a_metre(seed: int) -> None:
     car = Car(seed)
     square(car, clockwise=bool(seed & 1))
     metres, degrees = car.error()
-    # 2 % of the path; the heading has the manufacture's tolerances in it.
+    # 2 % of the path; the heading includes the manufacturing tolerances.
     assert metres < 0.02 * 4
     assert abs(degrees) < 3.5
     assert math.hypot(car.rover.x, car.rover.y) < 0.08
@@ -88,21 +88,21 @@ def test_a_square_of_a_metre_after_calibration(seed: int) -> None:
     def person(length: float) -> float:
         return length + source.uniform(-0.003, 0.003)
 
-    found = calibrate(lambda: Car(seed), person)
+    sizes = calibrate(lambda: Car(seed), person)
     car = Car(seed)
-    use(car, found)
+    use(car, sizes)
     square(car, clockwise=bool(seed & 1))
     metres, degrees = car.error()
     assert metres < 0.02 * 4
     assert abs(degrees) < 3
     right, left = car.rover.radii
-    assert found.right_radius == pytest.approx(right, rel=0.004)
-    assert found.left_radius == pytest.approx(left, rel=0.004)
-    assert found.right_radius / found.left_radius == pytest.approx(right / left, rel=0.0015)
-    assert found.d == pytest.approx(car.rover.half_track, rel=0.006)
+    assert sizes.right_radius == pytest.approx(right, rel=0.004)
+    assert sizes.left_radius == pytest.approx(left, rel=0.004)
+    assert sizes.right_radius / sizes.left_radius == pytest.approx(right / left, rel=0.0015)
+    assert sizes.d == pytest.approx(car.rover.half_track, rel=0.006)
 
 
-def test_calibration_mends_a_body_that_is_far_off() -> None:
+def test_calibration_corrects_a_body_with_large_deviations() -> None:
     def off() -> Car:
         car = Car(9, FIELD_PIDS(), tolerance=0.0)
         # Two per cent between the wheels, one of the track.
@@ -113,9 +113,9 @@ def test_calibration_mends_a_body_that_is_far_off() -> None:
     car = off()
     square(car)
     before = car.error()
-    found = calibrate(off)
+    sizes = calibrate(off)
     car = off()
-    use(car, found)
+    use(car, sizes)
     square(car)
     after = car.error()
     assert before[0] > 0.08 and abs(before[1]) > 10
@@ -126,7 +126,7 @@ def FIELD_PIDS() -> tuple:
     return gains(), gains()
 
 
-def test_odometrys_doubt_covers_its_errors() -> None:
+def test_the_covariance_of_odometry_covers_its_errors() -> None:
     inside = 0
     for seed in range(8):
         car = Car(seed)
@@ -150,7 +150,7 @@ def test_a_twist_gives_its_speed_and_its_turn() -> None:
 
 
 def test_the_documents_quarter_turn() -> None:
-    # 1.57 rad/s, once: it turns for a second, to the left.
+    # One command of 1.57 rad/s turns the rover to the left for a second.
     car = Car(1).start()
     car.run(0.1)
     car.drive.command(0.0, 1.57)
@@ -180,13 +180,13 @@ def test_a_lost_cmd_vel_ends_the_drive_within_a_second() -> None:
     assert car.rover.v > 0.4
     car.run(0.02)
     assert car.drive.right_duty == car.drive.left_duty == 0
-    # And the wheels need a moment to stand.
+    # The wheels come to rest shortly after.
     car.run(0.2)
     assert car.rover.v == car.rover.w == 0
     assert car.drive.right_pid.integral == car.drive.left_pid.integral == 0
 
 
-def test_what_is_no_number_neither_moves_nor_stops_it() -> None:
+def test_a_command_of_nan_has_no_effect() -> None:
     car = Car(5, arena=FIELD).start()
     car.drive_for(1.0, 0.3, 0.0)
     assert not car.drive.command(math.nan, 0.0)
@@ -195,7 +195,7 @@ def test_what_is_no_number_neither_moves_nor_stops_it() -> None:
 
 
 @pytest.mark.parametrize("fault", ["left_stuck", "left_open", "left_encoder_dead"])
-def test_a_wheel_that_does_not_turn_is_reported_and_winds_nothing_up(fault: str) -> None:
+def test_a_stalled_wheel_is_reported_without_windup(fault: str) -> None:
     car = Car(6, arena=FIELD).start()
     car.drive_for(1.0, 0.3, 0.0)
     car.rover.fault(fault)
@@ -207,10 +207,10 @@ def test_a_wheel_that_does_not_turn_is_reported_and_winds_nothing_up(fault: str)
         if car.drive.fault:
             break
     assert "left wheel" in car.drive.fault
-    # It tries again each time that commands are taken, and stays without success.
+    # Each accepted command is tried, without success.
     car.drive_for(5.0, 0.3, 0.0)
     assert car.drive.fault
-    # Freed, it drives as it did, with nothing left in its integrals.
+    # Afterwards it drives as before, without windup.
     car.rover.heal()
     car.run(1.1)
     car.drive_for(1.5, 0.3, 0.0)
@@ -233,12 +233,12 @@ def test_a_wheel_against_a_wall_is_reported() -> None:
         ("driver_overheated", "no wheel turns"),
     ],
 )
-def test_tuning_says_what_is_wrong(fault: str, words: str) -> None:
+def test_tuning_reports_faults(fault: str, words: str) -> None:
     car = Car(1, arena=FIELD)
     car.rover.fault(fault)
-    found = tune(car)
-    assert words in found.fault
-    assert found.right_duty == found.left_duty == 0
+    tuning = tune(car)
+    assert words in tuning.fault
+    assert tuning.right_duty == tuning.left_duty == 0
 
 
 def test_tuning_without_power() -> None:
@@ -247,22 +247,22 @@ def test_tuning_without_power() -> None:
     assert "switched on" in tune(car).fault
 
 
-def test_tuning_finds_what_the_motors_are() -> None:
+def test_tuning_identifies_the_motors() -> None:
     strong, weak = Car(1, spread=0.0), Car(1, spread=0.0)
     for motor in weak.rover.motors:
         motor.back_emf *= 1.15
         motor.coulomb *= 1.15
-    one, other = tune(strong).right, tune(weak).right
-    # More volts a speed, and more friction to begin with.
-    assert other.kf / one.kf == pytest.approx(1.15, rel=0.06)
-    assert other.starts > one.dead_zone > 5
-    assert 0.09 < one.lag < 0.13
-    # It is where it began, about, and so is its heading.
+    strong_motor, weak_motor = tune(strong).right, tune(weak).right
+    # More voltage for a speed, and more friction.
+    assert weak_motor.kf / strong_motor.kf == pytest.approx(1.15, rel=0.06)
+    assert weak_motor.starts > strong_motor.dead_zone > 5
+    assert 0.09 < strong_motor.lag < 0.13
+    # The rover ends near the start, with about the same heading.
     assert math.hypot(strong.rover.x, strong.rover.y) < 0.2
     assert abs(math.degrees(strong.rover.theta)) < 20
 
 
-def test_the_same_drive_twice_is_the_same() -> None:
+def test_drives_are_deterministic() -> None:
     ends = []
     for _ in range(2):
         car = Car(7)
@@ -273,7 +273,7 @@ def test_the_same_drive_twice_is_the_same() -> None:
 
 def test_ticks_wrap_while_it_drives() -> None:
     ends = []
-    # Two seconds before they begin again; far from it.
+    # Two seconds before the wrap, and far from it.
     for begin in (0x3FFFFFFF - 2_000_000, 1_000_000):
         car = Car(7, arena=FIELD, begin_us=begin).start()
         car.drive_for(4.0, 0.3, 0.4)
@@ -281,7 +281,7 @@ def test_ticks_wrap_while_it_drives() -> None:
     assert ends[0] == pytest.approx(ends[1], abs=1e-9)
 
 
-def test_interrupts_that_come_late_lose_nothing() -> None:
+def test_late_interrupts_lose_no_edges() -> None:
     car = Car(3, late_us=5000)
     square(car)
     metres, degrees = car.error()

@@ -1,5 +1,4 @@
-"""Buttons, LEDs and the start of a program, on pins that a test moves. Runs on CPython and on
-MicroPython."""
+"""Buttons, LEDs and the start of a program, on simulated pins. Also runs on MicroPython."""
 
 from uros.drivers import starting
 from uros.drivers.button import Button
@@ -9,19 +8,19 @@ SETTLE = 30
 
 
 class FakePin:
-    """A pin whose level the test sets, at a time that it sets; ``told`` is what was written."""
+    """A pin whose level and time the test sets; ``written`` are the levels written."""
 
     def __init__(self, level=1):
         self.level = level
         self.now = 0
-        self.told = []
+        self.written = []
         self._handler = None
 
     def value(self, level=None):
         if level is None:
             return self.level
         self.level = level
-        self.told.append(level)
+        self.written.append(level)
 
     def irq(self, handler):
         self._handler = handler
@@ -30,7 +29,7 @@ class FakePin:
         return self.now & 0x3FFFFFFF
 
     def edge(self, after, level, interrupt=True):
-        """So many milliseconds later the level is this."""
+        """Set the level after ``after`` milliseconds."""
         self.now += after
         self.level = level
         if interrupt:
@@ -46,7 +45,7 @@ class FakePwm:
 
 
 def pushed(pin):
-    """Push for 100 ms, with bounces at both ends, and wait until that has settled."""
+    """Push for 100 ms with bounces at both ends, and wait until the level has settled."""
     for after, level in ((50, 0), (1, 1), (2, 0), (1, 1), (4, 0), (100, 1), (3, 0), (1, 1)):
         pin.edge(after, level)
     pin.now += SETTLE
@@ -58,9 +57,9 @@ def test_a_click_is_a_push_and_a_release():
     assert not button.clicked()
     pin.edge(100, 0)
     pin.now += 5000
-    assert not button.clicked(), "it is still held down"
+    assert not button.clicked(), "the button is still held down"
     pin.edge(0, 1)
-    assert not button.clicked(), "that has not settled"
+    assert not button.clicked(), "the level has not settled"
     pin.now += SETTLE
     assert button.clicked()
     assert not button.clicked()
@@ -92,7 +91,7 @@ def test_spikes_are_no_clicks():
     assert not button.clicked()
 
 
-def test_a_button_held_down_from_the_start_counts_from_the_next_push_on():
+def test_a_button_held_down_at_the_start_counts_from_the_next_push():
     pin = FakePin(0)
     button = Button(pin, pin.ms)
     pin.edge(500, 1)
@@ -102,7 +101,7 @@ def test_a_button_held_down_from_the_start_counts_from_the_next_push_on():
     assert button.clicked()
 
 
-def test_a_button_that_connects_to_the_other_rail():
+def test_a_button_with_the_other_polarity():
     pin = FakePin(0)
     button = Button(pin, pin.ms, pressed=1)
     pin.edge(100, 1)
@@ -119,7 +118,7 @@ def test_ticks_may_wrap():
     assert button.clicked()
 
 
-def test_edges_without_interrupts_are_seen_by_asking():
+def test_edges_without_interrupts_are_found_by_polling():
     pin = FakePin()
     button = Button(pin, pin.ms)
     clicks = 0
@@ -131,8 +130,8 @@ def test_edges_without_interrupts_are_seen_by_asking():
     assert clicks == 2
 
 
-def test_an_interrupt_while_it_is_asked():
-    """Between two steps of clicked(): it must neither count twice nor be forgotten."""
+def test_an_interrupt_during_clicked():
+    """An edge between two steps of clicked() is counted exactly once."""
     pin = FakePin()
     button = Button(pin, pin.ms)
     pin.edge(100, 0)
@@ -149,12 +148,12 @@ def test_an_interrupt_while_it_is_asked():
     assert button.clicked()
     pin.edge(100, 1)
     pin.now += SETTLE
-    assert button.clicked(), "the push that came meanwhile"
+    assert button.clicked(), "the push during clicked()"
     assert not button.clicked()
 
 
-def test_an_edge_between_two_readings_is_not_long_ago():
-    """The time is read, then an edge comes, then the level is judged."""
+def test_an_edge_between_reading_time_and_level():
+    """An edge after the time is read and before the level is does not count as settled."""
     pin = FakePin()
     button = Button(pin, pin.ms)
     pin.now = 1000
@@ -187,7 +186,7 @@ def test_a_dimmer_has_255_steps_and_ends():
     assert max(pwm.duties) == 65535
 
 
-def test_a_dimmer_refuses_nan_and_stays_as_it_is():
+def test_a_dimmer_refuses_nan():
     pwm = FakePwm()
     led = Dimmer(pwm)
     led.set(0.5)
@@ -200,7 +199,7 @@ def test_a_dimmer_refuses_nan_and_stays_as_it_is():
     assert led.brightness == 0.5 and pwm.duties[-1] == 128 * 257
 
 
-def test_a_dimmer_that_is_off_keeps_what_was_set():
+def test_a_dimmer_that_is_off_keeps_its_brightness():
     pwm = FakePwm()
     led = Dimmer(pwm, on=False)
     led.set(1.0)
@@ -219,10 +218,10 @@ def test_a_signal_is_on_or_blinks():
     led = Signal(pin)
     for well in (True, False, False, False, True, True):
         led.show(well)
-    assert pin.told == [1, 1, 0, 1, 0, 1, 1]
+    assert pin.written == [1, 1, 0, 1, 0, 1, 1]
 
 
-def test_a_start_that_works_is_what_it_made():
+def test_attempt_returns_the_result_of_build():
     pin = FakePin(0)
     assert starting.attempt(lambda: 7, Signal(pin)) == 7
-    assert pin.told == [1]
+    assert pin.written == [1]

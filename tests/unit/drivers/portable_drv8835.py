@@ -1,4 +1,4 @@
-"""The driver of the DRV8835 on PWMs that note what they were given."""
+"""The driver of the DRV8835 on PWMs that record their duties."""
 
 from uros.drivers.drv8835 import DRV8835
 
@@ -10,18 +10,18 @@ class Pwm:
         self.duty = duty
 
 
-def made():
+def bridge_of_two():
     first, second = Pwm(), Pwm()
     return DRV8835(first, second), first, second
 
 
-def test_it_coasts_at_first():
-    _, first, second = made()
+def test_the_bridge_coasts_at_first():
+    _, first, second = bridge_of_two()
     assert (first.duty, second.duty) == (0, 0)
 
 
-def test_it_drives_and_brakes_in_turn():
-    bridge, first, second = made()
+def test_duties_of_driving_and_braking():
+    bridge, first, second = bridge_of_two()
     for duty, wanted in (
         (0, (65535, 65535)),
         (255, (65535, 0)),
@@ -35,8 +35,8 @@ def test_it_drives_and_brakes_in_turn():
         assert (first.duty, second.duty) == wanted, (duty, first.duty, second.duty)
 
 
-def test_it_coasts_again():
-    bridge, first, second = made()
+def test_coast_switches_both_outputs_off():
+    bridge, first, second = bridge_of_two()
     bridge.drive(100)
     bridge.coast()
     assert (first.duty, second.duty) == (0, 0)

@@ -1,5 +1,7 @@
-"""The reader of NMEA 0183. Runs on CPython and on MicroPython. The sentences were written by hand
-after the standard and receivers' manuals, and their checksums computed here."""
+"""The NMEA 0183 receiver. Also runs on MicroPython.
+
+The sentences are written by hand after the standard and receivers' manuals; line() adds checksums.
+"""
 
 from uros.drivers.nmea import FIX, GBAS_FIX, NMEA, NO_FIX, SBAS_FIX, days, fixed
 
@@ -22,7 +24,7 @@ def near(a, b, by=0.0005):
 
 
 def test_a_published_checksum():
-    """An example that is printed in many manuals, with its checksum."""
+    """An example of many manuals, with its checksum."""
     data = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
     assert line(data[1:-5].decode()) == data
     receiver = NMEA()
@@ -46,7 +48,7 @@ def test_a_position_is_complete_with_both_sentences():
     near(receiver.hdop, 1.01)
     near(receiver.speed, 1.0001)
     near(receiver.course, 77.52)
-    # Either order.
+    # In the other order.
     assert receiver.feed(line(GGA)) is False
     assert receiver.feed(line(RMC)) is True
     assert receiver.feed(line(GSA)) is False
@@ -69,13 +71,13 @@ def test_every_digit_survives():
 
 def test_south_of_the_equator_by_less_than_a_degree():
     receiver = NMEA()
-    there = ("4717.1139912,N", "0000.6,S")
-    assert receiver.feed(line(RMC.replace(*there)) + line(GGA.replace(*there))) is True
+    replacement = ("4717.1139912,N", "0000.6,S")
+    assert receiver.feed(line(RMC.replace(*replacement)) + line(GGA.replace(*replacement))) is True
     assert (receiver.latitude_degrees, receiver.latitude_nano) == (0, -10000000)
     near(receiver.latitude, -0.01, 1e-6)
 
 
-def test_time_is_whole_numbers():
+def test_time_has_seconds_and_nanoseconds():
     receiver = NMEA()
     receiver.feed(line(RMC))
     # 9 December 2002, 09:27:25.25
@@ -88,7 +90,7 @@ def test_time_is_whole_numbers():
     assert (receiver.seconds, receiver.nanosec) == (1483228800, 0)  # a leap second
 
 
-def test_a_clock_that_is_not_set_is_none():
+def test_a_time_before_the_receivers_clock_is_set_is_ignored():
     receiver = NMEA()
     receiver.feed(line(RMC.replace("091202", "060180")))
     assert (receiver.seconds, receiver.nanosec) == (0, 0)
@@ -98,7 +100,7 @@ def test_a_clock_that_is_not_set_is_none():
     assert receiver.seconds == 0
 
 
-def test_no_fix_is_told_too():
+def test_a_lost_fix_is_reported():
     receiver = NMEA()
     assert receiver.feed(NONE) is True
     assert receiver.status == NO_FIX
@@ -108,12 +110,12 @@ def test_no_fix_is_told_too():
     assert receiver.feed(NONE) is True
     assert (receiver.status, receiver.service) == (NO_FIX, 0)
     assert receiver.latitude == latitude
-    # A position that the receiver warns of is none.
+    # A position with the warning flag V is no fix.
     assert receiver.feed(line(RMC.replace(",A,", ",V,", 1)) + line(GGA)) is True
     assert receiver.status == NO_FIX
 
 
-def test_what_kind_of_fix():
+def test_the_quality_determines_the_status():
     for quality, status in (
         (0, NO_FIX), (1, FIX), (2, SBAS_FIX), (3, FIX), (4, GBAS_FIX), (5, GBAS_FIX),
         (6, NO_FIX), (7, NO_FIX), (8, NO_FIX), (9, NO_FIX),
@@ -123,20 +125,20 @@ def test_what_kind_of_fix():
         assert receiver.status == status, quality
 
 
-def test_who_is_heard():
+def test_the_talkers_determine_the_service():
     receiver = NMEA()
     for system in (1, 2, 3, 4):
         receiver.feed(line(GSA[:-1] + str(system)))
     receiver.feed(line(RMC) + line(GGA))
     assert receiver.service == 1 | 2 | 8 | 4
-    receiver.feed(line(RMC) + line(GGA))  # and nobody since
+    receiver.feed(line(RMC) + line(GGA))  # no GSA since
     assert receiver.service == 1
     receiver = NMEA()
     receiver.feed(line("GLGSA" + GSA[5:-2]) + line("GL" + RMC[2:]) + line("GL" + GGA[2:]))
     assert receiver.service == 2
 
 
-def test_sentences_of_two_moments_do_not_make_one():
+def test_sentences_of_two_times_are_not_combined():
     receiver = NMEA()
     assert receiver.feed(line(RMC)) is False
     assert receiver.feed(line(GGA.replace("092725.25", "092726.25"))) is False
@@ -144,13 +146,13 @@ def test_sentences_of_two_moments_do_not_make_one():
 
 
 def test_sentences_that_disagree_are_damaged():
-    """What a sum of exclusive ors does not see: the same bit twice."""
-    for there in ("4717.1159912", "4718.1139912", "4817.1139912"):
+    """The checksum, an exclusive or, does not detect the same bit changed twice."""
+    for latitude in ("4717.1159912", "4718.1139912", "4817.1139912"):
         receiver = NMEA()
-        assert receiver.feed(line(RMC) + line(GGA.replace("4717.1139912", there))) is False
+        assert receiver.feed(line(RMC) + line(GGA.replace("4717.1139912", latitude))) is False
         assert (receiver.damaged, receiver.latitude_degrees, receiver.status) == (1, 0, NO_FIX)
         assert receiver.feed(line(RMC) + line(GGA)) is True
-    # Some receivers have fewer digits in the one.
+    # Some receivers send fewer digits in RMC.
     assert receiver.feed(line(RMC.replace("4717.1139912", "4717.11")) + line(GGA)) is False
     assert receiver.feed(line(RMC.replace("4717.1139912", "4717.114")) + line(GGA)) is True
     # At a whole degree, too.
@@ -161,7 +163,7 @@ def test_sentences_that_disagree_are_damaged():
     )
 
 
-def test_octet_by_octet_and_in_pieces():
+def test_sentences_in_pieces():
     data = line(RMC) + line(GSA) + line(GGA)
     receiver = NMEA()
     assert [receiver.feed(bytes((octet,))) for octet in data].count(True) == 1
@@ -170,11 +172,11 @@ def test_octet_by_octet_and_in_pieces():
     assert receiver.feed(bytearray(data[50:])) is True
 
 
-def test_damaged_sentences_are_counted_and_change_nothing():
+def test_damaged_sentences_are_counted_and_ignored():
     good = line(RMC) + line(GGA)
     for bad in (
         line(GGA).replace(b"4717", b"4718"),  # the checksum is wrong
-        line(GGA)[:-5] + b"\r\n",  # there is none
+        line(GGA)[:-5] + b"\r\n",  # without a checksum
         line(GGA).replace(b"*", b"+"),
         b"$*00\r\n",
         b"$\r\n",
@@ -219,7 +221,7 @@ def test_damaged_sentences_are_counted_and_change_nothing():
         assert receiver.feed(good) is True, bad
 
 
-def test_others_are_skipped():
+def test_other_sentences_are_skipped():
     receiver = NMEA()
     more = line("GPTXT,01,01,02,hello") + line("PUBX,00,1") + line("GPVTG,77.52,T,,M,0.004,N")
     assert receiver.feed(b"noise \x00\xff\r\n" + more + b"\r\n\r\n") is False
@@ -233,7 +235,7 @@ def test_covariance_from_the_dilutions():
     assert out == [0.0] * 9
     receiver.feed(line(RMC) + line(GGA))
     receiver.covariance(out)
-    # (1.01 * 4) ** 2 / 2, and up twice 1.01 while nobody has said it; more where floats are short.
+    # (1.01 * 4) ** 2 / 2; up: twice 1.01 without a VDOP; more with 32-bit floats.
     assert 8.1607 < out[0] < 8.41 and out[4] == out[0]
     near(out[8], 65.2864, 0.001)
     assert [out[i] for i in (1, 2, 3, 5, 6, 7)] == [0.0] * 6
@@ -245,7 +247,7 @@ def test_covariance_from_the_dilutions():
     assert out == [0.0] * 9
 
 
-def test_numbers():
+def test_fixed_point_numbers():
     assert fixed("12.3456", 3) == 12345
     assert fixed("-0.5", 2) == -50
     assert fixed("7", 2) == 700

@@ -1,5 +1,7 @@
-"""The drivers of IMU, magnetometer, light, battery and range on a bus that plays a script. Runs on
-CPython and on MicroPython. The bytes are made by hand from the datasheets."""
+"""Drivers of IMU, magnetometer, light, battery and range sensors on a scripted bus.
+
+Also runs on MicroPython. The bytes are written by hand from the datasheets.
+"""
 
 import errno
 
@@ -24,7 +26,7 @@ IMU = ("68>75", "68<68", "68>6b01", "68>1909030000", "68>3801")
 
 
 def imu(status, *words):
-    """A burst of the status and seven words."""
+    """Return a burst of the status and seven words."""
     return ("68>3a", "68<" + status + "".join(words))
 
 
@@ -88,7 +90,7 @@ def test_mpu6050_without_new_values_is_set_up_again():
     bus.over()
 
 
-def test_mpu6050_with_the_same_values_for_ever():
+def test_mpu6050_with_constant_values_is_an_error():
     bus, sensor = settled(*(imu("01", *FLAT) * 9))
     for _ in range(8):
         assert sensor.read() is True
@@ -115,12 +117,12 @@ def test_mpu6050_refuses_the_ends_of_its_ranges_and_keeps_the_last():
     bus.over()
 
 
-def test_mpu6050_temperature_has_no_range_to_end():
+def test_mpu6050_temperature_has_no_range_check():
     _, sensor = settled(*imu("01", "0000", "0000", "4000", "7fff", "0000", "0000", "0000"))
     assert sensor.read()
 
 
-def test_mpu6050_stranger_and_bus_errors():
+def test_mpu6050_foreign_device_and_bus_errors():
     bus = Script("68>75", "68<19", "68>75", "68" + "<" + GONE, *IMU)
     sensor = MPU6050(bus)
     assert "id 0x19 is not an MPU-6050's" in str(raised(sensor.read))
@@ -168,7 +170,7 @@ def test_lis3mdl_is_set_up_and_read():
     bus.over()
 
 
-def test_lis3mdl_too_near_to_a_magnet_and_asleep():
+def test_lis3mdl_out_of_range_and_without_samples():
     sample = ("1c>a7", "1c<0fff7f" + "0000" + "0000")
     none = ("1c>a7", "1c<00" + "00" * 6)
     bus = Script(*(FIELD + sample + FIELD + none * 8 + FIELD))
@@ -181,7 +183,7 @@ def test_lis3mdl_too_near_to_a_magnet_and_asleep():
     bus.over()
 
 
-def test_lis3mdl_stranger():
+def test_lis3mdl_foreign_device():
     assert "id 0x33 is not a LIS3MDL's" in str(raised(LIS3MDL(Script("1c>0f", "1c<33")).read))
 
 
@@ -206,7 +208,7 @@ def test_bh1750_sets_its_time_before_each_measurement():
 # --- MAX17048 ---------------------------------------------------------------------------------
 
 
-def test_max17048_volts_and_how_full():
+def test_max17048_voltage_and_charge():
     # 3.9 V is 49920 counts; 50 % 12800; 12 counts less an hour are 2.5 %.
     known = ("36>08", "36<0012")
     read = ("36>02", "36<c300" + "3200", "36>16", "36<fff4")
@@ -220,13 +222,13 @@ def test_max17048_volts_and_how_full():
     bus.over()
 
 
-def test_max17048_says_a_little_more_than_full():
+def test_max17048_charge_is_limited_to_one():
     sensor = MAX17048(Script("36>08", "36<0011", "36>02", "36<d2006480", "36>16", "36<0000"))
     sensor.read()
     assert sensor.fraction == 1.0
 
 
-def test_max17048_without_a_cell_and_a_stranger():
+def test_max17048_without_a_cell_and_foreign_device():
     known = ("36>08", "36<0012")
     bus = Script(*(known + ("36>02", "36<02000000") + known + ("36>02", "36" + "<" + GONE)))
     sensor = MAX17048(bus)
@@ -279,7 +281,7 @@ def test_tfluna_too_far_and_too_near():
     bus.over()
 
 
-def test_tfluna_blinded_stuck_or_a_stranger():
+def test_tfluna_blinded_stuck_or_foreign_device():
     blinded = results(0, 65535, 7)
     bus = Script(*(RANGE + TRIGGER + blinded + TRIGGER + results(0, 0, 7) * 5 + RANGE + TRIGGER))
     sensor = TFLuna(bus)

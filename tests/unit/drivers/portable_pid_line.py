@@ -1,4 +1,4 @@
-"""Lines of gains, as a rover gets them by TCP. Runs on CPython and on MicroPython."""
+"""Lines of gains, as a rover receives them over TCP. Also runs on MicroPython."""
 
 from uros.drivers.pid_line import MAX_LINE, PidLine, format_gains, format_sample, parse_gains
 
@@ -16,20 +16,20 @@ def refused(text):
     raise AssertionError("%r gave %r" % (text, values))
 
 
-def near(found, wanted):
-    assert len(found) == len(wanted), (found, wanted)
-    for one, other in zip(found, wanted):
-        assert abs(one - other) < 1e-6, (found, wanted)
+def near(values, wanted):
+    assert len(values) == len(wanted), (values, wanted)
+    for value, expected in zip(values, wanted):
+        assert abs(value - expected) < 1e-6, (values, wanted)
 
 
 def commands(*pieces):
-    """What is found in pieces that come one after the other; None is a pause."""
+    """Return the commands in the pieces; None is a pause."""
     line = PidLine()
-    found = []
+    parsed = []
     for piece in pieces:
-        found += line.flush() if piece is None else line.feed(piece.encode())
+        parsed += line.flush() if piece is None else line.feed(piece.encode())
     assert not line.faults, line.fault
-    return found
+    return parsed
 
 
 def test_the_line_of_the_document():
@@ -39,7 +39,7 @@ def test_the_line_of_the_document():
     assert type(parse_gains(DOCUMENT)[7]) is int
 
 
-def test_what_is_wrong_is_said_by_name():
+def test_faults_name_the_wrong_value():
     assert refused("") == (
         "1 value instead of 8: R_Kp,R_Ki,R_Kd,L_Kp,L_Ki,L_Kd,speed,rot"
     )  # fmt: skip
@@ -56,7 +56,7 @@ def test_what_is_wrong_is_said_by_name():
     assert refused("200,30,5,200,30,5,1.0,0.5").startswith("rot is 0.5")
 
 
-def test_not_all_that_python_takes_for_a_number_is_one():
+def test_only_decimal_numbers_are_accepted():
     for word in (
         "nan",
         "inf",
@@ -76,28 +76,28 @@ def test_not_all_that_python_takes_for_a_number_is_one():
         assert refused("200,30,5,200,30,5,%s,0" % word).startswith("speed is ")
 
 
-def test_lines_are_what_is_read():
+def test_formatted_lines_are_parsed():
     assert format_gains(VALUES) == "200,30,5,200,30,5,1,0"
     near(parse_gains(format_gains(BACK_VALUES)), BACK_VALUES)
     assert format_sample((113.4, -87.6, 301.0)) == "113,-88,301"
 
 
-def test_with_line_ends():
+def test_every_line_end_is_accepted():
     for end in ("\n", "\r\n", ";", "\0", "\n\n"):
-        found = commands(DOCUMENT + end + BACK + end)
-        near(found[0], VALUES)
-        near(found[1], BACK_VALUES)
-        assert len(found) == 2
+        parsed = commands(DOCUMENT + end + BACK + end)
+        near(parsed[0], VALUES)
+        near(parsed[1], BACK_VALUES)
+        assert len(parsed) == 2
 
 
-def test_cut_anywhere():
+def test_lines_cut_at_any_point():
     text = DOCUMENT + "\n" + BACK + "\n"
     for at in range(len(text)):
         assert len(commands(text[:at], text[at:])) == 2
     assert len(commands(*text)) == 2
 
 
-def test_without_a_line_end_a_pause_is_one():
+def test_a_pause_ends_a_line():
     line = PidLine()
     assert line.feed(DOCUMENT.encode()) == []
     near(line.flush()[0], VALUES)
@@ -105,18 +105,18 @@ def test_without_a_line_end_a_pause_is_one():
     assert len(commands(DOCUMENT, None, BACK, None, DOCUMENT, None)) == 3
 
 
-def test_joined_without_a_line_end():
+def test_lines_joined_without_a_line_end():
     text = DOCUMENT + BACK + DOCUMENT
-    found = commands(text, None)
-    assert len(found) == 3
-    near(found[0], VALUES)
-    near(found[1], BACK_VALUES)
+    parsed = commands(text, None)
+    assert len(parsed) == 3
+    near(parsed[0], VALUES)
+    near(parsed[1], BACK_VALUES)
     for at in range(len(text)):
         assert len(commands(text[:at], text[at:], None)) == 3
 
 
-def test_a_rot_of_many_digits_is_no_command_and_what_follows():
-    """What was typed wrong must not drive a rover."""
+def test_a_rot_of_several_digits_is_refused():
+    """A line with a typing error must not drive a rover."""
     line = PidLine()
     assert line.feed(b"200,30,5,200,30,5,1.0,10\n") == []
     assert line.fault.startswith("rot is 10")
@@ -127,15 +127,15 @@ def test_a_rot_of_many_digits_is_no_command_and_what_follows():
     assert line.faults == 3
 
 
-def test_nonsense_costs_its_own_line():
+def test_an_invalid_line_does_not_affect_others():
     line = PidLine()
-    found = line.feed(b"hello\n\xff\xfe,\x01\n" + DOCUMENT.encode() + b"\n1,2,3\n")
-    near(found[0], VALUES)
-    assert len(found) == 1 and line.faults == 3
+    parsed = line.feed(b"hello\n\xff\xfe,\x01\n" + DOCUMENT.encode() + b"\n1,2,3\n")
+    near(parsed[0], VALUES)
+    assert len(parsed) == 1 and line.faults == 3
     assert line.fault.startswith("3 values instead of 8")
 
 
-def test_a_line_without_end_takes_no_memory():
+def test_a_line_without_end_is_dropped():
     line = PidLine()
     for _ in range(20):
         assert line.feed(b"1" * 50) == []
@@ -145,7 +145,7 @@ def test_a_line_without_end_takes_no_memory():
     assert line.faults == 1
 
 
-def test_what_was_half_there_at_a_pause_is_told():
+def test_an_incomplete_line_at_a_pause_is_a_fault():
     line = PidLine()
     line.feed(b"200,30,5,2")
     assert line.flush() == [] and line.fault.startswith("4 values instead of 8")

@@ -1,4 +1,4 @@
-"""The sensors' drivers on a bus that plays a script. Runs on CPython and on MicroPython."""
+"""Drivers of sensors on a scripted bus. Also runs on MicroPython."""
 
 import errno
 
@@ -70,7 +70,7 @@ def test_mcp9600_reads_both_junctions():
     bus.over()
 
 
-def test_mcp9600_glowing_and_below_zero():
+def test_mcp9600_high_and_negative_temperatures():
     sensor = MCP9600(
         Script("67>00", "67<4b00", "67>04", "67<00", "67>00", "67<ffff", "67>04", "67<00")
     )
@@ -117,7 +117,7 @@ def test_vcnl4010_is_set_up_once_and_read_when_both_are_ready():
     bus.over()
 
 
-def test_vcnl4010_missing_at_start_is_set_up_when_it_comes():
+def test_vcnl4010_missing_at_start_is_set_up_later():
     missing = "13>!%d" % errno.ENODEV
     bus = Script(missing, missing, *(SET_UP + START))
     sensor = VCNL4010(bus)
@@ -151,11 +151,14 @@ def test_vcnl4010_is_set_up_again_after_every_error():
     bus.over()
 
 
-def test_vcnl4010_that_was_reset_in_between_is_noticed():
-    """It answers with the settings it has after power-on: 20 mA."""
+def test_vcnl4010_detects_a_reset():
+    """The sensor answers with its settings after power-on: 20 mA."""
     fresh = ("13>80", "13<e0" + "21" + "00" + "02" + "9d")
     darker = ("13>80", "13<e0" + "21" + "00" + "14" + "1d")
-    fuse = ("13>80", "13<e0" + "21" + "00" + "d4" + "9d")  # the upper bits at 0x83 are no current
+    fuse = (
+        "13>80",
+        "13<e0" + "21" + "00" + "d4" + "9d",
+    )  # the upper bits at 0x83 are not part of the current
     whole = SET_UP + START
     bus = Script(*(whole + fresh + whole + darker + whole + fuse + RESULTS))
     sensor = VCNL4010(bus)
@@ -168,7 +171,7 @@ def test_vcnl4010_that_was_reset_in_between_is_noticed():
     bus.over()
 
 
-def test_vcnl4010_does_not_set_up_a_stranger():
+def test_vcnl4010_does_not_set_up_foreign_devices():
     bus = Script("13>81", "13<ea", *(SET_UP + START))
     sensor = VCNL4010(bus)
     assert "product id 0xea" in str(raised(sensor.start))
@@ -176,7 +179,7 @@ def test_vcnl4010_does_not_set_up_a_stranger():
     bus.over()
 
 
-def test_reasons_are_words():
+def test_reasons_are_text():
     assert reason(OSError(errno.ENODEV)) == "no answer"
     assert reason(OSError(errno.EIO)) == "bus error"
     assert reason(OSError(errno.EPERM)) == "bus error"

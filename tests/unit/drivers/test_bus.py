@@ -1,4 +1,4 @@
-"""The bus that is freed when it got stuck."""
+"""The I2C bus, which is recovered when a device holds its data line."""
 
 import errno
 
@@ -21,17 +21,17 @@ def sht3x(program):
     return program.board.i2c[2].devices[0x44]
 
 
-def test_it_opens_the_channel_at_100_khz_with_a_time_limit(program, bus):
+def test_the_channel_is_opened_at_100_khz_with_a_timeout(program, bus):
     assert program.machine.opened == [{"channel": 2, "freq": 100_000, "timeout": 100_000}]
 
 
-def test_a_port_without_a_time_limit_is_taken_as_it_is(program):
+def test_a_port_without_a_timeout_argument(program):
     program.machine.timeout_argument = False
     program.main.Bus(2, "P415", frequency=400_000)
     assert program.machine.opened == [{"channel": 2, "freq": 400_000}]
 
 
-def test_a_channel_that_is_not_there(program):
+def test_a_missing_channel_raises(program):
     with pytest.raises(ValueError, match="channel"):
         program.main.Bus(1, "P415")
 
@@ -44,7 +44,7 @@ def test_transfers(program, bus):
     assert bus.recovered == 0
 
 
-def test_no_answer_is_no_reason_to_recover(program, bus):
+def test_a_missing_device_causes_no_recovery(program, bus):
     for call in (lambda: bus.writeto(0x20, b"\0"), lambda: bus.readfrom_into(0x20, bytearray(1))):
         with pytest.raises(OSError) as raised:
             call()
@@ -54,7 +54,7 @@ def test_no_answer_is_no_reason_to_recover(program, bus):
 
 
 def test_a_held_bus_is_free_for_the_next_transfer(program, bus):
-    """The sensor that holds it fails each time, and nobody else does."""
+    """Only the transfers of the sensor that holds the bus fail."""
     sht3x(program).faults.add("stuck")
     for count in (1, 2, 3):
         with pytest.raises(OSError) as raised:
@@ -77,8 +77,8 @@ def test_a_bus_held_since_before_the_start_is_freed(program):
     assert wires.sda == 1
 
 
-def test_eperm_may_mean_anything(program, bus):
-    """All that renesas-ra says."""
+def test_eperm_causes_a_recovery(program, bus):
+    """The renesas-ra port raises EPERM for every error."""
 
     def fails(*_):
         raise OSError(errno.EPERM)
@@ -90,7 +90,7 @@ def test_eperm_may_mean_anything(program, bus):
     bus.writeto(0x44, b"\x2c\x06")
 
 
-def test_shorted_wires_are_an_error_again_and_again(program, bus):
+def test_shorted_wires_are_an_error_at_each_transfer(program, bus):
     program.board.happen("bus:stuck")
     for _ in range(3):
         with pytest.raises(OSError):

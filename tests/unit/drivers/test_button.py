@@ -1,4 +1,4 @@
-"""The debouncer against any row of edges, and against the virtual button."""
+"""The debounced button with any sequence of edges, and with the virtual button."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,19 +8,21 @@ from uros.boards.virtual.hardware.pins import FALLING, RISING
 from uros.boards.virtual.hardware.pins import Button as VirtualButton
 from uros.drivers.button import Button
 
-# Milliseconds between edges, most of them as contacts bounce.
+# Milliseconds between edges, most of them as of bouncing contacts.
 GAPS = st.one_of(st.integers(0, SETTLE - 1), st.integers(SETTLE, 300), st.just(SETTLE))
 
 
 def clicks(segments):
-    """How often it was pushed and let go, said in another way: of all levels, those count that
-    lasted; the first is 1 (``segments`` are (level, ms))."""
+    """Return the number of clicks by another definition, from segments of (level, ms).
+
+    Only levels that lasted for SETTLE count; the first level is 1.
+    """
     lasted = [1] + [level for level, ms in segments if ms >= SETTLE]
     return sum(lasted[i] == 0 and lasted[i + 1] == 1 for i in range(len(lasted) - 1))
 
 
 @given(st.lists(GAPS, max_size=60), st.lists(st.booleans(), min_size=60, max_size=60))
-def test_any_edges_at_any_time_and_asked_at_any_time(gaps, asked):
+def test_any_edges_with_polling_at_any_time(gaps, asked):
     pin = FakePin()
     button = Button(pin, pin.ms)
     counted = 0
@@ -49,9 +51,7 @@ def test_any_edges_at_any_time_and_asked_at_any_time(gaps, asked):
     st.lists(st.tuples(st.integers(70, 600), st.integers(70, 600)), max_size=8),
     st.integers(1, 200),
 )
-def test_a_tap_of_the_virtual_button_is_one_click_however_long_it_bounces(
-    seed, bounce_ms, taps, every
-):
+def test_a_tap_of_the_virtual_button_is_one_click_despite_bounces(seed, bounce_ms, taps, every):
     virtual = VirtualButton("button", seed)
     virtual.act("bounce", str(bounce_ms))
     at = [0]

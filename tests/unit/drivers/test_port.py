@@ -1,4 +1,4 @@
-"""The port towards the host: USB with our descriptors, or a UART."""
+"""The serial port towards the host: USB with its descriptors, or a UART."""
 
 import errno
 
@@ -18,7 +18,7 @@ def open_port(program):
     return program.main.open_port(0x045B, 0x2013, "Renesas", "RA6M5 Sensor Node", "000001")
 
 
-def test_usb_says_what_it_is(program):
+def test_usb_identifiers_and_strings(program):
     open_port(program)
     assert program.usb.on
     assert program.usb.options == {
@@ -41,7 +41,7 @@ def test_configuration_descriptor(program):
     assert (port.ep_c_in, port.ep_d_out, port.ep_d_in) == (0x83, 0x01, 0x82)
 
 
-def test_nothing_waits(program):
+def test_no_call_of_the_port_waits(program):
     port = open_port(program)
     assert port.options == {"timeout": 0, "txbuf": 512, "rxbuf": 2048}
     assert port.read(10) is None
@@ -54,7 +54,7 @@ def test_nothing_waits(program):
     assert program.clock.world_us() - before == 5000
 
 
-def test_without_a_host_everything_says_so(program):
+def test_without_a_host_every_call_raises(program):
     port = open_port(program)
     port.opened = False
     for call in (port.open, lambda: port.read(1), lambda: port.write(b"a")):
@@ -66,7 +66,7 @@ def test_without_a_host_everything_says_so(program):
     assert port.write(b"a") == 1
 
 
-def test_closing_keeps_the_port(program):
+def test_close_keeps_the_usb_port(program):
     port = open_port(program)
     port.close()
     port.open()
@@ -74,13 +74,13 @@ def test_closing_keeps_the_port(program):
     assert port.write(b"a") == 1
 
 
-def test_without_usb_devices_a_uart(program):
-    with load("ra6m5_sensor_node", usb=False) as other:
-        open_port(other)
-        assert other.machine.uarts == [((7, 115200), {"timeout": 0, "rxbuf": 2048})]
+def test_a_uart_is_used_without_usb_devices(program):
+    with load("ra6m5_sensor_node", usb=False) as without_usb:
+        open_port(without_usb)
+        assert without_usb.machine.uarts == [((7, 115200), {"timeout": 0, "rxbuf": 2048})]
 
 
-def test_with_the_library_but_a_micropython_without_usb_devices_a_uart(program):
+def test_a_uart_is_used_if_micropython_has_no_usb_devices(program):
     def get():
         raise AttributeError("'module' object has no attribute 'USBDevice'")
 

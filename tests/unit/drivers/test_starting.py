@@ -1,4 +1,4 @@
-"""A start that fails. Not for MicroPython in one piece, where no module has a clock of its own."""
+"""A failed start. CPython only: MicroPython's modules have no time of their own to replace."""
 
 from unit.drivers.portable_button_led import FakePin
 
@@ -14,10 +14,10 @@ class FakeTime:
         self.slept.append(seconds)
 
 
-def test_a_start_that_fails_is_told_and_blinks_for_a_second():
+def test_a_failed_start_is_printed_and_blinks_for_a_second():
     real, starting.time = starting.time, FakeTime()
-    print_real, said = starting.print_exception, []
-    starting.print_exception = said.append
+    print_real, errors = starting.print_exception, []
+    starting.print_exception = errors.append
     try:
         pin = FakePin(0)
 
@@ -27,8 +27,8 @@ def test_a_start_that_fails_is_told_and_blinks_for_a_second():
         assert starting.attempt(build, Signal(pin)) is None
         assert starting.attempt(build) is None
         assert starting.time.slept == [0.1] * 20
-        assert pin.told == [1] + [0, 1] * 5
-        assert [str(it) for it in said] == ["UART(2) doesn't exist"] * 2
+        assert pin.written == [1] + [0, 1] * 5
+        assert [str(error) for error in errors] == ["UART(2) doesn't exist"] * 2
         assert starting.attempt(lambda: 7, Signal(pin)) == 7
         assert starting.time.slept == [0.1] * 20
     finally:

@@ -1,4 +1,4 @@
-"""The drivers of the outdoor sensors against the virtual ones, with all that can go wrong there."""
+"""Drivers of outdoor sensors with the virtual sensors and all of their faults."""
 
 import errno
 import math
@@ -27,7 +27,7 @@ TARGET = (2.34, 0.8)
 
 
 class World:
-    """What the sensors see; a test may change it."""
+    """The measured quantities; a test may change them."""
 
     def __init__(self):
         self.motion, self.field, self.lux = MOTION, FIELD, LUX
@@ -35,7 +35,7 @@ class World:
 
 
 class Bench:
-    """All five on one bus, and their drivers. It is an I2C for them, too."""
+    """All five sensors on one bus, and their drivers; it is also the drivers' I2C."""
 
     def __init__(self, noise=True, seed=1):
         self.clock = ManualClock()
@@ -66,7 +66,7 @@ class Bench:
         buf[:] = self.bus.transfer(address, b"", len(buf))
 
     def read(self, name):
-        """One whole measurement: it is asked for as often as a program would."""
+        """Make one measurement; return its values. The driver is called as by a program."""
         driver = self.drivers[name]
         for _ in range(20):
             if hasattr(driver, "start"):
@@ -87,17 +87,17 @@ class Bench:
         }[name]()
 
 
-# What the datasheets allow: offsets of the IMU up to 3 sigma, of the magnetometer as well.
+# Tolerances of the datasheets: offsets of IMU and magnetometer up to 3 sigma.
 EXPECTED = {
     "mpu6050": pytest.approx(MOTION, abs=0.6),
-    "lis3mdl": pytest.approx(tuple(it * 1e6 for it in FIELD), abs=4.0),
+    "lis3mdl": pytest.approx(tuple(component * 1e6 for component in FIELD), abs=4.0),
     "bh1750": pytest.approx((LUX,), rel=0.16),
     "max17048": pytest.approx(CELL, abs=0.01),
     "tfluna": pytest.approx((TARGET[0],), abs=0.05),
 }
 EXACT = {
     "mpu6050": pytest.approx(MOTION, abs=0.0005),
-    "lis3mdl": pytest.approx(tuple(it * 1e6 for it in FIELD), abs=0.01),
+    "lis3mdl": pytest.approx(tuple(component * 1e6 for component in FIELD), abs=0.01),
     "bh1750": pytest.approx((LUX,), abs=1.0),
     "max17048": pytest.approx(CELL, abs=0.0001),
     "tfluna": pytest.approx((TARGET[0],), abs=0.001),
@@ -147,7 +147,7 @@ def test_ranges_of_the_imu():
     ],
 )
 @pytest.mark.parametrize("name", EXPECTED)
-def test_bus_fault_is_an_oserror_and_heals(bench, name, kind, number):
+def test_outdoor_sensors_recover_from_bus_faults(bench, name, kind, number):
     bench.read(name)
     bench.devices[name].fault(kind)
     for _ in range(3):
@@ -163,8 +163,8 @@ def test_bus_fault_is_an_oserror_and_heals(bench, name, kind, number):
 
 @pytest.mark.parametrize("kind", ["noise", "rubbish"])
 @pytest.mark.parametrize("name", EXPECTED)
-def test_garbled_bytes_raise_what_they_should_and_heal(bench, name, kind):
-    """They have no checksums: nothing but the errors that are promised, and numbers in range."""
+def test_garbled_bytes_raise_declared_errors_only(bench, name, kind):
+    """Without checksums only documented errors are raised, and values are in range."""
     bench.devices[name].fault(kind)
     for _ in range(100):
         try:
@@ -174,7 +174,7 @@ def test_garbled_bytes_raise_what_they_should_and_heal(bench, name, kind):
         except AssertionError as error:
             assert "gives nothing" in str(error)
         else:
-            assert not any(math.isnan(it) for it in values)
+            assert not any(math.isnan(value) for value in values)
             if name == "max17048":
                 assert 2 <= values[0] <= 5 and 0 <= values[1] <= 1
             elif name == "tfluna":
@@ -186,7 +186,7 @@ def test_garbled_bytes_raise_what_they_should_and_heal(bench, name, kind):
 
 
 def settles(bench, name):
-    """The first reading after trouble; some errors may still come before it."""
+    """Return the first reading after a fault; up to three errors may precede it."""
     for _ in range(3):
         try:
             return bench.read(name)
@@ -196,7 +196,7 @@ def settles(bench, name):
 
 
 def fails(bench, name, reads=12):
-    """The error that comes within so many readings."""
+    """Return the text of the error within ``reads`` readings."""
     for _ in range(reads):
         try:
             bench.read(name)
@@ -219,7 +219,7 @@ def fails(bench, name, reads=12):
         ("tfluna", "sun", "blinded"),
     ],
 )
-def test_its_own_faults_are_told_and_heal(bench, name, kind, text):
+def test_faults_of_a_sensor_are_reported_and_end(bench, name, kind, text):
     bench.read(name)
     before = bench.values(name)
     bench.devices[name].fault(kind)
@@ -233,8 +233,8 @@ def test_its_own_faults_are_told_and_heal(bench, name, kind, text):
 
 
 @pytest.mark.parametrize("name", ["mpu6050", "lis3mdl"])
-def test_one_that_is_frozen_gives_nothing_until_it_moves(bench, name):
-    """It is set up anew after each error, which does not help."""
+def test_a_frozen_sensor_fails_until_its_values_change(bench, name):
+    """The driver sets the sensor up again after each error, without effect."""
     bench.read(name)
     bench.devices[name].fault("frozen")
     assert "same values" in fails(bench, name)
@@ -246,7 +246,7 @@ def test_one_that_is_frozen_gives_nothing_until_it_moves(bench, name):
     assert settles(bench, name) == EXPECTED[name]
 
 
-def test_every_fault_is_tried_here():
+def test_every_fault_of_outdoor_sensors_is_tested():
     tried = {
         "mpu6050": {"asleep", "frozen", "saturated", "selftest"},
         "lis3mdl": {"asleep", "frozen", "saturated"},
@@ -260,7 +260,7 @@ def test_every_fault_is_tried_here():
 
 
 @pytest.mark.parametrize("name", ["mpu6050", "lis3mdl"])
-def test_one_that_lost_its_settings_comes_back(bench, name):
+def test_a_sensor_that_lost_its_settings_is_set_up_again(bench, name):
     bench.read(name)
     bench.devices[name].fault("asleep")
     assert not bench.devices[name].faults
@@ -274,7 +274,7 @@ def test_one_that_lost_its_settings_comes_back(bench, name):
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_one_that_was_swapped_is_set_up(name):
+def test_a_replaced_sensor_is_set_up(name):
     bench, spare = Bench(), Bench(seed=1)
     bench.read(name)
     address = bench.devices[name].address
@@ -289,7 +289,7 @@ def test_one_that_was_swapped_is_set_up(name):
 
 
 def test_a_frozen_gauge_or_light_cannot_be_told_from_a_steady_one(bench):
-    """Nothing in them says so: what is read is what was there."""
+    """These sensors have no flag for new values: the driver returns the old ones."""
     for name in ("max17048", "bh1750"):
         before = bench.read(name)
         bench.devices[name].fault("frozen")
@@ -311,7 +311,7 @@ def test_rate_of_the_cell():
     assert bench.drivers["max17048"].rate == pytest.approx(-0.5, abs=0.002)
 
 
-def test_ranges_that_are_none(bench):
+def test_ranges_without_a_target(bench):
     for target, wanted in (
         ((math.inf, 0.0), math.inf),
         ((9.5, 0.9), math.inf),
@@ -355,8 +355,8 @@ def test_self_test(bench):
     assert bench.read("mpu6050") == pytest.approx((0, 0, 9.80665, 0, 0, 0), abs=0.6)
 
 
-def test_each_call_is_over_soon(bench):
-    """At 400 kHz, in ms; the longest is that which sets the IMU up."""
+def test_each_call_returns_soon(bench):
+    """Each call takes less than 1 ms at 400 kHz; the longest one sets up the IMU."""
     for name, driver in bench.drivers.items():
         for call in (getattr(driver, "start", driver.read), driver.read):
             before = bench.clock.world_us()
@@ -364,7 +364,7 @@ def test_each_call_is_over_soon(bench):
             assert bench.clock.world_us() - before < 1000, name
 
 
-def test_reading_makes_no_buffers(bench):
+def test_reading_allocates_no_buffers(bench):
     driver = bench.drivers["mpu6050"]
     bench.read("mpu6050")
     buffers = {id(driver._buf), id(driver._last)}

@@ -1,4 +1,4 @@
-"""The sensors' drivers against the virtual sensors, with everything that can go wrong there."""
+"""Drivers of sensors with the virtual sensors and all of their faults."""
 
 import errno
 
@@ -20,7 +20,7 @@ SCENE = (50.0, 312.0)
 
 
 class Bench:
-    """All three sensors on one bus, and their drivers. It is an I2C for them, too."""
+    """All three sensors on one bus, and their drivers; it is also the drivers' I2C."""
 
     def __init__(self):
         self.clock = ManualClock()
@@ -44,7 +44,7 @@ class Bench:
         buf[:] = self.bus.transfer(address, b"", len(buf))
 
     def read(self, name):
-        """One whole measurement of a sensor. Every call is over after its transfers."""
+        """Make one measurement of a sensor; return its values."""
         if name == "sht3x":
             self.sht3x.start()
             self.clock.advance(SHT3x.wait_ms * 1000)
@@ -93,7 +93,7 @@ def test_the_led_runs_at_200_ma_and_the_rate_is_left_alone(bench):
     ],
 )
 @pytest.mark.parametrize("name", EXPECTED)
-def test_bus_fault_is_an_oserror_and_heals(bench, name, kind, number):
+def test_sensors_recover_from_bus_faults(bench, name, kind, number):
     bench.read(name)
     bench.devices[name].faults.add(kind)
     for _ in range(3):
@@ -106,13 +106,13 @@ def test_bus_fault_is_an_oserror_and_heals(bench, name, kind, number):
     assert bench.read(name) == EXPECTED[name]
 
 
-def test_every_kind_of_fault_is_tried_here():
-    """Those that are left are below."""
+def test_every_fault_of_the_sensors_is_tested():
+    """The faults of single sensors have their own tests below."""
     assert set(FAULTS) == {"absent", "nack", "stretch", "stuck", "noise", "rubbish"}
 
 
 def test_each_transfer_ends_in_time(bench):
-    """With a bus that is held, a call lasts one time-out and no more."""
+    """On a held bus a call takes one timeout at most."""
     bench.devices["mcp9600"].faults.add("stuck")
     before = bench.clock.world_us()
     with pytest.raises(OSError):
@@ -121,7 +121,7 @@ def test_each_transfer_ends_in_time(bench):
 
 
 @pytest.mark.parametrize("fault", ["crc", "noise", "rubbish"])
-def test_sht3x_never_gives_what_was_garbled(bench, fault):
+def test_sht3x_never_returns_garbled_values(bench, fault):
     bench.devices["sht3x"].faults.add(fault)
     refused = 0
     for _ in range(200):
@@ -139,8 +139,8 @@ def test_sht3x_never_gives_what_was_garbled(bench, fault):
     assert bench.read("sht3x") == EXPECTED["sht3x"]
 
 
-def test_mcp9600_that_is_garbled_stays_in_range(bench):
-    """It has no checksum; what is impossible is refused."""
+def test_garbled_mcp9600_values_stay_in_range(bench):
+    """The sensor has no checksum; impossible values are refused."""
     bench.devices["mcp9600"].faults.add("rubbish")
     refused = 0
     for _ in range(200):
@@ -165,7 +165,7 @@ def test_mcp9600_with_a_broken_thermocouple(bench):
 
 
 @pytest.mark.parametrize("fault", ["noise", "rubbish"])
-def test_vcnl4010_whose_settings_are_garbled_is_not_believed(bench, fault):
+def test_vcnl4010_with_garbled_settings_is_an_error(bench, fault):
     bench.devices["vcnl4010"].faults.add(fault)
     refused = 0
     for _ in range(100):
@@ -190,7 +190,7 @@ def test_vcnl4010_is_not_ready_at_once(bench):
     assert bench.vcnl4010.read() is True
 
 
-def test_vcnl4010_that_was_swapped_is_set_up(bench):
+def test_a_replaced_vcnl4010_is_set_up(bench):
     bench.read("vcnl4010")
     bench.vcnl4010.start()
     bench.bus.detach(0x13)
@@ -200,8 +200,8 @@ def test_vcnl4010_that_was_swapped_is_set_up(bench):
     assert bench.read("vcnl4010") == EXPECTED["vcnl4010"]
 
 
-def test_vcnl4010_that_was_swapped_between_two_transfers_is_noticed(bench):
-    """It answers all the time, and would measure with a tenth of the light."""
+def test_a_vcnl4010_replaced_between_two_transfers_is_detected(bench):
+    """The replacement answers, but would measure with a tenth of the LED current."""
     bench.read("vcnl4010")
     bench.bus.detach(0x13)
     bench.bus.attach(Vcnl4010(lambda t: SCENE, noise=False))
@@ -210,7 +210,7 @@ def test_vcnl4010_that_was_swapped_between_two_transfers_is_noticed(bench):
     assert bench.read("vcnl4010") == EXPECTED["vcnl4010"]
 
 
-def test_one_after_the_other_they_do_not_disturb_each_other(bench):
+def test_sensors_of_one_bus_do_not_disturb_each_other(bench):
     bench.devices["sht3x"].faults.add("absent")
     for _ in range(2):
         with pytest.raises(OSError):

@@ -1,5 +1,6 @@
-"""The programs of firmware/, loaded on CPython with a board around them: the virtual sensors, and
-a clock that moves when somebody waits. No engine and no process.
+"""Loads programs of firmware/ on CPython with virtual sensors and a manual clock.
+
+There is no engine and no process; the clock advances while the program waits.
 
 ``with load("ra6m5_usb_text") as program:`` gives its main module as ``program.main``.
 """
@@ -18,8 +19,8 @@ from uros.boards.virtual.models.catalog import find
 
 FIRMWARE = ROOT / "firmware"
 TICKS = (1 << 30) - 1
-# What is imported anew for each program, because it holds on to the board's modules.
-OURS = ("uros.drivers.bus", "uros.drivers.port", "uros.drivers.usb_cdc")
+# Modules that are imported again for each program, because they refer to the board's modules.
+RELOADED = ("uros.drivers.bus", "uros.drivers.port", "uros.drivers.usb_cdc")
 
 
 def ticks_diff(end: int, start: int) -> int:
@@ -96,11 +97,11 @@ class Machine(ModuleType):
 
 
 class Port:
-    """A serial port as a UART is one: no cable to pull."""
+    """A serial port such as a UART, without a cable that can be pulled."""
 
     def __init__(self) -> None:
         self.written = bytearray()
-        self.room = 1 << 20  # what it takes of one write
+        self.room = 1 << 20  # bytes that a write accepts
         self.incoming = bytearray()
 
     def read(self, size: int) -> bytes | None:
@@ -133,7 +134,7 @@ class CdcInterface:
 
 
 class UsbDevice:
-    """micropython-lib's usb.device.get(): what its config() makes of the descriptors."""
+    """micropython-lib's usb.device.get(); ``configuration`` is the descriptor of its config()."""
 
     def __init__(self) -> None:
         self.on = False
@@ -171,7 +172,7 @@ class Descriptor:
 
 
 class Poll:
-    """select.poll of one stream: time passes, and that is all."""
+    """select.poll of one stream: it only lets time pass."""
 
     clock: ManualClock
 
@@ -184,7 +185,7 @@ class Poll:
 
 
 class Program:
-    """A program that is loaded. Its ``main`` is not started."""
+    """A loaded program, whose ``main`` is not started."""
 
     def __init__(self, board: VirtualBoard, clock: ManualClock, offset_ms: int, usb: bool) -> None:
         self.board = board
@@ -216,22 +217,22 @@ class Program:
 
 @contextlib.contextmanager
 def load(name: str, offset_ms: int = 0, usb: bool = True, seed: int = 0) -> Iterator[Program]:
-    """The program of a folder of firmware/. ``offset_ms`` is what the ticks begin with."""
+    """Load the program of a folder of firmware/; ``offset_ms`` is the first value of the ticks."""
     clock = ManualClock()
     board = VirtualBoard(find(name), clock=clock, seed=seed)
     program = Program(board, clock, offset_ms, usb)
     own = [path.stem for path in (FIRMWARE / name).glob("*.py")]
-    touched = [*program.modules, *OURS, *own]
+    touched = [*program.modules, *RELOADED, *own]
     before = {module: sys.modules.pop(module) for module in touched if module in sys.modules}
     sys.modules.update(program.modules)
     sys.path.insert(0, str(FIRMWARE / name))
     try:
         importlib.invalidate_caches()
-        for module in OURS:
+        for module in RELOADED:
             with contextlib.suppress(ImportError):
                 importlib.import_module(module)
         program.main = importlib.import_module("main")
-        # Whoever needs these has them now; everybody else needs the host's.
+        # The program has imported its versions; all other code needs the host's.
         sys.modules.update({module: before.pop(module) for module in ("time", "select")})
         yield program
     finally:

@@ -1,5 +1,6 @@
-"""A program of firmware/sprturtlebot*, loaded on CPython with the virtual rover around it, in
-virtual time: no engine, no process, no network.
+"""Loads programs of firmware/sprturtlebot* on CPython with the virtual rover, in virtual time.
+
+There is no engine, no process and no network.
 """
 
 import contextlib
@@ -15,13 +16,16 @@ from uros.boards.virtual.hardware.clock import ManualClock
 from uros.boards.virtual.models.catalog import find
 
 TICKS = (1 << 30) - 1
-# Imported anew for each program: they hold on to the board's modules, or are the program's own.
+# Imported again for each program: they refer to the board's modules, or are the program's own.
 OWN = ("config", "cores", "mail", "sub", "main", "line", "machine", "time")
 
 
 class RoverBoard:
-    """``t_us`` is the time; ``to(t_us)`` brings the world there. Modules see it as the board's
-    ticks, which began with ``begin_us``, and in an interrupt as that of the edge."""
+    """A board with the virtual rover; ``t_us`` is the time, which ``to(t_us)`` advances.
+
+    The ticks of the board's modules begin with ``begin_us``; in an interrupt they are the time of
+    the edge.
+    """
 
     def __init__(self, name: str, seed: int, begin_us: int) -> None:
         self.board = VirtualBoard(find(name), clock=ManualClock(), seed=seed)
@@ -47,7 +51,7 @@ class RoverBoard:
         return module
 
     def machine(self) -> types.ModuleType:
-        """What these programs need of MicroPython's machine."""
+        """Return the part of MicroPython's machine that these programs use."""
         outer = self
 
         class Pin:
@@ -74,7 +78,7 @@ class RoverBoard:
 
         class PWM:
             def __init__(self, pin: Pin, freq: int) -> None:
-                assert 1000 <= freq <= 250_000  # what the driver follows
+                assert 1000 <= freq <= 250_000  # the range of the driver
                 self.pin = pin.pin
 
             def duty_u16(self, duty: int) -> None:
@@ -88,9 +92,13 @@ class RoverBoard:
 
 @contextlib.contextmanager
 def rover_board(name: str, *modules: str, seed: int = 0, begin_us: int = 0) -> Iterator[RoverBoard]:
-    """The board of a folder, with these modules of the folder as its attributes."""
+    """Load modules of a folder as attributes of its RoverBoard."""
     running = RoverBoard(name, seed, begin_us)
-    before = {it: sys.modules.pop(it) for it in OWN if it in sys.modules}
+    before = {
+        module_name: sys.modules.pop(module_name)
+        for module_name in OWN
+        if module_name in sys.modules
+    }
     folder = str(FIRMWARE / name)
     sys.path.insert(0, folder)
     sys.modules.update(time=running.time(), machine=running.machine())
@@ -100,12 +108,12 @@ def rover_board(name: str, *modules: str, seed: int = 0, begin_us: int = 0) -> I
             for module in modules:
                 setattr(running, module, importlib.import_module(module))
         finally:
-            sys.modules["time"] = before.pop("time")  # everybody else needs the host's
+            sys.modules["time"] = before.pop("time")  # all other code needs the host's
         yield running
     finally:
         sys.path.remove(folder)
-        for it in OWN:
-            if it != "time":
-                sys.modules.pop(it, None)
+        for module_name in OWN:
+            if module_name != "time":
+                sys.modules.pop(module_name, None)
         sys.modules.update(before)
         running.board.close()

@@ -1,4 +1,4 @@
-"""How long the programs of firmware/ wait for an agent that is restarted."""
+"""The time that programs of firmware/ wait for a restarted agent."""
 
 import ast
 
@@ -8,13 +8,13 @@ FIRMWARE = ROOT / "firmware"
 
 
 def test_every_program_waits_two_seconds_and_for_several_pings() -> None:
-    """As README.md promises of an agent with --state."""
+    """README.md states that sessions survive a restart of an agent with --state."""
     nodes = 0
     for path in FIRMWARE.glob("*/*.py"):
         for call in ast.walk(ast.parse(path.read_text())):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
-                given = {it.arg: ast.literal_eval(it.value) for it in call.keywords
-                         if it.arg in ("ping_ms", "silence_ms")}  # fmt: skip
+                given = {keyword.arg: ast.literal_eval(keyword.value) for keyword in call.keywords
+                         if keyword.arg in ("ping_ms", "silence_ms")}  # fmt: skip
                 nodes += call.func.id == "Node"
                 silence_ms = given.get("silence_ms", 2000)
                 assert silence_ms >= 2000, path

@@ -1,5 +1,4 @@
-"""firmware/ra6m5_sensor_node: what it publishes when, with virtual sensors and a node that only
-notes what it is given."""
+"""firmware/ra6m5_sensor_node: messages and their times, with virtual sensors and a fake node."""
 
 import errno
 
@@ -41,11 +40,11 @@ class Publisher:
 
     def publish(self, message):
         assert type(message) is self.type
-        assert self.node.state == AGENT_CONNECTED, "nothing is offered without an agent"
+        assert self.node.state == AGENT_CONNECTED, "no message may be published without an agent"
         if self.node.full:
             return False
         buf = bytearray(message.cdr_size())
-        message.pack_into(buf, 0, 0)  # it is sound, and later changes do not count
+        message.pack_into(buf, 0, 0)  # it can be packed; later changes have no effect
         copy, _ = self.type.unpack_from(buf, 0, 0, len(buf))
         self.node.sent.append((self.node.clock.clock.ticks_us(), self.topic, copy))
         return True
@@ -102,7 +101,7 @@ class Running:
         return self
 
     def run(self, seconds):
-        """What was sent in so many seconds of the board's time: (µs, topic, message)."""
+        """Run for ``seconds`` of the board's time; return (µs, topic, message) of each message."""
         first = len(self.node.sent)
         end = self.program.clock.ticks_us() + int(seconds * 1e6)
         while self.program.clock.ticks_us() < end:
@@ -126,7 +125,7 @@ def by_topic(sent):
 
 @pytest.fixture
 def new():
-    """Loaded, with a node that does nothing, and not started."""
+    """The loaded program with a recording node, not started."""
     with load("ra6m5_sensor_node") as program:
         yield Running(program)
 
@@ -141,8 +140,8 @@ def board(new):
 
 def test_seven_topics(board):
     assert board.node.name == "ra6m5_sensor_node"
-    found = {it.topic: it.type._TYPE for it in board.node.publishers}
-    assert found == {
+    types = {publisher.topic: publisher.type._TYPE for publisher in board.node.publishers}
+    assert types == {
         "/sensors/room_temp": "sensor_msgs/msg/Temperature",
         "/sensors/humidity": "sensor_msgs/msg/RelativeHumidity",
         "/sensors/thermocouple_hot": "sensor_msgs/msg/Temperature",
@@ -153,7 +152,7 @@ def test_seven_topics(board):
     }
 
 
-def test_all_are_reliable_and_what_happened_is_kept(board):
+def test_all_topics_are_reliable_and_diagnostics_are_transient_local(board):
     for publisher in board.node.publishers:
         if publisher.topic == DIAGNOSTIC:
             assert isinstance(publisher.qos, QoSProfile)
@@ -176,7 +175,7 @@ def test_each_topic_once_a_second(board):
 
 
 def test_the_period_does_not_drift(board):
-    """A cycle starts a whole number of seconds after the first one, a hundred cycles later."""
+    """A hundred cycles later a cycle still starts a whole number of seconds after the first one."""
     ticks = []
     tick = board.main.program.tick
     board.node.executor.handles[0].callback = lambda: (ticks.append(board.node.clock.ms()), tick())
@@ -186,10 +185,9 @@ def test_the_period_does_not_drift(board):
 
 
 def test_when_each_sensor_is_read(board):
-    """After the cycle's start: the thermocouple at once, the air after 20 ms, the light after
-    100 ms."""
+    """In a cycle the thermocouple is read at once, the air after 20 ms, the light after 100 ms."""
     sent = by_topic(board.run(5.5))
-    start = PERIOD  # after the program's own, which takes less than a millisecond
+    start = PERIOD  # the start of the program takes less than a millisecond
     after = {topic: (samples[0][0] - start) / 1000 for topic, samples in sent.items()}
     assert after["/sensors/thermocouple_hot"] < 5
     assert 20 <= after["/sensors/room_temp"] < 30
@@ -197,7 +195,7 @@ def test_when_each_sensor_is_read(board):
 
 
 def test_nothing_waits(board):
-    """No piece of work lasts longer than its transfers, so USB is served all the time."""
+    """No step takes longer than its transfers, so that USB is always served."""
     longest = 0
     for _ in range(500):
         before = board.program.clock.ticks_us()
@@ -215,7 +213,9 @@ def test_values(board):
     assert temperature.temperature == pytest.approx(room.temperature(seconds), abs=0.2)
     assert humidity.relative_humidity == pytest.approx(room.humidity(seconds), abs=0.02)
     assert 0 <= humidity.relative_humidity <= 1
-    (_, hot), (_, cold) = (sent["/sensors/thermocouple_" + it][-1] for it in ("hot", "cold"))
+    (_, hot), (_, cold) = (
+        sent["/sensors/thermocouple_" + junction][-1] for junction in ("hot", "cold")
+    )
     assert hot.temperature == pytest.approx(room.hot(seconds), abs=1.5)
     assert cold.temperature == pytest.approx(room.cold(seconds), abs=0.3)
     assert temperature.variance == humidity.variance == hot.variance == cold.variance == 0
@@ -235,8 +235,8 @@ def test_frames(board):
     }
 
 
-def test_stamps_tell_when_the_reading_ended(board):
-    """Against the ends of the reads on the bus."""
+def test_stamps_are_the_times_of_the_readings(board):
+    """The stamps equal the ends of the reads on the bus."""
     reads = {0x44: [], 0x67: []}
     bus = board.program.board.i2c[2]
     bus.on_read = lambda address, ns: reads.setdefault(address, []).append(ns // 1000)
@@ -260,7 +260,7 @@ def test_stamps_tell_when_the_reading_ended(board):
 
 
 def test_without_an_agent_nothing_is_published(new):
-    """And sensors are watched nevertheless."""
+    """Sensors are read nevertheless."""
     new.start()
     assert new.run(3) == []
     new.happen("sht3x:absent")
@@ -269,7 +269,7 @@ def test_without_an_agent_nothing_is_published(new):
     assert new.crumbs.step == 7
 
 
-# What goes wrong.
+# Faults.
 
 
 READ_FAILS = [
@@ -296,7 +296,7 @@ TOPICS_OF = {
 
 
 @pytest.mark.parametrize(("fault", "line"), READ_FAILS)
-def test_a_sensor_that_fails_is_reported_and_the_others_go_on(board, fault, line):
+def test_a_failing_sensor_is_reported_and_does_not_affect_others(board, fault, line):
     name = fault.partition(":")[0]
     board.run(2.5)
     board.happen(fault)
@@ -315,7 +315,7 @@ def test_a_sensor_that_fails_is_reported_and_the_others_go_on(board, fault, line
     assert set(sent) == SAMPLES
 
 
-def test_a_sensor_that_goes_on_failing_is_reported_every_ten_seconds(board):
+def test_a_continuous_failure_is_reported_every_ten_seconds(board):
     board.lines(1)
     board.happen("mcp9600:absent")
     assert board.lines(31.5) == ["MCP9600 read failed: no answer"] * 4
@@ -348,34 +348,34 @@ def test_no_sensor_at_all(new):
     assert set(by_topic(new.run(2))) == SAMPLES
 
 
-def test_a_shorted_bus_does_not_end_anything(board):
+def test_a_shorted_bus_does_not_end_the_program(board):
     board.run(1)
     board.happen("bus:stuck")
     before = board.program.clock.ticks_us()
     board.run(5)
     assert board.crumbs.step == 100
-    # Three time-outs a second, and in between it spins.
+    # Three timeouts a second, and in between the node spins.
     assert board.program.clock.ticks_us() - before < 5_500_000
     board.happen("bus:off")
     board.run(1)
     assert set(by_topic(board.run(3))) - {DIAGNOSTIC} == SAMPLES
 
 
-def test_a_measurement_that_does_not_end(board):
+def test_an_endless_measurement_is_reported(board):
     board.main.program.vcnl4010.read = lambda: False
     lines = board.lines(2.5)
     assert lines == ["VCNL4010 read failed: the measurement does not end"]
     assert board.main.program._wait.is_canceled()
 
 
-# The agent comes and goes.
+# Loss of the agent.
 
 
-def test_initialized_is_said_in_every_session(board):
-    def said():
+def test_initialized_is_published_in_every_session(board):
+    def diagnostics():
         return [m.data for _, topic, m in board.node.sent if topic == DIAGNOSTIC]
 
-    assert said() == [INITIALIZED]
+    assert diagnostics() == [INITIALIZED]
     board.run(2)
     board.node.enter(AGENT_DISCONNECTED, WAITING_AGENT)
     assert board.crumbs.step == 7
@@ -384,10 +384,10 @@ def test_initialized_is_said_in_every_session(board):
     assert board.crumbs.step == 8
     board.node.enter(AGENT_CONNECTED)
     assert board.crumbs.step == 9
-    assert said() == [INITIALIZED] * 2
+    assert diagnostics() == [INITIALIZED] * 2
 
 
-def test_a_failure_is_told_to_each_new_agent(board):
+def test_a_failure_is_reported_to_each_new_agent(board):
     board.run(1)
     board.happen("sht3x:absent")
     line = "SHT3x read failed: no answer"
@@ -396,7 +396,7 @@ def test_a_failure_is_told_to_each_new_agent(board):
     board.run(2)
     board.connect()
     assert board.lines(2) == [line]
-    # Healed while nobody listens: the next agent never hears of it.
+    # A failure that ends without an agent is not reported to the next one.
     board.node.enter(AGENT_DISCONNECTED, WAITING_AGENT)
     board.happen("sht3x:off")
     board.run(2)
@@ -404,7 +404,7 @@ def test_a_failure_is_told_to_each_new_agent(board):
     assert board.lines(3) == []
 
 
-def test_what_found_no_room_is_said_later(new):
+def test_diagnostics_without_room_are_sent_later(new):
     new.start()
     new.node.full = True
     new.connect()
@@ -438,7 +438,7 @@ def test_crumbs_of_a_good_start(new):
         ("Node", MemoryError("memory allocation failed"), 10, 4, "step 4: MemoryError memory"),
     ],
 )
-def test_a_step_that_fails_is_told_and_tried_again(new, name, error, code, check, text):
+def test_a_failed_step_is_printed_and_retried(new, name, error, code, check, text):
     real = getattr(new.main, name)
 
     def fails(*_, **__):
@@ -453,7 +453,7 @@ def test_a_step_that_fails_is_told_and_tried_again(new, name, error, code, check
     before = new.program.clock.ticks_us()
     new.main.step()
     assert 100_000 <= new.program.clock.ticks_us() - before <= 101_000
-    assert len(new.printed) == 1  # it is not time yet
+    assert len(new.printed) == 1  # not retried yet
     setattr(new.main, name, real)
     while new.main.program is None:
         new.main.step()
@@ -461,7 +461,7 @@ def test_a_step_that_fails_is_told_and_tried_again(new, name, error, code, check
     assert (new.crumbs.step, new.crumbs.code) == (7, 0)
 
 
-def test_the_port_survives_a_start_that_fails(new):
+def test_the_port_is_kept_after_a_failed_start(new):
     ports = []
     real = new.main.open_port
     new.main.open_port = lambda *a: ports.append(real(*a)) or ports[-1]
@@ -476,7 +476,7 @@ def test_the_port_survives_a_start_that_fails(new):
 # USB.
 
 
-def test_a_host_that_does_not_configure_the_board_is_told_after_five_seconds(new):
+def test_a_missing_usb_host_is_reported_after_five_seconds(new):
     new.start()
     new.main.port.opened = False
     new.run(4.5)
@@ -485,19 +485,19 @@ def test_a_host_that_does_not_configure_the_board_is_told_after_five_seconds(new
     assert new.crumbs.code == errno.ETIMEDOUT
     assert new.crumbs.error.startswith("USB: ")
     assert len(new.printed) == 1
-    # It may still come, and is used then; the sensors were read all the time.
+    # A later host is used; the sensors were read all the time.
     new.main.port.opened = True
     new.connect()
     assert set(by_topic(new.run(1.5))) == SAMPLES
 
 
-def test_a_host_that_is_in_time_is_not_mentioned(new):
+def test_a_usb_host_in_time_is_not_reported(new):
     new.start()
     new.run(7)
     assert (new.crumbs.code, new.crumbs.error, new.printed) == (0, "", [])
 
 
-def test_a_uart_is_not_waited_for():
+def test_no_wait_for_a_host_on_a_uart():
     with load("ra6m5_sensor_node", usb=False) as program:
         running = Running(program)
         running.start().connect()

@@ -1,4 +1,4 @@
-"""firmware/spresense_camera: what is published, and what LED2 and LED3 tell of other pictures."""
+"""firmware/spresense_camera: published pictures, and LED2 and LED3 for others."""
 
 import importlib.util
 import sys
@@ -27,11 +27,11 @@ class Pin:
 
 
 class Bench:
-    """The program's Pictures, with a camera that gives ``picture``, or raises it."""
+    """The program's Pictures with a camera that returns ``picture``, or raises it."""
 
     def __init__(self, monkeypatch):
         self.picture = None
-        self.made = []  # the arguments of each Camera
+        self.cameras = []  # the arguments of each Camera
         self.published = []
         self.busy = False
         camera = ModuleType("camera")
@@ -53,8 +53,8 @@ class Bench:
         spec.loader.exec_module(self.main)
         self.main.publish_stream = self.publish
         self.main.streaming = lambda publisher: self.busy
-        self.said = []
-        self.main.print = lambda *words: self.said.append(" ".join(map(str, words)))
+        self.printed = []
+        self.main.print = lambda *words: self.printed.append(" ".join(map(str, words)))
         self.node = SimpleNamespace(
             state=AGENT_CONNECTED,
             clock=SimpleNamespace(stamp=self.stamp),
@@ -64,7 +64,7 @@ class Bench:
         self.pictures = self.main.Pictures(self.node)
 
     def camera(self, **options):
-        self.made.append(options)
+        self.cameras.append(options)
         if isinstance(self.picture, OSError):
             raise self.picture
         return SimpleNamespace(capture=lambda: self.picture)
@@ -73,13 +73,13 @@ class Bench:
         stamp.sec = 1000 + len(self.published)
 
     def publish(self, publisher, message, length, source):
-        data = b"".join(bytes(it) for it in source)
+        data = b"".join(bytes(chunk) for chunk in source)
         assert (publisher, length) == ("publisher", len(data))
         self.published.append((message.header.stamp.sec, data))
         return True
 
     def tick(self, picture):
-        """What is published, and the LEDs behind it."""
+        """Handle a picture; return the number of publications, and LED2 and LED3."""
         self.picture = picture
         before = len(self.published)
         self.pictures.tick()
@@ -92,11 +92,11 @@ def bench(monkeypatch):
 
 
 def picture(size):
-    """What begins and ends as a JPEG picture does, as the driver gives it."""
+    """Return octets with the start and end of a JPEG picture, as the driver does."""
     return memoryview(b"\xff\xd8" + bytes(size - 4) + b"\xff\xd9")
 
 
-def test_a_picture_of_up_to_20000_octets_is_published_and_a_larger_one_is_told(bench):
+def test_pictures_of_up_to_20000_octets_are_published_and_larger_ones_reported(bench):
     assert bench.tick(picture(12_000)) == (1, 0, 0)
     assert bench.tick(picture(20_000)) == (1, 0, 0)
     assert bench.tick(picture(20_001)) == (0, 0, 1)
@@ -106,28 +106,28 @@ def test_a_picture_of_up_to_20000_octets_is_published_and_a_larger_one_is_told(b
     ]  # fmt: skip
     image = bench.pictures.image
     assert (image.header.frame_id, image.format, len(image.data)) == ("myframe", "jpeg", 0)
-    (options,) = bench.made
+    (options,) = bench.cameras
     assert (options["frame_size"], options["pixel_format"]) == (5, 4)
 
 
 @pytest.mark.parametrize("bad", [None, memoryview(b""), picture(12_000)[:-1], memoryview(b"\xff")])
-def test_no_picture_and_half_of_one_are_told(bench, bad):
+def test_missing_and_incomplete_pictures_are_reported(bench, bad):
     assert bench.tick(bad) == (0, 1, 0)
     assert bench.tick(picture(20_001)) == (0, 0, 1)
     assert bench.tick(bad) == (0, 1, 0)
     assert bench.tick(picture(100)) == (1, 0, 0)
 
 
-def test_a_camera_that_is_not_there_is_told_and_looked_for_again(bench):
+def test_a_missing_camera_is_reported_and_retried(bench):
     assert bench.tick(OSError(19, "no such device")) == (0, 1, 0)
-    assert bench.said == ["no camera: [Errno 19] no such device"]
+    assert bench.printed == ["no camera: [Errno 19] no such device"]
     assert bench.tick(picture(100)) == (1, 0, 0)
-    assert len(bench.made) == 2
+    assert len(bench.cameras) == 2
 
 
-def test_none_is_taken_without_an_agent_or_while_the_last_one_is_sent(bench):
+def test_no_picture_is_taken_without_an_agent_or_during_a_stream(bench):
     bench.node.state = WAITING_AGENT
-    assert bench.tick(picture(100)) == (0, 0, 0) and not bench.made
+    assert bench.tick(picture(100)) == (0, 0, 0) and not bench.cameras
     bench.node.state = AGENT_CONNECTED
     bench.busy = True
-    assert bench.tick(picture(100)) == (0, 0, 0) and not bench.made
+    assert bench.tick(picture(100)) == (0, 0, 0) and not bench.cameras

@@ -1,4 +1,4 @@
-"""firmware/spresense_sensors: what the receiver of satellites says, and when that was."""
+"""firmware/spresense_sensors: stamps of the GNSS receiver's sentences."""
 
 import sys
 from types import ModuleType
@@ -27,8 +27,10 @@ def line(body: str) -> bytes:
 
 
 class Receiver:
-    """A UART on which a receiver without a fix says so each second, from its start on. With
-    ``slow`` its words come so slowly that the line never rests."""
+    """A UART with a receiver that sends sentences without a fix every second from its start on.
+
+    With ``slow`` they are sent so slowly that the line is never idle.
+    """
 
     def __init__(self, clock: FakeClock, slow: bool) -> None:
         self.clock = clock
@@ -36,7 +38,7 @@ class Receiver:
         self.ms = 1000 if slow else 400
         self.given = 0
 
-    def said(self) -> bytes:
+    def sent(self) -> bytes:
         out = b""
         second, us = divmod(self.clock.t - self.start, 1_000_000)
         for n in range(second + 1):
@@ -47,13 +49,13 @@ class Receiver:
         return out
 
     def read(self, most: int) -> "bytes | None":
-        data = self.said()[self.given : self.given + most]
+        data = self.sent()[self.given : self.given + most]
         self.given += len(data)
         return data or None
 
 
 class Slow(FakeAgent):
-    """Tells the time only from when it is ``awake``."""
+    """An agent that answers TIMESTAMP only while ``awake``."""
 
     awake = False
 
@@ -80,12 +82,12 @@ def sensors(monkeypatch):
 @pytest.mark.parametrize("slow", [False, True])
 @pytest.mark.parametrize("awake_ms", [0, 1010, 1200, 1390, 1700, 2900])
 @pytest.mark.parametrize("callback_ms", [0, 30, 180])
-def test_no_fix_has_a_stamp_of_before_the_time_was_known(sensors, slow, awake_ms, callback_ms):
+def test_no_fix_is_stamped_before_the_time_is_known(sensors, slow, awake_ms, callback_ms):
     clock = FakeClock()
     agent = Slow(clock, mtu=512)
     node = Node("node", agent, key=KEY, clock=clock)
     gnss = sensors.Gnss(node, Receiver(clock, slow))
-    node.create_timer(0.05, lambda: clock.sleep(callback_ms))  # a board with more to do
+    node.create_timer(0.05, lambda: clock.sleep(callback_ms))  # other work of the board
     fixes = []
     end = clock.t + 12_000_000
     while clock.t < end:
@@ -96,7 +98,7 @@ def test_no_fix_has_a_stamp_of_before_the_time_was_known(sensors, slow, awake_ms
                 fix = from_cdr(load("sensor_msgs/msg/NavSatFix"), b"\0\1\0\0" + octets)
                 stamp = fix.header.stamp
                 fixes.append(stamp.sec * 1_000_000 + stamp.nanosec // 1000 - agent.epoch_us)
-                assert fixes[-1] >= awake_ms * 1000  # it was known
+                assert fixes[-1] >= awake_ms * 1000  # after the time is known
                 assert clock.t - fixes[-1] < 1_600_000, (fixes, clock.t)
         agent.samples.clear()
     assert len(fixes) > 5 and fixes == sorted(fixes)

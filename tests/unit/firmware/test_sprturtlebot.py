@@ -1,5 +1,4 @@
-"""firmware/sprturtlebot: its sub core drives the virtual rover, in virtual time and by nothing but
-the mailboxes."""
+"""firmware/sprturtlebot: the sub core drives the virtual rover in virtual time, by mailboxes."""
 
 import _thread
 import contextlib
@@ -16,25 +15,25 @@ STEP_US = 20_000
 
 
 class Sub:
-    """The sub core on a virtual board. ``turn()`` is 20 ms, ``notes`` what it said."""
+    """The sub core on a virtual board; ``turn()`` runs 20 ms, ``notes`` are its reports."""
 
-    def __init__(self, it):
-        self.it = it
-        self.rover = it.rover
-        self.mail = it.mail
-        self.config = it.config
-        self.inbox = it.mail.Mailbox()
-        self.outbox = it.mail.Mailbox()
-        self.core = it.sub.SubCore(self.inbox, self.outbox)
+    def __init__(self, board):
+        self.board = board
+        self.rover = board.rover
+        self.mail = board.mail
+        self.config = board.config
+        self.inbox = board.mail.Mailbox()
+        self.outbox = board.mail.Mailbox()
+        self.core = board.sub.SubCore(self.inbox, self.outbox)
         self.notes = []
         self.answer = None
 
     @property
     def t_us(self):
-        return self.it.t_us
+        return self.board.t_us
 
     def turn(self):
-        self.it.to(self.it.t_us + STEP_US)
+        self.board.to(self.board.t_us + STEP_US)
         self.core.step()
         number = self.outbox.receive()
         while number:
@@ -56,7 +55,7 @@ class Sub:
         self.inbox.send(self.mail.COMMAND, (v, w))
 
     def odometry(self):
-        """x, y, theta, v, w of the answer to a question."""
+        """Request the odometry; return x, y, theta, v, w."""
         self.answer = None
         self.inbox.send(self.mail.ODOMETRY)
         self.turn()
@@ -72,8 +71,8 @@ class Sub:
 
 @contextlib.contextmanager
 def sub_core(**options):
-    with rover_board("sprturtlebot", "config", "mail", "sub", **options) as it:
-        yield Sub(it)
+    with rover_board("sprturtlebot", "config", "mail", "sub", **options) as board:
+        yield Sub(board)
 
 
 @pytest.fixture
@@ -83,8 +82,8 @@ def sub():
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-def test_it_drives_a_square_of_a_metre_and_knows_where_it_is(seed):
-    # Its ticks wrap on the way.
+def test_odometry_of_a_square_of_a_metre(seed):
+    # The ticks wrap during the drive.
     with sub_core(seed=seed, begin_us=TICKS - 4_000_000) as sub:
         rover = sub.rover
         rover.act("place", "0,-0.5,0")  # west of the boxes
@@ -116,7 +115,7 @@ def test_nothing_moves_before_the_motors_are_switched_on(sub):
     sub.run(0.5)
     assert sub.rover.path_length == 0
     assert sub.notes == ["cmd_vel is ignored, the motors are off: see motor_power"]
-    # What was said before does not count afterwards.
+    # Earlier commands have no effect afterwards.
     sub.power(True)
     sub.run(0.5)
     assert sub.rover.path_length == 0
@@ -125,7 +124,7 @@ def test_nothing_moves_before_the_motors_are_switched_on(sub):
     assert sub.rover.path_length > 0.05
 
 
-def test_it_stops_within_a_second_of_the_last_command(sub):
+def test_the_rover_stops_within_a_second_of_the_last_command(sub):
     sub.power(True)
     for _ in range(10):
         sub.command(0.4, 0.0)
@@ -139,14 +138,14 @@ def test_it_stops_within_a_second_of_the_last_command(sub):
     assert 0.9 < (driven - last) / 1e6 <= 1.0
     sub.until_it_stands()
     assert sub.t_us - driven < 600_000
-    # Nothing is left of it: the next command begins from nothing.
+    # The controllers are reset.
     assert sub.core.chassis.drive.right_pid.integral == 0
     sub.run(0.4)
     assert sub.odometry()[3:] == (0.0, 0.0)
 
 
-def test_a_metre_a_second_on_a_curve_becomes_slower_on_the_same_curve(sub):
-    # The document's own example, 1.21 and 0.79 m/s at the wheels.
+def test_a_too_fast_command_is_scaled_and_reported(sub):
+    # The document's example: 1.21 and 0.79 m/s at the wheels.
     sub.power(True)
     sub.command(1.0, 1.57)
     sub.turn()
@@ -159,7 +158,7 @@ def test_a_metre_a_second_on_a_curve_becomes_slower_on_the_same_curve(sub):
 
 
 @pytest.mark.parametrize("v", [math.nan, math.inf, -math.inf])
-def test_what_is_no_number_is_left_out_and_told(sub, v):
+def test_commands_of_nan_are_ignored_and_reported(sub, v):
     sub.power(True)
     sub.command(v, 0.0)
     sub.run(0.2)
@@ -169,11 +168,11 @@ def test_what_is_no_number_is_left_out_and_told(sub, v):
     assert sub.notes == ["cmd_vel is ignored: it is no number"] * 2
 
 
-def test_power_off_stops_at_once_and_on_again_begins_from_nothing(sub):
+def test_power_off_stops_at_once_and_resets_the_controllers(sub):
     sub.power(True)
     sub.command(0.4, 0.0)
     sub.run(0.8)
-    sub.power(True)  # said again: nothing changes
+    sub.power(True)  # repeated: no effect
     sub.turn()
     assert sub.core.chassis.drive.v == 0.4
     sub.power(False)
@@ -187,15 +186,15 @@ def test_power_off_stops_at_once_and_on_again_begins_from_nothing(sub):
     assert sub.rover.driver.powered
 
 
-def test_a_stuck_wheel_stops_both_and_is_told_once(sub):
+def test_a_stuck_wheel_stops_both_and_is_reported_once(sub):
     sub.power(True)
     sub.rover.fault("left_stuck")
     for _ in range(30):
         sub.command(0.3, 0.0)
         sub.run(0.1)
-    told = [it for it in sub.notes if "left wheel does not turn" in it]
-    assert len(told) == 1
-    assert sub.rover.theta < math.tau  # it does not spin on the other one
+    reports = [note for note in sub.notes if "left wheel does not turn" in note]
+    assert len(reports) == 1
+    assert sub.rover.theta < math.tau  # the rover does not spin about the stuck wheel
     sub.rover.heal()
     sub.run(1.0)
     for _ in range(20):
@@ -205,7 +204,7 @@ def test_a_stuck_wheel_stops_both_and_is_told_once(sub):
     assert sub.rover.v == pytest.approx(0.3, rel=0.15)
 
 
-def test_an_empty_battery_makes_it_no_slower_at_a_walk(sub):
+def test_a_nearly_empty_battery_suffices_for_walking_speed(sub):
     sub.power(True)
     sub.rover.act("battery", "12")
     for _ in range(15):
@@ -214,7 +213,7 @@ def test_an_empty_battery_makes_it_no_slower_at_a_walk(sub):
     assert sub.rover.v == pytest.approx(0.3, rel=0.1)
 
 
-def test_backwards_it_does_not_run_away(sub):
+def test_driving_backwards_is_stable(sub):
     sub.power(True)
     for v in (-0.3, 0.3, -0.3):
         for _ in range(15):
@@ -226,7 +225,7 @@ def test_backwards_it_does_not_run_away(sub):
     assert x == pytest.approx(sub.rover.x, abs=0.03)
 
 
-def test_of_a_flood_of_mail_the_newest_of_each_kind_counts_in_the_order_of_the_kinds(sub):
+def test_only_the_newest_mail_of_each_kind_is_handled_in_order(sub):
     box, kinds = sub.mail.Mailbox(), sub.mail
     assert box.receive() == 0
     source = random.Random(1)
@@ -235,14 +234,14 @@ def test_of_a_flood_of_mail_the_newest_of_each_kind_counts_in_the_order_of_the_k
         number = source.choice((kinds.POWER, kinds.COMMAND, kinds.ODOMETRY, kinds.NOTE))
         box.send(number, at)
         newest[number] = at
-    found = []
+    messages = []
     while number := box.receive():
-        found.append((number, box.value))
-    assert found == sorted(newest.items())
+        messages.append((number, box.value))
+    assert messages == sorted(newest.items())
 
 
-def test_a_command_that_does_not_count_any_more_is_not_told_as_ignored(sub):
-    """The main core leaves it in place of one that waits, when it switches the power."""
+def test_a_withdrawn_command_is_not_reported_as_ignored(sub):
+    """The main core replaces a queued command by None when it switches the power."""
     sub.power(False)
     sub.command(0.3, 0.0)
     sub.inbox.send(sub.mail.COMMAND, None)
@@ -250,40 +249,40 @@ def test_a_command_that_does_not_count_any_more_is_not_told_as_ignored(sub):
     assert sub.notes == [] and sub.rover.path_length == 0
 
 
-def test_where_there_are_threads_it_runs_in_one_and_stops_the_wheels_by_itself(monkeypatch):
-    """Nobody calls it but its thread; the main core sends two messages and does nothing more."""
+def test_the_sub_core_runs_in_a_thread_and_stops_the_wheels(monkeypatch):
+    """Only its thread calls the sub core; the main core sends two messages."""
     monkeypatch.setattr(_thread, "stack_size", lambda size: None)
     begin, over = threading.Event(), threading.Event()
-    with rover_board("sprturtlebot", "config", "mail", "sub", "cores") as it:
+    with rover_board("sprturtlebot", "config", "mail", "sub", "cores") as board:
 
         def sleep_ms(ms):
             begin.wait(30)
-            it.to(it.t_us + 1000 * ms)
-            if it.t_us > 4e6:
+            board.to(board.t_us + 1000 * ms)
+            if board.t_us > 4e6:
                 over.set()
                 raise SystemExit
 
-        it.sub.time.sleep_ms = sleep_ms
-        to_sub, from_sub = it.cores.start_sub_core()
-        assert it.cores.start_sub_core() == (to_sub, from_sub)  # once, however often it is tried
-        to_sub.send(it.mail.POWER, True)
-        to_sub.send(it.mail.COMMAND, (0.25, 0.0))
+        board.sub.time.sleep_ms = sleep_ms
+        to_sub, from_sub = board.cores.start_sub_core()
+        assert board.cores.start_sub_core() == (to_sub, from_sub)  # idempotent
+        to_sub.send(board.mail.POWER, True)
+        to_sub.send(board.mail.COMMAND, (0.25, 0.0))
         begin.set()
         assert over.wait(30)
-        assert 0.15 < it.rover.path_length < 0.3 and it.rover.speeds == (0.0, 0.0)
+        assert 0.15 < board.rover.path_length < 0.3 and board.rover.speeds == (0.0, 0.0)
 
 
-def test_what_goes_wrong_there_switches_the_motors_off():
-    with rover_board("sprturtlebot", "config", "mail", "sub") as it:
-        it.sub.time.sleep_ms = lambda ms: it.to(it.t_us + 1000 * ms)
-        inbox = it.mail.Mailbox()
-        it.sub.start(inbox, it.mail.Mailbox())
-        inbox.send(it.mail.POWER, True)
-        inbox.send(it.mail.COMMAND, (0.25, 0.0))
+def test_an_exception_in_the_sub_core_switches_the_motors_off():
+    with rover_board("sprturtlebot", "config", "mail", "sub") as board:
+        board.sub.time.sleep_ms = lambda ms: board.to(board.t_us + 1000 * ms)
+        inbox = board.mail.Mailbox()
+        board.sub.start(inbox, board.mail.Mailbox())
+        inbox.send(board.mail.POWER, True)
+        inbox.send(board.mail.COMMAND, (0.25, 0.0))
         for _ in range(10):
-            it.sub.step()
-        assert it.rover.driver.powered and it.rover.v > 0
-        inbox.send(it.mail.COMMAND, (None, None))
+            board.sub.step()
+        assert board.rover.driver.powered and board.rover.v > 0
+        inbox.send(board.mail.COMMAND, (None, None))
         with pytest.raises(TypeError):
-            it.sub.step()
-        assert not it.rover.driver.powered
+            board.sub.step()
+        assert not board.rover.driver.powered

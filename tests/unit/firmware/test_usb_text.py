@@ -1,4 +1,4 @@
-"""firmware/ra6m5_usb_text: a line a second, whatever happens to sensors and cable."""
+"""firmware/ra6m5_usb_text: a line every second, whatever faults sensors and cable have."""
 
 import re
 
@@ -22,9 +22,9 @@ class Running:
         self.main.print = lambda *words: self.printed.append(" ".join(map(str, words)))
         self.main.start()
         self.port = self.main.program.port
-        # A UART is its own port; a CDC interface has one within.
+        # A UART is the port itself; a CDC interface contains it.
         self.line = getattr(self.port, "port", self.port)
-        self.arrived = []  # (µs, what was written at once)
+        self.arrived = []  # (µs, text of one write)
         write = self.line.write
 
         def note(data):
@@ -38,7 +38,7 @@ class Running:
         self.line.write = note
 
     def run(self, seconds):
-        """The lines of so many seconds of the board's time."""
+        """Run for ``seconds`` of the board's time; return the texts written."""
         first = len(self.arrived)
         end = self.program.clock.ticks_us() + int(seconds * 1e6)
         while self.program.clock.ticks_us() < end:
@@ -71,7 +71,7 @@ def test_the_line(board):
     assert int(values[8]) == pytest.approx(room.daylight(t), rel=0.05)
 
 
-def test_its_fields_to_the_letter(board):
+def test_the_exact_fields_of_a_line(board):
     program = board.main.program
     program.sht3x.read = lambda: None
     program.sht3x.temperature, program.sht3x.humidity = 23.4, 0.449
@@ -85,7 +85,7 @@ def test_its_fields_to_the_letter(board):
     ]
 
 
-def test_once_a_second_to_the_millisecond(board):
+def test_lines_are_sent_every_second_to_the_millisecond(board):
     board.run(120.5)
     times = [at for at, _ in board.arrived]
     assert len(times) == 120
@@ -93,7 +93,7 @@ def test_once_a_second_to_the_millisecond(board):
     assert board.main.program.missed == 0
 
 
-def test_also_while_every_transfer_times_out(board):
+def test_lines_are_sent_while_every_transfer_times_out(board):
     board.run(2.1)
     board.happen("bus:stuck")
     board.run(10)
@@ -104,8 +104,8 @@ def test_also_while_every_transfer_times_out(board):
     assert LINE.fullmatch(board.run(1)[0])
 
 
-def test_usb_is_looked_after_all_the_time(board):
-    """No step waits longer than 50 ms, besides its transfers; the port is read in each one."""
+def test_usb_is_served_all_the_time(board):
+    """No step waits longer than 50 ms besides its transfers, and each one reads the port."""
     for _ in range(300):
         board.line.incoming += b"typed by somebody"
         before = board.program.clock.ticks_us()
@@ -123,7 +123,7 @@ UNKNOWN = {
 
 @pytest.mark.parametrize("kind", ["nack", "absent", "stuck", "stretch"])
 @pytest.mark.parametrize("name", UNKNOWN)
-def test_a_sensor_that_fails_leaves_its_fields_empty(board, name, kind):
+def test_a_failing_sensor_leaves_its_fields_empty(board, name, kind):
     board.run(2.1)
     board.happen(f"{name}:{kind}")
     lines = board.run(3)
@@ -154,7 +154,7 @@ def test_wrong_crc(board):
     assert board.printed == ["SHT3x read failed: wrong CRC of the temperature"]
 
 
-def test_a_measurement_that_does_not_end(board):
+def test_an_endless_measurement_leaves_its_fields_empty(board):
     board.main.program.vcnl4010.read = lambda: False
     assert board.run(1.1)[0].endswith("Door: -- | Lux: --\r\n")
     assert board.printed == ["VCNL4010 read failed: the measurement does not end"]
@@ -163,18 +163,18 @@ def test_a_measurement_that_does_not_end(board):
 # The door.
 
 
-def test_closed_and_open_in_the_virtual_room(board):
-    """For ten minutes, in which somebody comes through it ten times."""
+def test_door_states_in_the_virtual_room(board):
+    """In ten minutes somebody passes through the door ten times."""
     room = board.program.board.room
-    seen = set()
+    states = set()
     for _ in range(600):
         for line in board.run(1):
             t = board.arrived[-1][0] / 1e6
             if room.door(t - 0.6) == room.door(t):
                 door = LINE.fullmatch(line).group(8)
                 assert door == ("Closed" if room.door(t) == 0 else "Opened")
-                seen.add(door)
-    assert seen == {"Closed", "Opened"}
+                states.add(door)
+    assert states == {"Closed", "Opened"}
 
 
 def test_the_thresholds_are_far_from_both(board):
@@ -192,13 +192,13 @@ def test_the_thresholds_are_far_from_both(board):
 def test_hysteresis(board, counts, doors):
     program = board.main.program
     program.vcnl4010.read = lambda: True
-    found = ""
+    letters = ""
     board.run(0.1)
     for count in counts:
         program.vcnl4010.proximity = count
         (line,) = board.run(1)
-        found += LINE.fullmatch(line).group(8)[0]
-    assert found == doors
+        letters += LINE.fullmatch(line).group(8)[0]
+    assert letters == doors
 
 
 # The cable.
@@ -214,18 +214,18 @@ def test_no_host(board):
     assert len(lines) == 2 and all(LINE.fullmatch(line) for line in lines)
 
 
-def test_nobody_fetches_the_lines(board):
+def test_lines_that_the_host_does_not_read_are_dropped(board):
     board.line.room = 0
     assert board.run(3.1) == []
     assert board.main.program.skipped == 3
     board.line.room = 1000
-    assert board.run(0.7) == []  # a line is never late
+    assert board.run(0.7) == []  # a line is not sent late
     (line,) = board.run(0.3)
     assert LINE.fullmatch(line)
     assert board.arrived[0][0] % 1_000_000 < 1000
 
 
-def test_a_line_that_goes_out_in_pieces_is_whole(board):
+def test_a_line_sent_in_pieces_is_complete(board):
     board.line.room = 10
     pieces = board.run(3.9)
     lines = "".join(pieces).splitlines(keepends=True)
@@ -233,7 +233,7 @@ def test_a_line_that_goes_out_in_pieces_is_whole(board):
     assert len(lines) == 3 and all(LINE.fullmatch(line) for line in lines)
 
 
-def test_half_a_line_comes_to_its_end_before_the_next(board):
+def test_a_partly_sent_line_is_completed_before_the_next(board):
     board.line.room = 30
     board.run(1.0005)
     board.line.room = 0
@@ -246,7 +246,7 @@ def test_half_a_line_comes_to_its_end_before_the_next(board):
     assert text.count("\r\n") == 2
 
 
-def test_half_a_line_is_forgotten_when_the_cable_is_pulled(board):
+def test_a_partly_sent_line_is_dropped_when_the_cable_is_pulled(board):
     board.line.room = 30
     board.run(1.0005)
     board.port.opened = False
@@ -258,7 +258,7 @@ def test_half_a_line_is_forgotten_when_the_cable_is_pulled(board):
     assert LINE.fullmatch(board.line.written.decode())
 
 
-def test_a_uart_where_there_is_no_usb():
+def test_lines_are_sent_over_a_uart_without_usb():
     with load("ra6m5_usb_text", usb=False) as program:
         board = Running(program)
         lines = board.run(3.1)
@@ -268,11 +268,11 @@ def test_a_uart_where_there_is_no_usb():
 # The rest.
 
 
-def test_after_a_long_wait_the_rhythm_is_the_old_one(board):
-    """As a bus makes it whose transfers take a second to fail."""
+def test_the_period_is_kept_after_a_long_wait(board):
+    """As after transfers that take a second to fail."""
     board.run(1.1)
     board.program.clock.advance(3_500_000)
-    assert "--" in board.run(0.1)[0]  # late, and there was no time to measure
+    assert "--" in board.run(0.1)[0]  # late, without time to measure
     assert board.main.program.missed == 2
     assert LINE.fullmatch(board.run(0.4)[0])
     times = [at for at, _ in board.arrived]
@@ -286,7 +286,7 @@ def test_ticks_that_wrap():
         assert all(at % 1_000_000 < 1000 for at, _ in board.arrived)
 
 
-def test_a_start_that_fails_is_tried_again():
+def test_a_failed_start_is_retried():
     with load("ra6m5_usb_text") as program:
         real = program.main.Bus
 
