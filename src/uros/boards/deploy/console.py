@@ -31,7 +31,7 @@ _BEGUN: Final = re.compile(r"\x1b(?:\[[0-9;]{0,16})?\Z")
 
 
 class ConsoleText:
-    """Converts a line's octets, in pieces of any size, to text; ``frames`` counts valid frames."""
+    """Converts octets of a line, in pieces of any size, to text; ``frames`` counts valid frames."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -88,7 +88,7 @@ class ConsoleText:
 
 
 def _frame_end(data: bytes, flag: int) -> int | None:
-    """End of the valid frame that begins at ``flag``; 0 if it is none, None if incomplete."""
+    """Return the end of the frame that begins at ``flag``; 0 if invalid, None if incomplete."""
     octets = bytearray()
     wanted = _HEAD
     at = flag + 1

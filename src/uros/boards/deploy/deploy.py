@@ -153,7 +153,7 @@ class Device:
     hashes: bool
 
     def digest(self, data: bytes) -> str:
-        """The board's digest of a file with this content: SHA-256, else the content in hex."""
+        """Return the board's digest of this content: SHA-256, or the content in hex."""
         return hashlib.sha256(data).hexdigest() if self.hashes else data.hex()
 
 
@@ -205,10 +205,10 @@ def look(repl: RawRepl) -> Device:
             str(root),
             space,
             bool(hashes),
-        ) if all(len(it) <= _LONGEST_WORD for it in (name, version, platform, machine, root)):
+        ) if all(len(word) <= _LONGEST_WORD for word in (name, version, platform, machine, root)):
             pass
         case _:
-            raise _nonsense(answer)
+            raise _unexpected_answer(answer)
     block, free = 4096, None
     match space:
         case (int(block), int(blocks)) if block > 0 and blocks >= 0:
@@ -216,9 +216,9 @@ def look(repl: RawRepl) -> Device:
         case None:
             pass
         case _:
-            raise _nonsense(answer)
+            raise _unexpected_answer(answer)
     if not isinstance(mpy, int | None):
-        raise _nonsense(answer)
+        raise _unexpected_answer(answer)
     return Device(
         name, version, platform, machine, None if mpy is None else mpy & 0xFF, root,
         block, free, hashes,
@@ -261,48 +261,48 @@ def make_plan(
         (plan.keep if same else plan.write).append(path)
     note = _text(repl, NOTE)
     old = [path for path in note.split("\n") if path and path not in files]
-    there = _tree(repl)
-    ours = {NOTE, STAGE + "/", *files}
-    ours.update(path for path in there if path.startswith(STAGE + "/"))
+    present = _tree(repl)
+    own = {NOTE, STAGE + "/", *files}
+    own.update(path for path in present if path.startswith(STAGE + "/"))
     plan.remove = sorted(
-        path for path in there - ours if not path.endswith("/") and (clean or path in old)
+        path for path in present - own if not path.endswith("/") and (clean or path in old)
     )
-    folders = {path for path in there - ours if path.endswith("/")}
-    kept = {path.rpartition("/")[0] + "/" for path in files if "/" in path}
+    folders = {path for path in present - own if path.endswith("/")}
+    used_folders = {path.rpartition("/")[0] + "/" for path in files if "/" in path}
     plan.folders = sorted(
         (
             path[:-1]
             for path in folders
-            if not any(it.startswith(path) for it in kept)
-            and (clean or any(it.startswith(path) for it in old))
+            if not any(folder.startswith(path) for folder in used_folders)
+            and (clean or any(folder.startswith(path) for folder in old))
         ),
         reverse=True,
     )
-    left = there - ours - set(plan.remove) - {path + "/" for path in plan.folders}
-    _check_shadows(files, left)
+    remaining = present - own - set(plan.remove) - {path + "/" for path in plan.folders}
+    _check_shadows(files, remaining)
     plan.noted = note == _note(files)
     return plan
 
 
-def _check_shadows(files: Mapping[str, bytes], left: set[str]) -> None:
+def _check_shadows(files: Mapping[str, bytes], remaining: set[str]) -> None:
     """Check import precedence: MicroPython prefers folders to files, and text to bytecode."""
     packages = {path.split("/")[0] for path in files if "/" in path}
     for path in files:
         stem, _, form = path.rpartition(".")
         if form not in ("py", "mpy") or not stem or stem in packages:
             continue
-        rivals = [stem + "/"] + ([stem + ".py"] if form == "mpy" else [])
-        for rival in rivals:
-            if rival in left:
+        shadows = [stem + "/"] + ([stem + ".py"] if form == "mpy" else [])
+        for shadow in shadows:
+            if shadow in remaining:
                 raise DeployError(
-                    f"{rival} is on the board, nobody knows whose, and would be loaded instead of"
-                    f" {path}: remove it (mpremote connect PORT rm -r :{rival.rstrip('/')}), or"
+                    f"{shadow} is on the board, nobody knows whose, and would be loaded instead of"
+                    f" {path}: remove it (mpremote connect PORT rm -r :{shadow.rstrip('/')}), or"
                     " give --clean, which removes all that is not of this program"
                 )
 
 
 def needed(device: Device, plan: Plan, files: Mapping[str, bytes]) -> int:
-    """Upper limit of the space, in bytes, that the new files need beside the old ones."""
+    """Return an upper limit of the space, in bytes, that the new files need beside the old."""
     blocks = sum(-(-len(files[path]) // device.block) for path in plan.write)
     folders = {path.rpartition("/")[0] for path in plan.write} | {STAGE}
     return (blocks + _FOLDER_BLOCKS * len(folders) + _SPARE_BLOCKS) * device.block
@@ -350,8 +350,8 @@ def carry_out(
             "for p in list(_tree(_r + STAGE)):\n _rm(_r + STAGE + '/' + p)"
         )
         if in_place:
-            gone = [MAIN, *plan.write, *plan.remove]
-            repl.run(f"for p in {gone!r}:\n _rm(_r + p)", repl.seconds.long)
+            obsolete = [MAIN, *plan.write, *plan.remove]
+            repl.run(f"for p in {obsolete!r}:\n _rm(_r + p)", repl.seconds.long)
             if MAIN in plan.keep:
                 plan.keep.remove(MAIN)
                 plan.write.append(MAIN)
@@ -360,10 +360,10 @@ def carry_out(
         done = 0
         for number, path in enumerate(order):
 
-            def told(more: int, path: str = path, done: int = done) -> None:
-                progress(path, done + more, size)
+            def report(written: int, path: str = path, done: int = done) -> None:
+                progress(path, done + written, size)
 
-            _write(repl, f"{stage}{number}", files[path], told)
+            _write(repl, f"{stage}{number}", files[path], report)
             _compare(repl, device, f"{stage}{number}", path, files[path])
             done += len(files[path])
         new = list(enumerate(order))
@@ -373,13 +373,13 @@ def carry_out(
             repl.seconds.long,
         )
     except Raised as error:
-        raise DeployError(_trouble(error)) from error
+        raise DeployError(_store_error(error)) from error
     for path, digest in _digests(repl, files).items():
         if digest != device.digest(files[path]):
-            raise DeployError(f"{path} on the board is not what was sent: {_WORN}")
+            raise DeployError(f"{path} on the board is not what was sent: {_WORN_FLASH}")
 
 
-_WORN: Final = "try again; if it stays so, its flash is worn or its file system damaged"
+_WORN_FLASH: Final = "try again; if it stays so, its flash is worn or its file system damaged"
 
 
 def _write(repl: RawRepl, path: str, data: bytes, done: Callable[[int], object]) -> None:
@@ -401,7 +401,7 @@ def _compare(repl: RawRepl, device: Device, path: str, name: str, data: bytes) -
         )
 
 
-def _trouble(error: Raised) -> str:
+def _store_error(error: Raised) -> str:
     last = error.last
     if "MemoryError" in last:
         return "the board has not enough memory to take files: press its reset button, try again"
@@ -415,7 +415,7 @@ def _trouble(error: Raised) -> str:
             "the board's file system cannot be written to; where a computer has it as a USB drive,"
             " eject that first"
         )
-    return f"the board cannot write its files ({last}): {_WORN}"
+    return f"the board cannot write its files ({last}): {_WORN_FLASH}"
 
 
 def _note(files: Mapping[str, bytes]) -> str:
@@ -423,17 +423,17 @@ def _note(files: Mapping[str, bytes]) -> str:
 
 
 def _digests(repl: RawRepl, files: Mapping[str, bytes]) -> dict[str, str]:
-    """The board's digest of each file, sorted by path; empty where there is no such file."""
+    """Return the board's digest of each file, sorted by path; empty if the file does not exist."""
     paths = sorted(files)
     code = f"print(repr([_hash(_r + p) for p in {paths!r}]))"
     answer = _texts(_ask(repl, code, repl.seconds.long))
     if len(answer) != len(paths):
-        raise _nonsense(answer)
+        raise _unexpected_answer(answer)
     return dict(zip(paths, answer, strict=True))
 
 
 def _tree(repl: RawRepl) -> set[str]:
-    """All paths below the board's root; paths of folders end with a slash."""
+    """Return all paths below the board's root; paths of folders end with a slash."""
     code = "print(repr([p for p in _tree(_r[:-1] or '/')]))"
     return set(_texts(_ask(repl, code, repl.seconds.long)))
 
@@ -446,16 +446,16 @@ def _text(repl: RawRepl, path: str) -> str:
     )
     if isinstance(answer, str):
         return answer
-    raise _nonsense(answer)
+    raise _unexpected_answer(answer)
 
 
 def _texts(answer: object) -> list[str]:
-    """The answer as a list of texts; raise DeployError if it is anything else."""
+    """Return the answer as a list of texts; raise DeployError if it is anything else."""
     if isinstance(answer, list):
-        texts = [it for it in answer if isinstance(it, str)]
+        texts = [item for item in answer if isinstance(item, str)]
         if len(texts) == len(answer):
             return texts
-    raise _nonsense(answer)
+    raise _unexpected_answer(answer)
 
 
 def _ask(repl: RawRepl, code: str, seconds: float | None = None) -> literal.Literal:
@@ -466,12 +466,12 @@ def _ask(repl: RawRepl, code: str, seconds: float | None = None) -> literal.Lite
     try:
         return literal.parse(last)
     except ValueError:
-        raise _nonsense(last, False) from None
+        raise _unexpected_answer(last, False) from None
 
 
-def _nonsense(answer: object, quote: bool = True) -> DeployError:
-    said = repr(answer) if quote else str(answer)
+def _unexpected_answer(answer: object, quote: bool = True) -> DeployError:
+    quoted = repr(answer) if quote else str(answer)
     return DeployError(
-        f"the board said {said[-80:]!r} where it was to answer: press its reset button, and try"
+        f"the board said {quoted[-80:]!r} where it was to answer: press its reset button, and try"
         " again; if it stays so, it runs no MicroPython: docs/ports.md"
     )

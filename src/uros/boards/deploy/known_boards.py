@@ -50,8 +50,8 @@ _INSTEAD: Final = (
 )
 
 NAMED: Final = {
-    it.name: it
-    for it in (
+    board.name: board
+    for board in (
         NamedBoard(
             "ek_ra6m5", "Renesas EK-RA6M5", "R7FA6M5BH3CFC", "512 kB", "renesas-ra", "VK_RA6M5",
             "MicroPython has no image for EK-RA6M5; VK-RA6M5's has the same microcontroller, its"

@@ -52,20 +52,20 @@ Files = dict[str, bytes]
 
 
 def portable() -> dict[str, Module]:
-    """Every module of uros that a board may have, by its name."""
-    found: dict[str, Module] = {}
+    """Return every module of uros that a board may have, by its name."""
+    modules: dict[str, Module] = {}
     for file in portable_files():
-        _add(found, file)
-    return found
+        _add(modules, file)
+    return modules
 
 
-def _add(found: dict[str, Module], file: Path) -> None:
-    inside = file.relative_to(SOURCE.parent).with_suffix("").parts
-    package = inside[-1] == "__init__"
-    name = ".".join(inside[:-1] if package else inside)
+def _add(modules: dict[str, Module], file: Path) -> None:
+    parts = file.relative_to(SOURCE.parent).with_suffix("").parts
+    package = parts[-1] == "__init__"
+    name = ".".join(parts[:-1] if package else parts)
     text = file.read_text("utf-8")
-    found[name] = Module(name, package, str(file), text, ast.parse(text))
-    strip(found[name])  # imports under TYPE_CHECKING must not count
+    modules[name] = Module(name, package, str(file), text, ast.parse(text))
+    strip(modules[name])  # imports under TYPE_CHECKING must not count
 
 
 def closure(
@@ -74,7 +74,7 @@ def closure(
     late: bool,
     but: Container[str] = frozenset(),
 ) -> tuple[set[str], set[str]]:
-    """The modules that ``roots`` import, themselves included, and the interface types.
+    """Return the modules that ``roots`` import, the roots included, and the interface types.
 
     Args:
         roots: Names of modules.
@@ -84,53 +84,53 @@ def closure(
     """
     names: set[str] = set()
     types: set[str] = set()
-    open_ = list(roots)
-    while open_:
-        name = open_.pop()
+    pending = list(roots)
+    while pending:
+        name = pending.pop()
         if name in names or name in but or name not in modules:
             continue
         names.add(name)
-        open_.append(name.rpartition(".")[0])
+        pending.append(name.rpartition(".")[0])
         for wanted in imports(modules[name]):
             if wanted.late and not late:
                 continue
-            inner = [f"{wanted.module}.{it}" for it, _ in wanted.names or ()]
-            open_ += [wanted.module, *inner]
-            types.update(_types(inner))
+            imported_names = [f"{wanted.module}.{name}" for name, _ in wanted.names or ()]
+            pending += [wanted.module, *imported_names]
+            types.update(_types(imported_names))
     return names, types
 
 
 def _types(names: Iterable[str]) -> set[str]:
-    """The interface types among dotted names such as ``std_msgs.msg.Int32``."""
-    found = set()
+    """Return the interface types among dotted names such as ``std_msgs.msg.Int32``."""
+    types = set()
     for name in names:
         parts = name.split(".")
         if len(parts) == 3 and parts[1] in registry.KINDS and registry.exists("/".join(parts)):
-            found.add(registry.file_type("/".join(parts)))
-    return found
+            types.add(registry.file_type("/".join(parts)))
+    return types
 
 
 def parts() -> dict[str, tuple[set[str], set[str]]]:
-    """The modules and types of each package.
+    """Return the modules and types of each package.
 
     The packages are the client, and one for each further module with its own imports that the
     client lacks.
     """
     modules = portable()
     core = closure(_CORE, modules, late=False)
-    made = {CORE: core}
+    packages = {CORE: core}
     for name in modules:
         if name not in core[0] and not modules[name].package:
             package = f"uros-{name.rpartition('.')[2].replace('_', '-')}"
-            made[package] = closure([name], modules, late=True, but=core[0])
-    return made
+            packages[package] = closure([name], modules, late=True, but=core[0])
+    return packages
 
 
 # --- manifests of the project -------------------------------------------------------------------
 
 
 def project_manifests() -> dict[str, str]:
-    """The texts of ``package.json`` and ``package-all.json``."""
+    """Return the texts of ``package.json`` and ``package-all.json``."""
     modules = portable()
     core, _ = closure(_CORE, modules, late=False)
     return {MANIFEST: _urls(core, modules), "package-all.json": _urls(modules, modules)}
@@ -165,36 +165,38 @@ def write_index(
     modules = portable()
     contents = parts()
     names = list(contents)
-    known = registry.list_types() if interfaces is None else interfaces
-    types = {name: {name} for name in known}
+    all_types = registry.list_types() if interfaces is None else interfaces
+    types = {name: {name} for name in all_types}
     for name in sorted(types):
         types.setdefault(name.partition("/")[0], set()).add(name)
     texts = {name: ast.unparse(module.tree) + "\n" for name, module in modules.items()}
 
-    def files(own: Iterable[str], inside: Iterable[str]) -> dict[str, str]:
-        made = module_texts(sorted(inside))
-        below = closure(_imported(made), modules, late=True, but=contents[CORE][0])[0]
-        made.update((modules[it].path + ".py", texts[it]) for it in {*own, *below})
-        return made
+    def files(own: Iterable[str], needed_types: Iterable[str]) -> dict[str, str]:
+        texts_by_path = module_texts(sorted(needed_types))
+        imported = closure(_imported(texts_by_path), modules, late=True, but=contents[CORE][0])[0]
+        texts_by_path.update(
+            (modules[module].path + ".py", texts[module]) for module in {*own, *imported}
+        )
+        return texts_by_path
 
     for form in forms:
         store = _Store(root, form)
         for name, (own, needed) in contents.items():
             store.package(name, files(own, needed), [] if name == CORE else [[CORE, "latest"]])
-        for name, inside in types.items():
-            store.package(name, files((), inside), [])
+        for name, needed_types in types.items():
+            store.package(name, files((), needed_types), [])
     return sorted([*names, *types])
 
 
 def _imported(texts: Mapping[str, str]) -> set[str]:
-    """The names that generated modules import."""
-    found = set()
+    """Return the names that generated modules import."""
+    names = set()
     for path, text in texts.items():
         module = Module(path[:-3].replace("/", "."), False, path, text, ast.parse(text))
         for wanted in imports(module):
-            found.add(wanted.module)
-            found.update(f"{wanted.module}.{it}" for it, _ in wanted.names or ())
-    return found
+            names.add(wanted.module)
+            names.update(f"{wanted.module}.{name}" for name, _ in wanted.names or ())
+    return names
 
 
 class _Store:
@@ -220,15 +222,15 @@ class _Store:
         """Store a file once, by its hash; return its path on the board and the hash."""
         if (path, text) not in self._known:
             data = text.encode()
-            here = path
+            installed_path = path
             if self._mpy:
-                here = path[:-3] + ".mpy"
+                installed_path = path[:-3] + ".mpy"
                 data = bytecode(text, path, path)
             short = hashlib.sha256(data).hexdigest()[:_SHORT]
             target = self._root / "file" / short[:2] / short
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data)
-            self._known[path, text] = here, short
+            self._known[path, text] = installed_path, short
         return self._known[path, text]
 
 

@@ -39,7 +39,7 @@ class Seconds(NamedTuple):
     answer: float = 5.0  # for a few octets
     run: float = 30.0  # for a piece of code
     long: float = 120.0  # for a piece of code that reads many files
-    back: float = 10.0  # until its USB device is back
+    back: float = 10.0  # until its USB device appears again
     # Attack: a device that takes almost the whole of each timeout, every time.
     whole: float = 1800.0  # for all its answers together
 
@@ -50,12 +50,12 @@ MAX_ANSWER: Final = 8 * 1024 * 1024
 # Attack: endless permission to send, or permission for one octet at a time. Firmware permits at
 # most two windows ahead of what it has read; its window is usually 128 octets.
 _WINDOWS_AHEAD: Final = 4
-_MOST_SAID: Final = 200
+_LONGEST_LINE: Final = 200
 # Without raw-paste mode there is no flow control; a board's line may have a buffer of this size.
 _PIECE: Final = 256
 _PIECE_PAUSE: Final = 0.01
 _READ: Final = 4096
-_KEPT: Final = 4096
+_TAIL: Final = 4096
 
 
 class ReplError(RuntimeError):
@@ -99,7 +99,7 @@ class Raised(ReplError):
     def __init__(self, text: str) -> None:
         super().__init__(text)
         lines = [line for line in text.splitlines() if line.strip()]
-        self.last = lines[-1].strip()[:_MOST_SAID] if lines else ""
+        self.last = lines[-1].strip()[:_LONGEST_LINE] if lines else ""
 
 
 class RawRepl:
@@ -112,8 +112,8 @@ class RawRepl:
     def __init__(self, port: OpenPort, seconds: Seconds | None = None) -> None:
         self.port = port
         self.seconds = seconds or SECONDS
-        self._left = self.seconds.whole
-        self._came = b""
+        self._seconds_left = self.seconds.whole
+        self._received = b""
         self._paste = True  # False after the board refused raw-paste mode
 
     # --- entering and leaving -------------------------------------------------------------
@@ -142,19 +142,19 @@ class RawRepl:
         while True:
             # Repeated, since a program may catch the interrupt, or not take it at once.
             self._send(_INTERRUPT + _RAW)
-            found, came = self._try_until(_BANNER, attempt, _KEPT)
-            if found:
+            is_found, received = self._try_until(_BANNER, attempt, _TAIL)
+            if is_found:
                 break
-            heard = (heard + came)[-_KEPT:]
+            heard = (heard + received)[-_TAIL:]
             if time.monotonic() - begin > seconds:
                 raise NoRepl(f"no MicroPython prompt in {seconds:g} s", heard)
             if waiting is not None and time.monotonic() - begin > 2 * attempt:
                 waiting()
                 waiting = None
         # Answers to further Ctrl-A may still be in transit.
-        while self._try_until(_BANNER, 0.1, _KEPT)[0] and time.monotonic() - begin < seconds:
+        while self._try_until(_BANNER, 0.1, _TAIL)[0] and time.monotonic() - begin < seconds:
             pass
-        self._came = b""
+        self._received = b""
         if fresh:
             self._soft_reset(seconds)
 
@@ -232,15 +232,15 @@ class RawRepl:
         window = int.from_bytes(self._take(2), "little")
         if not window:
             raise WrongAnswer("it gives a window of 0 octets for code")
-        room = window
+        permitted = window
         at = 0
         end = time.monotonic() + self.seconds.run
         while at < len(code):
-            while room == 0 or self._came or self._poll():
+            while permitted == 0 or self._received or self._poll():
                 flag = self._take(1)
                 if flag == b"\x01":
-                    room += window
-                    self._check_room(room, window)
+                    permitted += window
+                    self._check_room(permitted, window)
                 elif flag == _RUN:  # it reads no more: a syntax error, or no memory
                     self._send(_RUN)
                     return
@@ -250,20 +250,20 @@ class RawRepl:
                 raise LineLost(
                     f"it has taken {at} of {len(code)} octets of code in {self.seconds.run:g} s"
                 )
-            piece = code[at : at + room]
+            piece = code[at : at + permitted]
             self._send(piece)
-            room -= len(piece)
+            permitted -= len(piece)
             at += len(piece)
         self._send(_RUN)
         while (flag := self._take(1)) != _RUN:
             if flag != b"\x01":
                 raise WrongAnswer(f"it answered {flag!r} at the end of code")
-            room += window
-            self._check_room(room, window)
+            permitted += window
+            self._check_room(permitted, window)
 
     @staticmethod
-    def _check_room(room: int, window: int) -> None:
-        if room > _WINDOWS_AHEAD * window:
+    def _check_room(permitted: int, window: int) -> None:
+        if permitted > _WINDOWS_AHEAD * window:
             raise WrongAnswer("it asks for more and more code, and reads none")
 
     # --- octets ---------------------------------------------------------------------------
@@ -287,25 +287,25 @@ class RawRepl:
     def _poll(self) -> bool:
         """Read what is available; return whether octets are buffered."""
         try:
-            self._came += self.port.read(_READ) or b""
+            self._received += self.port.read(_READ) or b""
         except OSError as error:
             raise _gone(error) from error
-        return bool(self._came)
+        return bool(self._received)
 
     def _take(self, count: int) -> bytes:
         end = time.monotonic() + self.seconds.answer
-        while len(self._came) < count:
+        while len(self._received) < count:
             if not self._more(end):
-                raise LineLost(f"it stopped answering ({self._came!r} was the last)")
-        data, self._came = self._came[:count], self._came[count:]
+                raise LineLost(f"it stopped answering ({self._received!r} was the last)")
+        data, self._received = self._received[:count], self._received[count:]
         return data
 
-    def _until(self, ending: bytes, what: str, seconds: float) -> bytes:
+    def _until(self, ending: bytes, awaited: str, seconds: float) -> bytes:
         """Return what comes before ``ending``, and discard ``ending``; LineLost at the timeout."""
-        found, data = self._try_until(ending, seconds)
-        if not found:
+        is_found, data = self._try_until(ending, seconds)
+        if not is_found:
             tail = data[-60:].decode("utf-8", "replace")
-            raise LineLost(f"waited {seconds:g} s for {what}; the last was {tail!r}")
+            raise LineLost(f"waited {seconds:g} s for {awaited}; the last was {tail!r}")
         return data
 
     def _try_until(self, ending: bytes, seconds: float, keep: int = 0) -> tuple[bool, bytes]:
@@ -317,39 +317,39 @@ class RawRepl:
         end = time.monotonic() + seconds
         parts: list[bytes] = []
         size = 0
-        while (at := self._came.find(ending)) < 0:
+        while (at := self._received.find(ending)) < 0:
             # Octets that may begin the ending stay in the buffer.
-            cut = max(0, len(self._came) - len(ending) + 1)
-            parts.append(self._came[:cut])
+            cut = max(0, len(self._received) - len(ending) + 1)
+            parts.append(self._received[:cut])
             size += cut
-            self._came = self._came[cut:]
+            self._received = self._received[cut:]
             if keep:
                 parts, size = [b"".join(parts)[-keep:]], 0
             if size > MAX_ANSWER:
                 raise WrongAnswer(f"its answer has more than {MAX_ANSWER} octets")
             # A program that prints all the time must not extend the timeout.
             if not self._more(end) or time.monotonic() > end:
-                parts.append(self._came)
-                self._came = b""
+                parts.append(self._received)
+                self._received = b""
                 return False, b"".join(parts)
-        parts.append(self._came[:at])
-        self._came = self._came[at + len(ending) :]
+        parts.append(self._received[:at])
+        self._received = self._received[at + len(ending) :]
         return True, b"".join(parts)
 
     def _more(self, end: float) -> bool:
         """Wait for more octets; return False at the timeout ``end``."""
-        had = len(self._came)
-        while not self._poll() or len(self._came) == had:
+        before = len(self._received)
+        while not self._poll() or len(self._received) == before:
             now = time.monotonic()
             if end - now <= 0:
                 return False
-            if self._left <= 0:
+            if self._seconds_left <= 0:
                 raise LineLost(f"it has taken over {self.seconds.whole:g} s for its answers")
             try:
                 self.port.wait(max(1, int(min(end - now, 0.5) * 1000)))
             except OSError as error:
                 raise _gone(error) from error
-            self._left -= time.monotonic() - now
+            self._seconds_left -= time.monotonic() - now
         return True
 
 

@@ -1,4 +1,4 @@
-"""The same bytecode comes of each Python that builds it, whatever the order of its sets."""
+"""Tests that every Python version and hash seed builds the same bytecode."""
 
 import hashlib
 import os
@@ -19,20 +19,20 @@ build(Path(sys.argv[1]), Path(sys.argv[2]), "mpy")
 
 
 def digest(folder: Path) -> str:
-    found = hashlib.sha256()
-    for file in sorted(it for it in folder.rglob("*") if it.is_file()):
-        found.update(file.relative_to(folder).as_posix().encode() + file.read_bytes())
-    return found.hexdigest()
+    hash_ = hashlib.sha256()
+    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+        hash_.update(file.relative_to(folder).as_posix().encode() + file.read_bytes())
+    return hash_.hexdigest()
 
 
 def interpreters() -> list[str]:
-    """This Python, and those of other versions that are here and start."""
-    found = [sys.executable]
+    """Return this Python, and those of other versions that are installed and start."""
+    paths = [sys.executable]
     for minor in range(10, 14):
         path = shutil.which(f"python3.{minor}")
         if path and subprocess.run([path, "-V"], capture_output=True).returncode == 0:
-            found.append(path)
-    return found
+            paths.append(path)
+    return paths
 
 
 def test_every_python_builds_the_same(tmp_path: Path) -> None:
@@ -50,6 +50,6 @@ def test_every_python_builds_the_same(tmp_path: Path) -> None:
         out = tmp_path / f"out{number}"
         environment = {**os.environ, "PYTHONHASHSEED": str(number + 1)}
         command = [python, "-c", BUILD, str(program), str(out), *sys.path]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, f"{python}: {done.stderr}"
+        process = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert process.returncode == 0, f"{python}: {process.stderr}"
         assert digest(out) == expected, python

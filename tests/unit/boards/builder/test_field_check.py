@@ -1,4 +1,4 @@
-"""Fields that a program misspells are found when it is built, and nothing else is."""
+"""Tests of the field check: misspelt fields are found at build time, without false alarms."""
 
 import pytest
 from support.paths import ROOT
@@ -9,13 +9,13 @@ from uros.boards.builder.file_system import build
 CLONE = ROOT
 
 
-def faults(tmp_path, text, **others):
-    """What the build says of a program, without the folder."""
+def faults(tmp_path, text, **modules):
+    """Return the field faults that the build of a program reports, without the folder."""
     program = tmp_path / "program"
     program.mkdir(exist_ok=True)
     (program / "main.py").write_text(text)
-    for name, other in others.items():
-        (program / f"{name}.py").write_text(other)
+    for name, module_text in modules.items():
+        (program / f"{name}.py").write_text(module_text)
     try:
         build(program, tmp_path / "out")
     except FieldError as error:
@@ -108,13 +108,13 @@ BATTERY = "sensor_msgs/msg/BatteryState has no field volts; did you mean voltage
          "sensor_msgs/msg/Temperature.temperature: expected double, got str"),
     ],
 )  # fmt: skip
-def test_what_is_misspelt_or_does_not_fit_is_named(tmp_path, body, expected):
+def test_each_unknown_field_and_unfit_value_is_reported(tmp_path, body, expected):
     lines = faults(tmp_path, IMPORTS + body + "\n")
     assert [line.partition(": ")[2] for line in lines] == [expected]
     assert lines[0].startswith("main.py:")
 
 
-def test_the_place_is_told_and_all_of_them(tmp_path):
+def test_every_fault_is_reported_with_its_line(tmp_path):
     text = "from std_msgs.msg import Int32\nm = Int32()\nm.dat = 1\n\nm.date = 2\n"
     hint = "did you mean data?"
     assert faults(tmp_path, text) == [
@@ -123,7 +123,7 @@ def test_the_place_is_told_and_all_of_them(tmp_path):
     ]
 
 
-def test_a_message_of_another_module_of_the_program(tmp_path):
+def test_a_message_from_another_module_is_checked(tmp_path):
     other = "from std_msgs.msg import Int32\ncount = Int32()\n"
     lines = faults(tmp_path, "from counts import count\ncount.dat = 1\n", counts=other)
     assert lines == ["main.py:2: std_msgs/msg/Int32 has no field dat; did you mean data?"]
@@ -132,7 +132,7 @@ def test_a_message_of_another_module_of_the_program(tmp_path):
 @pytest.mark.parametrize(
     "body",
     [
-        # Other objects, and names that may be another thing.
+        # Other objects, and names that may be bound to another type.
         "class A:\n    pass\na = A()\na.volts = 1",
         "def f(m):\n    m.volts = 1",
         "m = BatteryState()\nm = object()\nm.volts = 1",
@@ -147,14 +147,14 @@ def test_a_message_of_another_module_of_the_program(tmp_path):
         "m = BatteryState()\ntry:\n    pass\nexcept Exception as m:\n    m.volts = 1",
         "m = BatteryState()\ndef f():\n    global m\n    m = object()\nm.volts = 1",
         "m = BatteryState()\nm.header.stamp.high = 1\nm.header.stamp.low = 1",
-        # Attributes that a program may set from elsewhere.
+        # Attributes that other code of the program may set.
         "class A:\n    def __init__(self):\n        self.m = BatteryState()\n    def f(self):\n"
         "        self.m.volts = 1\ndef g(a):\n    a.m = object()",
         "class A:\n    def __init__(self):\n        self.m = BatteryState()\n    def f(self):\n"
         "        self.m.volts = 1\nclass B(A):\n    def g(self):\n        self.m = object()",
         "class A:\n    def __init__(self, n):\n        self.m = BatteryState()\n"
         "        setattr(self, n, 1)\n    def f(self):\n        self.m.volts = 1",
-        # Functions that get several things.
+        # Functions that are called with values of several types.
         "def f(m):\n    m.volts = 1\nf(BatteryState())\nf(object())",
         "def f(m):\n    m.header.stamp.sec = 1\n    print(m.orientation)\nf(BatteryState())\n"
         "f(Imu())",
@@ -165,7 +165,7 @@ def test_a_message_of_another_module_of_the_program(tmp_path):
         "class A:\n    def on(self, m):\n        print(m.volts)\n    def go(self, node):\n"
         "        node.create_subscription(BatteryState, 'x', getattr(self, 'on'))\n"
         "        node.create_subscription(BatteryState, 'x', self.on)",
-        # What is asked for first.
+        # Attributes that the program checks for first.
         "m = BatteryState()\nif hasattr(m, 'volts'):\n    m.volts = 1",
         "m = BatteryState()\ntry:\n    print(m.volts)\nexcept AttributeError:\n    pass",
         # Fields, constants, methods.
@@ -184,7 +184,7 @@ def test_a_message_of_another_module_of_the_program(tmp_path):
         "        self.a.volts = 1",
     ],
 )  # fmt: skip
-def test_what_may_be_another_thing_is_left_alone(tmp_path, body):
+def test_an_object_of_uncertain_type_is_not_checked(tmp_path, body):
     assert faults(tmp_path, IMPORTS + body + "\n") == []
 
 
@@ -192,5 +192,5 @@ PROGRAMS = sorted(file.parent for file in (CLONE / "firmware").glob("*/main.py")
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda folder: folder.name)
-def test_our_own_programs_have_no_such_fault(tmp_path, program):
+def test_the_firmware_programs_have_no_field_faults(tmp_path, program):
     build(program, tmp_path / "out")

@@ -1,4 +1,4 @@
-"""Building a board's file system: what is found, what is changed, what is refused."""
+"""Tests of building a board's file system: the resolver, each pass, and the errors of a build."""
 
 import ast
 import re
@@ -33,7 +33,7 @@ Make = Callable[..., Path]
 
 @pytest.fixture
 def program(tmp_path: Path) -> Make:
-    """Makes a program's folder of files given by their names: "a/b" is a/b.py."""
+    """Return a function that writes a program's files, by their names: "a/b" is a/b.py."""
 
     def make(**files: str) -> Path:
         folder = tmp_path / "program"
@@ -48,7 +48,7 @@ def program(tmp_path: Path) -> Make:
 
 @pytest.fixture
 def built(program: Make, tmp_path: Path) -> Callable[..., dict[str, str]]:
-    """Builds a program of one main.py as text; gives the files' texts by their paths."""
+    """Return a function that builds one main.py as text, and returns the files by their paths."""
 
     def run(main: str, **options: object) -> dict[str, str]:
         out = tmp_path / "out"
@@ -61,10 +61,10 @@ def built(program: Make, tmp_path: Path) -> Callable[..., dict[str, str]]:
 def module(name: str, text: str, own: bool = False) -> Module:
     text = textwrap.dedent(text)
     package = name.endswith(".__init__")
-    made = Module(name.removesuffix(".__init__"), package, name, text, ast.parse(text), own)
+    result = Module(name.removesuffix(".__init__"), package, name, text, ast.parse(text), own)
     if not own:
-        strip(made)
-    return made
+        strip(result)
+    return result
 
 
 def texts(modules: dict[str, Module]) -> dict[str, str]:
@@ -76,25 +76,25 @@ def stripped(text: str) -> str:
 
 
 def inlined(**modules: str) -> dict[str, str]:
-    """Texts of modules after strip and inline; ``own_x`` is the program's module x."""
-    made = {n: module(n, text, n.startswith("own_")) for n, text in modules.items()}
-    inline_constants(made)
-    return texts(made)
+    """Return modules' texts after strip and constants; ``own_x`` is the program's module x."""
+    parts = {n: module(n, text, n.startswith("own_")) for n, text in modules.items()}
+    inline_constants(parts)
+    return texts(parts)
 
 
 def shaken(*roots: str, **modules: str) -> dict[str, str]:
     parts = [module(n, text, n == "main") for n, text in modules.items()]
-    made = {part.name: part for part in parts}
-    inline_constants(made)
-    return texts(tree_shake(made, roots))
+    named_parts = {part.name: part for part in parts}
+    inline_constants(named_parts)
+    return texts(tree_shake(named_parts, roots))
 
 
 def bundled(*without: str, **modules: str) -> dict[str, str]:
-    """Texts of modules after the passes for bytecode alone; main is the program's."""
+    """Return modules' texts after the passes for bytecode alone; main is the program's."""
     parts = [module(n, text, n == "main") for n, text in modules.items()]
-    work = Program({part.name: part for part in parts}, set())
-    run_passes(work, "mpy", [it.name for it in PASSES if not it.bytecode])
-    return texts(work.modules)
+    program_modules = Program({part.name: part for part in parts}, set())
+    run_passes(program_modules, "mpy", [step.name for step in PASSES if not step.bytecode])
+    return texts(program_modules.modules)
 
 
 def code(text: str) -> str:
@@ -104,7 +104,7 @@ def code(text: str) -> str:
 # --- strip ---------------------------------------------------------------------------------------
 
 
-def test_annotations_and_docstrings_go() -> None:
+def test_annotations_and_docstrings_are_removed() -> None:
     assert stripped('''
         """Module."""
         x: int = 1
@@ -129,7 +129,7 @@ def test_annotations_and_docstrings_go() -> None:
     ''')  # fmt: skip
 
 
-def test_bodies_that_become_empty() -> None:
+def test_a_body_that_becomes_empty_gets_a_pass() -> None:
     assert stripped('''
         class A:
             x: int
@@ -147,7 +147,7 @@ def test_bodies_that_become_empty() -> None:
     ''')  # fmt: skip
 
 
-def test_imports_for_type_checkers_go() -> None:
+def test_imports_for_type_checkers_are_removed() -> None:
     assert stripped("""
         from __future__ import annotations
         import typing
@@ -167,7 +167,7 @@ def test_imports_for_type_checkers_go() -> None:
     """) == code("import struct\nimport y")
 
 
-def test_a_handler_stands_for_what_is_absent() -> None:
+def test_a_handler_replaces_an_import_that_fails_on_a_board() -> None:
     assert stripped('''
         try:
             from typing import TYPE_CHECKING
@@ -191,7 +191,7 @@ def test_a_handler_stands_for_what_is_absent() -> None:
     ''')  # fmt: skip
 
 
-def test_f_strings_lose_their_quotes() -> None:
+def test_f_strings_become_calls_of_format() -> None:
     text = stripped("""x = f'{a["b"]!r:>8} {{}} {c}{f"in {d}"}' + f'{{' """)
     assert "f'" not in text and 'f"' not in text
     names = {"a": {"b": 1}, "c": "C", "d": "D"}
@@ -202,7 +202,7 @@ def test_f_strings_lose_their_quotes() -> None:
     assert scope["x"] == "   1 2.0"
 
 
-def test_texts_survive() -> None:
+def test_string_literals_keep_their_values() -> None:
     text = r"""x = "\ufffd\x00'\"\\\n" ; y = b"\x00'\"\xff" ; z = '''a
 b'''"""
     before: dict = {}
@@ -212,7 +212,7 @@ b'''"""
     assert [before[n] for n in "xyz"] == [after[n] for n in "xyz"]
 
 
-# --- inline --------------------------------------------------------------------------------------
+# --- constants -----------------------------------------------------------------------------------
 
 
 def test_constants_become_literals_across_modules() -> None:
@@ -233,7 +233,7 @@ def test_constants_become_literals_across_modules() -> None:
 
 
 def test_constants_of_classes_become_literals() -> None:
-    """A class that is a list of constants, such as a policy of QoS."""
+    """Constants of a class that binds nothing else, such as a QoS policy, are inlined."""
     result = inlined(
         **{
             "p.qos": """
@@ -278,18 +278,18 @@ def test_constants_of_classes_become_literals() -> None:
         "class A:\n    X = 1\ndef f():\n    global A\n    A = 2",
     ],
 )
-def test_what_a_class_does_besides_keeps_its_constants(text: str) -> None:
+def test_constants_of_a_class_that_does_more_are_not_inlined(text: str) -> None:
     assert inlined(m=text + "\nprint(A.X)")["m"] == code(text + "\nprint(A.X)")
 
 
-def test_private_constants_go_and_public_ones_stay() -> None:
+def test_private_constants_are_dropped_and_public_ones_stay() -> None:
     assert inlined(
         m="_A: Final = 1\n_B: Final = 2\n_c = 3\nD: Final = 4\nx = _A + _c + D",
         other="from .m import _B",
     ) == {"m": code("_B = 2\nD = 4\nx = 1 + 3 + 4"), "other": "from .m import _B"}
 
 
-def test_names_that_mean_something_else_stay() -> None:
+def test_names_that_an_inner_scope_binds_are_not_inlined() -> None:
     body = """
         def parameter(X): return X
         def local():
@@ -321,7 +321,7 @@ def test_names_that_mean_something_else_stay() -> None:
     assert result == code("X = 1\n" + textwrap.dedent(body))
 
 
-def test_defaults_and_first_iterables_belong_to_the_scope_around() -> None:
+def test_defaults_and_first_iterables_belong_to_the_enclosing_scope() -> None:
     assert inlined(m="""
         X: Final = 1
         def f(X=X): return X
@@ -350,11 +350,11 @@ def test_defaults_and_first_iterables_belong_to_the_scope_around() -> None:
         "z.X = 2",
     ],
 )
-def test_what_changes_is_no_constant(change: str) -> None:
+def test_a_name_that_is_bound_again_is_no_constant(change: str) -> None:
     assert "print(X)" in inlined(m=f"X: Final = 1\n{change}\nprint(X)")["m"]
 
 
-def test_what_is_no_small_constant_stays() -> None:
+def test_values_other_than_small_constants_are_not_inlined() -> None:
     text = """
         A: Final = (1, 2)
         B: Final = 1.5
@@ -366,13 +366,13 @@ def test_what_is_no_small_constant_stays() -> None:
     assert inlined(m=text)["m"].endswith("print(A, B, C, D, E)")
 
 
-def test_the_program_keeps_its_text_and_what_it_names() -> None:
+def test_the_program_keeps_its_text_and_the_names_it_imports() -> None:
     result = inlined(m="_A: Final = 1\nB: Final = 2", own_x="from m import _A, B\nprint(_A + B)")
     assert result["own_x"] == "from m import _A, B\nprint(_A + B)"
     assert result["m"] == "_A = 1\nB = 2"
 
 
-def test_branches_for_cpython_go() -> None:
+def test_branches_for_cpython_are_removed() -> None:
     assert inlined(m="""
         import sys
         _CPYTHON = sys.implementation.name != "micropython"
@@ -400,10 +400,10 @@ def test_branches_for_cpython_go() -> None:
     """)  # fmt: skip
 
 
-# --- shake ---------------------------------------------------------------------------------------
+# --- tree-shake ----------------------------------------------------------------------------------
 
 
-def test_only_what_is_reached_stays() -> None:
+def test_only_reached_code_stays() -> None:
     assert shaken(
         main="from m import f",
         m="""
@@ -467,25 +467,27 @@ def test_methods_stay_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "kept"),
+    ("code_text", "kept_names"),
     [
         ("'a' <= char <= 'z'", ""),
         ("char > 'a' or char < 'b' or char >= 'z'", ""),
         ("not ('a' <= char < 'b' <= 'z')", ""),
         ("char == 'a' or char != 'b' or char in ('z',)", "abz"),
-        ("'a' <= char == 'b' < 'z'", "b"),  # it is the text of what may be asked for
+        ("'a' <= char == 'b' < 'z'", "b"),  # == compares with a name that may be looked up
         ("char <= min('a', 'b') and 'z' not in char", "abz"),
         ("getattr(A(), 'z') <= 'a'", "z"),
     ],
 )
-def test_a_string_that_only_bounds_is_no_name(asked: str, kept: str) -> None:
+def test_a_string_that_is_only_an_order_bound_keeps_no_method(
+    code_text: str, kept_names: str
+) -> None:
     methods = {name: f"    def {name}(self): pass" for name in "abz"}
-    left = shaken(
-        main=f"from m import A\nA().go()\nchar = input()\n{asked}",
+    live = shaken(
+        main=f"from m import A\nA().go()\nchar = input()\n{code_text}",
         m="\n".join(["class A:", "    def go(self): pass", *methods.values()]),
     )
-    wanted = ["class A:", "    def go(self): pass", *(methods[name] for name in kept)]
-    assert left["m"] == code("\n".join(wanted))
+    expected = ["class A:", "    def go(self): pass", *(methods[name] for name in kept_names)]
+    assert live["m"] == code("\n".join(expected))
 
 
 def test_methods_that_a_foreign_base_may_call_stay() -> None:
@@ -500,13 +502,13 @@ def test_methods_that_a_foreign_base_may_call_stay() -> None:
             def unused(self): pass
     """
     base = "import io\nclass Middle(io.IOBase):\n    def ioctl(self, a, b): pass"
-    left = shaken(main="from m import A, B, C", m=text, base=base)
-    assert left["m"] == code(text.replace("def unused(self): pass", "pass"))
-    assert left["base"] == code(base)
+    live = shaken(main="from m import A, B, C", m=text, base=base)
+    assert live["m"] == code(text.replace("def unused(self): pass", "pass"))
+    assert live["base"] == code(base)
 
 
-def test_modules_held_as_objects() -> None:
-    left = shaken(
+def test_names_of_a_module_object_are_live_by_attribute() -> None:
+    live = shaken(
         main="from p import m\nimport p.q\nm.f\np.q.h",
         **{
             "p.__init__": "",
@@ -515,21 +517,21 @@ def test_modules_held_as_objects() -> None:
             "p.r": "def f(): pass",
         },
     )
-    # An attribute may be anybody's, so m keeps h as well.
-    assert left["p.m"] == code("def f(): pass\ndef h(): pass")
-    assert left["p.q"] == code("def h(): pass")
-    assert "p.r" not in left and "p" not in left
+    # An attribute may be of any module object, so m keeps h as well.
+    assert live["p.m"] == code("def f(): pass\ndef h(): pass")
+    assert live["p.q"] == code("def h(): pass")
+    assert "p.r" not in live and "p" not in live
 
 
-def test_a_module_without_content_vanishes_with_its_imports() -> None:
-    made = {
+def test_an_empty_module_is_dropped_with_its_imports() -> None:
+    modules = {
         "main": module("main", "from p.m import f", own=True),
         "p": module("p.__init__", '"""Package."""'),
         "p.ids": module("p.ids", "A: Final = 1"),
         "p.m": module("p.m", "from . import ids\nfrom .ids import A\ndef f(): return ids.A + A"),
     }
-    inline_constants(made)
-    assert texts(tree_shake(made)) == {
+    inline_constants(modules)
+    assert texts(tree_shake(modules)) == {
         "main": "from p.m import f",
         "p.m": code("def f(): return 1 + 1"),
     }
@@ -539,7 +541,7 @@ def test_an_empty_module_that_the_program_names_stays() -> None:
     assert shaken(main="import ids", ids="A: Final = 1")["ids"] == ""
 
 
-def test_effects_stay() -> None:
+def test_statements_with_an_effect_stay() -> None:
     text = """
         import sys
         TABLE = {}
@@ -565,15 +567,15 @@ def test_effects_stay() -> None:
     assert shaken(main="from m import array, big, TABLE", m=text)["m"] == code(text)
 
 
-def test_late_imports_count() -> None:
-    left = shaken(
+def test_imports_in_live_functions_count() -> None:
+    live = shaken(
         main="from m import f",
         m="def f():\n    from .late import g\n    return g\ndef h():\n    from .never import x",
         late="def g(): pass\ndef h(): pass",
         never="x = 1",
     )
-    assert left["late"] == code("def g(): pass")
-    assert "never" not in left
+    assert live["late"] == code("def g(): pass")
+    assert "never" not in live
 
 
 def test_roots_stay_whole() -> None:
@@ -591,18 +593,18 @@ def test_star_imports_keep_all() -> None:
 
 
 def run_bundled(tmp_path: Path, **modules: str) -> str:
-    """What a bundled program prints; rename has been at work, too."""
-    made = {n.replace("__", "."): m for n, m in modules.items()}
-    for name, text in bundled(**made).items():
+    """Return what a program prints after all passes for bytecode."""
+    named_texts = {n.replace("__", "."): m for n, m in modules.items()}
+    for name, text in bundled(**named_texts).items():
         file = tmp_path / (name.replace(".", "/") + ".py")
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
-    # -S: where uros is installed, that is not the one which is to be found.
-    done = subprocess.run(
+    # -S: an installed uros must not be imported.
+    process = subprocess.run(
         [sys.executable, "-S", "-c", "import main"], cwd=tmp_path, capture_output=True, text=True
     )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    assert process.returncode == 0, process.stderr
+    return process.stdout
 
 
 def test_modules_become_one(tmp_path: Path) -> None:
@@ -628,7 +630,7 @@ def test_modules_become_one(tmp_path: Path) -> None:
     assert out == "46 40 hidden 4\n"
 
 
-def test_names_that_two_modules_have(tmp_path: Path) -> None:
+def test_names_that_two_modules_share_stay_distinct(tmp_path: Path) -> None:
     out = run_bundled(
         tmp_path,
         main="from a import f, set_state, get_state\nfrom b import g\nset_state(7)\n"
@@ -669,7 +671,7 @@ def test_a_class_takes_a_name_from_its_own_module(tmp_path: Path) -> None:
     assert out == "1 [2] 6 [2]\n"
 
 
-def test_local_names_do_not_hide_what_an_alias_meant(tmp_path: Path) -> None:
+def test_local_names_do_not_hide_an_imported_alias(tmp_path: Path) -> None:
     out = run_bundled(
         tmp_path,
         main="from a import f, g\nprint(f(), g(3))",
@@ -687,7 +689,7 @@ def test_local_names_do_not_hide_what_an_alias_meant(tmp_path: Path) -> None:
     assert out == "('local', 'module') (3, 'c')\n"
 
 
-def test_late_modules_stay_by_themselves(tmp_path: Path) -> None:
+def test_modules_imported_in_functions_are_not_bundled(tmp_path: Path) -> None:
     out = run_bundled(
         tmp_path,
         main="from a import f\nprint(f())",
@@ -709,8 +711,8 @@ def test_late_modules_stay_by_themselves(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_what_uros_imports_late_comes_along_but_not_what_may_fail() -> None:
-    made = bundled(
+def test_imports_in_functions_of_uros_are_bundled_unless_they_may_fail() -> None:
+    modules = bundled(
         **{
             "main": "from uros.a import f, A\nprint(f(), A().g())",
             "uros.a": "def f():\n    from .b import x\n    return x\nclass A:\n"
@@ -722,7 +724,7 @@ def test_what_uros_imports_late_comes_along_but_not_what_may_fail() -> None:
             "uros.optional": "import no_such_module\nz = 3",
         }
     )
-    assert set(made) == {"main", BUNDLE, "uros.a", "uros.perhaps", "uros.optional"}
+    assert set(modules) == {"main", BUNDLE, "uros.a", "uros.perhaps", "uros.optional"}
 
 
 def test_a_module_used_as_a_value_is_refused() -> None:
@@ -734,7 +736,7 @@ def test_a_module_used_as_a_value_is_refused() -> None:
         bundled(main="import a", a="import b\nprint(b.x)", b="x = 1")
 
 
-def test_what_a_module_hands_on_and_binds_anew_is_refused() -> None:
+def test_a_reexported_name_that_is_rebound_is_refused() -> None:
     b = "x = 1\ndef f():\n    global x\n    x = 2"
     with pytest.raises(NotBundled, match="a:1: b.x changes"):
         bundled(main="from a import x", a="from b import x", b=b)
@@ -775,7 +777,7 @@ def test_a_program_alone_needs_no_bundle() -> None:
         ("from p.b import TABLE as a\na[1] = 2\na.x = 3", None),
     ],
 )
-def test_a_program_that_reaches_into_a_module_gets_no_bundle(
+def test_a_program_that_sets_names_of_a_module_gets_no_bundle(
     main: str, message: str | None
 ) -> None:
     parts = {
@@ -791,12 +793,12 @@ def test_a_program_that_reaches_into_a_module_gets_no_bundle(
         bundled(main=main, **parts)
 
 
-def test_a_package_above_an_imported_module_is_there_too() -> None:
-    made = bundled(main="import p.b\nprint(p.x)", **{"p.__init__": "x = 1", "p.b": "y = 2"})
-    assert made["p"] == f"from {BUNDLE} import x" and made["p.b"] == f"from {BUNDLE} import y"
+def test_parent_packages_of_an_imported_module_stay_importable() -> None:
+    modules = bundled(main="import p.b\nprint(p.x)", **{"p.__init__": "x = 1", "p.b": "y = 2"})
+    assert modules["p"] == f"from {BUNDLE} import x" and modules["p.b"] == f"from {BUNDLE} import y"
 
 
-# --- link ----------------------------------------------------------------------------------------
+# --- link-imports --------------------------------------------------------------------------------
 
 
 def test_modules_of_the_program_import_from_the_bundle() -> None:
@@ -813,18 +815,18 @@ if True:
     from p.n import y, z; from q import w
     def late(): from p.n import y as late; return late
 """
-    made = {
+    modules = {
         "main": module("main", "import app\nfrom m import f", own=True),
         "app": module("app", text, own=True),
         "m": module("m", "def f(): pass\ndef g(): pass"),
         "p.n": module("p.n", "y = 1\nz = 2"),
         "q": module("q", "w = 1"),
     }
-    made["app"].text = text
-    work = Program(made, set())
-    run_passes(work, "mpy", ["terse-errors", "constants", "tree-shake", "mangle"])
+    modules["app"].text = text
+    program_modules = Program(modules, set())
+    run_passes(program_modules, "mpy", ["terse-errors", "constants", "tree-shake", "mangle"])
     assert (
-        made["app"].text
+        modules["app"].text
         == f"""\
 import m
 from {BUNDLE} import (f, g as here
@@ -839,18 +841,18 @@ if True:
     def late(): from {BUNDLE} import y as late; return late
 """
     )
-    assert ast.unparse(ast.parse(made["app"].text)) == ast.unparse(made["app"].tree)
-    assert ast.unparse(made["main"].tree).endswith("from m import f")
-    assert set(work.modules) == {"main", "app", BUNDLE, "m", "p.n"}
+    assert ast.unparse(ast.parse(modules["app"].text)) == ast.unparse(modules["app"].tree)
+    assert ast.unparse(modules["main"].tree).endswith("from m import f")
+    assert set(program_modules.modules) == {"main", "app", BUNDLE, "m", "p.n"}
 
 
-# --- rename --------------------------------------------------------------------------------------
+# --- mangle --------------------------------------------------------------------------------------
 
 
 def renamed(text: str, *others: str) -> str:
-    whole = module("whole", text)
-    mangle(whole, [module("other", other, own=True) for other in others])
-    return ast.unparse(whole.tree)
+    bundled = module("whole", text)
+    mangle(bundled, [module("other", other, own=True) for other in others])
+    return ast.unparse(bundled.tree)
 
 
 def test_parameters_and_private_attributes_take_names_from_the_rom() -> None:
@@ -873,17 +875,20 @@ def test_parameters_and_private_attributes_take_names_from_the_rom() -> None:
         ("class A:\n    def number(self): pass", "a.number"),
         ("class A:\n    def number(self): pass", "class B:\n    def number(self): pass"),
         ("class A:\n    def number(self): pass", "f(number=1)"),
-        ("class A:\n    def reset(self): return machine.reset", ""),  # a board's own have it
+        (
+            "class A:\n    def reset(self): return machine.reset",
+            "",
+        ),  # an attribute of a module of the firmware
         ("class A(ValueError):\n    pass", ""),  # printed by its name
         ("def number(): pass", "from whole import number"),
     ],
 )
-def test_names_that_others_may_see_stay(text: str, other: str) -> None:
+def test_names_that_other_modules_may_use_stay(text: str, other: str) -> None:
     assert renamed(text, other) == code(text)
 
 
 def test_no_method_takes_a_name_that_class_bodies_load() -> None:
-    """Of builtins that the bundle has anyway, ``property`` was one that methods could be given."""
+    """No method gets the name of a builtin that a class body loads, such as ``property``."""
     methods = "".join(f"    def method_{i}(self): return {i}\n" for i in range(400))
     calls = ", ".join(f"self.method_{i}()" for i in range(400))
     text = renamed(
@@ -898,7 +903,7 @@ def test_no_method_takes_a_name_that_class_bodies_load() -> None:
     assert 3 + sum(range(400)) in scope["values"]
 
 
-def test_what_only_the_bundle_knows_takes_other_names() -> None:
+def test_names_that_only_the_bundle_uses_are_renamed() -> None:
     text = renamed("""
 class Base:
     limit_of_all = 3
@@ -922,13 +927,13 @@ def run():
 """, "from whole import run\nclass Mine:\n    def abs(self): pass")  # fmt: skip
     for name in ("counted", "_hidden", "amount", "doubled", "ask", "helper", "TOTAL", "limit_of"):
         assert name not in text, text
-    assert ".abs" not in text  # the program has that
+    assert ".abs" not in text  # the program uses this name
     scope: dict = {}
     exec(text, scope)
     assert scope["run"]() == 10 + 3 + 7 + 100 + 14
 
 
-def test_a_member_named_like_what_it_is() -> None:
+def test_a_member_named_like_its_global_value_keeps_its_meaning() -> None:
     text = renamed("""
 class Status: value = 7
 class Kept:
@@ -943,7 +948,7 @@ def run(): return Kept.Status.value + Kept.KNOWN + Mine.Status.value
     assert scope["run"]() == 21
 
 
-def test_families_that_only_ask_themselves_share_names() -> None:
+def test_families_share_names_of_private_attributes() -> None:
     text = renamed("""
 class A:
     def __init__(self): self.first = 1
@@ -957,10 +962,10 @@ class B:
     assert first == second
 
 
-# --- flatten -------------------------------------------------------------------------------------
+# --- merge-classes -------------------------------------------------------------------------------
 
 
-def test_a_base_and_its_only_heir_become_one_class() -> None:
+def test_a_base_and_its_only_subclass_become_one_class() -> None:
     tree = ast.parse("""
 class Top:
     kinds = ()
@@ -987,8 +992,8 @@ f = lambda it: isinstance(it, Asked)
     assert names == ["Heir", "Shared", "One", "Two", "Known", "Its", "Asked", "Own"]
     scope: dict = {}
     exec(ast.unparse(tree), scope)
-    heir = scope["Heir"](1, 2)
-    assert (heir.a, heir.b, heir.kinds, heir.plain()) == (1, 2, (1,), "topheir")
+    instance = scope["Heir"](1, 2)
+    assert (instance.a, instance.b, instance.kinds, instance.plain()) == (1, 2, (1,), "topheir")
     assert scope["Heir"].__mro__[1:] == (object,)
 
 
@@ -1014,11 +1019,11 @@ BASE = "class A:\n    def f(self): return 1\n"
         "class A(known()): pass\nclass B(A): pass",
         BASE + "def g():\n    global A\nclass B(A): pass",
         BASE + "class B(A): pass\nclass B: pass",
-        # A property that the heir replaces by half, or a method that becomes one.
+        # A property that the subclass overrides in part, or a method that becomes a property.
         "class A:\n    @property\n    def f(self): pass\nclass B(A):\n    def f(self): pass",
         BASE + "class B(A):\n    @property\n    def f(self): pass",
         BASE + "    def f(self): return 2\nclass B(A): pass",
-        # What super() is asked for must be found.
+        # Uses of super() other than a call of an overridden method.
         BASE + "class B(A):\n    def g(self): return super().f()",
         BASE + "class B(A):\n    def f(self): return super().f",
         BASE + "class B(A):\n    def f(self): return [super().f() for _ in x]",
@@ -1031,13 +1036,13 @@ BASE = "class A:\n    def f(self): return 1\n"
         BASE + "class B(A):\n    def f(self): return super().f() + self._f_of_A",
     ],
 )
-def test_classes_that_stay_apart(text: str) -> None:
+def test_classes_that_are_not_merged(text: str) -> None:
     tree = ast.parse(text)
     merge_classes(tree, [])
     assert ast.unparse(tree) == ast.unparse(ast.parse(text))
 
 
-def test_a_property_and_its_setter_go_to_the_heir() -> None:
+def test_a_property_and_its_setter_move_to_the_subclass() -> None:
     tree = ast.parse("""
 class A:
     KINDS = {"a": [1, -2]}
@@ -1056,7 +1061,7 @@ class B(A):
     assert "A" not in scope and (scope["B"]().level, scope["B"].KINDS) == (7, {"a": [1, -2]})
 
 
-# --- unfold --------------------------------------------------------------------------------------
+# --- inline-methods ------------------------------------------------------------------------------
 
 
 def test_a_method_that_is_called_once_becomes_part_of_its_caller() -> None:
@@ -1099,26 +1104,26 @@ class A:
 def outside(a): return a._asked
 """)
     inline_methods(tree, [])
-    (cls,) = [node for node in tree.body if isinstance(node, ast.ClassDef)]
-    left = {node.name for node in cls.body if isinstance(node, ast.FunctionDef)}
-    assert not left & {"_note", "_early", "_note_all"}
-    assert left >= {"_twice", "_value", "_loop", "_reads", "_asked"}
+    (owner,) = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    methods = {node.name for node in owner.body if isinstance(node, ast.FunctionDef)}
+    assert not methods & {"_note", "_early", "_note_all"}
+    assert methods >= {"_twice", "_value", "_loop", "_reads", "_asked"}
     scope: dict = {}
     exec(ast.unparse(ast.fix_missing_locations(tree)), scope)
-    a = scope["A"]()
-    assert a.run(2) == 10 and a.run(9) == 10 and a.hiding() == 5
-    assert a.told == [(2, 12), "small", "no 10", (9, 12), "no 10", 3]
+    instance = scope["A"]()
+    assert instance.run(2) == 10 and instance.run(9) == 10 and instance.hiding() == 5
+    assert instance.told == [(2, 12), "small", "no 10", (9, 12), "no 10", 3]
 
 
 @pytest.mark.parametrize(
     ("call", "body"),
     [
-        # The argument means something else a line later.
+        # The value of the argument changes a line later.
         ("self.m(count)", "more()\n        self.told.append(n)"),
         ("x = 1\n        self.m(x)", "more()\n        self.told.append(n)"),
     ],
 )
-def test_arguments_are_evaluated_where_the_call_stood(call: str, body: str) -> None:
+def test_arguments_are_evaluated_at_the_call(call: str, body: str) -> None:
     text = f"""
 count = 0
 def more():
@@ -1133,20 +1138,20 @@ class A:
 """
     tree = ast.parse(text)
     inline_methods(tree, [])
-    done = ast.unparse(ast.fix_missing_locations(tree))
-    assert "def m(" not in done
-    told = []
-    for it in (text, done):
+    inlined_text = ast.unparse(ast.fix_missing_locations(tree))
+    assert "def m(" not in inlined_text
+    results = []
+    for source in (text, inlined_text):
         scope: dict = {}
-        exec(it, scope)
-        a = scope["A"]()
-        a.run()
-        told.append(a.told)
-    assert told[0] == told[1] and len(told[0]) == 1
+        exec(source, scope)
+        instance = scope["A"]()
+        instance.run()
+        results.append(instance.told)
+    assert results[0] == results[1] and len(results[0]) == 1
 
 
 @pytest.mark.parametrize(
-    ("body", "is_put"),
+    ("body", "is_inlined"),
     [
         ("x = n\nsee(x)", True),
         ("if n:\n    x = 1\n    see(x)\nwhile n:\n    x = 2\n    see(x)", True),
@@ -1181,12 +1186,14 @@ class A:
         ("return n", False),
     ],
 )
-def test_only_what_is_bound_before_it_is_read(body: str, is_put: bool) -> None:
-    inside = textwrap.indent(body, "        ")
-    text = f"class A:\n    def run(self, k):\n        self.m(k)\n    def m(self, n):\n{inside}"
+def test_a_method_is_inlined_only_if_its_variables_are_bound_before_use(
+    body: str, is_inlined: bool
+) -> None:
+    method_body = textwrap.indent(body, "        ")
+    text = f"class A:\n    def run(self, k):\n        self.m(k)\n    def m(self, n):\n{method_body}"
     tree = ast.parse(text)
     inline_methods(tree, [])
-    assert ("def m" not in ast.unparse(ast.fix_missing_locations(tree))) == is_put
+    assert ("def m" not in ast.unparse(ast.fix_missing_locations(tree))) == is_inlined
 
 
 @pytest.mark.parametrize(
@@ -1209,14 +1216,14 @@ def test_only_what_is_bound_before_it_is_read(body: str, is_put: bool) -> None:
         "def run(self):\n        self.m(1)\n        self.m = 2",
     ],
 )
-def test_calls_that_stay(caller: str) -> None:
+def test_calls_that_are_not_inlined(caller: str) -> None:
     text = f"class A:\n    {caller}\n    def m(self, n):\n        see(n)"
     tree = ast.parse(text)
     inline_methods(tree, [])
     assert "def m" in ast.unparse(ast.fix_missing_locations(tree))
 
 
-def test_a_new_variable_is_no_name_of_the_module() -> None:
+def test_a_new_variable_does_not_hide_a_global() -> None:
     tree = ast.parse("""
 i_2 = 40
 class A:
@@ -1244,7 +1251,7 @@ def test_inner_functions_see_the_new_name() -> None:
     assert scope["f"](4) == 5
 
 
-# --- order ---------------------------------------------------------------------------------------
+# --- order-names ---------------------------------------------------------------------------------
 
 
 def ordered(text: str) -> str:
@@ -1253,7 +1260,7 @@ def ordered(text: str) -> str:
     return ast.unparse(tree)
 
 
-def test_the_names_used_most_are_named_first_and_never_asked_for() -> None:
+def test_the_first_statement_has_the_names_used_most_and_evaluates_none() -> None:
     text = """
         import os
         class A:
@@ -1272,7 +1279,7 @@ def test_the_names_used_most_are_named_first_and_never_asked_for() -> None:
     exec(first, {"__name__": "uros._all"})
 
 
-def test_only_what_stands_in_several_places_needs_a_short_number() -> None:
+def test_only_names_used_more_than_once_are_ordered() -> None:
     assert ordered("x = 1") == "x = 1"
     names = [f"n{i}" for i in range(200)]
     text = "\n".join(f"f({name}, {name})" for name in names) + "\n" + "\n".join(names)
@@ -1283,14 +1290,14 @@ def test_only_what_stands_in_several_places_needs_a_short_number() -> None:
 def test_short_numbers_make_shorter_bytecode() -> None:
     rare = "\n".join(f"class C{i}:\n def m{i}(self): pass" for i in range(150))
     text = rare + "\ndef f(x):\n" + " x.often.more.still()\n" * 500
-    lengths = [len(bytecode(it, "m.py", "m")) for it in (text, ordered(text))]
+    lengths = [len(bytecode(source, "m.py", "m")) for source in (text, ordered(text))]
     assert lengths[0] - lengths[1] > 500
 
 
 # --- build ---------------------------------------------------------------------------------------
 
 
-def test_a_program_brings_what_it_imports(built: Callable[..., dict[str, str]]) -> None:
+def test_a_build_contains_what_the_program_imports(built: Callable[..., dict[str, str]]) -> None:
     files = built("""
         from sensor_msgs.msg import Temperature
         from std_srvs.srv import Trigger_Request
@@ -1319,7 +1326,7 @@ def test_a_program_brings_what_it_imports(built: Callable[..., dict[str, str]]) 
     assert "no_such_thing = None" in files["main.py"]
 
 
-def test_nothing_is_dropped_without_shaking(built: Callable[..., dict[str, str]]) -> None:
+def test_nothing_is_dropped_without_tree_shake(built: Callable[..., dict[str, str]]) -> None:
     files = built("from uros.wire.cdr import Writer", without=["tree-shake"])
     assert "class Reader" in files["uros/wire/cdr.py"]
     assert "MAX_STRING = 65536" in files["uros/wire/cdr.py"]
@@ -1327,7 +1334,7 @@ def test_nothing_is_dropped_without_shaking(built: Callable[..., dict[str, str]]
     assert "uros/wire/__init__.py" in files
 
 
-def test_own_modules_and_packages(program: Make, tmp_path: Path) -> None:
+def test_modules_and_packages_of_the_program_are_copied(program: Make, tmp_path: Path) -> None:
     folder = program(
         main="import a, pkg.b\nfrom pkg import c\nfrom folder.d import x\nfrom time import sleep",
         a="import main",
@@ -1357,7 +1364,7 @@ def test_own_modules_and_packages(program: Make, tmp_path: Path) -> None:
     assert (tmp_path / "out/main.py").read_text() == (folder / "main.py").read_text()
 
 
-def test_modules_of_types_as_objects(built: Callable[..., dict[str, str]]) -> None:
+def test_modules_of_types_used_as_objects(built: Callable[..., dict[str, str]]) -> None:
     main = "import std_msgs.msg\nfrom std_srvs import srv\nstd_msgs.msg.Int32\nsrv.SetBool"
     files = built(main)
     assert "class Int32" in files["std_msgs/msg.py"]
@@ -1371,11 +1378,11 @@ def test_types_nest_in_order_within_their_module(built: Callable[..., dict[str, 
     assert places == sorted(places)
 
 
-def test_actions_bring_what_goes_over_the_wire(built: Callable[..., dict[str, str]]) -> None:
+def test_an_action_brings_only_the_types_it_uses(built: Callable[..., dict[str, str]]) -> None:
     files = built("from test_msgs.action import Fibonacci\nFibonacci.Impl.SendGoalService.Request")
     text = files["test_msgs/action.py"]
     assert "class Fibonacci_SendGoal_Request" in text and "SendGoalService" in text
-    assert "class Fibonacci_GetResult" not in text, "nobody asks for it"
+    assert "class Fibonacci_GetResult" not in text, "the program does not use it"
     assert "class UUID" in files["unique_identifier_msgs/msg.py"]
 
 
@@ -1422,7 +1429,7 @@ def test_own_types(tmp_path: Path, built: Callable[..., dict[str, str]]) -> None
         ("import asyncio.no_such", None),
     ],
 )
-def test_imports_that_nobody_provides(
+def test_an_import_that_nothing_provides_is_refused(
     built: Callable[..., dict[str, str]], main: str, message: str | None
 ) -> None:
     if message is None:
@@ -1433,7 +1440,7 @@ def test_imports_that_nobody_provides(
 
 
 @pytest.mark.parametrize("old", [*moved.MODULES, *filter(is_portable, moved.NAMES)])
-def test_an_old_import_is_told_the_new_name_with_its_line(
+def test_an_old_import_is_refused_with_its_line_and_the_new_name(
     program: Make, tmp_path: Path, old: str
 ) -> None:
     new = moved.MODULES.get(old) or moved.NAMES[old]
@@ -1444,9 +1451,9 @@ def test_an_old_import_is_told_the_new_name_with_its_line(
     with pytest.raises(MissingModule) as caught:
         build(program(main=f"import time\n{statement}\n"), tmp_path / "out")
     parent = moved.MODULES.get(old.rpartition(".")[0], "")
-    told = f"{old.rpartition('.')[0]} is now {parent}" if parent else f"{old} is now {new}"
+    advice = f"{old.rpartition('.')[0]} is now {parent}" if parent else f"{old} is now {new}"
     for_hosts = "" if is_portable(new) else ", which is for hosts"
-    assert str(caught.value).endswith(f"main.py:2: {told}{for_hosts}")
+    assert str(caught.value).endswith(f"main.py:2: {advice}{for_hosts}")
 
 
 @pytest.mark.parametrize(
@@ -1458,7 +1465,7 @@ def test_an_old_import_is_told_the_new_name_with_its_line(
         "def connect():\n    from uros.transport.stream import StreamTransport",
     ],
 )
-def test_each_form_of_an_old_import_is_told_the_new_name(
+def test_each_form_of_an_old_import_is_refused_with_the_new_name(
     program: Make, tmp_path: Path, statement: str
 ) -> None:
     with pytest.raises(MissingModule, match="stream is now uros.transport.serial$"):
@@ -1482,7 +1489,7 @@ def test_each_form_of_an_old_import_is_told_the_new_name(
         ("def f():\n  from uros.wire import cdrr", r"main.py:2: uros.wire has no cdrr; .* cdr\?$"),
         ("from uros.wire.cdr import xyzzy", "main.py:1: uros.wire.cdr has no xyzzy$"),
         ("from uros import clent", r"no module uros.clent; did you mean client\?$"),
-        # It is there, but somewhere else.
+        # The name is in a submodule.
         (
             "from uros.client import Publisher",
             "uros.client has no Publisher; write from uros.client.entities import Publisher$",
@@ -1496,7 +1503,7 @@ def test_each_form_of_an_old_import_is_told_the_new_name(
     ],
 )
 @pytest.mark.parametrize("form", ["py", "mpy"])
-def test_names_that_a_module_has_not(
+def test_a_name_that_a_module_lacks_is_refused(
     program: Make, tmp_path: Path, main: str, message: str | None, form: str
 ) -> None:
     folder, out = program(main=main), tmp_path / "out"
@@ -1508,10 +1515,10 @@ def test_names_that_a_module_has_not(
     assert not out.exists()
 
 
-def test_names_that_a_module_may_have(
+def test_a_name_that_a_module_may_bind_is_accepted(
     program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever may bind a name does; only what nothing binds is refused."""
+    """A name is accepted if any statement of the module may bind it, and refused otherwise."""
     source = tmp_path / "uros"
     rooms = {
         "client/__init__.py": "def __getattr__(name):\n    return name\n",
@@ -1560,11 +1567,13 @@ def test_names_that_a_module_may_have(
             build(program(main=f"from uros.qos import {name}"), tmp_path / "out")
 
 
-def test_what_the_board_brings_can_be_named(built: Callable[..., dict[str, str]]) -> None:
+def test_modules_that_the_board_provides_can_be_imported(
+    built: Callable[..., dict[str, str]],
+) -> None:
     assert set(built("import sgp40, lib.x", provided=["sgp40", "lib.x"])) == {"main.py"}
 
 
-def test_roots_are_brought(built: Callable[..., dict[str, str]]) -> None:
+def test_roots_are_built(built: Callable[..., dict[str, str]]) -> None:
     files = built("pass", roots=["uros.wire.framing:frame", "std_msgs.msg:Int32"])
     assert "def frame(" in files["uros/wire/framing.py"]
     assert "class Deframer" not in files["uros/wire/framing.py"]
@@ -1575,7 +1584,7 @@ def test_roots_are_brought(built: Callable[..., dict[str, str]]) -> None:
         built("pass", roots=["uros.wire.framing:fram"])
 
 
-def test_programs_that_are_none(program: Make, tmp_path: Path) -> None:
+def test_invalid_programs_are_refused(program: Make, tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="no such folder"):
         build(tmp_path / "none", tmp_path / "out")
     (tmp_path / "empty").mkdir()
@@ -1611,7 +1620,7 @@ def test_out_is_replaced_as_a_whole_or_not_at_all(program: Make, tmp_path: Path)
     assert [p.name for p in out.parent.iterdir()] == ["out"]
 
 
-def test_a_folder_of_somebody_else_is_left_alone(program: Make, tmp_path: Path) -> None:
+def test_a_folder_with_other_files_is_not_replaced(program: Make, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").touch()
     with pytest.raises(BuildError, match="holds something else"):
@@ -1639,7 +1648,7 @@ def test_bytecode(program: Make, tmp_path: Path) -> None:
     assert "uros/wire/errors.mpy" in [p.relative_to(tmp_path / "out").as_posix() for p in single]
 
 
-def test_what_micropython_cannot_parse(program: Make, tmp_path: Path) -> None:
+def test_a_module_that_micropython_cannot_parse_is_refused(program: Make, tmp_path: Path) -> None:
     with pytest.raises(CompilerError, match="(?s)app.py: mpy-cross refuses it: .*SyntaxError"):
         build(program(main="import app", app="def f(a, /): pass"), tmp_path / "out", "mpy")
 
@@ -1650,7 +1659,7 @@ def test_without_mpy_cross(program: Make, tmp_path: Path, monkeypatch: pytest.Mo
         build(program(main="import app", app="x = 1"), tmp_path / "out", "mpy")
 
 
-def test_a_cycle_of_values_names_the_way_out(
+def test_a_program_that_cannot_be_bundled_is_refused_with_the_remedy(
     program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(modules: object) -> None:
@@ -1662,9 +1671,9 @@ def test_a_cycle_of_values_names_the_way_out(
 
 
 def test_every_portable_module_can_be_built(program: Make, tmp_path: Path) -> None:
-    """All that boards may have, whole: each import of it is provided."""
+    """All modules that boards may have are built as roots, so all their imports are provided."""
     files = [path.relative_to(SOURCE) for path in portable_files()]
-    roots = [".".join(("uros", *it.with_suffix("").parts)) for it in files]
+    roots = [".".join(("uros", *path.with_suffix("").parts)) for path in files]
     roots = [name.removesuffix(".__init__") for name in roots]
     for form in ("py", "mpy"):
         build(program(main="pass"), tmp_path / "out", form, roots=roots)

@@ -1,4 +1,4 @@
-"""What a console shows of a line that prints and XRCE frames share."""
+"""Tests of the console text of a line that carries both printed text and XRCE frames."""
 
 import pytest
 from hypothesis import example, given
@@ -22,7 +22,7 @@ def shown(data: bytes, size: int = 1) -> tuple[str, int]:
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 1000])
-def test_frames_are_left_out_and_counted(size: int) -> None:
+def test_frames_are_removed_and_counted(size: int) -> None:
     data = b"one " + framed(b"\x80\x01~}x") + b"two\r\n" + framed(bytes(300), 2, 0) * 2 + b"three"
     assert shown(data, size) == ("one two\r\nthree", 3)
 
@@ -31,24 +31,27 @@ def test_frames_are_left_out_and_counted(size: int) -> None:
     "text", ["~", "~~~", "a ~ b", "~/file", "~ 21 °C\r\n", "x~", "~}", "~\x01\x00\x05\x00"]
 )
 def test_a_tilde_is_text(text: str) -> None:
-    safe = "".join(it if it >= " " or it in "\r\n" else f"\\x{ord(it):02x}" for it in text)
+    safe = "".join(
+        character if character >= " " or character in "\r\n" else f"\\x{ord(character):02x}"
+        for character in text
+    )
     assert shown(text.encode()) == (safe, 0)
 
 
-def test_a_damaged_frame_is_shown_and_hides_no_sound_one() -> None:
+def test_a_damaged_frame_is_text_and_the_valid_frame_behind_it_is_not() -> None:
     damaged = bytearray(framed(b"reading"))
     damaged[-1] ^= 1
     text, frames = shown(bytes(damaged) + framed(b"reading") + b"ok")
     assert frames == 1 and "reading" in text and text.endswith("ok")
 
 
-def test_a_terminal_is_not_told_what_it_obeys() -> None:
+def test_control_characters_are_escaped() -> None:
     assert shown(b"\x1b[K\b\a\t\r\n") == ("\x1b[K\b\a\t\r\n", 0)
     assert shown(b"\x00\x0e\x7f\xff\xc2\x9b") == ("\\x00\\x0e\\x7f\ufffd\\x9b", 0)
 
 
 @pytest.mark.parametrize("size", [1, 3, 100])
-def test_the_editors_sequences_and_colours_pass_and_no_others(size: int) -> None:
+def test_only_line_editor_sequences_and_colors_pass(size: int) -> None:
     passing = b"\x1b[12D\x1b[K\x1b[3C\x1b[1;31mred\x1b[0m"
     assert shown(passing, size) == (passing.decode(), 0)
     harmful = b"\x1b[2J\x1b]0;title\x07\x1b[6n\x1b[21t\x1bc\x1bP\x1b[9999C\x1b"
@@ -64,7 +67,7 @@ def test_any_octets_in_any_pieces_give_the_same(data: bytes, size: int) -> None:
 
 
 @given(st.lists(st.one_of(st.text(st.sampled_from("abc 1\n")), st.binary(max_size=80)), max_size=8))
-def test_what_is_between_frames_comes_through(parts: list[str | bytes]) -> None:
-    data = b"".join(it.encode() if isinstance(it, str) else framed(it) for it in parts)
-    expected = "".join(it for it in parts if isinstance(it, str))
-    assert shown(data, 5) == (expected, sum(isinstance(it, bytes) for it in parts))
+def test_text_between_frames_is_unchanged(parts: list[str | bytes]) -> None:
+    data = b"".join(part.encode() if isinstance(part, str) else framed(part) for part in parts)
+    expected = "".join(part for part in parts if isinstance(part, str))
+    assert shown(data, 5) == (expected, sum(isinstance(part, bytes) for part in parts))

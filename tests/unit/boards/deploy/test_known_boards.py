@@ -1,4 +1,4 @@
-"""The boards that there are to buy, and what is said of those that cannot run uros."""
+"""Tests of the table of boards on the market, and of its page."""
 
 import pytest
 from support.paths import ROOT
@@ -10,16 +10,16 @@ PAGE = ROOT / "docs" / "ports.md"
 
 
 @pytest.mark.parametrize(
-    ("said", "name"),
+    ("text", "name"),
     [
         ("pico_w", "pico_w"), ("Pico W", "pico_w"), ("raspberry-pi-pico", "pico"),
         ("Arduino UNO", "arduino_uno"), ("uno", "arduino_uno"), ("MEGA2560", "arduino_mega2560"),
         ("Sony Spresense", "spresense"), ("due", "arduino_due"), ("stm32", "olimex_e407"),
     ],
 )  # fmt: skip
-def test_boards_are_found_by_what_people_call_them(said: str, name: str) -> None:
-    found = find(said)
-    assert found is not None and found.name == name
+def test_a_board_is_found_by_each_of_its_names(text: str, name: str) -> None:
+    board = find(text)
+    assert board is not None and board.name == name
 
 
 def test_an_unknown_board_is_none() -> None:
@@ -27,23 +27,23 @@ def test_an_unknown_board_is_none() -> None:
 
 
 def test_no_name_means_two_boards() -> None:
-    names = [name for it in NAMED.values() for name in (it.name, *it.other)]
+    names = [name for board in NAMED.values() for name in (board.name, *board.other)]
     assert len(names) == len(set(names))
 
 
-def test_every_port_is_one_that_a_board_can_say_that_it_has() -> None:
-    ports = {it.port for it in NAMED.values() if it.port}
+def test_every_port_has_a_platform_name_and_an_image() -> None:
+    ports = {board.port for board in NAMED.values() if board.port}
     assert ports == set(PLATFORMS.values())
-    assert all(it.image for it in NAMED.values() if it.port)
-    virtual = {port for it in BOARDS.values() for port in it.ports}
+    assert all(board.image for board in NAMED.values() if board.port)
+    virtual = {port for board in BOARDS.values() for port in board.ports}
     assert virtual <= ports
 
 
 def test_the_page_of_ports_has_every_board_and_every_port() -> None:
     text = PAGE.read_text("utf-8")
-    for it in NAMED.values():
-        assert f"`{it.name}`" in text and it.title.split(",")[0] in text
-        if it.port:
-            assert f"`{it.image}`" in text
+    for board in NAMED.values():
+        assert f"`{board.name}`" in text and board.title.split(",")[0] in text
+        if board.port:
+            assert f"`{board.image}`" in text
     for port in PLATFORMS.values():
         assert f"## {port}" in text

@@ -1,4 +1,4 @@
-"""Values that boards print: those that MicroPython's repr writes, and nothing else."""
+"""Tests that parse reads what MicroPython's repr writes, and refuses all other texts."""
 
 import ast
 
@@ -19,14 +19,14 @@ def depth(value):
     return 1 + max(map(depth, value), default=0) if isinstance(value, (list, tuple)) else 0
 
 
-@given(values.filter(lambda it: depth(it) <= MAX_DEPTH))
-def test_what_repr_writes_is_read(value):
+@given(values.filter(lambda value: depth(value) <= MAX_DEPTH))
+def test_parse_returns_the_value_that_repr_wrote(value):
     assert parse(repr(value)) == value
     assert type(parse(repr(value))) is type(value)
 
 
 @given(st.text(st.sampled_from("[](),' \\x0n1N-oneTrue\"\t"), max_size=30) | st.text())
-def test_any_text_is_a_value_of_python_too_or_none(text):
+def test_any_accepted_text_is_the_same_python_literal(text):
     try:
         value = parse(text)
     except ValueError:

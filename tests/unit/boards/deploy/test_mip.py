@@ -1,4 +1,4 @@
-"""Packages for mip: what is in them, and that the project's own are up to date."""
+"""Tests of the packages for mip: their content, and that the project's manifests are up to date."""
 
 import hashlib
 import json
@@ -19,14 +19,14 @@ from uros.boards.deploy.mip import (
 
 
 @pytest.mark.parametrize("name", ["package.json", "package-all.json"])
-def test_the_projects_manifests_are_what_the_generator_makes(name: str) -> None:
+def test_the_projects_manifests_are_up_to_date(name: str) -> None:
     text = (ROOT / name).read_text("utf-8")
     assert text == project_manifests()[name], "run: python -m uros.boards.deploy.mip"
     for target, source in json.loads(text)["urls"]:
         assert source == "src/" + target and (ROOT / source).is_file()
 
 
-def test_the_client_is_without_what_few_programs_use() -> None:
+def test_the_client_package_lacks_optional_modules() -> None:
     modules, types = parts()[CORE]
     assert {"uros.client", "uros.client.node", "uros.client.session", "uros.wire"} <= modules
     assert {"uros.transport.serial", "uros.interfaces.runtime"} <= modules
@@ -44,16 +44,18 @@ def test_every_module_for_boards_is_in_some_package() -> None:
 
 def test_no_two_modules_have_the_same_package() -> None:
     core = parts()[CORE][0]
-    lone = [name for name, it in portable().items() if name not in core and not it.package]
-    assert len(parts()) == len(lone) + 1
+    single = [
+        name for name, module in portable().items() if name not in core and not module.package
+    ]
+    assert len(parts()) == len(single) + 1
 
 
-def test_a_package_brings_what_it_imports_besides_the_client() -> None:
-    made = parts()
-    assert made["uros-parameters"][0] >= {"uros.client.parameters", "uros.client.parameter"}
-    assert made["uros-tls"][0] == {"uros.transport.tls", "uros.transport.tcp"}
-    for name, (modules, _) in made.items():
-        assert name == CORE or not modules & made[CORE][0]
+def test_a_package_contains_the_imports_that_the_client_lacks() -> None:
+    packages = parts()
+    assert packages["uros-parameters"][0] >= {"uros.client.parameters", "uros.client.parameter"}
+    assert packages["uros-tls"][0] == {"uros.transport.tls", "uros.transport.tcp"}
+    for name, (modules, _) in packages.items():
+        assert name == CORE or not modules & packages[CORE][0]
 
 
 def read(root: Path, form: str, name: str) -> tuple[dict[str, bytes], list[list[str]]]:
