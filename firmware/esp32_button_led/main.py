@@ -1,4 +1,4 @@
-"""A button that switches an LED, whose brightness comes from ROS. See README.md."""
+"""Switches an LED by a button, and sets its brightness from ROS. See README.md."""
 
 from machine import PWM, UART, Pin
 from std_msgs.msg import Float32, String
@@ -25,17 +25,17 @@ def build() -> Node:
     publisher = node.create_publisher(String, "button_state", 10)
     state = String()
 
-    def look() -> None:
+    def poll_button() -> None:
         if button.clicked():
             led.switch(not led.on)
 
-    def tell() -> None:
+    def publish_state() -> None:
         state.data = "active" if led.on else "inactive"
         publisher.publish(state)
 
     node.create_subscription(Float32, "led_brightness", lambda message: led.set(message.data))
-    node.create_timer(0.01, look)
-    node.create_timer(0.1, tell)
+    node.create_timer(0.01, poll_button)
+    node.create_timer(0.1, publish_state)
     return node
 
 

@@ -1,4 +1,4 @@
-"""A number that counts up on /micro_ros_counter, once a second. See README.md."""
+"""Publishes a count on /micro_ros_counter, once a second. See README.md."""
 
 from machine import UART, Pin
 from std_msgs.msg import Int32

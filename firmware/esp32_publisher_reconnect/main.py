@@ -1,4 +1,4 @@
-"""The same number, and the four states of the connection. See README.md."""
+"""Publishes a count, and prints the four states of the connection. See README.md."""
 
 from machine import UART
 from std_msgs.msg import Int32

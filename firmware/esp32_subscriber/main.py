@@ -1,4 +1,4 @@
-"""An LED as bright as /micro_ros_sub says. See README.md."""
+"""Sets the brightness of an LED from /micro_ros_sub. See README.md."""
 
 from machine import PWM, UART, Pin
 from std_msgs.msg import Float32

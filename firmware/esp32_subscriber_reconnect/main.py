@@ -1,4 +1,4 @@
-"""The same LED, and the four states of the connection. See README.md."""
+"""Sets the brightness of an LED, and prints the four states of the connection. See README.md."""
 
 from machine import PWM, UART, Pin
 from std_msgs.msg import Float32

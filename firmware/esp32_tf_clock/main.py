@@ -1,4 +1,4 @@
-"""A transform from the board, and the ROS time on the board. See README.md."""
+"""Publishes a transform and the ROS time of the board. See README.md."""
 
 import math
 import time
@@ -21,14 +21,14 @@ except ImportError:
 
 TURN = 0.5  # rad/s, counter-clockwise seen from above
 PERIOD = 0.1
-TO_1970 = 0 if time.gmtime(0)[0] == 1970 else 946684800  # ports count from there, or from 2000
+TO_1970 = 0 if time.gmtime(0)[0] == 1970 else 946684800  # ports count from 1970 or from 2000
 
 led = Pin(22, Pin.OUT)
 node: "Any" = None
 
 
 def set_clock(seconds: int, nanoseconds: int) -> None:
-    """The board's real-time clock gets this UTC, which is what time.time() tells from then on."""
+    """Set the board's real-time clock to a UTC time, which time.time() returns from then on."""
     year, month, day, hour, minute, second, weekday, _ = time.gmtime(seconds - TO_1970)
     RTC().datetime((year, month, day, weekday, hour, minute, second, nanoseconds // 1000))
     print("the clock is set: %d-%02d-%02d %02d:%02d:%02d UTC" % time.gmtime()[:6])
@@ -45,7 +45,7 @@ def build() -> Node:
     sensor.transform.translation.z = 0.3
     angle = 0.0
 
-    def turn() -> None:
+    def publish_transform() -> None:
         nonlocal angle
         angle = (angle + TURN * PERIOD) % (2 * math.pi)
         sensor.transform.rotation.z = math.sin(angle / 2)
@@ -53,17 +53,17 @@ def build() -> Node:
         node.clock.stamp(sensor.header.stamp)
         broadcaster.sendTransform(sensor)
 
-    def tell() -> None:
+    def publish_time() -> None:
         node.clock.stamp(now)
         publisher.publish(now)
 
-    def changed(state: int) -> None:
-        if state == AGENT_CONNECTED:  # by then the node has the agent's time
+    def on_state(state: int) -> None:
+        if state == AGENT_CONNECTED:  # a connected node has the agent's time
             set_clock(*node.clock.now())
 
-    node.create_timer(PERIOD, turn)
-    node.create_timer(1.0, tell)
-    node.on_state = changed
+    node.create_timer(PERIOD, publish_transform)
+    node.create_timer(1.0, publish_time)
+    node.on_state = on_state
     StatusLed(node, led)
     return node
 

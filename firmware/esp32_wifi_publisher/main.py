@@ -1,5 +1,4 @@
-"""A number that counts up on /std_msgs_msg_Int32, over an access point of the board's own. See
-README.md."""
+"""Publishes a count on /std_msgs_msg_Int32 over the board's own access point. See README.md."""
 
 import config
 from machine import Pin

@@ -12,18 +12,18 @@ except ImportError:
 
 RETRY_MS = 1000
 ENUMERATION_MS = 5000
-MTU = 256  # bytes of a message; all that this node sends is shorter
+MTU = 256  # bytes; every message of this node is shorter
 CHECK_FAILED = 999
 OUT_OF_MEMORY = 10
 
 program: "Any" = None  # the SensorNode, once all is built
 port: "Any" = None
 failed_at = 0
-enumerated_by = -1  # when the host should have configured the board; -1: it is not waited for
+enumerated_by = -1  # deadline for the host to configure the board; -1 for none
 
 
 def check(step: int, function: "Any", *arguments: "Any") -> "Any":
-    """What the function returns. The crumbs know where it raises."""
+    """Call a function and return its result; record the step and an error in the crumbs."""
     crumbs.step = step
     crumbs.check += 1
     try:
@@ -42,7 +42,7 @@ def check(step: int, function: "Any", *arguments: "Any") -> "Any":
 
 
 def start() -> None:
-    """Build everything, without waiting for anybody. What fails is tried again by step()."""
+    """Build everything without waiting. After a failure step() tries again."""
     global program, port, failed_at, enumerated_by
     crumbs.check = 0
     try:
@@ -65,7 +65,7 @@ def start() -> None:
 
 
 def step() -> None:
-    """One bounded piece of work. It waits 100 ms at most."""
+    """Do one piece of work; waits at most 100 ms."""
     global enumerated_by
     now = time.ticks_ms()
     if program is None:

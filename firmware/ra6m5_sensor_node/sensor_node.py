@@ -1,7 +1,7 @@
-"""The node: when which sensor is asked, and what is published of it.
+"""The node: the schedule of the sensors, and the publishing of their values.
 
-main.py takes what it needs of uros from here: each module that its text names costs a board a
-quarter of a kilobyte.
+main.py imports names of uros from here: each module that its text names costs a board a quarter of
+a kilobyte.
 """
 
 import time
@@ -27,9 +27,9 @@ except ImportError:
 
 NAME = "ra6m5_sensor_node"
 PERIOD_S = 1.0
-WAIT_S = 0.02  # for the SHT3x; how often the VCNL4010 is asked
-LIGHT_FIRST = 5  # of these waits: 100 ms
-LIGHT_LAST = 20  # after 400 ms it has failed
+WAIT_S = 0.02  # measurement time of the SHT3x, and polling period of the VCNL4010
+LIGHT_FIRST = 5  # first poll of the VCNL4010, in these waits: 100 ms
+LIGHT_LAST = 20  # last poll, in these waits: after 400 ms it has failed
 REMIND_MS = 10000  # a sensor that goes on failing is reported again
 
 LOOKING, CREATING, RUNNING = 7, 8, 9
@@ -37,12 +37,12 @@ SENSORS_FAILED = 100
 
 
 class Crumbs:
-    """Where the program has got to, for the console (``crumbs.error``) and for a debugger.
+    """The progress of the program, for the console (``crumbs.error``) and for a debugger.
 
-    ``step``: 1 I2C, 2 USB, 3 messages, 4 node, 5 publishers, 6 timers, 7 looking for the agent,
-    8 creating everything there, 9 running; 100 no sensor can be read; 999 a step failed, and is
-    tried again. ``code``: what the last check returned, 0, an errno, 10 out of memory, else 1.
-    ``check``: its number. ``error``: the last error's text, also a sensor's.
+    ``step``: 1 I2C, 2 USB, 3 messages, 4 node, 5 publishers, 6 timers, 7 searching the agent,
+    8 creating entities, 9 running; 100 no sensor can be read; 999 a step failed, and is retried.
+    ``code``: the result of the last check: 0, an errno, 10 out of memory, else 1. ``check``: its
+    number. ``error``: the text of the last error, also of a sensor.
     """
 
     def __init__(self) -> None:
@@ -56,9 +56,9 @@ crumbs = Crumbs()
 
 
 class Sensor:
-    """What is told of one sensor: that it fails, again every 10 s, and that it is back.
+    """Reports when a sensor begins to fail, every 10 s while it fails, and when it works again.
 
-    ``report(text)`` says whether the text went out; if not, it is tried at the next reading.
+    ``report(text)`` returns whether the text was sent; if not, it is sent at the next reading.
     """
 
     def __init__(self, name: str, report: "Any") -> None:
@@ -67,7 +67,7 @@ class Sensor:
         self.failing = False
         self._report = report
         self._told = False
-        self._again = 0  # when to tell it again
+        self._again = 0  # time of the next reminder
 
     def failed(self, error: Exception) -> None:
         self.measuring = False
@@ -86,13 +86,16 @@ class Sensor:
             self._told = False
 
     def new_listeners(self) -> None:
-        """Who listens now has heard nothing yet."""
+        """Report a current fault again, since the listeners are new."""
         self._told = False
 
 
 class SensorNode:
-    """The sensors on ``bus`` for ``node``. The parts are built one by one, so that the crumbs
-    tell how far it came: messages, publishers, timers."""
+    """The sensors on ``bus`` for ``node``.
+
+    Messages, publishers and timers are built in separate steps, so that the crumbs show which one
+    failed.
+    """
 
     def __init__(self, bus: "Any") -> None:
         self.node: "Any" = None
@@ -124,7 +127,7 @@ class SensorNode:
         self.pub_cold = create(Temperature, "/sensors/thermocouple_cold", 10)
         self.pub_proximity = create(UInt16, "/sensors/proximity", 10)
         self.pub_ambient = create(UInt16, "/sensors/ambient_light", 10)
-        # Kept for readers that come later and ask for it.
+        # Transient local: readers that join later get the last lines.
         latched = QoSProfile(10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.pub_text = create(String, "/sensors/diagnostic", latched)
 
@@ -134,10 +137,10 @@ class SensorNode:
         self._wait.cancel()
         self.node.on_state = self.on_state
 
-    # The cycle.
+    # Measurement.
 
     def tick(self) -> None:
-        """Once a second: begin the measurements, and read what measures by itself."""
+        """Start the measurements, and read the free-running MCP9600; called once a second."""
         if not self._announced:
             self.announce()
         self._start(self.climate, self.sht3x)
@@ -149,7 +152,7 @@ class SensorNode:
         self.mark()
 
     def waited(self) -> None:
-        """Every 20 ms from then on, until both are read or have failed."""
+        """Read the sensors; called every 20 ms after `tick` until both are read or have failed."""
         self._waits += 1
         if self.climate.measuring:
             self._read_climate()
@@ -211,15 +214,17 @@ class SensorNode:
         self.send(self.pub_ambient, self.ambient)
         self.light.fine()
 
-    # Towards the agent.
+    # Publishing.
 
     def send(self, publisher: "Any", message: "Any") -> bool:
-        """Publish while connected, which the node is only once it knows the time: no stamp of
-        another clock ever goes out. Whether it did."""
+        """Publish while connected; return whether the message was accepted.
+
+        A connected node knows the agent's time, so no stamp of another clock is published.
+        """
         return bool(self.node.state == AGENT_CONNECTED and publisher.publish(message))
 
     def report(self, text: str) -> bool:
-        """A line for the diagnostic topic."""
+        """Publish a line on the diagnostic topic; return whether it was accepted."""
         self.text.data = text
         return self.send(self.pub_text, self.text)
 

@@ -1,4 +1,4 @@
-"""A line of text once a second over USB: what three I2C sensors measure. See README.md."""
+"""Sends the values of three I2C sensors as text over USB, once a second. See README.md."""
 
 import time
 
@@ -15,12 +15,12 @@ except ImportError:
     pass
 
 PERIOD_MS = 1000
-LEAD_MS = 500  # the measurements begin so long before their line is due
-LONGEST_MS = 50  # of one step's waiting
-POLL_MS = 5  # how often the VCNL4010 and a host that is not there are looked for
+LEAD_MS = 500  # the measurements begin this long before their line is due
+LONGEST_MS = 50  # longest wait of one step
+POLL_MS = 5  # period at which the VCNL4010 and a missing host are polled
 RETRY_MS = 1000
 UNKNOWN = "--"
-# Counts at 200 mA. Between them the door stays what it was.
+# Counts at 200 mA; between the two the state of the door does not change.
 CLOSED_FROM = 30000
 OPENED_BELOW = 20000
 
@@ -29,9 +29,9 @@ failed_at = 0
 
 
 class RoomText:
-    """The sensors on ``bus``, told to ``port``. `step` does what is due at a time in ticks_ms.
+    """Sends the values of the sensors on ``bus`` to ``port``; `step` does the work that is due.
 
-    ``missed`` counts lines left out for want of time, ``skipped`` those that nobody fetched.
+    ``missed`` counts lines dropped for lack of time, ``skipped`` those that the host did not read.
     """
 
     def __init__(self, bus: "Any", port: "Any", now: int) -> None:
@@ -44,9 +44,9 @@ class RoomText:
         self.due = time.ticks_add(now, PERIOD_MS)
         self.closed = False
         self.failing: "dict[str, str]" = {}
-        self._pending = b""  # a line of which _sent bytes are out
+        self._pending = b""  # the current line, of which _sent bytes are sent
         self._sent = 0
-        # The cycle under way: when it began, and what has still to be read.
+        # The current cycle: its start, and the readings that are missing.
         self._measuring = False
         self._began = 0
         self._climate_due = False
@@ -54,7 +54,7 @@ class RoomText:
         self._forget()
 
     def step(self, now: int) -> int:
-        """Returns how many milliseconds there is nothing to do."""
+        """Do the work due at ``now`` in ticks_ms; return the milliseconds until the next work."""
         self._serve()
         left = time.ticks_diff(self.due, now)
         if left <= 0:
@@ -81,7 +81,7 @@ class RoomText:
             left = min(left, max(VCNL4010.wait_ms - age, POLL_MS))
         return left
 
-    # Measuring.
+    # Measurement.
 
     def _forget(self) -> None:
         self._room = self._hot = self._cold = self._humidity = self._door = self._lux = UNKNOWN
@@ -96,8 +96,11 @@ class RoomText:
         self._try("MCP9600", self._read_thermocouple)
 
     def _try(self, name: str, action: "Any") -> bool:
-        """Whether the action was done; it returns True where a reading is complete. The console
-        is told when a sensor begins to fail and when it is back."""
+        """Run an action of a sensor, which returns True for a complete reading.
+
+        Prints when a sensor begins to fail and when it works again. Returns whether the action
+        succeeded.
+        """
         try:
             complete = action()
         except (OSError, SensorError) as error:
@@ -131,7 +134,7 @@ class RoomText:
         self._lux = "%.0f" % (self.vcnl4010.ambient * LUX_PER_COUNT)
         return True
 
-    # Telling.
+    # Output.
 
     def _tell(self) -> None:
         if self._light_due:
@@ -141,17 +144,17 @@ class RoomText:
         )  # fmt: skip
         self._forget()
         if self._sent < len(self._pending):
-            self.skipped += 1  # half of an older line is out: it comes to its end first
+            self.skipped += 1  # an older line is sent in part, and is completed first
             return
         self._pending = line.encode()
         self._sent = 0
         self._serve()
         if not self._sent:
             self.skipped += 1
-            self._pending = b""  # nobody listens now; a line is never late
+            self._pending = b""  # no host reads: the line is dropped, so none is late
 
     def _serve(self) -> None:
-        """Send what is left of the line. What comes in is for nobody."""
+        """Send the rest of the line, and discard input."""
         try:
             while self.port.read(64):
                 pass
@@ -171,7 +174,7 @@ def too_late() -> None:
 
 
 def start() -> None:
-    """Build everything, without waiting for anybody. What fails is tried again by step()."""
+    """Build everything without waiting. After a failure step() tries again."""
     global program, failed_at
     try:
         port = open_port(0x045B, 0x2013, "Renesas", "RA6M5 USB Text", "000001")
@@ -182,7 +185,7 @@ def start() -> None:
 
 
 def step() -> None:
-    """One bounded piece of work. It waits 50 ms at most."""
+    """Do one piece of work; waits at most 50 ms."""
     now = time.ticks_ms()
     if program is None:
         time.sleep_ms(LONGEST_MS)
@@ -195,7 +198,7 @@ def step() -> None:
         if not hasattr(port, "is_open"):
             time.sleep_ms(min(idle, POLL_MS))
         elif port.is_open():
-            port.wait(idle)  # less when the host sends something
+            port.wait(idle)  # returns early when the host sends data
         else:
             time.sleep_ms(min(idle, POLL_MS))
 

@@ -1,4 +1,4 @@
-"""ROS 2 node my_node_serial: a picture a second. See README.md."""
+"""ROS 2 node my_node_serial: publishes a picture a second. See README.md."""
 
 from camera import Camera, FrameSize, GrabMode, PixelFormat
 from machine import UART, Pin
@@ -24,7 +24,7 @@ node: "Any" = None
 
 
 class Pictures:
-    """Publishes a picture a second. LED2: none could be taken; LED3: it was too large."""
+    """Publishes a picture a second. LED2: no picture could be taken; LED3: it was too large."""
 
     def __init__(self, node: Node) -> None:
         self.node = node
@@ -37,7 +37,7 @@ class Pictures:
         node.create_timer(1.0, self.tick)
 
     def take(self) -> "Any":
-        """A picture, b"" if there is none or half of one."""
+        """Return a picture; b"" if there is none, or an incomplete one."""
         try:
             if self.camera is None:
                 self.camera = Camera(
@@ -54,7 +54,7 @@ class Pictures:
 
     def tick(self) -> None:
         if self.node.state != AGENT_CONNECTED or streaming(self.publisher):
-            return  # nobody to send it to, or the last one is still on its way
+            return  # no agent, or the previous picture is still being sent
         picture = self.take()
         self.node.clock.stamp(self.image.header.stamp)
         size = len(picture)

@@ -1,4 +1,4 @@
-"""ROS 2 node my_node_serial: a number that counts up, ten a second. See README.md."""
+"""ROS 2 node my_node_serial: publishes a count, ten times a second. See README.md."""
 
 from machine import UART, Pin
 from std_msgs.msg import Int32

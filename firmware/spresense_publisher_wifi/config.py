@@ -1,4 +1,4 @@
-"""What is different on each desk."""
+"""Settings of the modem, the network and the agent."""
 
 MODEM = "gs2200"  # or "esp8266"
 SSID = "robots"

@@ -1,4 +1,4 @@
-"""ROS 2 node my_node_serial: a number that counts up, ten a second, by Wi-Fi. See README.md."""
+"""ROS 2 node my_node_serial: publishes a count over Wi-Fi, ten times a second. See README.md."""
 
 import config
 from machine import SPI, UART, Pin
@@ -19,7 +19,7 @@ node: "Any" = None
 
 
 def modem() -> "Any":
-    """The transport by the modem that config.py names."""
+    """Return the transport for the modem that config.py names."""
     network = (config.SSID, config.PASSWORD, config.AGENT, config.PORT)
     if config.MODEM == "gs2200":
         from uros.transport.gs2200 import Gs2200Transport

@@ -23,7 +23,7 @@ def build() -> Node:
     line = UART(1, 115200, tx=43, rx=44, timeout=0, rxbuf=1024)
     satellites = UART(2, 9600, tx=47, rx=48, timeout=0, rxbuf=1024)
     node = Node("my_node_serial", StreamTransport(line))
-    # A transfer lasts half a millisecond: a bus that is shorted holds nobody up for long.
+    # A transfer takes half a millisecond; the limit of 5 ms bounds the delay by a shorted bus.
     I2CSensors(node, Bus(0, 2, frequency=400000, timeout_us=5000, sda=1))
     Gnss(node, satellites)
     Camera(node)

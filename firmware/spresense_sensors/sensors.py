@@ -1,7 +1,7 @@
-"""What is measured when, and the messages made of it.
+"""The schedule of the measurements, and their messages.
 
-Covariances are honest: of the datasheets' tolerances, taken for two sigma or more; 0 is unknown, -1
-not measured at all. README.md says where each comes from.
+Covariances follow from the tolerances of the datasheets, taken as two sigma or more; 0 is unknown,
+-1 is not measured. README.md has the source of each.
 """
 
 from sensor_msgs.msg import (
@@ -33,17 +33,17 @@ except ImportError:
     pass
 
 NAN = float("nan")
-POLL_S = 0.05  # of the receiver of satellites
-SILENT = 60  # polls, 3 s, without a sentence
+POLL_S = 0.05  # period at which the GNSS receiver is read
+SILENT = 60  # polls without a sentence until a fault is reported: 3 s
 
-# Variances, by the datasheets.
-TURN = 0.015  # (rad/s)²: it turns by up to 20 degrees a second while it is still
-ACCELERATION = 0.1  # (m/s²)²: 0.08 g off
-FIELD = 1.1e-9  # T²: 1 gauss off, since it is not calibrated
-LIGHT = 0.01  # of the light's square: 20 %
+# Variances, from the datasheets.
+TURN = 0.015  # (rad/s)²: an offset of up to 20 degrees a second
+ACCELERATION = 0.1  # (m/s²)²: an offset of up to 0.08 g
+FIELD = 1.1e-9  # T²: an offset of up to 1 gauss without calibration
+LIGHT = 0.01  # times the square of the illuminance: 20 %
 CELSIUS = 0.02  # °C²: 0.3
 HUMIDITY = 1e-4  # 2 %
-NEAR, FAR = 9e-4, 1e-4  # m²: 6 cm up to 3 m, and of the distance's square: 2 %
+NEAR, FAR = 9e-4, 1e-4  # m², 6 cm up to 3 m; times the square of the distance, 2 %
 
 
 def diagonal(row: "Any", variance: float) -> None:
@@ -51,7 +51,7 @@ def diagonal(row: "Any", variance: float) -> None:
 
 
 class Sender:
-    """Publishes while there is an agent, whose time is known by then: no other is ever sent."""
+    """Publishes only while connected: the node then has the agent's time for its stamps."""
 
     def __init__(self, node: "Any") -> None:
         self._node = node
@@ -63,7 +63,7 @@ class Sender:
 
 
 class Watched:
-    """Says once that a sensor has failed, and once that it is back."""
+    """Logs once when a sensor begins to fail, and once when it works again."""
 
     def __init__(self, node: "Any", name: str) -> None:
         self._log = node.get_logger()
@@ -82,8 +82,10 @@ class Watched:
 
 
 class Sensor(Watched):
-    """A driver on the bus: started every ``period`` seconds, read when it had its time, and handed
-    on by ``publish``. What fails is tried again at the next period; the others go on."""
+    """Starts a driver every ``period`` seconds, reads it after its measurement, and publishes.
+
+    A failed measurement is repeated at the next period; other sensors are not affected.
+    """
 
     def __init__(
         self, node: "Any", name: str, driver: "Any", period: float, publish: "Any"
@@ -107,7 +109,7 @@ class Sensor(Watched):
     def _read(self) -> None:
         try:
             if self._driver.read() is False:
-                return  # not yet: it is asked again
+                return  # not ready: the timer reads it again
         except (OSError, SensorError) as error:
             self._wait.cancel()
             self.failed(reason(error))
@@ -118,7 +120,7 @@ class Sensor(Watched):
 
 
 class I2CSensors(Sender):
-    """The six sensors of ``bus``, and the seven messages that are made of them."""
+    """The six sensors on ``bus``, and their seven messages."""
 
     def __init__(self, node: "Any", bus: "Any") -> None:
         super().__init__(node)
@@ -126,7 +128,7 @@ class I2CSensors(Sender):
 
         self.imu = Imu()
         self.imu.header.frame_id = "imu"
-        self.imu.orientation_covariance[0] = -1.0  # it has none
+        self.imu.orientation_covariance[0] = -1.0  # no orientation
         diagonal(self.imu.angular_velocity_covariance, TURN)
         diagonal(self.imu.linear_acceleration_covariance, ACCELERATION)
         self._pub_imu = create(Imu, "imu/data_raw", 10)
@@ -176,9 +178,9 @@ class I2CSensors(Sender):
     def _publish_imu(self) -> None:
         imu, message = self._imu, self.imu
         self._stamp(message.header.stamp)
-        turn, felt = message.angular_velocity, message.linear_acceleration
-        turn.x, turn.y, turn.z = imu.gx, imu.gy, imu.gz
-        felt.x, felt.y, felt.z = imu.ax, imu.ay, imu.az
+        rate, acceleration = message.angular_velocity, message.linear_acceleration
+        rate.x, rate.y, rate.z = imu.gx, imu.gy, imu.gz
+        acceleration.x, acceleration.y, acceleration.z = imu.ax, imu.ay, imu.az
         self.send(self._pub_imu, message)
 
     def _publish_field(self) -> None:
@@ -199,7 +201,7 @@ class I2CSensors(Sender):
         message, lux = self.light, self._light.lux
         self._stamp(message.header.stamp)
         message.illuminance = lux
-        message.variance = LIGHT * lux * lux + 1.0  # half a step of 1.85 lx, at least
+        message.variance = LIGHT * lux * lux + 1.0  # at least half a step of 1.85 lx
         self.send(self._pub_light, message)
 
     def _publish_air(self) -> None:
@@ -222,7 +224,7 @@ class I2CSensors(Sender):
 
 
 class Gnss(Sender):
-    """A receiver of satellites on ``uart``: where the board is, and what time it is there."""
+    """A GNSS receiver on ``uart``: publishes position and time."""
 
     def __init__(self, node: "Any", uart: "Any") -> None:
         super().__init__(node)
@@ -232,7 +234,7 @@ class Gnss(Sender):
         self._sentences = 0
         self._quiet = 0  # polls without a sentence
         self._talks = False
-        self._timed = False  # the stamps are of a time that was known
+        self._timed = False  # the stamps were taken with the agent's time
         self.fix = NavSatFix()
         self.fix.header.frame_id = "gnss"
         self.time = TimeReference(source="GNSS")
@@ -244,13 +246,13 @@ class Gnss(Sender):
         nmea = self._nmea
         data = self._uart.read(256)
         if data:
-            if not self._talks:  # it begins right after its second
+            if not self._talks:  # the receiver begins right after its second
                 self._timed = self._stamp(self.fix.header.stamp)
                 self._stamp(self.time.header.stamp)
             if nmea.feed(data):
-                if self._timed:  # it may have begun before there was an agent
+                if self._timed:  # False if the data began before the session
                     self._publish()
-                data = None  # on a slow board the next second follows without a pause
+                data = None  # on a slow board the data of the next second follow without a pause
         self._talks = bool(data)
         self._quiet += 1
         if nmea.sentences != self._sentences:
@@ -278,8 +280,10 @@ class Gnss(Sender):
 
 
 class Camera(Sender):
-    """What is known of the camera: the size of its picture. It is not calibrated, so the rest is
-    0, as the message has it for that."""
+    """Publishes the size of the camera's picture.
+
+    The camera is not calibrated, so all other fields are 0, as the message defines it.
+    """
 
     def __init__(self, node: "Any") -> None:
         super().__init__(node)

@@ -23,26 +23,26 @@ def build() -> Node:
     node = Node("my_node_serial", StreamTransport(line))
     client = node.create_client(Trigger, "srv_trigger_py")
     led1 = Pin(39, Pin.OUT, value=0)
-    asked: "Any" = None  # the answer to come
+    pending: "Any" = None  # the future of the last call
 
-    def ask() -> None:
-        nonlocal asked
+    def call() -> None:
+        nonlocal pending
         if node.state != AGENT_CONNECTED:
             return
-        if asked is not None and not asked.done():
-            client.remove_pending_request(asked)
+        if pending is not None and not pending.done():
+            client.remove_pending_request(pending)
             print("no answer: does a node serve /srv_trigger_py?")
-        asked = client.call_async(Trigger.Request())
-        asked.add_done_callback(answered)
+        pending = client.call_async(Trigger.Request())
+        pending.add_done_callback(on_response)
 
-    def answered(future: "Any") -> None:
-        if future.exception() is not None:  # the agent was lost meanwhile
+    def on_response(future: "Any") -> None:
+        if future.exception() is not None:  # the session ended before the response
             print("no answer:", future.exception())
             return
         led1.value(not led1.value())
         print("answer", future.result().success, future.result().message)
 
-    node.create_timer(2.0, ask)
+    node.create_timer(2.0, call)
     StatusLed(node, led0)
     return node
 

@@ -1,4 +1,4 @@
-"""ROS 2 node my_node_serial: an LED that a number switches. See README.md."""
+"""ROS 2 node my_node_serial: a number switches an LED. See README.md."""
 
 from machine import UART, Pin
 from std_msgs.msg import Int32

@@ -1,4 +1,4 @@
-"""What differs from one rover to the next. See README.md for the wiring."""
+"""Settings of a rover. See README.md for the wiring."""
 
 # The network, and the agent in it.
 SSID = "robots"
@@ -24,7 +24,7 @@ LEFT_RADIUS = 0.0325
 D = 0.134
 FASTEST = 0.9  # of a wheel, m/s
 
-# How each wheel is controlled, for a duty of 255 and 1 m/s: see uros.control.pid, and have
-# firmware/sprturtlebot_pid find the numbers of your motors.
+# The control of each wheel, in duties (of 255) for 1 m/s: see uros.control.pid.
+# firmware/sprturtlebot_pid finds the gains of your motors.
 RIGHT_PID = {"kp": 150, "ki": 1000, "kd": 0, "dead_zone": 21, "kf": 214, "lag": 0.15}
 LEFT_PID = {"kp": 150, "ki": 1000, "kd": 0, "dead_zone": 21, "kf": 214, "lag": 0.15}

@@ -1,7 +1,7 @@
-"""Where the sub core runs: apart from the main core, so that nothing there keeps the wheels going.
+"""Starts the sub core apart from the main core, which therefore cannot delay a stop of the wheels.
 
-On a virtual board that is a second core with an interpreter of its own, elsewhere a thread, which
-MicroPython has on the ESP32 and, on its second core, on the RP2040 and RP2350.
+On a virtual board the sub core is a second core with an interpreter of its own, elsewhere a thread,
+which MicroPython has on the ESP32 and, on its second core, on the RP2040 and RP2350.
 """
 
 from mail import Mailbox
@@ -16,7 +16,7 @@ _boxes: "Any" = None
 
 
 def start_sub_core() -> "tuple[Any, Any]":
-    """Start it, once; gives the mailboxes to it and from it."""
+    """Start the sub core once; return the mailboxes to it and from it."""
     global _boxes
     if _boxes is None:
         _boxes = _start()

@@ -1,6 +1,6 @@
-"""Messages from one core to the other: all that the two share."""
+"""Mailboxes between the two cores, which share nothing else."""
 
-# Their numbers. The odometry is asked for and answered under the same one.
+# Message numbers. ODOMETRY is the number of the request and of the answer.
 POWER, COMMAND, ODOMETRY, NOTE = 100, 101, 102, 103
 _COUNT = 4
 
@@ -11,9 +11,11 @@ except ImportError:
 
 
 class Mailbox:
-    """One way, from one core to one other. The newest message of each number waits, so a flood of
-    them fills nothing, and none waits for the other core; they are taken in the order of their
-    numbers. The sender writes what the receiver only reads: no lock is needed.
+    """Carries messages in one direction, from one core to the other.
+
+    The mailbox holds the newest message of each number, so a flood takes no memory and no core
+    waits for the other. Messages are received in the order of their numbers. Only the sender
+    writes, so no lock is needed.
     """
 
     def __init__(self) -> None:
@@ -23,13 +25,13 @@ class Mailbox:
         self._taken = [0] * _COUNT
 
     def send(self, number: int, value: "Any" = None) -> None:
-        """Leave a message. ``value`` belongs to the receiver from then on."""
+        """Send a message. The sender must not change ``value`` afterwards."""
         at = number - POWER
         self._values[at] = value
         self._sent[at] = (self._sent[at] + 1) & 0xFFFF
 
     def receive(self) -> int:
-        """The number of the next message, whose value is in ``value``; 0: there is none."""
+        """Return the number of the next message and set ``value``; return 0 if there is none."""
         for at in range(_COUNT):
             sent = self._sent[at]
             if sent != self._taken[at]:

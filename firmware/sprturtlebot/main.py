@@ -31,7 +31,7 @@ led0 = Pin(config.LED0, Pin.OUT)
 
 
 class MainCore:
-    """What talks to ROS: the node, its topics, and the camera."""
+    """The node, its topics and the camera."""
 
     def __init__(self) -> None:
         self.led2 = Pin(config.LED2, Pin.OUT, value=0)
@@ -46,8 +46,8 @@ class MainCore:
         self.camera: "Any" = None
         self.shooting = False
         self.powered = False
-        # The driver of a camera holds up all of MicroPython while it starts, a second core's thread
-        # too: so it starts while nothing can move.
+        # While the camera's driver starts, it blocks all of MicroPython, threads of a second core
+        # included: the camera starts before the motors can be switched on.
         self.camera_fault = self.start_camera()
         self.to_sub, self.from_sub = start_sub_core()
 
@@ -67,11 +67,11 @@ class MainCore:
         node.create_timer(1.0, self.ask_odometry)
         StatusLed(node, led0)
 
-    # The mail: power, commands and questions go to the sub core, answers come back.
+    # Messages to the sub core (power, commands, odometry requests), and its answers.
 
     def on_motor_power(self, message: "Any") -> None:
         self.powered = message.data
-        self.to_sub.send(COMMAND, None)  # in place of one that still waits there
+        self.to_sub.send(COMMAND, None)  # replaces a command that is still in the mailbox
         self.to_sub.send(POWER, message.data)
         self.log.info("motors on" if message.data else "motors off")
 
@@ -92,18 +92,18 @@ class MainCore:
             number = self.from_sub.receive()
 
     def publish_odometry(self, answer: "Any") -> None:
-        it = self.odometry
-        self.node.clock.stamp(it.header.stamp)
-        x, y, qz, qw, v, w, it.pose.covariance, it.twist.covariance = answer
-        it.pose.pose.position.x = x
-        it.pose.pose.position.y = y
-        it.pose.pose.orientation.z = qz
-        it.pose.pose.orientation.w = qw
-        it.twist.twist.linear.x = v
-        it.twist.twist.angular.z = w
-        self.odometries.publish(it)
+        message = self.odometry
+        self.node.clock.stamp(message.header.stamp)
+        x, y, qz, qw, v, w, message.pose.covariance, message.twist.covariance = answer
+        message.pose.pose.position.x = x
+        message.pose.pose.position.y = y
+        message.pose.pose.orientation.z = qz
+        message.pose.pose.orientation.w = qw
+        message.twist.twist.linear.x = v
+        message.twist.twist.angular.z = w
+        self.odometries.publish(message)
 
-    # The rest the main core does itself.
+    # Topics that the main core handles.
 
     def on_reset(self, message: "Any") -> None:
         machine.reset()
@@ -124,7 +124,7 @@ class MainCore:
         self.end_picture()
 
     def start_camera(self) -> str:
-        """Start it, while the motors are off; what is wrong, or nothing."""
+        """Start the camera, with the motors off; return the reason of a failure, or ''."""
         try:
             self.camera = Camera(
                 pixel_format=PixelFormat.JPEG, frame_size=FrameSize.QVGA, jpeg_quality=80,
@@ -135,7 +135,7 @@ class MainCore:
         return ""
 
     def capture(self) -> "Any":
-        """A JPEG picture, in the camera's own buffer. Raises OSError or SensorError."""
+        """Return a JPEG picture in the camera's buffer; raise OSError or SensorError."""
         if self.camera is None and not self.powered:
             self.camera_fault = self.start_camera()
         if self.camera is None:
@@ -147,7 +147,7 @@ class MainCore:
         return picture
 
     def end_picture(self) -> None:
-        """Give the picture's buffer back, once it is sent."""
+        """Free the picture's buffer once it is sent."""
         if self.shooting and not streaming(self.images):
             self.shooting = False
             self.led2.value(0)

@@ -1,5 +1,7 @@
-"""The sub core: motors, encoders, speeds and odometry. It talks to the main core by mailboxes only,
-and runs apart from it (see cores.py): `start` once and then `step` for ever, or `run`.
+"""The sub core: motors, encoders, speeds and odometry.
+
+It communicates with the main core by mailboxes only, and runs apart from it (see cores.py): `start`
+once and then `step` in a loop, or `run`.
 """
 
 import time
@@ -26,9 +28,12 @@ def _motor(inputs: "tuple[int, int]") -> DRV8835:
 
 
 class SubCore:
-    """``inbox`` brings POWER (bool), COMMAND (v in m/s, w in rad/s; None in place of one that does
-    not count any more) and ODOMETRY (asked for);
-    ``outbox`` takes ODOMETRY (see `_answer`) and NOTE, a text for the log."""
+    """Controls the wheels by messages of the main core.
+
+    ``inbox`` carries POWER (bool), COMMAND (v in m/s, w in rad/s; None cancels the previous one)
+    and ODOMETRY (a request); ``outbox`` carries ODOMETRY (see `_answer`) and NOTE, a text for the
+    log.
+    """
 
     def __init__(self, inbox: Mailbox, outbox: Mailbox) -> None:
         self._inbox = inbox
@@ -50,9 +55,9 @@ class SubCore:
         )
 
     def step(self) -> None:
-        """Every 20 ms: read the mail, and one turn of the control."""
+        """Read the mailbox and run one control step; called every 20 ms."""
         inbox = self._inbox
-        asked = False
+        is_odometry_requested = False
         number = inbox.receive()
         while number:
             if number == POWER:
@@ -61,13 +66,13 @@ class SubCore:
             elif number == COMMAND and inbox.value is not None:
                 self._command(inbox.value[0], inbox.value[1])
             elif number == ODOMETRY:
-                asked = True
+                is_odometry_requested = True
             number = inbox.receive()
         self.chassis.step()
         if self.chassis.drive.fault != self._fault:
             self._fault = self.chassis.drive.fault
             self._outbox.send(NOTE, self._fault or "both wheels turn again")
-        if asked:
+        if is_odometry_requested:
             self._outbox.send(ODOMETRY, self._answer())
 
     def _command(self, v: float, w: float) -> None:
@@ -82,13 +87,22 @@ class SubCore:
             self._outbox.send(NOTE, "cmd_vel is ignored: it is no number")
 
     def _answer(self) -> "Any":
-        """x, y, the quaternion's z and w, v, w, and the covariances of pose and twist."""
-        it = self.chassis.odometry
+        """Return x, y, the quaternion's z and w, v, w, and the covariances of pose and twist."""
+        odometry = self.chassis.odometry
         pose = [0.0] * 36
         twist = [0.0] * 36
-        it.pose_covariance(pose)
-        it.twist_covariance(twist)
-        return (it.x, it.y, it.qz, it.qw, it.v, it.w, pose, twist)
+        odometry.pose_covariance(pose)
+        odometry.twist_covariance(twist)
+        return (
+            odometry.x,
+            odometry.y,
+            odometry.qz,
+            odometry.qw,
+            odometry.v,
+            odometry.w,
+            pose,
+            twist,
+        )
 
 
 _core: "Any" = None
@@ -96,19 +110,19 @@ _due = 0
 
 
 def start(inbox: "Any", outbox: "Any") -> None:
-    """Begin, with these mailboxes."""
+    """Create the sub core with its mailboxes."""
     global _core, _due
     _core = SubCore(inbox, outbox)
     _due = time.ticks_ms()
 
 
 def step() -> None:
-    """Wait for the next turn, and do it. What goes wrong switches the motors off."""
+    """Wait for the next control step and run it; any error switches the motors off."""
     global _due
     wait = time.ticks_diff(_due, time.ticks_ms())
     if wait > 0:
         time.sleep_ms(wait)
-    # A turn that comes too late is not made up for.
+    # A late step is not caught up on.
     _due = time.ticks_add(_due if wait > -PERIOD_MS else time.ticks_ms(), PERIOD_MS)
     try:
         _core.step()
@@ -118,7 +132,7 @@ def step() -> None:
 
 
 def run(inbox: "Any", outbox: "Any") -> None:
-    """All of it, in a thread."""
+    """Run the sub core in this thread."""
     start(inbox, outbox)
     while True:
         step()

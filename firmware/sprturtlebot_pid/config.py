@@ -1,12 +1,12 @@
-"""What differs from one rover to the next. See README.md of sprturtlebot for the wiring."""
+"""Settings of a rover. See README.md of sprturtlebot for the wiring."""
 
 # The network, and the visualiser in it.
 SSID = "robots"
 PASSWORD = "secret99"
 VISUALISER = "192.168.1.10"
 PORT = 10001
-# Tell more than the torques: speeds, and remarks in words. uros pid understands them; the
-# document's pid_visualizer.py does not.
+# Send speeds and remarks besides the torques. uros pid reads them; the document's
+# pid_visualizer.py does not.
 EXTENDED = True
 
 # The board: an LED, the motors' supply, and of each side the two inputs of the driver and the
@@ -22,8 +22,8 @@ LEFT_RADIUS = 0.0325
 D = 0.134
 FASTEST = 0.9  # of a wheel, m/s
 
-# How each wheel is controlled; kp, ki and kd are what is tuned. Copy what was found from here to
-# the config.py of sprturtlebot.
+# The control of each wheel; kp, ki and kd are tuned. Copy the tuned values to the config.py of
+# sprturtlebot.
 RIGHT_PID = {"kp": 150, "ki": 1000, "kd": 0, "dead_zone": 21, "kf": 214, "lag": 0.15}
 LEFT_PID = {"kp": 150, "ki": 1000, "kd": 0, "dead_zone": 21, "kf": 214, "lag": 0.15}
-DRIVE_MS = 2000  # a line of gains is driven for so long
+DRIVE_MS = 2000  # how long a line of gains is driven

@@ -16,8 +16,11 @@ LATER = (errno.EAGAIN, errno.EINPROGRESS)
 
 
 class Line:
-    """To ``host``, ``port`` over ``link`` (see `uros.transport.wlan`), and again whenever it is
-    gone. Nothing waits but `receive`. ``connected`` and ``reason`` (why not) say how it is."""
+    """A TCP connection to ``host``, ``port`` over ``link`` (see `uros.transport.wlan`).
+
+    It reconnects by itself. Only `receive` waits. ``connected`` is the state, ``reason`` the cause
+    of a failure.
+    """
 
     def __init__(self, link: "Any", host: str, port: int) -> None:
         self.connected = False
@@ -26,11 +29,11 @@ class Line:
         self._address = (host, port)
         self._socket: "Any" = None
         self._poll: "Any" = None
-        self._since = time.ticks_add(time.ticks_ms(), -AGAIN_MS)  # the last attempt
-        self._rest = b""  # of a line that the network took in part
+        self._since = time.ticks_add(time.ticks_ms(), -AGAIN_MS)  # time of the last attempt
+        self._rest = b""  # unsent rest of a line
 
     def receive(self, timeout_ms: int) -> bytes:
-        """What has come, waiting for it at most so long; b"" for nothing."""
+        """Wait for data up to ``timeout_ms``, and return it; b"" if there is none."""
         try:
             if self._socket is None:
                 self._open()
@@ -45,7 +48,7 @@ class Line:
         return b""
 
     def send(self, text: str) -> bool:
-        """Send a line. False: it is left out, as there is no connection, or no room."""
+        """Send a line; return False if it is dropped without a connection or buffer space."""
         if not self.connected or not self._push():
             return False
         self._rest = text.encode() + b"\n"
@@ -70,17 +73,17 @@ class Line:
                 raise
 
     def _look(self, timeout_ms: int) -> None:
-        """Whether it is connected by now."""
-        where = "%s, port %d" % self._address
+        """Check whether the connection is established."""
+        peer = "%s, port %d" % self._address
         for _, events in self._poll.poll(timeout_ms):
             if events & (select.POLLERR | select.POLLHUP):
-                raise OSError(errno.ECONNREFUSED, "nobody listens at " + where)
+                raise OSError(errno.ECONNREFUSED, "nobody listens at " + peer)
             self._poll.modify(self._socket, select.POLLIN)
             self.connected = True
             self.reason = ""
             return
         if time.ticks_diff(time.ticks_ms(), self._since) > PATIENCE_MS:
-            raise OSError(errno.ETIMEDOUT, "no answer from " + where)
+            raise OSError(errno.ETIMEDOUT, "no answer from " + peer)
 
     def _take(self, timeout_ms: int) -> bytes:
         for _ in self._poll.poll(timeout_ms):
@@ -96,7 +99,7 @@ class Line:
         return b""
 
     def _push(self) -> bool:
-        """Whether all is sent."""
+        """Send the rest of a line; return whether all of it is sent."""
         try:
             if self._rest:
                 self._rest = self._rest[self._socket.send(self._rest) :]

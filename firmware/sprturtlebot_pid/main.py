@@ -1,4 +1,4 @@
-"""SprTurtleBot's wheels, tuned by a person at a visualiser over Wi-Fi. See README.md."""
+"""Tunes the wheels of SprTurtleBot with a visualiser over Wi-Fi. See README.md."""
 
 import time
 
@@ -17,8 +17,8 @@ from uros.transport.wlan import Station
 
 PERIOD_MS = 20
 PWM_HZ = 20000
-TELL_TURNS = 3  # of 20 ms, between two samples
-PAUSE_TURNS = 3  # without anything: a line without an end is whole
+TELL_TURNS = 3  # turns of 20 ms between two samples
+PAUSE_TURNS = 3  # turns without data after which a line without an end is complete
 BLINK_TURNS = 5
 
 led0 = Signal(Pin(config.LED0, Pin.OUT))
@@ -30,7 +30,7 @@ def motor(inputs: "tuple[int, int]") -> DRV8835:
 
 
 class Tuner:
-    """The wheels, and the conversation about them."""
+    """The wheels, and the protocol with the visualiser."""
 
     def __init__(self) -> None:
         self.right_pid = Pid(**config.RIGHT_PID)
@@ -45,7 +45,7 @@ class Tuner:
         )  # fmt: skip
         self.line = Line(Station(config.SSID, config.PASSWORD), config.VISUALISER, config.PORT)
         self.gains = PidLine()
-        self._told = ""  # why there is no connection
+        self._told = ""  # the last printed reason
         self._fault = ""
         self._wrong = 0
         self._quiet = 0
@@ -53,7 +53,7 @@ class Tuner:
         self._due = time.ticks_ms()
 
     def step(self) -> None:
-        """Until the next turn, 20 ms at most; what comes is read at once."""
+        """Receive data until the next turn, 20 ms at most, then run one control step."""
         left = time.ticks_diff(self._due, time.ticks_ms())
         if left > 0:
             octets = self.line.receive(left)
@@ -77,7 +77,7 @@ class Tuner:
             led0.show(self.line.connected)
 
     def read(self, commands: "list[tuple[float, ...]]") -> None:
-        """Drive what the last line says."""
+        """Drive the command of the last line."""
         if self.gains.faults != self._wrong:
             self._wrong = self.gains.faults
             self.remark("left out: " + self.gains.fault)
@@ -88,7 +88,7 @@ class Tuner:
         chassis = self.chassis
         chassis.control = drive = chassis.drive
         drive.stop()
-        if not any(values[:6]):  # with no gains at all it finds some
+        if not any(values[:6]):  # without gains the rover tunes itself
             chassis.control = AutoTune(chassis.right, chassis.left)
             self.remark("tuning: keep a metre in front of me free")
             return
@@ -96,14 +96,14 @@ class Tuner:
         left = self.left_pid
         right.kp, right.ki, right.kd, left.kp, left.ki, left.kd, speed, rot = values
         if rot:
-            taken = drive.command(0.0, rot * abs(speed) / config.D)
+            is_accepted = drive.command(0.0, rot * abs(speed) / config.D)
         else:
-            taken = drive.command(speed, 0.0)
-        if not taken:
+            is_accepted = drive.command(speed, 0.0)
+        if not is_accepted:
             self.remark("not driven: a wheel was stuck a moment ago, try again")
 
     def watch_line(self) -> None:
-        """The motors are on while there is a connection: nobody drives what nobody sees."""
+        """Switch the motors on with the connection, and off without it."""
         if self.line.connected != self.chassis.drive.powered:
             self.chassis.power(self.line.connected)
             self.gains = PidLine()
@@ -116,7 +116,7 @@ class Tuner:
                 print("no visualiser:", self._told)
 
     def watch_wheels(self) -> None:
-        """A stuck wheel, and the end of tuning."""
+        """Report a stuck wheel, and the end of tuning."""
         chassis = self.chassis
         if chassis.drive.fault != self._fault:
             self._fault = chassis.drive.fault
@@ -132,7 +132,7 @@ class Tuner:
                 self.remark("LEFT_PID = " + shown(self.left_pid))
 
     def tell(self) -> None:
-        """The torques, and as an extension what the wheels do and should do, in mm/s."""
+        """Send the torques, and as an extension the wheels' speeds and targets in mm/s."""
         chassis = self.chassis
         values = [chassis.control.right_duty, chassis.control.left_duty]
         if config.EXTENDED:
@@ -143,14 +143,14 @@ class Tuner:
         self.line.send(format_sample(tuple(values)))
 
     def remark(self, text: str) -> None:
-        """In words, for the person."""
+        """Print a text, and send it to the visualiser if it accepts extensions."""
         print(text)
         if config.EXTENDED:
             self.line.send("# " + text)
 
 
 def shown(pid: Pid) -> str:
-    """As config.py has it."""
+    """Format the gains as config.py has them."""
     return '{"kp": %.4g, "ki": %.4g, "kd": %.4g, "dead_zone": %.3g, "kf": %.4g, "lag": %.3g}' % (
         pid.kp, pid.ki, pid.kd, pid.dead_zone, pid.kf, pid.lag,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Fixtures that hold a MicroPython."""
+"""Fixtures that start a MicroPython."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -17,23 +17,26 @@ def micropython() -> Iterator[MicroPython]:
 
 @pytest.fixture(scope="module")
 def board_with() -> Iterator[Callable[[Path, str], MicroPython]]:
-    """A MicroPython with uros, what tests share and one module of portable tests, all as ``"py"``
-    or all as ``"mpy"``: the same one as long as that is asked for, since starting it takes longer
-    than most tests."""
+    """Return a function that provides a MicroPython for one module of portable tests.
+
+    The MicroPython has uros, the shared modules and that module, all as ``"py"`` or all as
+    ``"mpy"``. It is reused until another module or form is requested, since starting it takes
+    longer than most tests.
+    """
     with ExitStack() as stack:
-        holding: tuple[Path, str] | None = None
+        installed: tuple[Path, str] | None = None
         board: MicroPython
 
         def get(module: Path, form: str) -> MicroPython:
-            nonlocal holding, board
-            if (module, form) != holding or board.ended:
+            nonlocal installed, board
+            if (module, form) != installed or board.ended:
                 stack.close()
-                holding = None
+                installed = None
                 files = {**portable_sources(), **shared_sources(), **type_sources(module)}
                 files[module.name] = module.read_text(encoding="utf-8")
                 board = stack.enter_context(MicroPython())
                 board.install(compiled(files) if form == "mpy" else files)
-                holding = module, form
+                installed = module, form
             return board
 
         yield get

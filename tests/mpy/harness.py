@@ -1,4 +1,4 @@
-"""MicroPython for tests: a process that holds it, with the portable part of uros inside.
+"""Runs MicroPython in a process, with the portable modules of uros, for tests.
 
     with MicroPython() as board:
         board.install(portable_sources())
@@ -6,9 +6,9 @@
         board.heap()                                                  -> bytes in use
 
 Portable tests are the modules tests/unit/**/portable_*.py: plain functions test_*() with bare
-asserts that import uros, what MicroPython has and the SHARED modules below, nothing else. pytest
-runs them on CPython where they are, and test_portable.py runs the same functions here. Types of
-interfaces are named twice, as a host has them and as a board has them:
+asserts, which import only uros, modules of MicroPython and the SHARED modules below. pytest runs
+them on CPython in place, and test_portable.py runs the same functions on MicroPython. They import
+interface types from the host's package and, if that fails, from the board's:
 
     try:
         from uros.interfaces.std_msgs.msg import Int32
@@ -35,7 +35,7 @@ RUNNER = Path(__file__).with_name("runner.mjs")
 INSTALLED = ROOT / "build" / "micropython"
 MODULE = INSTALLED / "node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs"
 
-# What boards get of src/uros, and what modems talk to, for the modems' tests.
+# The portable modules of src/uros, and the model of a radio network for the modems' tests.
 PORTABLE = (
     *(path.relative_to(SOURCE).as_posix() for path in portable_files()),
     "boards/__init__.py",
@@ -47,7 +47,7 @@ PORTABLE = (
     "boards/virtual/modems/modem.py",
 )
 
-# What tests on both sides share, in tests/: it is imported by the same name here and there.
+# Modules in tests/ that tests on both sides import, by the same names.
 SHARED = (
     "support/__init__.py",
     "support/board.py",
@@ -69,7 +69,7 @@ ANSWER_SECONDS = 30
 
 
 class MicroPythonError(AssertionError):
-    """The code on the MicroPython side raised; str() is its traceback and what it had printed."""
+    """The code on MicroPython raised; the text is its traceback and its output."""
 
 
 class MicroPython:
@@ -91,7 +91,7 @@ class MicroPython:
 
     @property
     def ended(self) -> bool:
-        """Whether it has crashed, or was killed as stuck."""
+        """Whether the process has crashed, or was killed since it did not answer."""
         return self._process.poll() is not None
 
     def __exit__(self, *_: object) -> None:
@@ -117,34 +117,34 @@ class MicroPython:
         return json.loads(line)
 
     def write(self, path: str, content: str | bytes) -> None:
-        """Puts a file into MicroPython's file system; /lib is on its sys.path."""
+        """Write a file into MicroPython's file system; /lib is on its sys.path."""
         data = content.encode() if isinstance(content, str) else content
         self._ask(do="write", path=path, base64=base64.b64encode(data).decode())
 
     def install(self, sources: Mapping[str, str | bytes]) -> None:
-        """Puts modules into /lib, from a mapping of relative path to text or .mpy bytes."""
+        """Write modules into /lib, from a mapping of relative path to text or .mpy bytes."""
         for path, content in sources.items():
             self.write("/lib/" + path, content)
 
     def run(self, source: str) -> str:
-        """Runs source in __main__ and returns what it printed. Names stay for the next run."""
+        """Run source in __main__ and return its output. Names stay for the next run."""
         answer = self._ask(do="run", source=source)
         if answer["error"]:
             raise MicroPythonError(f"{answer['error']}\n{answer['output']}".rstrip())
         return answer["output"]
 
     def heap(self) -> int:
-        """Bytes in use on the heap after a collection; pointers are 32 bits wide, as on boards."""
+        """Return the bytes in use after a collection; pointers have 32 bits, as on boards."""
         return self._ask(do="heap")["heap"]
 
 
 def portable_sources(
     parts: Iterable[str] = PORTABLE, change: Callable[[str], str] = str
 ) -> dict[str, str]:
-    """The text of each portable module of uros, by its path below /lib.
+    """Return the text of each portable module of uros, by its path below /lib.
 
-    `change` may rewrite a text, as a build for boards does; by default it stays as it is. The
-    package itself is empty: on a board nothing needs what it offers to hosts.
+    ``change`` may rewrite a text, as a build for boards does; by default texts do not change. The
+    ``__init__`` of uros is empty: its content is for hosts.
     """
     sources = {"uros/__init__.py": ""}
     for part in parts:
@@ -156,7 +156,7 @@ def portable_sources(
 
 
 def compiled(sources: Mapping[str, str]) -> dict[str, bytes]:
-    """The same modules as bytecode, with their asserts."""
+    """Return the same modules as bytecode, with their asserts."""
     return {
         path.removesuffix(".py") + ".mpy": _bytecode(path, text) for path, text in sources.items()
     }
@@ -168,18 +168,18 @@ def _bytecode(path: str, text: str) -> bytes:
 
 
 def tree(folder: Path) -> dict[str, bytes]:
-    """The files of a folder, a built file system, by their paths below it."""
+    """Return the files of a folder, such as a built file system, by their paths below it."""
     files = [file for file in sorted(folder.rglob("*")) if file.is_file()]
     return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
 
 
 def shared_sources() -> dict[str, str]:
-    """The text of each SHARED module, by its path below /lib."""
+    """Return the text of each SHARED module, by its path below /lib."""
     return {path: (ROOT / "tests" / path).read_text(encoding="utf-8") for path in SHARED}
 
 
 def type_sources(file: Path) -> dict[str, str]:
-    """A module for each type of interfaces that a test imports, and for what these nest."""
+    """Return a module for each interface type that a test imports, and for the types they nest."""
     names = [
         f"{node.module.replace('.', '/')}/{alias.name}"
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"), str(file)))
@@ -190,7 +190,7 @@ def type_sources(file: Path) -> dict[str, str]:
 
 
 def portable_tests() -> list[tuple[Path, str]]:
-    """(module, function) for each portable test, in the order of the sources."""
+    """Return (module, function) for each portable test, in the order of the sources."""
     return [
         (file, node.name)
         for file in sorted((ROOT / "tests" / "unit").rglob("portable_*.py"))

@@ -1,4 +1,4 @@
-"""What of a board is measured, for tests/mpy/test_memory.py and bench/board.py alike."""
+"""Measures heap and speed of programs on MicroPython, for tests/mpy and bench/board.py."""
 
 import tempfile
 from collections.abc import Iterable, Mapping
@@ -13,10 +13,10 @@ from uros.boards.builder.file_system import build
 def heap_of(
     board: MicroPython, files: Mapping[str, str | bytes], statements: Iterable[str]
 ) -> dict[str, int]:
-    """Bytes that each statement leaves on the heap of a board with these files, in their order.
+    """Return the bytes that each statement, in order, leaves on the heap of a board.
 
-    Names are kept in tables that double, so one more name may cost a kilobyte or two, and many
-    nothing: compare sums, not single lines.
+    MicroPython stores names in tables that double in size, so one more name may cost a kilobyte or
+    two, and many names nothing: compare sums, not single statements.
     """
     board.install(files)
     board.run("import array, errno, gc, os, select, struct, sys, time")
@@ -31,7 +31,7 @@ def heap_of(
     return costs
 
 
-# All that a node can do, on a transport that is none: the client, and of the wire what it needs.
+# All that a node can do, without a transport: the client, and the parts of wire that it needs.
 CORE = """
 from uros.client import Node
 
@@ -54,7 +54,7 @@ def run(transport):
     node.spin()
     node.destroy_node()
 """
-# What a sensor's program needs of it, and a serial line.
+# The entities of a sensor's program, and a serial line.
 SENSOR = """
 from uros.client import Node
 from uros.transport.serial import StreamTransport
@@ -65,7 +65,7 @@ def run(port):
     node.create_timer(1.0, lambda: publisher.publish(None))
     node.spin()
 """
-# A type on top of the core: what it costs is the difference. It is published and received.
+# A type that the program publishes and receives: its cost is the difference to the core.
 TYPED = """
 from {module} import {name}
 
@@ -77,7 +77,7 @@ def use(message, buf):
 
 
 def built(program: str, form: str = "mpy") -> dict[str, bytes]:
-    """The file system that the build makes of a main.py, or of several modules."""
+    """Return the file system that the build makes of a main.py."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "program").mkdir()
         Path(folder, "program", "main.py").write_text(program, encoding="utf-8")
@@ -86,7 +86,7 @@ def built(program: str, form: str = "mpy") -> dict[str, bytes]:
 
 
 def heap_of_program(board: MicroPython, program: str, form: str = "mpy") -> int:
-    """What the modules of uros that a program needs take, without the program itself."""
+    """Return the heap that the modules of uros in a program take, without the program itself."""
     files = built(program, form)
     names = ["uros._all"]
     if form == "py":
@@ -99,8 +99,8 @@ def heap_of_program(board: MicroPython, program: str, form: str = "mpy") -> int:
     return sum(heap_of(board, files, [f"import {name}" for name in names]).values())
 
 
-# Less than a window at a time is published, or only encoded, and then acknowledged. What counts is
-# the time of the processor, which a busy machine does not take away.
+# Less than a window of samples is published, or only encoded, and then acknowledged. Measured is
+# processor time, which does not depend on the load of the machine.
 _TWIST = """
 import js
 connection = node.connection
@@ -138,9 +138,9 @@ def timed(function):
 """
 
 
-# A node that is connected to an agent by script; from then on its line takes everything and
-# makes nothing. `again` is a turn of a program that goes on: it stamps, publishes, and spins; and
-# every other turn the agent acknowledges.
+# A node that connects to a fake agent; after that its line accepts all data and allocates nothing.
+# `again` runs turns of a program: each one stamps and publishes a message; every other turn spins,
+# and the agent acknowledges.
 _RUNNING = (
     """
 import gc, time
@@ -154,7 +154,7 @@ from uros.client import AGENT_CONNECTED, Node
 from uros.client.clock import Clock
 
 class Line:
-    '''The agent's answers at first, then what costs nothing.'''
+    '''Passes messages to the agent until ``quiet``, then acknowledges without allocation.'''
 
     mtu = 512
 
@@ -191,7 +191,7 @@ class Line:
             return self.acknack
 
 class RealClock(Clock):
-    t = property(lambda self: self.us(), lambda self, it: None)
+    t = property(lambda self: self.us(), lambda self, value: None)
 
 line = Line(None)
 agent = line.agent = FakeAgent(RealClock())
@@ -211,7 +211,7 @@ buf = bytearray(100)
 line.quiet = True
 
 def again(times):
-    '''Turns of a running program: how many samples were taken.'''
+    '''Run turns of a program; return how many samples were accepted.'''
     done = 0
     while times:
         times -= 1
@@ -225,7 +225,7 @@ def again(times):
 text = String()
 
 def soak(first, times):
-    '''Publish texts of changing length, some of them in fragments: how many were taken.'''
+    '''Publish texts of changing length, some fragmented; return how many were accepted.'''
     done = 0
     for i in range(first, first + times):
         text.data = chr(97 + i % 26) * (i * 7 % 600)
@@ -234,7 +234,7 @@ def soak(first, times):
     return done
 
 class Camera:
-    '''Gives as many octets as it is asked for.'''
+    '''Fills every buffer completely.'''
 
     def readinto(self, view):
         for i in range(0, len(view), 16):
@@ -245,7 +245,7 @@ def snap(length):
     return publish_stream(images, CompressedImage(format="jpeg"), length, Camera())
 
 def spinning(times):
-    '''Some turns of the stream: whether it goes on, and what is in use meanwhile.'''
+    '''Spin; return whether the stream goes on, and the bytes in use on the heap.'''
     for _ in range(times):
         node.spin_once(0)
     return streaming(images), gc.mem_alloc()
@@ -261,7 +261,7 @@ def stamped():
 
 
 def running(board: MicroPython, form: str = "mpy") -> None:
-    """Build such a node, and run it until it is connected: `again` and the rest are in main."""
+    """Build the node, and run it until it is connected; `again` and the rest are in __main__."""
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder, "program")
         (program / "support").mkdir(parents=True)
@@ -276,7 +276,7 @@ def running(board: MicroPython, form: str = "mpy") -> None:
 
 
 def publish_allocates(board: MicroPython, turns: int = 100) -> int:
-    """Bytes that a turn of the running node leaves, on the average of so many."""
+    """Return the bytes that a turn of the running node allocates, on the average of ``turns``."""
     board.run("again(40)\ngc.disable()")
     out = board.run(
         f"before = gc.mem_alloc()\nagain({turns})\nafter = gc.mem_alloc()\n"
@@ -287,7 +287,7 @@ def publish_allocates(board: MicroPython, turns: int = 100) -> int:
 
 
 def twist_ratio(board: MicroPython) -> float:
-    """How much longer publishing a Twist takes than encoding it: of the medians of many turns."""
+    """Return the ratio of the times to publish and to encode a Twist: medians of 60 turns."""
     board.run("again(40)\ntimed(publishing), timed(encoding)")
     turns = []
     for _ in range(60):

@@ -1,4 +1,4 @@
-"""A board at the other end of a serial device: MicroPython's real REPL behind a pseudo-terminal.
+"""A board on a serial device: MicroPython's real REPL behind a pseudo-terminal.
 
     with ReplBoard() as board:
         RawRepl(device_port(board.path)) ...
@@ -18,13 +18,13 @@ from mpy.harness import INSTALLED, MODULE
 
 
 class ReplBoard:
-    """Plugged in and started when ``with`` is entered; ``path`` is its line."""
+    """A board that ``with`` plugs in and starts; ``path`` is its serial device."""
 
     def __init__(self, paste: str = "1") -> None:
         self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)  # held open, so that the line outlives who opens it
+        tty.setraw(self._slave)  # open until unplug, so that the line stays when a client closes it
         self.path = os.ttyname(self._slave)
-        self.cut_after: int | None = None  # octets to the board, then the cable is pulled
+        self.cut_after: int | None = None  # number of octets to the board until the cable is pulled
         self._plugged = True
         self._stop, self._stopped = os.pipe()
         runner = Path(__file__).with_name("repl.mjs")
@@ -48,14 +48,14 @@ class ReplBoard:
         self.unplug()
 
     def unplug(self) -> None:
-        """The line is gone, and the board still has power."""
+        """Remove the serial device; the board keeps its power."""
         if self._plugged:
             self._plugged = False
             os.close(self._slave)
             os.close(self._master)
 
     def plug(self) -> str:
-        """Again, on another line; its path."""
+        """Plug the board in again, on a new serial device; return its path."""
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         self.path = os.ttyname(self._slave)
@@ -63,7 +63,7 @@ class ReplBoard:
         return self.path
 
     def say(self, data: bytes) -> None:
-        """Octets on the line, as if the board had sent them."""
+        """Send octets from the board."""
         os.write(self._master, data)
 
     def _carry(self) -> None:

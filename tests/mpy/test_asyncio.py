@@ -1,7 +1,7 @@
-"""uros.client.asyncio_support in MicroPython's asyncio.
+"""Tests of uros.client.asyncio_support in MicroPython's asyncio.
 
-The WebAssembly build runs asyncio's tasks between two calls into it, so the tests look again and
-again whether the tasks are done. Time is the machine's own.
+The WebAssembly build runs asyncio's tasks between two calls into it, so the tests poll until the
+tasks are done. The clock is real time.
 """
 
 import time
@@ -22,7 +22,7 @@ class LiveClock(Clock):
 
     @t.setter
     def t(self, value):
-        assert value - self.us() <= 1000, "it blocks"
+        assert value - self.us() <= 1000, "the node blocks"
 
 agent = FakeAgent(LiveClock())
 node = asyncio_support.Node("node", agent, key=KEY, clock=agent.clock)
@@ -61,7 +61,7 @@ def board(micropython: MicroPython) -> MicroPython:
 
 
 def wait(board: MicroPython, condition: str) -> None:
-    """Until it is true there; the tasks go on whenever it is asked."""
+    """Poll until a condition is true on the board; the tasks run between two polls."""
     deadline = time.monotonic() + 20
     while board.run(f"print(bool({condition}))") != "True\n":
         assert time.monotonic() < deadline, board.run("print(node.state, heard, beats, faults)")
@@ -69,7 +69,10 @@ def wait(board: MicroPython, condition: str) -> None:
 
 
 def test_await_spin_while_other_tasks_run(board: MicroPython) -> None:
-    board.run("sub = node.create_subscription(Number, 'topic', lambda it: heard.append(it.value))")
+    board.run(
+        "sub = node.create_subscription("
+        "Number, 'topic', lambda message: heard.append(message.value))"
+    )
     wait(board, "node.state == AGENT_CONNECTED")
     board.run("first = beats[0]")
     for i in range(5):
@@ -90,7 +93,7 @@ client = node.create_client(Ask, "ask")
 async def main():
     await until(lambda: node.state == AGENT_CONNECTED and client.created)
     future = client.call_async(Ask.Request(1))
-    number = [it for it in agent.sent if it[4] == 7][-1][8:10]
+    number = [message for message in agent.sent if message[4] == 7][-1][8:10]
     agent.sample(0x07, number + b"\\0\\7" + number_bytes(5))
     heard.append((await asyncio_support.result(future)).value)
     heard.append(await asyncio_support.spin_once(node, 0.02))

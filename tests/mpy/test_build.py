@@ -1,4 +1,4 @@
-"""File systems that `uros.boards.builder.file_system` makes, run on MicroPython."""
+"""Tests that file systems of `uros.boards.builder.file_system` run on MicroPython."""
 
 import re
 import tempfile
@@ -13,7 +13,7 @@ from uros.boards.builder.file_system import build
 from uros.boards.builder.pipeline import PASSES
 from uros.interfaces import write_package
 
-# Modules of a user's program whose meaning hangs on what a rewriting may lose.
+# Modules of a user's program that depend on what a translation may lose.
 OWN = {
     "an attribute made of one that a subclass sets": """
         class Wheel:
@@ -73,9 +73,9 @@ OWN = {
                     last = value
                 self.told.append(last)
 
-        it = Filter()
-        it.run([1, 2, 1])
-        print(it.told)
+        instance = Filter()
+        instance.run([1, 2, 1])
+        print(instance.told)
         """,
 }
 
@@ -113,14 +113,14 @@ def main():
     print(reading, reading.get_fields_and_field_types())
     print(from_cdr(Temperature, to_cdr(reading)) == reading)
     for field in ("temperature", "header"):
-        kept = getattr(reading, field)
+        value = getattr(reading, field)
         setattr(reading, field, "warm")
         try:
             to_cdr(reading)
         except TypeError as error:
             print(error)
-        setattr(reading, field, kept)
-    setattr(reading.header.stamp, "nanosec", -1)  # the build would find it otherwise
+        setattr(reading, field, value)
+    setattr(reading.header.stamp, "nanosec", -1)  # the build refuses a plain assignment
     try:
         to_cdr(reading)
     except InterfaceError as error:
@@ -142,7 +142,7 @@ FORMS = [
 
 @pytest.fixture(scope="module")
 def expected() -> str:
-    """What the program prints with uros as it is, on MicroPython."""
+    """Return the output of the program with the unchanged sources of uros, on MicroPython."""
     with MicroPython() as board, tempfile.TemporaryDirectory() as folder:
         types = ["sensor_msgs/Imu", "sensor_msgs/Temperature", "std_srvs/srv/Trigger"]
         write_package(types, folder)
@@ -176,16 +176,18 @@ def test_the_client_starts_without_a_pass(
     assert micropython.run("import app; print(app.Node is not None)") == "True\n"
 
 
-@pytest.mark.parametrize("what", OWN)
-def test_a_users_module_means_the_same(micropython: MicroPython, tmp_path: Path, what: str) -> None:
-    """As text, and as `build` makes it by default for ``--mpy``."""
-    text = textwrap.dedent(OWN[what])
+@pytest.mark.parametrize("case", OWN)
+def test_a_users_module_prints_the_same(
+    micropython: MicroPython, tmp_path: Path, case: str
+) -> None:
+    """A user's module prints the same as text and in a default ``--mpy`` build."""
+    text = textwrap.dedent(OWN[case])
     expected = micropython.run(text)
-    # What main does not take, nobody but the module itself can know.
-    *_, taken = re.findall(r"^(?:class )?([A-Za-z]\w+)(?: = |\W.*:$)", text, re.MULTILINE)
+    # Names that main does not import are known to the module alone.
+    *_, imported_name = re.findall(r"^(?:class )?([A-Za-z]\w+)(?: = |\W.*:$)", text, re.MULTILINE)
     program = tmp_path / "program"
     program.mkdir()
-    (program / "main.py").write_text(f"from app import {taken}\n", encoding="utf-8")
+    (program / "main.py").write_text(f"from app import {imported_name}\n", encoding="utf-8")
     (program / "app.py").write_text(text, encoding="utf-8")
     build(program, tmp_path / "out", "mpy")
     with MicroPython() as board:
@@ -199,7 +201,7 @@ def test_lean_errors_are_of_the_same_kind_and_name_the_type(
     program = tmp_path / "program"
     program.mkdir()
     (program / "main.py").write_text("import app\n", encoding="utf-8")
-    # Messages of a lean build are equal only to themselves, and have no text.
+    # With terse-errors, messages are equal only to themselves, and have no text form.
     text = PROGRAM.replace("again == message", "to_cdr(again) == to_cdr(message)")
     text = text.replace("    print(reading, reading.get_fields_and_field_types())\n", "")
     text = text.replace("to_cdr(reading)) == reading)", "to_cdr(reading)).temperature == 21.5)")
@@ -216,15 +218,17 @@ def test_lean_errors_are_of_the_same_kind_and_name_the_type(
 @pytest.mark.timeout(300)  # a thousand tests in one interpreter
 @pytest.mark.parametrize("options", [FORMS[0], FORMS[-1]])
 def test_portable_tests_pass(micropython: MicroPython, tmp_path: Path, options: dict) -> None:
-    """All portable tests, as one program, in one interpreter; but those of modems, which change a
-    module's clock: that is refused in a bundle."""
+    """All portable tests pass as one program in one interpreter.
+
+    Tests of modems are left out: they set a module's clock, which a bundle refuses.
+    """
     program = tmp_path / "program"
     for path, text in shared_sources().items():
         if path == MODEM:
             continue
         (program / path).parent.mkdir(parents=True, exist_ok=True)
         (program / path).write_text(text, encoding="utf-8")
-    tests = [it for it in portable_tests() if "support.modem" not in it[0].read_text("utf-8")]
+    tests = [test for test in portable_tests() if "support.modem" not in test[0].read_text("utf-8")]
     for file in {file for file, _ in tests}:
         (program / f"{module_name(file)}.py").write_bytes(file.read_bytes())
     build(program, tmp_path / "out", **options)
@@ -235,5 +239,5 @@ def test_portable_tests_pass(micropython: MicroPython, tmp_path: Path, options: 
 
 
 def module_name(file: Path) -> str:
-    """Two folders may have tests of the same name."""
+    """Return a module name that is unique where two folders have tests of the same name."""
     return f"{file.parent.name}_{file.stem}"

@@ -1,4 +1,4 @@
-"""The recorded conversations through the codecs, on MicroPython."""
+"""Tests the codecs on MicroPython with every recorded datagram."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What driving two wheels takes of a board's memory, from .mpy."""
+"""Tests the memory that the control of two wheels takes on a board, from .mpy."""
 
 from collections.abc import Iterator
 
@@ -35,12 +35,12 @@ t = steps(0, 20)
 
 @pytest.fixture
 def board() -> Iterator[MicroPython]:
-    with MicroPython() as it:
-        it.install(compiled(portable_sources(("control",))))
-        yield it
+    with MicroPython() as micropython:
+        micropython.install(compiled(portable_sources(("control",))))
+        yield micropython
 
 
-def test_its_modules_take_no_more_than_they_did(board: MicroPython) -> None:
+def test_heap_of_the_control_modules(board: MicroPython) -> None:
     before = board.heap()
     board.run(BEGIN)
     modules = board.heap() - before
@@ -49,11 +49,11 @@ def test_its_modules_take_no_more_than_they_did(board: MicroPython) -> None:
     assert board.heap() - before - modules < 4_500
 
 
-def test_a_turn_of_control_leaves_little_behind(board: MicroPython) -> None:
-    # Each result of a float operation is 16 bytes there, as on most ports. At 50 Hz this is what a
-    # board with 100 kB free collects once in a second.
+def test_a_control_step_allocates_little(board: MicroPython) -> None:
+    # Each result of a float operation takes 16 bytes, as on most ports. At 50 Hz, 2,700 bytes a
+    # step fill the 100 kB of a board about once a second.
     board.run(BEGIN + DRIVE)
-    told = board.run(
+    allocated = board.run(
         "gc.collect()\nbefore = gc.mem_alloc()\nt = steps(t, 8)\nprint(gc.mem_alloc() - before)"
     )
-    assert int(told) / 8 < 2_700
+    assert int(allocated) / 8 < 2_700

@@ -1,4 +1,4 @@
-"""uros board deploy and its parts, with MicroPython's real REPL at the other end of the line."""
+"""Tests of uros board deploy and its parts, with MicroPython's real REPL on the serial line."""
 
 import json
 import os
@@ -37,13 +37,13 @@ FILES = {
 
 @pytest.fixture
 def board() -> Iterator[ReplBoard]:
-    with ReplBoard() as it:
-        yield it
+    with ReplBoard() as repl_board:
+        yield repl_board
 
 
 @pytest.fixture
 def connect() -> Iterator[Callable[..., RawRepl]]:
-    """A raw REPL on a board's line."""
+    """Return a function that opens a board's serial device and enters the raw REPL."""
     ports = []
 
     def open_(board: ReplBoard, fresh: bool = True) -> RawRepl:
@@ -68,8 +68,8 @@ def put(repl: RawRepl, files: Mapping[str, bytes], **options: bool) -> Plan:
     return plan
 
 
-def on(repl: RawRepl) -> dict[str, bytes]:
-    """The files of a board."""
+def files_on(repl: RawRepl) -> dict[str, bytes]:
+    """Return the files of a board by path."""
     look(repl)
     text = repl.run(
         "print(repr([(p, open(_r + p, 'rb').read()) for p in _tree('/flash') if p[-1] != '/']))"
@@ -86,7 +86,7 @@ def folders(repl: RawRepl) -> set[str]:
 
 
 @pytest.mark.parametrize("paste", ["1", "0", "old"])
-def test_code_runs_however_the_firmware_takes_it(
+def test_code_runs_with_and_without_raw_paste_mode(
     paste: str, connect: Callable[..., RawRepl]
 ) -> None:
     with ReplBoard(paste) as board:
@@ -113,20 +113,20 @@ def test_a_program_that_runs_is_ended_and_its_memory_freed(
         repl.run("part")
 
 
-def test_a_program_that_hears_no_ctrl_c_is_told_of(
+def test_a_program_that_ignores_ctrl_c_is_reported(
     board: ReplBoard, connect: Callable[..., RawRepl]
 ) -> None:
     repl = connect(board)
     put(repl, {"main.py": b"import hw\nprint('deaf')\nwhile True:\n    hw.wait_deaf()\n"})
     repl.leave(restart=True)
     assert repl._try_until(b"deaf", 10)[0]
-    asked = []
+    warnings = []
     with pytest.raises(NoRepl):
-        repl.enter(3, waiting=lambda: asked.append(1))
-    assert asked == [1]
+        repl.enter(3, waiting=lambda: warnings.append(1))
+    assert warnings == [1]
 
 
-def test_a_line_full_of_text_does_not_hold_for_ever(board: ReplBoard) -> None:
+def test_enter_times_out_on_a_line_that_never_stops_sending(board: ReplBoard) -> None:
     class Chatter:
         def open(self) -> None: ...
         def close(self) -> None: ...
@@ -146,42 +146,42 @@ def test_a_line_full_of_text_does_not_hold_for_ever(board: ReplBoard) -> None:
 # --- copying ----------------------------------------------------------------------------
 
 
-def test_files_arrive_whole_once_and_old_ones_go(
+def test_only_changed_files_are_copied_and_obsolete_ones_removed(
     board: ReplBoard, connect: Callable[..., RawRepl]
 ) -> None:
     repl = connect(board)
     repl.run("f = open('calibration.txt', 'w'); f.write('3'); f.close()")
-    told = []
+    reports = []
     device = look(repl)
     plan = make_plan(repl, device, FILES)
-    carry_out(repl, device, plan, FILES, lambda *it: told.append(it))
-    files = on(repl)
+    carry_out(repl, device, plan, FILES, lambda *progress: reports.append(progress))
+    files = files_on(repl)
     assert files.pop(NOTE).decode().split("\n") == sorted(FILES)
     assert files == {**FILES, "calibration.txt": b"3"}
     size = sum(map(len, FILES.values()))
-    assert told[-1] == ("main.py", size, size)
+    assert reports[-1] == ("main.py", size, size)
 
     assert not put(repl, FILES).changes
 
     changed = {"main.py": MAIN, "part.py": b"NUMBER = 2\n"}
     plan = put(repl, changed)
     assert (plan.write, plan.keep) == (["part.py"], ["main.py"])
-    files = on(repl)
+    files = files_on(repl)
     assert files.pop(NOTE) and files == {**changed, "calibration.txt": b"3"}
     assert folders(repl) == set()
 
     put(repl, changed, clean=True)
-    files = on(repl)
+    files = files_on(repl)
     assert files.pop(NOTE) and files == changed
     repl.leave(restart=True)
     assert repl._try_until(b"part 2\r\n", 10)[0]
 
 
-def test_in_place_needs_no_room_for_both(board: ReplBoard, connect: Callable[..., RawRepl]) -> None:
+def test_in_place_replaces_the_files(board: ReplBoard, connect: Callable[..., RawRepl]) -> None:
     repl = connect(board)
     put(repl, FILES)
     put(repl, {**FILES, "part.py": b"NUMBER = 3\n"}, in_place=True)
-    files = on(repl)
+    files = files_on(repl)
     assert files.pop(NOTE) and files == {**FILES, "part.py": b"NUMBER = 3\n"}
 
 
@@ -203,17 +203,17 @@ def test_a_cable_that_is_pulled_in_the_middle_leaves_the_old_files(
     board.plug()
     repl = connect(board)
     assert STAGE + "/" in folders(repl)
-    files = on(repl)
+    files = files_on(repl)
     assert {path: data for path, data in files.items() if not path.startswith(STAGE)} == {
         **FILES, NOTE: files[NOTE],
     }  # fmt: skip
     put(repl, new)
-    files = on(repl)
+    files = files_on(repl)
     assert files.pop(NOTE) and files == new
     assert folders(repl) == {"lib/"}
 
 
-def test_damage_on_the_way_is_found_before_anything_changes(
+def test_a_damaged_file_is_detected_before_anything_changes(
     board: ReplBoard, connect: Callable[..., RawRepl]
 ) -> None:
     repl = connect(board)
@@ -224,10 +224,10 @@ def test_damage_on_the_way_is_found_before_anything_changes(
     repl.run("def _b(data):\n return b'damaged'")
     with pytest.raises(DeployError, match="part.py arrived damaged, and nothing was changed"):
         carry_out(repl, device, plan, new)
-    assert on(repl)["part.py"] == FILES["part.py"]
+    assert files_on(repl)["part.py"] == FILES["part.py"]
 
 
-def test_a_stranger_that_would_be_imported_instead_is_named(
+def test_a_file_that_shadows_a_deployed_one_is_refused(
     board: ReplBoard, connect: Callable[..., RawRepl]
 ) -> None:
     repl = connect(board)
@@ -241,13 +241,13 @@ def test_a_stranger_that_would_be_imported_instead_is_named(
         put(repl, bytecode)
 
 
-def test_the_other_form_of_our_own_modules_goes(
+def test_deployed_modules_of_the_other_form_are_removed(
     board: ReplBoard, connect: Callable[..., RawRepl]
 ) -> None:
     repl = connect(board)
     put(repl, {"main.py": b"", "kit/a.py": b"", "b.py": b""})
     put(repl, {"main.py": b"", "kit.mpy": b"M\6\0\37", "b.mpy": b"M\6\0\37"})
-    files = on(repl)
+    files = files_on(repl)
     assert set(files) == {"main.py", "kit.mpy", "b.mpy", NOTE} and folders(repl) == set()
 
 
@@ -278,7 +278,7 @@ def test_bytecode_of_another_version_is_refused() -> None:
         check(Device(**{**vars(DEVICE), "name": "circuitpython"}), files)
 
 
-def test_too_little_room_is_told_with_its_numbers() -> None:
+def test_too_little_space_is_refused_with_the_numbers() -> None:
     files = {"a.bin": bytes(40000)}
     plan = Plan(write=["a.bin"])
     with pytest.raises(DeployError, match="has 40960 bytes free, and the new files need about"):
@@ -311,23 +311,23 @@ def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[st
 
 
 def test_deploy_builds_copies_starts_and_shows_the_console(board: ReplBoard, program: Path) -> None:
-    done = run("deploy", program, "--port", board.path, "--seconds", "1")
-    assert done.returncode == 0, done.stderr
-    first, *rest = done.stdout.splitlines()
+    process = run("deploy", program, "--port", board.path, "--seconds", "1")
+    assert process.returncode == 0, process.stderr
+    first, *rest = process.stdout.splitlines()
     assert first == f"{board.path}: JS with Emscripten, MicroPython 1.27.0"
     assert "  main.py" in rest and "  uros/wire/framing.py" in rest
     assert any("files copied and compared" in line for line in rest)
     assert "MPY: soft reboot" in rest
     assert "blinks ~ b'12345678'" in rest
 
-    done = run("deploy", program, "--port", board.path, "--mpy", "--json")
-    answer = json.loads(done.stdout)
+    process = run("deploy", program, "--port", board.path, "--mpy", "--json")
+    answer = json.loads(process.stdout)
     assert answer["platform"] == "webassembly" and answer["started"] is True
-    assert answer["kept"] == ["main.py"] and all(it.endswith(".mpy") for it in answer["copied"])
+    assert answer["kept"] == ["main.py"] and all(path.endswith(".mpy") for path in answer["copied"])
     assert "uros/wire/framing.py" in answer["removed"]
 
-    done = run("console", "--port", board.path, "--seconds", "1")
-    assert done.returncode == 0, done.stderr
+    process = run("console", "--port", board.path, "--seconds", "1")
+    assert process.returncode == 0, process.stderr
 
 
 def test_a_folder_that_was_built_is_copied_as_it_is(
@@ -336,15 +336,15 @@ def test_a_folder_that_was_built_is_copied_as_it_is(
     out = tmp_path / "out"
     assert cli.main(["board", "build", str(program), str(out), "--mip"]) == 0
     assert run("deploy", out, "--port", board.path, "--no-reset").returncode == 0
-    files = on(connect(board))
+    files = files_on(connect(board))
     assert files.pop(NOTE)
     assert files == {
-        it.relative_to(out).as_posix(): it.read_bytes()
-        for it in out.rglob("*.py")
+        path.relative_to(out).as_posix(): path.read_bytes()
+        for path in out.rglob("*.py")
     }  # fmt: skip
 
 
-def test_another_board_than_the_one_that_was_named(board: ReplBoard, program: Path) -> None:
-    done = run("deploy", program, "--port", board.path, "--board", "pico-w")
-    assert done.returncode == 1
-    assert "pico-w has MicroPython for rp2, and this board's is for webassembly" in done.stderr
+def test_a_board_of_another_port_is_refused(board: ReplBoard, program: Path) -> None:
+    process = run("deploy", program, "--port", board.path, "--board", "pico-w")
+    assert process.returncode == 1
+    assert "pico-w has MicroPython for rp2, and this board's is for webassembly" in process.stderr

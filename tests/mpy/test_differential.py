@@ -1,4 +1,4 @@
-"""Random programs do the same as text, as bytecode, and with each pass of the build left out."""
+"""Tests that random programs print the same as text, as bytecode and without each pass."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,12 +14,12 @@ from uros.boards.builder.pipeline import PASSES
 FORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "text": ("py", ()),
     "bytecode": ("mpy", ()),
-    **{f"bytecode without {it.name}": ("mpy", (it.name,)) for it in PASSES},
+    **{f"bytecode without {step.name}": ("mpy", (step.name,)) for step in PASSES},
 }
 
 
 def texts(numbers: Iterable[int], package: str) -> dict[str, str]:
-    """The modules of some programs, by their paths, and a main.py that runs them in turn."""
+    """Return the modules of some programs by path, and a main.py that runs them in turn."""
     files = {}
     main = []
     for number in numbers:
@@ -38,8 +38,8 @@ def write(files: dict[str, str], folder: Path) -> None:
         file.write_text(text, encoding="utf-8")
 
 
-def said(files: dict[str, str] | dict[str, bytes]) -> list[str]:
-    """What the programs print, a line each."""
+def output(files: dict[str, str] | dict[str, bytes]) -> list[str]:
+    """Return the output of the programs, a line each."""
     with MicroPython() as board:
         board.install(files)
         return board.run("import main").splitlines()
@@ -49,27 +49,27 @@ def compare(numbers: list[int], program: Path, out: Path, expected: list[str]) -
     assert len(expected) == len(numbers)
     for form, (kind, without) in FORMS.items():
         build(program, out, kind, without=without)
-        lines = said(tree(out))
-        for number, line, wanted in zip(numbers, lines, expected, strict=True):
-            assert line == wanted, f"program {number}, {form}"
+        lines = output(tree(out))
+        for number, line, expected_line in zip(numbers, lines, expected, strict=True):
+            assert line == expected_line, f"program {number}, {form}"
 
 
 def check_users(numbers: list[int], folder: Path) -> None:
-    """As modules of a user's program."""
+    """Compare the outputs of programs that are modules of a user's program."""
     files = texts(numbers, "")
     write(files, folder / "program")
-    compare(numbers, folder / "program", folder / "out", said(files))
+    compare(numbers, folder / "program", folder / "out", output(files))
 
 
 def check_ours(numbers: list[int], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As modules of uros, which the passes are for."""
+    """Compare the outputs of programs that are modules of uros, which the passes change."""
     files = texts(numbers, "uros.client.")
     write(files, folder / "source")
     (folder / "program").mkdir()
     (folder / "source" / "main.py").rename(folder / "program" / "main.py")
     (folder / "source" / "uros" / "client" / "__init__.py").touch()
     monkeypatch.setattr(resolver, "SOURCE", folder / "source" / "uros")
-    compare(numbers, folder / "program", folder / "out", said(files))
+    compare(numbers, folder / "program", folder / "out", output(files))
 
 
 def test_users_programs(tmp_path: Path) -> None:

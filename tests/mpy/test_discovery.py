@@ -1,8 +1,8 @@
-"""A board looks for its agent on MicroPython, whose build for tests has no sockets.
+"""Tests the discovery of an agent on MicroPython, whose build for tests has no sockets.
 
-What stands for them behaves as MicroPython 1.27's over lwIP: addresses are those of getaddrinfo,
-which knows nothing but numbers here, a socket of UDP says EAGAIN, and who has sent something is
-an address and a port; or octets, as in the port for Unix.
+The fake sockets behave as those of MicroPython 1.27 over lwIP: addresses are results of
+getaddrinfo, which here accepts numeric addresses alone; a UDP socket without data raises EAGAIN;
+the source of a datagram is an address and a port, or octets as in the port for Unix.
 """
 
 from collections.abc import Iterator
@@ -70,18 +70,18 @@ POLLIN = 1
 waited = []
 
 class poll:
-    def register(self, it, events):
+    def register(self, sock, events):
         assert events == POLLIN
-        self.it = it
+        self.sock = sock
 
     def poll(self, timeout_ms):
         waited.append(timeout_ms)
-        if self.it.incoming:
-            return [(self.it, POLLIN)]
+        if self.sock.incoming:
+            return [(self.sock, POLLIN)]
         time.sleep_ms(timeout_ms)
         return []
 """
-# An agent at 192.0.2.7:8888, and one at all addresses of its machine; see the test of the host.
+# An agent at 192.0.2.7:8888, and one that listens at all addresses of its machine.
 COMMON = """
 from uros.transport.discovery import DiscoveringTransport, QUESTION, discover_agent
 INFO = bytes.fromhex("80000000060124000009fffd0000010d585243450100010f00010d00"
@@ -101,15 +101,15 @@ def board_with(files: dict[str, str | bytes]) -> MicroPython:
     board = MicroPython()
     board.install({"socket.py": SOCKET, "select.py": SELECT})
     board.install(files)
-    # The build's own select is built in and goes first.
-    board.run("import sys\nfor it in ('socket', 'select'):\n    sys.modules.pop(it, None)\n"
+    # The interpreter's built-in select has precedence on sys.path.
+    board.run("import sys\nfor name in ('socket', 'select'):\n    sys.modules.pop(name, None)\n"
               "sys.path.insert(0, '/lib')")  # fmt: skip
     board.run("import socket, select\nassert hasattr(select, 'waited')")
     return board
 
 
 def built(folder: Path, program: str) -> dict[str, bytes]:
-    """A board's files, with this program as ``/lib/program.py``."""
+    """Return a board's files, with this program as ``/lib/program.py``."""
     (folder / "program").mkdir()
     (folder / "program" / "program.py").write_text(program)
     build(folder / "program", folder / "out", "mpy")
@@ -119,33 +119,33 @@ def built(folder: Path, program: str) -> dict[str, bytes]:
 @pytest.fixture(params=["py", "mpy"])
 def board(request: pytest.FixtureRequest) -> Iterator[MicroPython]:
     files = portable_sources()
-    with board_with(compiled(files) if request.param == "mpy" else dict(files)) as it:
-        it.run(COMMON)
-        yield it
+    with board_with(compiled(files) if request.param == "mpy" else dict(files)) as micropython:
+        micropython.run(COMMON)
+        yield micropython
 
 
 WAITING = """
 def scene(discover_agent, INFO, ANYWHERE):
     import select, socket
-    was = select.poll.poll
+    original_poll = select.poll.poll
 
-    def answered(self, timeout_ms):
-        if not self.it.incoming:
-            self.it.incoming = [(b"nonsense", ("192.0.2.9", 7400))] + said
-        return was(self, timeout_ms)
+    def poll_with_answers(self, timeout_ms):
+        if not self.sock.incoming:
+            self.sock.incoming = [(b"nonsense", ("192.0.2.9", 7400))] + answers
+        return original_poll(self, timeout_ms)
 
-    select.poll.poll = answered
-    said = [(INFO, ("192.0.2.1", 7400))]
+    select.poll.poll = poll_with_answers
+    answers = [(INFO, ("192.0.2.1", 7400))]
     assert discover_agent(1000) == ("192.0.2.7", 8888)
     assert socket.made[-1].sent[0][1] == ("numeric", "239.255.0.2", 7400)
     assert len(socket.made[-1].sent) == 1 and socket.made[-1].closed == 1
-    said = [(ANYWHERE, ("192.0.2.1", 7400))]
+    answers = [(ANYWHERE, ("192.0.2.1", 7400))]
     assert discover_agent(1000, (("10.0.0.1", 7401),), "10.0.0.7") == ("192.0.2.1", 8888)
     assert socket.made[-1].sent[0][1] == ("numeric", "10.0.0.1", 7401)
     assert socket.made[-1].bound == ("numeric", "10.0.0.7", 0)
-    said = [(INFO, b"sockaddr")]
+    answers = [(INFO, b"sockaddr")]
     assert discover_agent(1000) == ("192.0.2.7", 8888)
-    select.poll.poll = was
+    select.poll.poll = original_poll
 """
 
 
@@ -195,8 +195,8 @@ assert socket.made[-1].closed == 1
 """)
 
 
-def test_what_the_build_of_a_boards_files_makes_of_it(tmp_path: Path) -> None:
-    """Shrunk, shaken and in one module, with a node beside it."""
+def test_discovery_works_in_a_bytecode_build(tmp_path: Path) -> None:
+    """Discovery and a node find the agent in a default ``--mpy`` build."""
     program = (
         COMMON
         + WAITING
@@ -218,8 +218,8 @@ def run():
         board.run("import program\nprogram.run()")
 
 
-def test_what_it_takes_of_the_heap(tmp_path: Path) -> None:
-    """Beside a node that knows its agent's address; what they take today and a tenth more."""
+def test_heap_of_discovery(tmp_path: Path) -> None:
+    """Discovery takes at most 5,400 bytes more than a known address: today's cost and a tenth."""
     program = """
 from uros.client import Node
 from uros.transport.{0} import {1}

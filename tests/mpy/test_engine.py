@@ -1,4 +1,4 @@
-"""The same program on both engines, and what only MicroPython's can do."""
+"""Tests that both engines run a program alike, and tests of the MicroPython engine alone."""
 
 import os
 import select
@@ -20,7 +20,7 @@ def installed(monkeypatch):
 
 @pytest.fixture
 def program(tmp_path):
-    """Makes a folder of files; the first is main.py."""
+    """Return a function that writes a folder of files; the first is main.py."""
 
     def make(main, **others):
         folder = tmp_path / "program"
@@ -52,12 +52,12 @@ ALL = """
     buffer = bytearray(3)
     i2c.readfrom_mem_into(0x44, 0xF32D, buffer, addrsize=16)
     print(len(buffer), i2c.writevto(0x13, (b"\\x83", b"\\x05")), i2c.readfrom_mem(0x13, 0x83, 1))
-    for what in (
+    for call in (
         lambda: i2c.readfrom(0x50, 1), lambda: I2C(5), lambda: Pin("P999"),
         lambda: i2c.readfrom(300, 1), helper.fail,
     ):
         try:
-            what()
+            call()
         except Exception as error:
             print(type(error).__name__, error, isinstance(error, OSError) and error.errno)
 
@@ -136,7 +136,7 @@ OSError: [Errno 19] ENODEV
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_one_program_says_the_same_everywhere(program, engine):
+def test_a_program_prints_the_same_on_both_engines(program, engine):
     with RunningBoard(program(ALL, helper=HELPER), BOARD, engine) as board:
         lines = [board.console.get(timeout=30)]
         while "None 0" not in lines[-1]:
@@ -154,7 +154,7 @@ def test_one_program_says_the_same_everywhere(program, engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_program_asks_for_a_reset(program, engine):
+def test_a_program_resets_its_board(program, engine):
     folder = program("""
         import machine, sys, time
         print("started", time.ticks_ms() < 30000)
@@ -177,7 +177,7 @@ def test_a_stuck_program_can_be_reset_and_ended(program, stuck):
         board.reset()
         board.wait("started")
         process = board._process
-    assert process.returncode == 0  # it ended by itself and was not killed
+    assert process.returncode == 0  # the process ended by itself
 
 
 SLICED = """
@@ -209,8 +209,8 @@ SLICED = """
 """
 
 
-def test_a_program_in_steps_leaves_its_garbage_behind(program):
-    """200 steps make 20 MB of garbage, on a heap that grows rather than collects by itself."""
+def test_garbage_is_collected_between_steps(program):
+    """The engine collects between steps: 200 steps make 20 MB of garbage, the heap stays small."""
     with RunningBoard(program(SLICED), BOARD, "micropython", measure=True) as board:
         assert board.console.get(timeout=30) == "start main"
         board.wait("many")
@@ -218,12 +218,12 @@ def test_a_program_in_steps_leaves_its_garbage_behind(program):
         assert 0 < heap.used < 8000
         assert 100_000 < heap.peak < 130_000
         assert board.wait_end().endswith("ValueError: enough\n")
-        assert board.heap().used < 10_000  # it can also be asked afterwards
+        assert board.heap().used < 10_000  # the heap can be measured after the end
 
 
 @pytest.mark.parametrize("names", ["one, two", "(\n        one,\n        two,\n    )"])
-def test_imports_leave_their_garbage_behind(program, names):
-    """However the import is written, a collection follows it, as on a board that is short."""
+def test_garbage_is_collected_after_imports(program, names):
+    """A collection follows each form of an import, as on a board with little memory."""
     text = f"    from wasteful import {names}\n    bytearray(100000)\n" + SLICED
     wasteful = "bytearray(60000)\none = two = 1\n"
     with RunningBoard(
@@ -233,14 +233,14 @@ def test_imports_leave_their_garbage_behind(program, names):
         assert 100_000 < board.heap().peak < 130_000
 
 
-def test_what_a_program_keeps_is_seen(program):
+def test_the_heap_includes_live_objects(program):
     sliced = SLICED.replace("rubbish = bytearray(100000)", "kept.append(bytearray(1000))")
     with RunningBoard(program(sliced), BOARD, "micropython") as board:
         board.wait("many")
         assert board.heap().used > 200_000
 
 
-def test_bytecode_runs_as_its_source_does(program):
+def test_bytecode_has_the_tracebacks_of_its_source(program):
     folder = program("import helper\nhelper.fail()\n", helper=HELPER)
     with RunningBoard(folder, BOARD, "micropython", form="mpy") as board:
         assert board.wait_end().endswith(
@@ -249,7 +249,7 @@ def test_bytecode_runs_as_its_source_does(program):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_sys_exit_starts_the_program_anew(program, engine):
+def test_sys_exit_starts_the_program_again(program, engine):
     folder = program("import sys\nprint('started')\nsys.exit()\n")
     with RunningBoard(folder, BOARD, engine) as board:
         board.wait("started")
@@ -258,7 +258,7 @@ def test_sys_exit_starts_the_program_anew(program, engine):
 
 
 @pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
-def test_a_micropython_that_dies_is_told(program):
+def test_a_killed_micropython_is_reported(program):
     folder = program("print('started')\nimport time\nwhile True: time.sleep_ms(5)\n")
     with RunningBoard(folder, BOARD, "micropython") as board:
         board.wait("started")

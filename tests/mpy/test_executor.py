@@ -1,4 +1,4 @@
-"""What a round of callbacks may not do on a board: take memory."""
+"""Tests that a round of callbacks allocates no memory on a board."""
 
 from mpy.harness import MicroPython, portable_sources, shared_sources
 

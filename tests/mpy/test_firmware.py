@@ -1,4 +1,4 @@
-"""The firmware folders on their virtual board, on both engines."""
+"""Tests of ra6m5_usb_text on its virtual board, on both engines."""
 
 import os
 import re
@@ -37,7 +37,7 @@ class Console:
         return line.decode()
 
     def until(self, text: str) -> str:
-        """The first line with this text, of the next twenty."""
+        """Return the first of the next twenty lines that contains the text."""
         lines = []
         for _ in range(20):
             lines.append(self.line())
@@ -64,14 +64,14 @@ def console(board: RunningBoard) -> Iterator[Console]:
 
 
 def test_the_text_of_phase_a(console: Console) -> None:
-    console.line()  # it may have begun before we listened
+    console.line()  # the first line may be incomplete
     for _ in range(3):
-        found = LINE.fullmatch(console.line())
-        assert found
+        match = LINE.fullmatch(console.line())
+        assert match
         for celsius, fahrenheit in ((1, 2), (3, 4), (5, 6)):
-            # Each is rounded by itself.
-            assert abs(float(found[celsius]) * 1.8 + 32 - float(found[fahrenheit])) < 0.15
-        assert 0 <= int(found[7]) <= 100
+            # Both values are rounded.
+            assert abs(float(match[celsius]) * 1.8 + 32 - float(match[fahrenheit])) < 0.15
+        assert 0 <= int(match[7]) <= 100
 
 
 def test_a_sensor_that_fails_and_comes_back(board: RunningBoard, console: Console) -> None:

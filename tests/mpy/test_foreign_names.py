@@ -1,4 +1,4 @@
-"""The list of names that a build leaves alone is what MicroPython has."""
+"""Tests that the list of names that a build does not change matches MicroPython."""
 
 import runpy
 
@@ -7,14 +7,14 @@ from mpy.harness import ROOT
 from uros.boards.builder.foreign_names import ATTRIBUTES, BUILTINS, CLASSES
 
 
-def test_the_list_is_what_its_script_makes() -> None:
+def test_the_list_is_up_to_date() -> None:
     script = runpy.run_path(str(ROOT / "scripts" / "foreign_names.py"))
     assert script["FILE"].read_text(encoding="utf-8") == script["made"](), (
         "run scripts/foreign_names.py"
     )
 
 
-def test_the_list_has_what_is_asked_of_others() -> None:
+def test_the_list_has_names_of_each_kind() -> None:
     assert {"append", "errno", "args", "recv", "readinto", "any", "read_u16"} <= ATTRIBUTES
     assert {"print", "len", "ValueError", "memoryview"} <= BUILTINS
     assert {"ValueError", "object", "bytes"} <= CLASSES and "print" not in CLASSES

@@ -1,4 +1,4 @@
-"""The harness itself: what it returns, reports and measures."""
+"""Tests of the harness: its results, its errors and its measures."""
 
 import re
 
@@ -40,7 +40,7 @@ def test_heap_counts_what_is_alive(micropython: MicroPython) -> None:
     assert abs(micropython.heap() - before) < 500
 
 
-def test_sources_can_be_rewritten_and_stay_as_they_are_otherwise() -> None:
+def test_portable_sources_returns_the_files_or_the_changed_texts() -> None:
     as_is = portable_sources()
     assert as_is["uros/__init__.py"] == ""
     assert "uros/wire/__init__.py" in as_is
@@ -54,9 +54,9 @@ def test_every_portable_module_imports(micropython: MicroPython) -> None:
     micropython.install(sources)
     for path, text in sources.items():
         name = path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-        said = micropython.run(
+        output = micropython.run(
             f"try:\n    import {name}\nexcept ImportError as error:\n    print(error)"
         )
-        # What this port of MicroPython has not: drivers end there, and nowhere else.
+        # Drivers fail at a module that this port of MicroPython lacks, and at nothing else.
         absent = re.search(r"^(?:from|import) (machine|usb|socket|ssl)\b", text, re.M)
-        assert said == (f"no module named '{absent[1]}'\n" if absent else ""), name
+        assert output == (f"no module named '{absent[1]}'\n" if absent else ""), name

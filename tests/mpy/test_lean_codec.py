@@ -1,4 +1,4 @@
-"""The codec as a board's program has it: shrunk, without words, and only what the program names."""
+"""Tests of the codec in a build for boards: without texts of errors, and tree-shaken."""
 
 import ast
 from pathlib import Path
@@ -14,7 +14,7 @@ TESTS = [
     for node in ast.parse(SOURCE.read_text(encoding="utf-8")).body
     if isinstance(node, ast.FunctionDef)
     and node.name.startswith("test_")
-    and node.name != "test_big_endian"  # lean builds refuse that, see below
+    and node.name != "test_big_endian"  # builds with terse-errors refuse big-endian data, see below
 ]
 
 
@@ -65,7 +65,7 @@ def run():
 
 
 def test_a_program_that_reads_new_messages(micropython: MicroPython, tmp_path: Path) -> None:
-    """Without a name of ``unpack_into`` in it, and with a nested message at one place only."""
+    """A program that does not name ``unpack_into``, with a nested message in one place, works."""
     program = tmp_path / "program"
     program.mkdir()
     (program / "main.py").write_text(RECEIVES + "\nrun()\n", encoding="utf-8")

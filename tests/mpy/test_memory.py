@@ -1,4 +1,4 @@
-"""What the portable modules take of a board's heap."""
+"""Tests of the heap that the portable modules take on a board."""
 
 import time
 from pathlib import Path
@@ -18,8 +18,8 @@ from support.agent import running_agent
 
 from uros.boards.virtual.engine.runner import RunningBoard
 
-# Compiled from source on the board. About what it takes today and a tenth more: who adds to it
-# is to notice. Below a heap of 100 kB every kilobyte counts.
+# Bytes, compiled from source on the board: today's cost and about a tenth, so that growth fails the
+# test. With a heap below 100 kB every kilobyte matters.
 LIMIT = 39_000
 
 
@@ -41,7 +41,7 @@ def test_heap_of_wire(micropython: MicroPython) -> None:
     assert last - before < LIMIT
 
 
-# Promised is the first; the others are about a twentieth over what it takes today.
+# The documents promise the first; the others are today's cost and about a twentieth.
 CORE_LIMITS = {
     ("core", "mpy"): 24_000,
     ("core", "py"): 36_000,
@@ -50,18 +50,18 @@ CORE_LIMITS = {
 }
 
 
-@pytest.mark.parametrize(("what", "form"), CORE_LIMITS)
-def test_heap_of_the_client(micropython: MicroPython, what: str, form: str) -> None:
-    cost = heap_of_program(micropython, {"core": CORE, "sensor": SENSOR}[what], form)
-    print(f"\nclient, {what}, .{form}: {cost} bytes")
-    assert cost <= CORE_LIMITS[what, form]
+@pytest.mark.parametrize(("program", "form"), CORE_LIMITS)
+def test_heap_of_the_client(micropython: MicroPython, program: str, form: str) -> None:
+    cost = heap_of_program(micropython, {"core": CORE, "sensor": SENSOR}[program], form)
+    print(f"\nclient, {program}, .{form}: {cost} bytes")
+    assert cost <= CORE_LIMITS[program, form]
 
 
 @pytest.mark.parametrize(("module", "name", "limit"), [
     ("std_msgs.msg", "Int32", 700), ("sensor_msgs.msg", "Imu", 2_500),
 ])  # fmt: skip
 def test_heap_of_a_type(module: str, name: str, limit: int) -> None:
-    """What publishing and hearing a type adds to the core. Promised are 0.7 and 2.5 kB."""
+    """A type that is published and received adds at most 0.7 kB (Int32) or 2.5 kB (Imu)."""
     with MicroPython() as board:
         core = heap_of_program(board, CORE)
     with MicroPython() as board:
@@ -70,13 +70,13 @@ def test_heap_of_a_type(module: str, name: str, limit: int) -> None:
     assert both - core <= limit
 
 
-# Bytes of MicroPython's heap, without what stands for the board's own firmware.
+# Bytes of MicroPython's heap, without the modules that model the board's firmware.
 RUNNING = 44_000
 HIGH_WATER = 54_000
 
 
 def test_heap_of_the_running_sensor_node(tmp_path: Path) -> None:
-    """The RA6M5 node while it publishes: what lives, and the most that ever did."""
+    """The RA6M5 node stays within its heap in use and its high water while it publishes."""
     with RunningBoard(
         "ra6m5_sensor_node", engine="micropython", form="mpy", link=tmp_path / "tty",
         reads=True, measure=True,
@@ -128,12 +128,12 @@ finally:
 
 
 def test_sending_does_not_allocate(micropython: MicroPython) -> None:
-    """What runs for each message on a board that is publishing, with the heap locked."""
+    """The code that sends each message runs with the heap locked."""
     micropython.install(portable_sources(["wire", "ticks.py"]))
     micropython.run(WITHOUT_ALLOCATION)
 
 
-# A stamp and a sample, on a node that runs and now and then hears the agent, with the heap locked.
+# A running node stamps, publishes and receives acknowledgements with the heap locked.
 LOCKED = """
 import micropython
 
@@ -152,7 +152,7 @@ print(done, line.count - before[0], oom_count() - before[1], stamped())
 
 @pytest.mark.parametrize("form", ["mpy", "py"])
 def test_publishing_does_not_allocate(micropython: MicroPython, form: str) -> None:
-    """Temperature, from a running node, stamping and spinning included, 200 times."""
+    """A running node stamps, publishes and spins 200 times with the heap locked."""
     running(micropython, form)
     micropython.run("again(20)")
     assert micropython.run(LOCKED) == "200 200 0 1700000\n"
@@ -160,7 +160,10 @@ def test_publishing_does_not_allocate(micropython: MicroPython, form: str) -> No
 
 
 def test_publishing_costs_little_more_than_encoding(micropython: MicroPython) -> None:
-    """A Twist; the promise is 3, and a busy machine measures badly: see ``make bench-board``."""
+    """Publishing a Twist takes at most 3.5 times as long as encoding it.
+
+    The documents promise 3, which ``make bench-board`` measures; a busy machine adds to the ratio.
+    """
     running(micropython)
     ratio = min(twist_ratio(micropython) for _ in range(3))
     print(f"\nTwist: {ratio:.1f} x")
@@ -169,7 +172,7 @@ def test_publishing_costs_little_more_than_encoding(micropython: MicroPython) ->
 
 @pytest.mark.parametrize("length", [20_000, 1_000_000])
 def test_an_image_longer_than_memory(micropython: MicroPython, length: int) -> None:
-    """It goes out while it is read; the high water is that of all that the measures import."""
+    """An image of 20 kB or 1 MB is sent while it is read, with a high water below 100 kB."""
     running(micropython)
     before = int(micropython.run("print(line.bytes)"))
     assert micropython.run(f"print(snap({length}))") == "True\n"
@@ -177,7 +180,7 @@ def test_an_image_longer_than_memory(micropython: MicroPython, length: int) -> N
     while True:
         goes_on, used = micropython.run("print(*spinning(1))").split()
         peak = max(peak, int(used))
-        micropython.heap()  # this build collects between two calls, and not at any other time
+        micropython.heap()  # this build of MicroPython collects between two calls alone
         if goes_on == "False":
             break
     print(f"\n{length} octets: high water {peak} bytes")
@@ -188,7 +191,7 @@ def test_an_image_longer_than_memory(micropython: MicroPython, length: int) -> N
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_hundred_thousand_texts_leave_nothing_behind(micropython: MicroPython) -> None:
-    """Strings of changing length: the heap ends where it was after the first thousand."""
+    """After 100,000 texts of changing length the heap is within 2 kB of that after 1,000."""
     running(micropython)
     heap = 0
     for first in range(0, 100_000, 1000):

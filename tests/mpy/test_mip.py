@@ -1,4 +1,4 @@
-"""Packages for mip, installed by mpremote on a MicroPython and used there."""
+"""Tests that mpremote installs packages for mip on a MicroPython, where they run."""
 
 import subprocess
 import sys
@@ -20,11 +20,11 @@ def mpremote() -> Iterator[Mpremote]:
 
         def run(*arguments: object) -> str:
             command = [sys.executable, "-m", "mpremote", "connect", board.path]
-            done = subprocess.run(
+            process = subprocess.run(
                 [*command, *map(str, arguments)], capture_output=True, text=True, timeout=50
             )
-            assert done.returncode == 0, done.stdout + done.stderr
-            return done.stdout
+            assert process.returncode == 0, process.stdout + process.stderr
+            return process.stdout
 
         yield run
 
@@ -36,21 +36,24 @@ def test_packages_of_an_index(form: str, tmp_path: Path, mpremote: Mpremote) -> 
     if form == "py":
         install.append("--no-mpy")
     mpremote(*install, "uros-qos", "std_msgs/msg/Int32")
-    said = mpremote(
+    output = mpremote(
         "exec",
         "from uros.client import Node\nfrom uros.qos import QoSProfile\n"
         "from std_msgs.msg import Int32\nimport os\n"
         "b = bytearray(8)\nprint(Int32(data=-2).pack_into(b, 0, 0), b[0], Node.__name__)\n"
         "print(os.listdir('/flash/lib/uros/client'))",
     )
-    first, second = said.splitlines()
+    first, second = output.splitlines()
     assert first == "4 254 Node"
     assert f"node.{form}" in second and "parameters" not in second
-    again = mpremote(*install, "uros")
-    assert "Exists: /flash/lib/uros/client/node" in again and "Installing: " not in again
+    second_output = mpremote(*install, "uros")
+    assert (
+        "Exists: /flash/lib/uros/client/node" in second_output
+        and "Installing: " not in second_output
+    )
 
 
-def test_a_program_as_it_was_built(tmp_path: Path, mpremote: Mpremote) -> None:
+def test_a_built_program_is_installed_by_its_manifest(tmp_path: Path, mpremote: Mpremote) -> None:
     program = tmp_path / "program"
     program.mkdir()
     (program / "main.py").write_text(

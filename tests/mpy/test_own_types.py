@@ -1,4 +1,4 @@
-"""Programs with types of their own, on virtual boards of both engines."""
+"""Tests of programs with their own interface types, on virtual boards of both engines."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ print("level", Level(height=1.5).height)
 
 
 @pytest.mark.parametrize("engine", ["cpython", "micropython"])
-def test_folders_of_definitions(
+def test_types_from_a_folder_of_definitions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, engine: str
 ) -> None:
     monkeypatch.setenv("UROS_MICROPYTHON", str(INSTALLED))

@@ -1,8 +1,7 @@
-"""Pictures of 20 kB from a board to DDS: intact, all of them, in order, in little memory.
+"""Tests that pictures of 20 kB reach DDS intact, complete and in order, with little memory.
 
-How many a second there are is for ``bench/pictures.py`` to say. At 921,600 baud, 8N1, a line
-carries 92,160 octets a second: of 20,000 octets not more than 4.6 times as many in a second,
-whatever the protocol.
+``bench/pictures.py`` measures their rate. At 921,600 baud, 8N1, a line carries 92,160 octets a
+second: at most 4.6 pictures of 20,000 octets a second, with any protocol.
 """
 
 from support.pictures import picture, shoot
@@ -11,13 +10,13 @@ LENGTH = 20_000
 COUNT = 25
 EXPECTED = [picture(number, LENGTH) for number in range(COUNT)]
 HIGH_WATER = 100_000
-# Headers, CRCs and escapes take 4.3 % of the line; the rest is for what is sent twice, which is
-# nothing, unless the machine stands still for a moment.
+# Headers, CRCs and escapes take 4.3 % of the line; the rest is for retransmissions, of which there
+# are none unless the machine stalls.
 OVERHEAD = 1.15
 
 
 def test_pictures_by_udp(tmp_path, own_domain_id):
-    """One each 0.2 s: 5 Hz."""
+    """25 pictures arrive over UDP at 5 Hz, in one session."""
     shot = shoot("udp", tmp_path, own_domain_id, COUNT, 200, LENGTH)
     assert shot.pictures == EXPECTED
     assert (shot.refused, shot.dropped, shot.sessions) == (0, 0, 1)
@@ -26,7 +25,7 @@ def test_pictures_by_udp(tmp_path, own_domain_id):
 
 
 def test_pictures_by_a_serial_line(tmp_path, own_domain_id):
-    """As fast as a line of 921,600 baud goes, out of a UART that takes 512 octets and no more."""
+    """25 pictures arrive as fast as 921,600 baud allow, from a UART with a buffer of 512 octets."""
     shot = shoot("uart", tmp_path, own_domain_id, COUNT, 0, LENGTH)
     assert shot.pictures == EXPECTED
     assert (shot.refused, shot.dropped, shot.sessions) == (0, 0, 1)
@@ -39,8 +38,10 @@ def test_pictures_by_a_serial_line(tmp_path, own_domain_id):
 
 
 def test_pictures_by_a_line_of_921600_bits_of_data(tmp_path, own_domain_id):
-    """One each 0.2 s. Such a line has neither start nor stop bits; one with them, as here, carries
-    as much at a quarter more baud."""
+    """25 pictures arrive at 5 Hz by a line that carries 921,600 data bits a second.
+
+    With start and stop bits, as here, that takes a quarter more baud.
+    """
     shot = shoot(
         "uart", tmp_path, own_domain_id, COUNT, 200, LENGTH, baud=921_600 * 10 // 8, txbuf=2048
     )

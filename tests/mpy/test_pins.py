@@ -1,4 +1,4 @@
-"""Pins, PWM, converters, interrupts and an access point: the same on both engines."""
+"""Tests of pins, PWM, converters, interrupts and an access point, on both engines."""
 
 import textwrap
 
@@ -18,7 +18,7 @@ def installed(monkeypatch):
 
 @pytest.fixture(params=ENGINES)
 def start(request, tmp_path):
-    """Starts a program on a board."""
+    """Return a function that starts a program on a board."""
     boards = []
 
     def run(text, name=BUTTON, **options):
@@ -32,7 +32,7 @@ def start(request, tmp_path):
         board.stop()
 
 
-def test_what_pins_do_and_refuse(start):
+def test_values_and_errors_of_pins(start):
     board = start(
         """
         from machine import ADC, PWM, Pin
@@ -44,12 +44,12 @@ def test_what_pins_do_and_refuse(start):
         print(pwm.duty_u16())
         pwm.deinit()
         print(ADC(34).read_u16(), ADC(Pin(34)).read_uv())
-        for what in (
+        for call in (
             lambda: Pin(99), lambda: ADC(5), lambda: PWM(Pin(22), freq=0, duty_u16=0),
             lambda: pwm.duty_u16(65536),
         ):
             try:
-                what()
+                call()
             except ValueError as error:
                 print("ValueError", error)
         print("end")
@@ -86,14 +86,17 @@ EDGES = """
 
 
 def test_interrupts_have_the_time_and_the_level_of_the_edge(start):
-    """However late they are carried out: bounces are some hundred microseconds apart."""
+    """A handler gets the time and level of its edge, although it runs later.
+
+    Edges of a bounce are some hundred microseconds apart.
+    """
     board = start(EDGES, seed=5)
     board.wait("ready")
     board.happen("button:tap=0.5")
     gaps = eval(board.wait("["))
     levels = eval(board.wait("["))
     assert len(levels) == len(gaps) + 1 >= 6
-    assert levels == [0, 1] * (len(levels) // 2)  # each edge the other level
+    assert levels == [0, 1] * (len(levels) // 2)  # levels alternate
     assert sum(gaps) == pytest.approx(508_000, abs=9_000)
     assert max(gaps) > 480_000 and sum(sorted(gaps)[:-1]) < 17_000
     assert board.shown("button") == ["released", "pressed", "released"]

@@ -1,4 +1,4 @@
-"""A whole node on a virtual board with a modem or a radio, on both engines, and an agent by UDP."""
+"""Tests of a node on a virtual board with a modem or a radio, on both engines."""
 
 import textwrap
 
@@ -10,23 +10,23 @@ from uros.boards.virtual.engine.runner import RunningBoard, StartError
 
 ENGINES = ("cpython", "micropython")
 
-# What a program does with its transport, after it has made one.
+# The part of the program that uses the transport ``TRANSPORT``.
 PROGRAM = """
 from std_msgs.msg import Int32
 from uros.client import AGENT_CONNECTED, Node
 
 def start():
-    global node, numbers, count, told
+    global node, numbers, count, last_reason
     count = 0
-    told = ""
+    last_reason = ""
     node = Node("node", TRANSPORT, key=7, ping_ms=100, silence_ms=1000, wait_ms=50, limit=65536)
     numbers = node.create_publisher(Int32, "numbers", 10)
     node.create_subscription(Int32, "numbers", heard, 100)
     node.create_timer(0.02, publish)
     node.on_state = state
 
-def state(it):
-    if it == AGENT_CONNECTED:
+def state(code):
+    if code == AGENT_CONNECTED:
         print("connected")
 
 def publish():
@@ -35,15 +35,15 @@ def publish():
         count += 1
         numbers.publish(Int32(data=count))
 
-def heard(it):
-    print("heard", it.data)
+def heard(message):
+    print("heard", message.data)
 
 def step():
-    global told
+    global last_reason
     node.spin_once(0.05)
     reason = node.connection.reason
-    if reason != told:
-        told = reason
+    if reason != last_reason:
+        last_reason = reason
         print("reason:", reason)
 
 def main():
@@ -54,7 +54,7 @@ def main():
 if __name__ == "__main__":
     main()
 """
-WAYS = {
+TRANSPORTS = {
     "esp8266": (
         "esp8266:uart=1",
         """
@@ -102,15 +102,15 @@ def installed(monkeypatch):
     monkeypatch.setenv("UROS_MICROPYTHON", str(INSTALLED))
 
 
-def program(folder, way, port, password="secret99"):
+def program(folder, kind, port, password="secret99"):
     folder.mkdir()
-    text = textwrap.dedent(WAYS[way][1]) + PROGRAM
+    text = textwrap.dedent(TRANSPORTS[kind][1]) + PROGRAM
     (folder / "main.py").write_text(f"PORT = {port}\nPASSWORD = {password!r}\n" + text)
     return folder
 
 
-def server(way):
-    if way == "wlan_tcp":
+def server(kind):
+    if kind == "wlan_tcp":
         from uros.agent.transports.tcp import TcpServer
 
         return TcpServer(0, "127.0.0.1")
@@ -120,23 +120,23 @@ def server(way):
 
 
 @pytest.fixture
-def agent(way):
-    running = RunningAgent(server(way), "memory", 0, 4)
-    running.start()
-    yield running
-    running.close()
-    assert running.error is None
+def agent(kind):
+    running_agent = RunningAgent(server(kind), "memory", 0, 4)
+    running_agent.start()
+    yield running_agent
+    running_agent.close()
+    assert running_agent.error is None
 
 
 @pytest.mark.parametrize(
-    ("way", "engine"), [*((way, "micropython") for way in WAYS), ("esp8266", "cpython")]
+    ("kind", "engine"), [*((kind, "micropython") for kind in TRANSPORTS), ("esp8266", "cpython")]
 )
-def test_a_node_finds_its_agent_talks_and_comes_back(way, agent, engine, tmp_path):
-    folder = program(tmp_path / "program", way, agent.transport.port)
-    with RunningBoard(folder, "ra6m5_sensor_node", engine, plugs=[WAYS[way][0]]) as board:
+def test_a_node_connects_publishes_and_reconnects(kind, agent, engine, tmp_path):
+    folder = program(tmp_path / "program", kind, agent.transport.port)
+    with RunningBoard(folder, "ra6m5_sensor_node", engine, plugs=[TRANSPORTS[kind][0]]) as board:
         board.wait("connected")
         board.wait("heard 50")
-        name = way.partition("_")[0]
+        name = kind.partition("_")[0]
         board.happen(f"{name}:lost")
         board.wait("reason: ")
         board.happen(f"{name}:off")
@@ -145,10 +145,10 @@ def test_a_node_finds_its_agent_talks_and_comes_back(way, agent, engine, tmp_pat
         assert not board.ended
 
 
-@pytest.mark.parametrize("way", ["esp8266", "gs2200", "wlan"])
-def test_a_wrong_password_is_told(way, tmp_path):
-    folder = program(tmp_path / "program", way, 9, "wrong-one")
-    with RunningBoard(folder, "ra6m5_sensor_node", plugs=[WAYS[way][0]]) as board:
+@pytest.mark.parametrize("kind", ["esp8266", "gs2200", "wlan"])
+def test_a_wrong_password_is_told(kind, tmp_path):
+    folder = program(tmp_path / "program", kind, 9, "wrong-one")
+    with RunningBoard(folder, "ra6m5_sensor_node", plugs=[TRANSPORTS[kind][0]]) as board:
         while True:
             line = board.wait("cannot join robots")
             if "password" in line:
@@ -157,12 +157,12 @@ def test_a_wrong_password_is_told(way, tmp_path):
 
 
 def test_a_reset_of_the_modem_and_one_of_the_board(tmp_path):
-    way = "esp8266"
-    running = RunningAgent(server(way), "memory", 0, 4)
-    running.start()
+    kind = "esp8266"
+    running_agent = RunningAgent(server(kind), "memory", 0, 4)
+    running_agent.start()
     try:
-        folder = program(tmp_path / "program", way, running.transport.port)
-        with RunningBoard(folder, "ra6m5_sensor_node", plugs=[WAYS[way][0]]) as board:
+        folder = program(tmp_path / "program", kind, running_agent.transport.port)
+        with RunningBoard(folder, "ra6m5_sensor_node", plugs=[TRANSPORTS[kind][0]]) as board:
             board.wait("heard 20")
             board.happen("esp8266:reset")
             board.wait("started anew")
@@ -172,25 +172,25 @@ def test_a_reset_of_the_modem_and_one_of_the_board(tmp_path):
             board.wait("connected")
             board.wait("heard 20")
     finally:
-        running.close()
+        running_agent.close()
 
 
 @pytest.mark.parametrize(
-    ("plug", "said"),
+    ("plug", "message"),
     [
         ("esp32:uart=1", "there is no plug"), ("esp8266", "say which"),
         ("esp8266:uart=x", "no number"), ("gs2200:spi=1", "say which"),
         ("wlan:colour=red", "no option colour"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_plugged_in(plug, said, tmp_path):
+def test_an_invalid_plug_is_refused(plug, message, tmp_path):
     folder = program(tmp_path / "program", "wlan", 9)
-    with pytest.raises(StartError, match=said):
+    with pytest.raises(StartError, match=message):
         RunningBoard(folder, "ra6m5_sensor_node", plugs=[plug]).start()
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_board_without_plugs_has_none_of_it(engine, tmp_path):
+def test_a_board_without_plugs_has_no_uart_spi_or_network(engine, tmp_path):
     folder = tmp_path / "program"
     folder.mkdir()
     (folder / "main.py").write_text(
@@ -204,9 +204,9 @@ def test_a_board_without_plugs_has_none_of_it(engine, tmp_path):
             def socket():
                 import socket
 
-            for it in (lambda: UART(1), lambda: SPI(1), network, socket):
+            for call in (lambda: UART(1), lambda: SPI(1), network, socket):
                 try:
-                    it()
+                    call()
                 except (ValueError, ImportError) as error:
                     print("no:", error)
             print("done")

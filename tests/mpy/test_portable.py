@@ -1,7 +1,6 @@
-"""Every portable test of tests/unit again, on MicroPython: from sources, and from bytecode.
+"""Runs every portable test of tests/unit on MicroPython, from sources and from bytecode.
 
-What the build of a board's files makes of them (shrunk, shaken, in one module) runs in
-test_build.py.
+test_build.py runs them in a build with all passes.
 """
 
 from collections.abc import Callable

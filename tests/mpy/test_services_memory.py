@@ -1,4 +1,4 @@
-"""What parameters, the log, a life cycle and transforms add to a board's heap, from .mpy."""
+"""Tests of the heap that parameters, log, life cycle and transforms take on a board, from .mpy."""
 
 import pytest
 from mpy.harness import MicroPython
@@ -22,7 +22,7 @@ PARAMETERS = (
     print(node.get_parameter("rate").value)
 """
 )
-KEPT = (
+PERSISTED = (
     """
 from uros.client.parameter_file import ParameterFile
 from uros.client.parameters import IntegerRange, Parameter, ParameterDescriptor, ParameterServer
@@ -57,11 +57,11 @@ TF = (
 )
 STATIC = TF.replace("TransformBroadcaster", "StaticTransformBroadcaster")
 
-# Bytes over the node without it: what it takes today and a tenth more. The QoS profiles that
-# the log and the static transforms need are in it.
+# Bytes more than the node alone: today's cost and a tenth. They include the QoS profiles of the log
+# and the static transforms.
 LIMITS = {
     "parameters": (PARAMETERS, 15_500),
-    "parameters kept in a file": (KEPT, 19_500),
+    "parameters kept in a file": (PERSISTED, 19_500),
     "log": (LOG, 7_800),
     "life cycle": (LIFECYCLE, 9_000),
     "transforms": (TF, 1_800),
@@ -75,9 +75,9 @@ def base() -> int:
         return heap_of_program(board, BASE)
 
 
-@pytest.mark.parametrize("what", LIMITS)
-def test_heap_of_a_service(micropython: MicroPython, base: int, what: str) -> None:
-    program, limit = LIMITS[what]
+@pytest.mark.parametrize("service", LIMITS)
+def test_heap_of_a_service(micropython: MicroPython, base: int, service: str) -> None:
+    program, limit = LIMITS[service]
     cost = heap_of_program(micropython, program) - base
-    print(f"\n{what}: {cost} bytes")
+    print(f"\n{service}: {cost} bytes")
     assert cost <= limit

@@ -1,8 +1,8 @@
-"""The board's end of TCP and TLS on MicroPython, whose build for tests has neither socket nor ssl.
+"""Tests of the board's TCP and TLS transports on MicroPython, which here lacks socket and ssl.
 
-What stands for them behaves as MicroPython 1.27's: a socket says EINPROGRESS and EAGAIN, and what
-``ssl`` makes of it reads and writes None; a refused certificate is a ValueError, after which the
-line has let go of its socket; certificates are DER and nothing else.
+The fake modules behave as those of MicroPython 1.27: a socket raises EINPROGRESS and EAGAIN, and
+``read`` and ``write`` of an SSL socket return None instead; a refused certificate raises
+ValueError, after which the SSL socket has no socket any longer; certificates are DER alone.
 """
 
 from collections.abc import Iterator
@@ -62,19 +62,19 @@ POLLIN, POLLOUT, POLLERR, POLLHUP = 1, 4, 8, 16
 polled = []
 
 class poll:
-    def register(self, it, events):
-        self.it, self.events = it, events
+    def register(self, stream, events):
+        self.stream, self.events = stream, events
 
-    def modify(self, it, events):
-        assert it is self.it
+    def modify(self, stream, events):
+        assert stream is self.stream
         self.events = events
 
     def poll(self, timeout_ms):
         polled.append((self.events, timeout_ms))
-        sock = getattr(self.it, "sock", self.it)
+        sock = getattr(self.stream, "sock", self.stream)
         if sock.refused:
-            return [(self.it, POLLERR | POLLHUP)]
-        return [(self.it, POLLOUT)] if sock.connected and self.events & POLLOUT else []
+            return [(self.stream, POLLERR | POLLHUP)]
+        return [(self.stream, POLLOUT)] if sock.connected and self.events & POLLOUT else []
 """
 SSL = """
 PROTOCOL_TLS_CLIENT, CERT_NONE, CERT_REQUIRED = 0, 0, 2
@@ -101,7 +101,7 @@ class SSLContext:
                     server_hostname=None):
         if self.verify_mode == CERT_REQUIRED and server_hostname is None:
             raise ValueError("CERT_REQUIRED requires server_hostname")
-        assert not do_handshake_on_connect  # it would wait
+        assert not do_handshake_on_connect  # the handshake would block
         return SSLSocket(self, sock, server_hostname)
 
 class SSLSocket:
@@ -142,17 +142,22 @@ class SSLSocket:
 
 @pytest.fixture
 def board() -> Iterator[MicroPython]:
-    with MicroPython() as it:
-        it.install({"socket.py": SOCKET, "select.py": SELECT, "ssl.py": SSL})
-        it.install(portable_sources())
-        # The build's own select, if it has one, is built in and goes first.
-        it.run("import sys\nfor it in ('socket', 'select', 'ssl'):\n    sys.modules.pop(it, None)\n"
-               "sys.path.insert(0, '/lib')")  # fmt: skip
-        it.write("/lib/ca.pem", "-----BEGIN CERTIFICATE-----\nMAEC\n-----END CERTIFICATE-----\n")
-        it.write("/lib/board.key", b"0key")
-        it.run("import socket, select, ssl\nassert hasattr(socket, 'known') and"
+    with MicroPython() as micropython:
+        micropython.install({"socket.py": SOCKET, "select.py": SELECT, "ssl.py": SSL})
+        micropython.install(portable_sources())
+        # A built-in select of the interpreter has precedence on sys.path.
+        micropython.run(
+            "import sys\n"
+            "for name in ('socket', 'select', 'ssl'):\n    sys.modules.pop(name, None)\n"
+            "sys.path.insert(0, '/lib')"
+        )
+        micropython.write(
+            "/lib/ca.pem", "-----BEGIN CERTIFICATE-----\nMAEC\n-----END CERTIFICATE-----\n"
+        )
+        micropython.write("/lib/board.key", b"0key")
+        micropython.run("import socket, select, ssl\nassert hasattr(socket, 'known') and"
                " hasattr(select, 'polled')")  # fmt: skip
-        yield it
+        yield micropython
 
 
 COMMON = """
@@ -250,11 +255,11 @@ t.open()
 sock = socket.made[-1]
 sock.connected = True
 ssl.refusal = "\\nThe certificate is not correctly signed by the trusted CA\\n"
-said = raises(t.receive, 0)
-assert said == "the agent's certificate is refused: " + ssl.refusal.strip(), said
+text = raises(t.receive, 0)
+assert text == "the agent's certificate is refused: " + ssl.refusal.strip(), text
 assert ssl.made[-1].name == "robot"
 t.close()
-assert sock.closed == 1  # though the line has let go of it
+assert sock.closed == 1  # although the SSL socket does not close it any longer
 
 bad = TlsTransport("agent.local", ca=b"no certificate")
 assert "cannot be used: invalid cert" in raises(bad.open)
@@ -270,7 +275,7 @@ assert ssl.made[-1].context.verify_mode == ssl.CERT_NONE
     )
 
 
-def test_what_its_import_takes_of_the_heap(board: MicroPython) -> None:
+def test_heap_of_the_tls_transport(board: MicroPython) -> None:
     board.run("import uros.client, uros.transport.serial")
     before = board.heap()
     board.run("import uros.transport.tls")

@@ -1,4 +1,4 @@
-"""What a transport takes of a board's heap, beside a node that publishes."""
+"""Tests of the heap that each transport takes on a board, beside a publishing node."""
 
 import pytest
 from mpy.harness import MicroPython, tree
@@ -17,7 +17,7 @@ def run(port):
 """
 UDP = "from uros.transport.udp import UdpTransport\n"
 OVER = UDP + "from uros.transport.wlan import Over, Station\n"
-# What they take today and a tenth more.
+# Bytes: today's cost and a tenth.
 KINDS = {
     "udp": (UDP, "UdpTransport('h')", 1000),
     "wlan": (OVER, "Over(Station('s', 'p'), UdpTransport('h'))", 3400),
@@ -48,7 +48,7 @@ def heap_of(folder, imports, transport):
     )
     build(folder / "program", folder / "out", "mpy")
     with MicroPython() as board:
-        # Ports with a network have this built in; the heap has nothing of it.
+        # Ports with a network have socket built in, so that it takes no heap.
         board.write("/lib/socket.py", "SOCK_STREAM, SOCK_DGRAM, IPPROTO_TCP = 1, 2, 6\n")
         board.install(tree(folder / "out"))
         board.run("import array, errno, gc, os, select, socket, struct, sys, time")
@@ -60,13 +60,13 @@ def heap_of(folder, imports, transport):
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory):
-    """A node on a transport that is none."""
+    """Return the heap of a node without a transport."""
     return heap_of(tmp_path_factory.mktemp("bare") / "bare", "", "port")
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_heap_of_a_transport(kind, bare, tmp_path):
-    imports, transport, most = KINDS[kind]
-    takes = heap_of(tmp_path, imports, transport) - bare
-    print(f"\n{kind}: {takes} bytes")
-    assert 0 < takes <= most
+    imports, transport, limit = KINDS[kind]
+    cost = heap_of(tmp_path, imports, transport) - bare
+    print(f"\n{kind}: {cost} bytes")
+    assert 0 < cost <= limit

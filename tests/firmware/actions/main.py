@@ -1,6 +1,6 @@
-"""A board that serves an action, and uses one where it is told to.
+"""A board with an action server, and an action client that the topic ``send`` controls.
 
-config.py beside it has NAME, the node's, and PEER, the action that it uses.
+config.py in the same folder has NAME, the name of the node, and PEER, the action of the client.
 """
 
 from config import NAME, PEER
@@ -56,26 +56,26 @@ def start():
         result_timeout=5,
     )  # fmt: skip
     client = ActionClient(node, Fibonacci, PEER)
-    told = node.create_publisher(String, "told", 100)
+    reports = node.create_publisher(String, "told", 100)
 
-    def tell(number, what, sequence=()):
-        words = [number, what] + [str(it) for it in sequence]
-        told.publish(String(" ".join(words)))
+    def report_result(number, event, sequence=()):
+        words = [number, event] + [str(value) for value in sequence]
+        reports.publish(String(" ".join(words)))
 
     def send(message):
-        """``number order [cancel_at]``: cancel when the sequence is so long."""
+        """Send a goal: ``number order cancel_at``; cancel at a sequence of length ``cancel_at``."""
         number, order, cancel_at = message.data.split()
         handles = []
 
         def feedback(message):
             sequence = message.feedback.sequence
-            tell(number, "feedback", sequence)
+            report_result(number, "feedback", sequence)
             if len(sequence) == int(cancel_at):
                 handles[0].cancel_goal_async().add_done_callback(canceled)
 
         def canceled(future):
             answer = future.result()
-            tell(number, "cancel %d" % answer.return_code, [len(answer.goals_canceling)])
+            report_result(number, "cancel %d" % answer.return_code, [len(answer.goals_canceling)])
 
         def accepted(future):
             try:
@@ -83,7 +83,7 @@ def start():
             except OSError:
                 print(number, "lost")
                 return
-            tell(number, "accepted" if goal.accepted else "refused")
+            report_result(number, "accepted" if goal.accepted else "refused")
             if goal.accepted:
                 handles.append(goal)
                 goal.get_result_async().add_done_callback(ended)
@@ -94,7 +94,7 @@ def start():
             except OSError:
                 print(number, "lost")
                 return
-            tell(number, "result %d" % answer.status, answer.result.sequence)
+            report_result(number, "result %d" % answer.status, answer.result.sequence)
 
         goal = Fibonacci.Goal(int(order))
         client.send_goal_async(goal, feedback).add_done_callback(accepted)

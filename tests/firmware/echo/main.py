@@ -1,6 +1,6 @@
-"""A board that says again what it hears, and asks and answers a service.
+"""A board that publishes the messages it receives, and calls and serves a service.
 
-config.py beside it has NAME, the node's, and PEER, the other board's.
+config.py in the same folder has NAME, the name of the node, and PEER, that of the other board.
 """
 
 from config import NAME, PEER
@@ -34,7 +34,7 @@ def start():
     global node, served
     served = 0
     port = open_port(0x045B, 0x2013, "Renesas", NAME, "000001")
-    # A picture is larger than what a board keeps by default.
+    # A picture is longer than the default limit of a board.
     node = Node(NAME, StreamTransport(port), namespace=NAME, limit=65536)
     for type, name in (
         (Int32, "number"),
@@ -47,17 +47,17 @@ def start():
     client = node.create_client(Trigger, "/" + PEER + "/trigger")
     answers = node.create_publisher(String, "answers", 10)
 
-    def answered(future):
+    def on_response(future):
         response = future.result()
         answers.publish(String(data="%s %s" % (response.success, response.message)))
 
-    def ask():
+    def call():
         future = client.call_async(Trigger.Request())
         if future.done():
             return  # not connected
-        future.add_done_callback(answered)
+        future.add_done_callback(on_response)
 
-    node.create_timer(0.2, ask)
+    node.create_timer(0.2, call)
 
 
 def step():

@@ -1,6 +1,6 @@
-"""A board with everything that others look into: parameters, a life cycle, a log, transforms.
+"""A board with parameters, a life cycle, a log and transforms.
 
-config.py beside it has NAME, the node's.
+config.py in the same folder has NAME, the name of the node.
 """
 
 from config import NAME
@@ -24,7 +24,7 @@ count = 0
 
 
 class Camera(LifecycleNode):
-    """It cannot be configured while the parameter says that it is broken."""
+    """A node that refuses to be configured while its parameter ``broken`` is set."""
 
     def on_configure(self, state):
         if self.get_parameter("broken").value:
@@ -34,11 +34,11 @@ class Camera(LifecycleNode):
 
 
 def transform(child, x):
-    it = TransformStamped()
-    it.header.frame_id, it.child_frame_id = "base", child
-    it.transform.translation.x = x
-    it.transform.rotation.w = 1.0
-    return it
+    message = TransformStamped()
+    message.header.frame_id, message.child_frame_id = "base", child
+    message.transform.translation.x = x
+    message.transform.rotation.w = 1.0
+    return message
 
 
 def decide(parameters):
