@@ -1,8 +1,7 @@
-"""The programs for the ESP32, each on its virtual board, through our agent, with a real rclpy node:
-the checks that their document goes through by hand, and what can go wrong.
+"""The programs for the ESP32 on their virtual boards, through the agent, with a real rclpy node.
 
-No tf2_msgs is to be had for that rclpy, so transforms are received as bytes, by a reader with the
-quality of service of tf2_ros, and read by rosbags.
+The checks are those of the tutorial, and faults. There is no tf2_msgs for that rclpy, so transforms
+are received as bytes, by a reader with the QoS of tf2_ros, and decoded by rosbags.
 """
 
 import calendar
@@ -43,8 +42,7 @@ def engine(request):
 
 @contextmanager
 def talking(board, peer, domain, node, publishers):
-    """An agent on the board's line; the ROS graph has the node, with these publishers, and at the
-    end has it no more."""
+    """Run an agent on the board's line; the node is in the ROS graph meanwhile, and not after."""
     with running_agent("serial", "dds", domain, device=board.path) as agent:
         see_node(peer, node, publishers)
         yield agent
@@ -52,28 +50,28 @@ def talking(board, peer, domain, node, publishers):
 
 
 def see_node(peer, node, publishers):
-    """Until ``ros2 node list`` and ``ros2 topic list -t`` show these."""
-    found = peer.do("node", namespace="/", name=node, publishers=publishers)["publishers"]
-    assert found == {topic: [name] for topic, name in publishers.items()}
+    """Wait until the node is in the ROS graph, with these publishers and no others."""
+    seen_publishers = peer.do("node", namespace="/", name=node, publishers=publishers)["publishers"]
+    assert seen_publishers == {topic: [name] for topic, name in publishers.items()}
 
 
 def echo(peer, topic, type_name, count, **qos):
-    """The next so many messages, as ``ros2 topic echo`` shows them, and when each came, in ns."""
+    """Return the next ``count`` messages, and their arrival times in ns."""
     forget(peer, topic)
     peer.do("subscribe", topic=topic, type=type_name, **qos)
-    came = [peer.timed_message(topic) for _ in range(count)]
-    return [from_cdr(load(type_name), cdr) for cdr, _ in came], [now for _, now in came]
+    samples = [peer.timed_message(topic) for _ in range(count)]
+    return [from_cdr(load(type_name), cdr) for cdr, _ in samples], [now for _, now in samples]
 
 
 def forget(peer, topic):
-    """What has come of a topic so far."""
+    """Discard the messages of a topic so far."""
     peer.messages[topic].clear()
     peer.times[topic].clear()
 
 
 @pytest.fixture(autouse=True)
-def silence(peer):
-    """What a test has subscribed to ends with it."""
+def unsubscribe(peer):
+    """Remove the subscriptions of a test at its end."""
     yield
     for topic in list(peer.messages):
         peer.do("unsubscribe", topic=topic)
@@ -81,28 +79,29 @@ def silence(peer):
 
 
 def pub(peer, topic, *values):
-    """As ``ros2 topic pub`` of Float32, to whoever subscribes."""
+    """Publish Float32 values, once a subscription is matched."""
     cdr = [to_cdr(load(FLOAT32)(data=value)).hex() for value in values]
     assert peer.do("publish", topic=topic, type=FLOAT32, cdr=cdr)["subscribers"]
 
 
-def pub_until(peer, topic, value, seen):
-    """The same again and again, as it is without ``--once``: a reader just found may not know of
-    the writer yet, and then misses what is sent."""
+def pub_until(peer, topic, value, wait):
+    """Publish a value until ``wait`` returns: a reader that has not matched yet misses it."""
     for _ in range(40):
         pub(peer, topic, value)
         try:
-            return seen(timeout=0.5)
+            return wait(timeout=0.5)
         except TimeoutError:
             pass
     raise AssertionError(f"{value} on {topic} never came")
 
 
 def subscription(peer, topic):
-    """What ``ros2 topic info -v`` says of who listens. For a moment, these are two readers of the
-    agent: see uros.middleware.dds."""
+    """Return type and reliability of the subscriptions of a topic.
+
+    For a moment, these are two readers of the agent: see uros.middleware.dds.
+    """
     infos = peer.do("topic", topic=topic, of="subscriptions")["infos"]
-    ((type_name, reliability),) = {(it["type"], it["reliability"]) for it in infos}
+    ((type_name, reliability),) = {(info["type"], info["reliability"]) for info in infos}
     return type_name, reliability
 
 
@@ -111,7 +110,7 @@ def is_count(numbers):
 
 
 def wait_blinks(board, led):
-    """Until it has gone on and off and on."""
+    """Wait until an LED has gone on, off and on."""
     board.wait_shows(led, "on")
     board.wait_shows(led, "off")
     board.wait_shows(led, "on")
@@ -127,22 +126,22 @@ def test_activity_1_a_publisher(engine, peer, domain):
             board.wait("connected to the agent")
             board.wait_shows("led", "on")
             counts, times = echo(peer, "/micro_ros_counter", INT32, 2)
-            assert is_count([it.data for it in counts])
+            assert is_count([count.data for count in counts])
             assert 0.7e9 < times[1] - times[0] < 1.4e9
             (info,) = peer.do("topic", topic="/micro_ros_counter")["infos"]
             assert (info["type"], info["reliability"]) == (INT32, "RELIABLE")
-            said = agent.said.getvalue()
-            for what in ("participant", "topic", "publisher", "datawriter"):
-                assert said.count(f"{what} created") == 1, said
+            log = agent.said.getvalue()
+            for kind in ("participant", "topic", "publisher", "datawriter"):
+                assert log.count(f"{kind} created") == 1, log
         if engine == "micropython":
             return
-        # Started again, the agent is told everything again; the board needs no reset.
+        # A new agent gets all entities again, without a reset of the board.
         with talking(board, peer, domain, "micro_ros_pub_node", {"/micro_ros_counter": INT32}):
             (again,), _ = echo(peer, "/micro_ros_counter", INT32, 1)
             assert again.data > counts[-1].data
 
 
-def test_activity_1_2_four_states_and_a_count_that_survives(engine, peer, domain):
+def test_activity_1_2_four_states_and_a_count_that_continues(engine, peer, domain):
     node, topic = "micro_ros_pub_node", "/micro_ros_counter"
     with RunningBoard("esp32_publisher_reconnect", engine=engine) as board:
         assert board.console.get(timeout=20) == "WAITING_AGENT"
@@ -151,12 +150,12 @@ def test_activity_1_2_four_states_and_a_count_that_survives(engine, peer, domain
             with talking(board, peer, domain, node, {topic: INT32}):
                 assert board.console.get(timeout=20) == "AGENT_AVAILABLE"
                 assert board.console.get(timeout=20) == "AGENT_CONNECTED"
-                numbers += [it.data for it in echo(peer, topic, INT32, count)[0]]
+                numbers += [message.data for message in echo(peer, topic, INT32, count)[0]]
             if count == 1:
                 break
             assert board.console.get(timeout=20) == "AGENT_DISCONNECTED"
             assert board.console.get(timeout=20) == "WAITING_AGENT"
-        # What was under way when the agent went is lost, but nothing begins anew.
+        # Messages in flight at the agent's end are lost, but the count does not restart.
         assert is_count(numbers[:2])
         assert 1 <= numbers[2] - numbers[1] <= 6, numbers
 
@@ -195,18 +194,18 @@ def test_activity_2_2_four_states_and_a_brightness(engine, peer, domain):
                 break
             assert board.console.get(timeout=20) == "AGENT_DISCONNECTED"
             assert board.console.get(timeout=20) == "WAITING_AGENT"
-            assert board.shows("led") == shows, "it stays as it was"
+            assert board.shows("led") == shows, "the LED keeps its brightness"
 
 
 def wait_state(peer, data):
-    """Until the button's state is told as this; how often it was another before."""
+    """Wait until the button's state is ``data``; return the number of other states before."""
     before = 0
     while True:
         (state,), _ = echo(peer, "/button_state", STRING, 1)
         if state.data == data:
             return before
         before += 1
-        assert before < 100, f"it stays {state.data}"
+        assert before < 100, f"the state stays {state.data}"
 
 
 def test_activity_3_a_button_and_a_brightness(engine, peer, domain):
@@ -216,15 +215,15 @@ def test_activity_3_a_button_and_a_brightness(engine, peer, domain):
         talking(board, peer, domain, "esp32_button_led_node", {"/button_state": STRING}),
     ):
         states, times = echo(peer, "/button_state", STRING, 6)
-        assert {it.data for it in states} == {"inactive"}
+        assert {state.data for state in states} == {"inactive"}
         assert 0.35e9 < times[-1] - times[0] < 0.8e9
         assert subscription(peer, topic) == (FLOAT32, "RELIABLE")
         pub_until(peer, topic, NAN, partial(board.wait, "not nan"))
-        pub(peer, topic, 0.25)  # and nothing is to be seen of it yet
+        pub(peer, topic, 0.25)  # without effect: the LED is off
         board.happen("button:press")
         board.wait_shows("button", "pressed")
         states, _ = echo(peer, "/button_state", STRING, 4)
-        assert states[-1].data == "inactive", "it is still held down"
+        assert states[-1].data == "inactive", "the button is still held down"
         assert board.shown("led") == ["off"]
         board.happen("button:release")
         wait_state(peer, "active")
@@ -240,7 +239,7 @@ def test_activity_3_a_button_and_a_brightness(engine, peer, domain):
         board.happen("button:stuck")
         board.happen("button:tap=0.1")
         states, _ = echo(peer, "/button_state", STRING, 3)
-        assert {it.data for it in states} == {"inactive"}, "a push without an end"
+        assert {state.data for state in states} == {"inactive"}, "a push without an end"
         board.happen("button:off")
         wait_state(peer, "active")
         board.happen("button:tap=0.1")
@@ -248,7 +247,7 @@ def test_activity_3_a_button_and_a_brightness(engine, peer, domain):
         board.happen("button:broken")
         board.happen("button:tap=0.1")
         states, _ = echo(peer, "/button_state", STRING, 3)
-        assert {it.data for it in states} == {"inactive"}, "a push without a beginning"
+        assert {state.data for state in states} == {"inactive"}, "a push without a beginning"
         board.happen("button:off")
         board.happen("button:tap=0.1")
         wait_state(peer, "active")
@@ -284,7 +283,7 @@ def test_activity_4_over_an_access_point_of_the_boards_own(engine, peer, domain)
             assert again.data > count.data
 
 
-def test_what_cannot_be_set_up_is_told_and_blinks_and_is_tried_for_ever(tmp_path):
+def test_a_configuration_error_is_reported_and_retried_while_the_led_blinks(tmp_path):
     folder = tmp_path / "short"
     shutil.copytree(firmware_folder(find("esp32_wifi_publisher")), folder)
     config = folder / "config.py"
@@ -304,32 +303,37 @@ def test_transforms_and_the_time_on_the_board(engine, peer, domain):
         line = board.wait("the clock is set: ")
         set_to = calendar.timegm(tuple(map(int, re.findall(r"\d+", line))))
         assert abs(set_to - time.time()) < 5, line
-        late = []
-        while not late or abs(late[-1]) >= STAMP_NS:  # a busy machine passes some on late
+        delays = []
+        while not delays or abs(delays[-1]) >= STAMP_NS:  # a busy machine delays some messages
             (message,), (now,) = echo(peer, "/board_time", TIME, 1)
-            late.append(now - message.sec * 10**9 - message.nanosec)
-            assert len(late) < 20, late
-        seen = []
+            delays.append(now - message.sec * 10**9 - message.nanosec)
+            assert len(delays) < 20, delays
+        samples = []
 
-        def heard(it):
-            (one,) = STORE.deserialize_cdr(it.cdr, TF).transforms
-            seen.append((one, time.time_ns()))
+        def received(sample):
+            (transform,) = STORE.deserialize_cdr(sample.cdr, TF).transforms
+            samples.append((transform, time.time_ns()))
 
-        network.listen("/tf", TF, QoSProfile(100), heard)
-        assert network.spin(lambda: len(seen) >= 6, 20)
-        for one, _ in seen:
-            assert (one.header.frame_id, one.child_frame_id) == ("base_link", "sensor")
-            turn = one.transform.rotation
+        network.listen("/tf", TF, QoSProfile(100), received)
+        assert network.spin(lambda: len(samples) >= 6, 20)
+        for stamped, _ in samples:
+            assert (stamped.header.frame_id, stamped.child_frame_id) == ("base_link", "sensor")
+            turn = stamped.transform.rotation
             assert (turn.x, turn.y) == (0, 0)
             assert abs(turn.z**2 + turn.w**2 - 1) < 1e-6
-            assert abs(one.transform.translation.z - 0.3) < 1e-6
-        late = [now - it.header.stamp.sec * 10**9 - it.header.stamp.nanosec for it, now in seen]
-        assert min(map(abs, late)) < STAMP_NS, late  # this process may have been busy
+            assert abs(stamped.transform.translation.z - 0.3) < 1e-6
+        stamps = [sample.header.stamp for sample, _ in samples]
+        arrivals = [now for _, now in samples]
+        delays = [
+            now - stamp.sec * 10**9 - stamp.nanosec
+            for stamp, now in zip(stamps, arrivals, strict=True)
+        ]
+        assert min(map(abs, delays)) < STAMP_NS, delays  # this process may have been busy
         # 0.5 rad/s, counter-clockwise, ten a second.
-        turns = [it.transform.rotation for it, _ in seen]
-        headings = [2 * math.atan2(it.z, it.w) for it in turns]
+        turns = [sample.transform.rotation for sample, _ in samples]
+        headings = [2 * math.atan2(turn.z, turn.w) for turn in turns]
         for before, after in zip(headings, headings[1:], strict=False):
             assert abs((after - before) % (2 * math.pi) - 0.05) < 1e-3
-        stamps = [it.header.stamp.sec + it.header.stamp.nanosec / 1e9 for it, _ in seen]
-        gaps = [after - before for before, after in zip(stamps, stamps[1:], strict=False)]
+        seconds = [stamp.sec + stamp.nanosec / 1e9 for stamp in stamps]
+        gaps = [after - before for before, after in zip(seconds, seconds[1:], strict=False)]
         assert min(abs(gap - 0.1) for gap in gaps) < 0.03, gaps

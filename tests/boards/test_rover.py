@@ -1,5 +1,8 @@
-"""SprTurtleBot's programs on virtual boards: the rover through our agent to a real rclpy node,
-step by step as its document checks it, and the wheels' tuning by a visualiser over TCP."""
+"""SprTurtleBot's programs on virtual boards.
+
+The rover is driven through the agent by a real rclpy node, with the checks of its tutorial in their
+order. The wheels' controllers are tuned by a visualiser over TCP.
+"""
 
 import io
 import math
@@ -31,7 +34,7 @@ PUBLISHED = {
 ROSOUT = "/rosout"
 STAMP_NS = 100_000_000
 ENGINES = ("cpython", "micropython")
-# As text on one, as bytecode on the other.
+# Text on CPython, bytecode on MicroPython.
 FORM = {"cpython": "py", "micropython": "mpy"}
 
 
@@ -44,15 +47,15 @@ def peer(peer):
 
 
 class Rover:
-    """The virtual rover, its agent, and the person who drives it with rclpy."""
+    """The virtual rover, and the rclpy node that drives it."""
 
     def __init__(self, board, peer):
         self.board = board
         self.peer = peer
-        self.begin = (0.0, 0.0, 0.0)  # where it was at the last command
+        self.begin = (0.0, 0.0, 0.0)  # the pose at the last command
 
     def publish(self, topic, *messages):
-        cdr = [to_cdr(it).hex() for it in messages]
+        cdr = [to_cdr(message).hex() for message in messages]
         done = self.peer.do("publish", topic=topic, type=SUBSCRIBED[topic], cdr=cdr)
         assert done["subscribers"]
 
@@ -70,14 +73,17 @@ class Rover:
         self.publish("/cmd_vel", twist)
 
     def odometry(self):
-        """The next message, and when it came. Those that have come before do not count."""
+        """Wait for a message that arrives after this call; return it and its arrival time in ns."""
         self.forget("/odom")
         cdr, now = self.peer.timed_message("/odom")
         return from_cdr(load_type(PUBLISHED["/odom"]), cdr), now
 
     def standing(self):
-        """Odometry from now on until the rover stands again, after it has moved since the last
-        command; two messages say that it stands, since its pose is told five times a second."""
+        """Wait until the rover has moved since the last command and stands again.
+
+        Two messages in a row must report it, since the board shows the pose five times a second
+        only. Returns all odometry messages until then.
+        """
         end = time.monotonic() + 15
         messages = []
         stood = False
@@ -88,19 +94,20 @@ class Rover:
             if stands and stood:
                 return messages
             stood = stands
-        raise AssertionError("it does not move, or does not stand")
+        raise AssertionError("the rover does not move, or does not stop")
 
     def pose(self):
-        """The true one, as the table shows it: two digits of a metre, whole degrees."""
+        """Return the true pose as the board shows it: in 0.01 m and whole degrees."""
         x, y, turn = re.match(r"(.*) m, (.*) m, (.*)°", self.board.shows("rover")).groups()
         return float(x), float(y), float(turn)
 
     def forget(self, topic):
+        """Discard the messages of a topic so far."""
         self.peer.messages[topic].clear()
         self.peer.times[topic].clear()
 
     def log(self, text, seconds=15.0):
-        """The next line on /rosout that has this text."""
+        """Wait for the next line on /rosout that contains ``text``, and return it."""
         while True:
             cdr = self.peer.message(ROSOUT, seconds)
             line = from_cdr(load_type("rcl_interfaces/msg/Log"), cdr)
@@ -109,18 +116,18 @@ class Rover:
                 return line.msg
 
     def drive_until_it_says(self, text):
-        """Commands, until one is answered so: a reader that is new may miss the first."""
+        """Send commands until the log contains ``text``: a new reader may miss the first ones."""
         for _ in range(8):
             self.drive(0.2)
             try:
                 return self.log(text, 2)
             except AssertionError:
                 continue
-        raise AssertionError(f"it never says {text}")
+        raise AssertionError(f"the log never contains {text}")
 
 
 def ns_of(message):
-    """The stamp of a message, in ns."""
+    """Return the stamp of a message in ns."""
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
 
 
@@ -138,15 +145,16 @@ def rover(request, peer, domain):
     peer.do("gone", namespace="/", name=NODE)
 
 
-def test_the_topics_of_the_document_are_there(rover):
+def test_the_node_has_the_topics_of_the_tutorial(rover):
     rover.board.wait("connected to the agent")
     rover.board.wait_shows("led0", "on")
-    seen = rover.peer.do("node", namespace="/", name=NODE, publishers=PUBLISHED)
-    assert {topic: [it] for topic, it in PUBLISHED.items()}.items() <= seen["publishers"].items()
+    node = rover.peer.do("node", namespace="/", name=NODE, publishers=PUBLISHED)
+    expected = {topic: [type_name] for topic, type_name in PUBLISHED.items()}
+    assert expected.items() <= node["publishers"].items()
     for topic, type_name in SUBSCRIBED.items():
         infos = rover.peer.do("topic", topic=topic, of="subscriptions")["infos"]
-        assert {it["type"] for it in infos} == {type_name}
-        rover.publish(topic)  # nothing yet: they know each other when something is
+        assert {info["type"] for info in infos} == {type_name}
+        rover.publish(topic)  # no message: this only waits until the endpoints have matched
 
 
 def test_commands_do_nothing_while_the_motors_are_off(rover):
@@ -154,20 +162,20 @@ def test_commands_do_nothing_while_the_motors_are_off(rover):
     assert rover.pose() == (0.0, 0.0, 0.0)
 
 
-def test_it_drives_forward_stops_a_second_later_and_tells_where_it_is_once_a_second(rover):
+def test_the_rover_drives_stops_after_a_second_and_publishes_odometry_once_a_second(rover):
     rover.power(True)
     rover.odometry()
     rover.drive(0.2)
     *_, first, second = messages = [rover.odometry()[0], *rover.standing()]
     x = second.pose.pose.position.x
-    # A second at 0.2 m/s, with the start and the way to stop.
+    # One second at 0.2 m/s, with acceleration and stopping distance.
     assert 0.14 < x < 0.26
     assert rover.pose()[0] == pytest.approx(x, abs=0.02)
-    assert max(it.twist.twist.linear.x for it in messages) == pytest.approx(0.2, abs=0.05)
+    assert max(message.twist.twist.linear.x for message in messages) == pytest.approx(0.2, abs=0.05)
 
     errors = []  # of the period and of the clock, in ns
     stamp = ns_of(first)
-    while not errors or max(errors[-1]) >= STAMP_NS:  # a busy machine is late sometimes
+    while not errors or max(errors[-1]) >= STAMP_NS:  # a busy machine delays some messages
         message, now = rover.odometry()
         stamp, before = ns_of(message), stamp
         errors.append((abs(stamp - before - 10**9), abs(now - stamp)))
@@ -180,7 +188,7 @@ def test_it_drives_forward_stops_a_second_later_and_tells_where_it_is_once_a_sec
     assert first.twist.covariance[0] > 0 and first.twist.covariance[35] > 0
 
 
-def test_angular_z_turns_it_counter_clockwise(rover):
+def test_angular_z_turns_the_rover_counter_clockwise(rover):
     before = rover.pose()[2]
     rover.drive(w=1.0)
     orientation = rover.standing()[-1].pose.pose.orientation
@@ -189,7 +197,7 @@ def test_angular_z_turns_it_counter_clockwise(rover):
     assert rover.pose()[2] == pytest.approx(heading, abs=4)
 
 
-def test_what_is_no_number_is_left_out(rover):
+def test_a_command_that_is_not_a_number_is_ignored(rover):
     before = rover.pose()
     rover.drive(math.nan)
     rover.log("it is no number")
@@ -211,7 +219,7 @@ def test_take_picture(rover):
     assert rover.board.shown("led2")[-2:] == ["on", "off"]
 
 
-def test_a_picture_that_fails_is_told_and_a_large_one_arrives(rover):
+def test_a_failed_picture_is_reported_and_a_large_one_arrives(rover):
     rover.board.happen("camera:failed")
     rover.empty("/take_picture")
     rover.log("no picture")
@@ -225,18 +233,18 @@ def test_a_picture_that_fails_is_told_and_a_large_one_arrives(rover):
     rover.board.happen("camera:off")
 
 
-def test_a_stuck_wheel_is_told(rover):
+def test_a_stuck_wheel_is_reported(rover):
     rover.board.happen("rover:left_stuck")
     rover.drive(0.3)
     rover.log("the left wheel does not turn")
     rover.board.happen("rover:off")
 
 
-def test_a_link_that_drops_while_it_drives(rover):
-    time_left = 1.3  # for a command's second, and the way to stop
+def test_the_rover_stops_when_the_link_is_lost_and_accepts_commands_again(rover):
+    time_left = 1.3  # seconds: the time limit of a command, and the time to stop
     rover.board.happen("rover:place=0,0,0")
     end = time.monotonic() + 20
-    while rover.pose()[0] < 0.03:  # a wheel was stuck: its first second takes no command
+    while rover.pose()[0] < 0.03:  # after the stuck wheel, commands are ignored for a second
         assert time.monotonic() < end
         rover.drive(0.2)
     rover.board.happen("gs2200:reset")
@@ -246,20 +254,20 @@ def test_a_link_that_drops_while_it_drives(rover):
         assert time.monotonic() < end
     last = rover.pose()[0]
     assert last - begin < 0.2 * time_left
-    # It obeys again.
+    # The rover accepts commands again.
     while rover.pose()[0] < last + 0.03:
         assert time.monotonic() < end
         rover.drive(0.2)
 
 
-def test_reset_starts_the_board_anew(rover):
+def test_the_topic_reset_resets_the_board(rover):
     before = rover.board.resets
     last, _ = rover.odometry()
     rover.empty("/reset")
     rover.board.wait("connected to the agent")
     assert rover.board.resets == before + 1
     message, _ = rover.odometry()
-    # From nothing; it may still have rolled a little.
+    # Odometry starts at 0; the rover may have rolled a little since.
     assert abs(message.pose.pose.position.x) < 0.05 < abs(last.pose.pose.position.x)
     rover.drive_until_it_says("the motors are off")
 
@@ -268,41 +276,41 @@ def test_reset_starts_the_board_anew(rover):
 
 
 class Visualiser:
-    """The other end of the document's conversation, as its Python program is one."""
+    """The visualiser of the tutorial: the server that the rover connects to."""
 
     def __init__(self):
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.listener.settimeout(20)
         self.address = self.listener.getsockname()
         self.rover = None
-        self.rest = b""
+        self.unread = b""
 
     def accept(self):
         if self.rover is not None:
             self.rover.close()
         self.rover, _ = self.listener.accept()
         self.rover.settimeout(10)
-        self.rest = b""
+        self.unread = b""
 
     def send(self, *parts):
         for part in parts:
             self.rover.sendall(part)
 
     def line(self):
-        while b"\n" not in self.rest:
+        while b"\n" not in self.unread:
             octets = self.rover.recv(4096)
             assert octets, "the rover has closed the connection"
-            self.rest += octets
-        line, _, self.rest = self.rest.partition(b"\n")
+            self.unread += octets
+        line, _, self.unread = self.unread.partition(b"\n")
         return line.decode()
 
     def sample(self, good):
-        """The first sample of which this is true; remarks are passed over."""
+        """Wait for a sample for which ``good`` is true, and return it; remarks are skipped."""
         end = time.monotonic() + 10
         while time.monotonic() < end:
             line = self.line()
             if not line.startswith("#"):
-                values = [int(it) for it in line.split(",")]
+                values = [int(value) for value in line.split(",")]
                 assert len(values) == 6
                 if good(*values):
                     return values
@@ -341,24 +349,24 @@ def test_the_conversation_with_the_visualiser(engine, visualiser):
     with RunningBoard("sprturtlebot_pid", **options) as board:
         visualiser.accept()
         assert visualiser.sample(stands)
-        # As typed into the document's program: without a line end.
+        # The tutorial's program sends commands without a line end.
         visualiser.send(b"200,30,5,200,30,5,0.2,0")
         values = visualiser.sample(lambda r, left, vr, vl, *_: vr > 150 and vl > 150)
         assert values[4:] == [200, 200] and min(values[:2]) > 20
-        # Two in one piece: the last one counts. Backward.
+        # Two commands in one segment: the last one applies. Backward.
         visualiser.send(b"200,30,5,200,30,5,1.0,0200,30,5,200,30,5,-0.2,0\n")
         values = visualiser.sample(lambda r, left, vr, vl, *_: vr < -150 and vl < -150)
         assert values[4:] == [-200, -200]
-        # One in two pieces, and counter-clockwise on the spot.
+        # A command in two segments: turn counter-clockwise on the spot.
         visualiser.send(b"200,30,5,20", b"0,30,5,0.2,1\r\n")
         visualiser.sample(targets(200, -200))
-        # What is no line moves nothing, and is told.
+        # An invalid line stops the wheels and is reported.
         visualiser.send(b"200,30,5,nan,30,5,0.3,0\n")
         assert "L_Kp is nan" in visualiser.remark("left out")
         visualiser.sample(stands)
         assert abs(float(re.match(r"(.*?) m", board.shows("rover"))[1])) < 0.6
 
-        # The network goes while it drives, and comes back.
+        # The network is lost while the rover drives, and returns.
         visualiser.send(b"200,30,5,200,30,5,0.2,0\n")
         visualiser.sample(lambda r, left, vr, vl, *_: vr > 100)
         board.happen("wlan:lost")
@@ -373,7 +381,7 @@ def test_the_conversation_with_the_visualiser(engine, visualiser):
         visualiser.sample(stands)
 
 
-def test_a_wrong_password_is_told(visualiser):
+def test_a_wrong_password_is_reported(visualiser):
     plugs = ["wlan:ssid=robots,password=different"]
     with RunningBoard("sprturtlebot_pid", agent=visualiser.address, plugs=plugs) as board:
         board.wait("the password is wrong")
